@@ -1,0 +1,118 @@
+//! Pictures as plain values: what a camera delivered, what a depth sensor measured, linear light.
+
+/// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left,
+/// encoded code values. A grey camera's values stand three times.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pixels {
+    pub width: u32,
+    pub height: u32,
+    pub codes: Codes,
+}
+
+/// Code values of [`Pixels`]; the length is `3 * width * height`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Codes {
+    U8(Vec<u8>),
+    U16(Vec<u16>),
+}
+
+impl Pixels {
+    /// 8-bit pixels; `None` where the length is not `3 * width * height`.
+    pub fn from_u8(width: u32, height: u32, codes: Vec<u8>) -> Option<Self> {
+        (codes.len() == 3 * width as usize * height as usize).then_some(Self { width, height, codes: Codes::U8(codes) })
+    }
+
+    /// 16-bit pixels; `None` where the length is not `3 * width * height`.
+    pub fn from_u16(width: u32, height: u32, codes: Vec<u16>) -> Option<Self> {
+        (codes.len() == 3 * width as usize * height as usize).then_some(Self {
+            width,
+            height,
+            codes: Codes::U16(codes),
+        })
+    }
+
+    /// The largest code value: 255 or 65535.
+    pub fn max_code(&self) -> u32 {
+        match self.codes {
+            Codes::U8(_) => 255,
+            Codes::U16(_) => 65535,
+        }
+    }
+
+    /// The code values of the pixel in column `x`, row `y`.
+    pub fn at(&self, x: u32, y: u32) -> [u32; 3] {
+        let i = 3 * (y as usize * self.width as usize + x as usize);
+        match &self.codes {
+            Codes::U8(c) => [c[i].into(), c[i + 1].into(), c[i + 2].into()],
+            Codes::U16(c) => [c[i].into(), c[i + 1].into(), c[i + 2].into()],
+        }
+    }
+}
+
+/// Distance along the optical axis, one value a pixel, row by row; 0 where nothing was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMap {
+    pub width: u32,
+    pub height: u32,
+    /// z in the camera's axes, metres; `width * height` values.
+    pub depth_m: Vec<f32>,
+    /// When it was measured, on the clock of the frames.
+    pub timestamp_s: f64,
+}
+
+/// A rectangle of whole pixels, half-open: columns `x0..x1`, rows `y0..y1`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rect {
+    pub x0: i32,
+    pub y0: i32,
+    pub x1: i32,
+    pub y1: i32,
+}
+
+impl Rect {
+    pub fn new(x0: i32, y0: i32, x1: i32, y1: i32) -> Self {
+        Self { x0, y0, x1, y1 }
+    }
+
+    /// The whole of a picture.
+    pub fn full(width: u32, height: u32) -> Self {
+        Self::new(0, 0, width as i32, height as i32)
+    }
+
+    pub fn width(&self) -> u32 {
+        (self.x1 - self.x0).max(0) as u32
+    }
+
+    pub fn height(&self) -> u32 {
+        (self.y1 - self.y0).max(0) as u32
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.x1 <= self.x0 || self.y1 <= self.y0
+    }
+
+    /// Grown by `pixels` on every side.
+    pub fn grown(&self, pixels: i32) -> Self {
+        Self::new(self.x0 - pixels, self.y0 - pixels, self.x1 + pixels, self.y1 + pixels)
+    }
+
+    /// What both share; empty where they do not meet.
+    pub fn intersection(&self, other: &Self) -> Self {
+        Self::new(self.x0.max(other.x0), self.y0.max(other.y0), self.x1.min(other.x1), self.y1.min(other.y1))
+    }
+
+    /// The smallest rectangle around both; an empty one adds nothing.
+    pub fn union(&self, other: &Self) -> Self {
+        if self.is_empty() {
+            return *other;
+        }
+        if other.is_empty() {
+            return *self;
+        }
+        Self::new(self.x0.min(other.x0), self.y0.min(other.y0), self.x1.max(other.x1), self.y1.max(other.y1))
+    }
+
+    pub fn contains(&self, x: i32, y: i32) -> bool {
+        x >= self.x0 && x < self.x1 && y >= self.y0 && y < self.y1
+    }
+}

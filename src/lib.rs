@@ -1,0 +1,16 @@
+//! Locard puts virtual evidence into real footage so that it looks photographed there by the
+//! same camera at the same moment.
+//!
+//! source → frame + pose → virtual layer → what the lens does → composite → what the sensor
+//! does → sink. The folders follow that sentence; ARCHITECTURE.md tells the rest.
+
+pub mod frame;
+pub mod image;
+pub mod params;
+pub mod pose;
+
+pub mod camera;
+
+pub mod tracking;
+
+pub mod scene;

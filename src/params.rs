@@ -1,0 +1,328 @@
+//! Parameters, declared once.
+//!
+//! [`params!`](crate::params!) takes name, default, unit, range and one line of help. From that
+//! one declaration come the struct, its TOML table, `--set table.name=value` and
+//! `locard params`. Nothing else lists parameters.
+
+use std::fmt;
+
+/// A parameter's value on its way from text to a field and back.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// Not given; only where [`Spec::optional`].
+    None,
+    Bool(bool),
+    Number(f64),
+    Text(String),
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => write!(f, "none"),
+            Self::Bool(b) => write!(f, "{b}"),
+            Self::Number(n) => write!(f, "{n}"),
+            Self::Text(t) => write!(f, "{t}"),
+        }
+    }
+}
+
+impl Value {
+    /// Reads what a person typed after `--set table.name=`.
+    pub fn parse(text: &str) -> Self {
+        match text.trim() {
+            "none" => Self::None,
+            "true" | "on" => Self::Bool(true),
+            "false" | "off" => Self::Bool(false),
+            other => other.parse().map_or_else(|_| Self::Text(other.to_owned()), Self::Number),
+        }
+    }
+}
+
+/// What a parameter accepts.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    Bool,
+    /// Any finite number in the closed range.
+    Number {
+        min: f64,
+        max: f64,
+    },
+    /// A whole number in the closed range.
+    Integer {
+        min: f64,
+        max: f64,
+    },
+    Choice(&'static [&'static str]),
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bool => write!(f, "true or false"),
+            Self::Number { min, max } => write!(f, "{min} to {max}"),
+            Self::Integer { min, max } => write!(f, "a whole number from {min} to {max}"),
+            Self::Choice(names) => write!(f, "{}", names.join(" | ")),
+        }
+    }
+}
+
+/// The declaration of one parameter.
+#[derive(Clone, Debug)]
+pub struct Spec {
+    pub name: &'static str,
+    /// Empty for switches and choices.
+    pub unit: &'static str,
+    pub kind: Kind,
+    pub default: Value,
+    /// Whether `none` is accepted.
+    pub optional: bool,
+    pub help: &'static str,
+}
+
+/// Why a value was refused.
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
+pub enum ParamError {
+    #[error("there is no parameter {table}.{name}; {table} has: {known}")]
+    UnknownName { table: String, name: String, known: String },
+    #[error("{table}.{name} = {found} is refused: accepted is {accepted}{unit}")]
+    Refused { table: String, name: String, found: String, accepted: String, unit: String },
+}
+
+/// A table of parameters: reads and writes its fields by name.
+pub trait Params {
+    /// The TOML table and the part of `--set` before the last dot.
+    fn table(&self) -> &'static str;
+    fn specs(&self) -> Vec<Spec>;
+    /// `None` where there is no such name.
+    fn get(&self, name: &str) -> Option<Value>;
+    /// Checks the range; on an error nothing has changed.
+    fn set(&mut self, name: &str, value: &Value) -> Result<(), ParamError>;
+}
+
+/// A type that a parameter may have. Used by [`params!`](crate::params!).
+pub trait Field: Sized {
+    const OPTIONAL: bool = false;
+    fn kind(range: Option<(f64, f64)>) -> Kind;
+    fn to_value(&self) -> Value;
+    /// `None` where `kind` does not accept the value.
+    fn from_value(value: &Value, kind: &Kind) -> Option<Self>;
+}
+
+fn number_in(value: &Value, kind: &Kind) -> Option<f64> {
+    match (value, kind) {
+        (Value::Number(n), Kind::Number { min, max }) if n.is_finite() && n >= min && n <= max => Some(*n),
+        (Value::Number(n), Kind::Integer { min, max }) if n.fract() == 0.0 && n >= min && n <= max => Some(*n),
+        _ => None,
+    }
+}
+
+impl Field for bool {
+    fn kind(_: Option<(f64, f64)>) -> Kind {
+        Kind::Bool
+    }
+    fn to_value(&self) -> Value {
+        Value::Bool(*self)
+    }
+    fn from_value(value: &Value, _: &Kind) -> Option<Self> {
+        match value {
+            Value::Bool(b) => Some(*b),
+            _ => None,
+        }
+    }
+}
+
+macro_rules! number_field {
+    ($type:ty, $kind:ident) => {
+        impl Field for $type {
+            fn kind(range: Option<(f64, f64)>) -> Kind {
+                let (min, max) = range.unwrap_or((f64::MIN, f64::MAX));
+                Kind::$kind { min, max }
+            }
+            #[allow(clippy::cast_lossless, reason = "one body for every width")]
+            fn to_value(&self) -> Value {
+                Value::Number(*self as f64)
+            }
+            fn from_value(value: &Value, kind: &Kind) -> Option<Self> {
+                number_in(value, kind).map(|n| n as $type)
+            }
+        }
+    };
+}
+number_field!(f32, Number);
+number_field!(f64, Number);
+number_field!(u32, Integer);
+number_field!(u64, Integer);
+
+impl<T: Field> Field for Option<T> {
+    const OPTIONAL: bool = true;
+    fn kind(range: Option<(f64, f64)>) -> Kind {
+        T::kind(range)
+    }
+    fn to_value(&self) -> Value {
+        self.as_ref().map_or(Value::None, Field::to_value)
+    }
+    fn from_value(value: &Value, kind: &Kind) -> Option<Self> {
+        match value {
+            Value::None => Some(None),
+            other => T::from_value(other, kind).map(Some),
+        }
+    }
+}
+
+/// Declares an enum whose variants have names in text, usable as a parameter.
+#[macro_export]
+macro_rules! choices {
+    ($(#[$meta:meta])* pub enum $name:ident { $($(#[$vmeta:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum $name { $($(#[$vmeta])* $variant),+ }
+        impl $crate::params::Field for $name {
+            fn kind(_: Option<(f64, f64)>) -> $crate::params::Kind {
+                $crate::params::Kind::Choice(&[$($text),+])
+            }
+            fn to_value(&self) -> $crate::params::Value {
+                $crate::params::Value::Text(match self { $(Self::$variant => $text),+ }.to_owned())
+            }
+            fn from_value(value: &$crate::params::Value, _: &$crate::params::Kind) -> Option<Self> {
+                match value {
+                    $crate::params::Value::Text(t) => match t.as_str() { $($text => Some(Self::$variant),)+ _ => None },
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+/// Declares a table of parameters.
+///
+/// ```
+/// locard::params! {
+///     /// How to paint.
+///     pub struct Paint in "paint" {
+///         "how thick the coat is"
+///         thickness_mm: f32 = 0.5, "mm", 0.0..=3.0;
+///         "whether to varnish"
+///         varnish: bool = true;
+///     }
+/// }
+/// use locard::params::{Params, Value};
+/// let mut paint = Paint::default();
+/// paint.set("thickness_mm", &Value::Number(1.0)).unwrap();
+/// assert!(paint.set("thickness_mm", &Value::Number(4.0)).is_err());
+/// assert_eq!(paint.thickness_mm, 1.0);
+/// ```
+#[macro_export]
+macro_rules! params {
+    ($(#[$meta:meta])* pub struct $name:ident in $table:literal {
+        $($help:literal $field:ident : $type:ty = $default:expr $(, $unit:literal, $range:expr)? ;)*
+    }) => {
+        $(#[$meta])*
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct $name { $(#[doc = $help] pub $field: $type,)* }
+        impl Default for $name {
+            fn default() -> Self { Self { $($field: $default,)* } }
+        }
+        impl $crate::params::Params for $name {
+            fn table(&self) -> &'static str { $table }
+            fn specs(&self) -> Vec<$crate::params::Spec> {
+                let default = Self::default();
+                vec![$({
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut range: Option<(f64, f64)> = None;
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut unit = "";
+                    $(range = Some({ let r: std::ops::RangeInclusive<f64> = $range; (*r.start(), *r.end()) }); unit = $unit;)?
+                    $crate::params::Spec {
+                        name: stringify!($field),
+                        unit,
+                        kind: <$type as $crate::params::Field>::kind(range),
+                        default: $crate::params::Field::to_value(&default.$field),
+                        optional: <$type as $crate::params::Field>::OPTIONAL,
+                        help: $help,
+                    }
+                },)*]
+            }
+            fn get(&self, name: &str) -> Option<$crate::params::Value> {
+                match name { $(stringify!($field) => Some($crate::params::Field::to_value(&self.$field)),)* _ => None }
+            }
+            fn set(&mut self, name: &str, value: &$crate::params::Value) -> Result<(), $crate::params::ParamError> {
+                let specs = self.specs();
+                let Some(spec) = specs.iter().find(|spec| spec.name == name) else {
+                    return Err($crate::params::unknown_name($table, name, &specs));
+                };
+                match name {
+                    $(stringify!($field) => match $crate::params::Field::from_value(value, &spec.kind) {
+                        Some(v) => { self.$field = v; Ok(()) }
+                        None => Err($crate::params::refused($table, spec, value)),
+                    },)*
+                    _ => Err($crate::params::unknown_name($table, name, &specs)),
+                }
+            }
+        }
+    };
+}
+
+#[doc(hidden)]
+pub fn unknown_name(table: &str, name: &str, specs: &[Spec]) -> ParamError {
+    let known = specs.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
+    ParamError::UnknownName { table: table.to_owned(), name: name.to_owned(), known }
+}
+
+#[doc(hidden)]
+pub fn refused(table: &str, spec: &Spec, value: &Value) -> ParamError {
+    let unit = if spec.unit.is_empty() { String::new() } else { format!(" ({})", spec.unit) };
+    let accepted = if spec.optional { format!("{} or none", spec.kind) } else { spec.kind.to_string() };
+    ParamError::Refused {
+        table: table.to_owned(),
+        name: spec.name.to_owned(),
+        found: value.to_string(),
+        accepted,
+        unit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    crate::choices! {
+        /// Test.
+        pub enum Method { Fast = "fast", Good = "good" }
+    }
+    crate::params! {
+        /// Test.
+        pub struct Demo in "demo" {
+            "how much" amount: f32 = 0.5, "px", 0.0..=2.0;
+            "how many" count: u32 = 3, "1", 1.0..=9.0;
+            "which way" method: Method = Method::Good;
+            "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0;
+        }
+    }
+
+    #[test]
+    fn sets_by_name_and_refuses_with_the_range() {
+        let mut demo = Demo::default();
+        demo.set("amount", &Value::parse("1.5")).unwrap();
+        demo.set("method", &Value::parse("fast")).unwrap();
+        demo.set("maybe", &Value::parse("0.25")).unwrap();
+        assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25) });
+        let error = demo.set("amount", &Value::Number(2.5)).unwrap_err().to_string();
+        assert_eq!(error, "demo.amount = 2.5 is refused: accepted is 0 to 2 (px)");
+        assert!(demo.set("count", &Value::Number(1.5)).is_err());
+        assert!(demo.set("amount", &Value::Number(f64::NAN)).is_err());
+        assert!(demo.set("amount", &Value::None).is_err());
+        let error = demo.set("amont", &Value::Number(1.0)).unwrap_err().to_string();
+        assert!(error.contains("amount, count, method, maybe"), "{error}");
+        assert_eq!(demo.amount, 1.5);
+    }
+
+    #[test]
+    fn every_default_lies_in_its_own_range() {
+        let mut demo = Demo::default();
+        for spec in demo.specs() {
+            demo.set(spec.name, &spec.default).unwrap();
+        }
+        assert_eq!(demo, Demo::default());
+    }
+}

@@ -1,0 +1,203 @@
+//! What is put into the room: meshes, materials, lights. Plain values; no GPU.
+//!
+//! World coordinates are the recording's, metres. A mesh's own coordinates are as its file
+//! has them; `world_from_mesh` takes them to the world, axes converted.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+/// Everything that the renderer draws.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    pub meshes: Vec<Mesh>,
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    pub objects: Vec<Object>,
+    pub lighting: Lighting,
+    /// What is odd or not supported, each said once.
+    pub warnings: Vec<String>,
+}
+
+/// One piece of evidence: the unit that has a blur vector of its own.
+#[derive(Clone, Debug)]
+pub struct Object {
+    pub name: String,
+    pub parts: Vec<Part>,
+}
+
+/// A mesh at its place.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    pub world_from_mesh: DAffine3,
+}
+
+/// Triangles of one material.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    pub vertices: Vec<Vertex>,
+    /// Three a triangle, counter-clockwise seen from outside (glTF), all below `vertices.len()`.
+    pub indices: Vec<u32>,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+}
+
+/// A corner. Colours are linear.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Vertex {
+    pub position: [f32; 3],
+    /// Unit length; computed from the triangles where the file has none.
+    pub normal: [f32; 3],
+    /// xyz unit length, w = ±1 for the bitangent's side (glTF); zero where there is no normal map.
+    pub tangent: [f32; 4],
+    pub uv0: [f32; 2],
+    pub uv1: [f32; 2],
+    /// Multiplied with the base colour; white where the file has none.
+    pub color: [f32; 4],
+}
+
+/// glTF's alpha modes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Alpha {
+    Opaque,
+    /// Cut off below this.
+    Mask(f32),
+    Blend,
+}
+
+/// A metallic-roughness material. Factors are linear.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    pub name: String,
+    pub base_color: [f32; 4],
+    pub metallic: f32,
+    pub roughness: f32,
+    /// Emitted light with KHR_materials_emissive_strength multiplied in.
+    pub emissive: [f32; 3],
+    pub normal_scale: f32,
+    pub occlusion_strength: f32,
+    pub alpha: Alpha,
+    pub double_sided: bool,
+    pub unlit: bool,
+    pub base_color_texture: Option<TextureUse>,
+    /// G roughness, B metallic.
+    pub metallic_roughness_texture: Option<TextureUse>,
+    pub normal_texture: Option<TextureUse>,
+    pub occlusion_texture: Option<TextureUse>,
+    pub emissive_texture: Option<TextureUse>,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: "default".to_owned(),
+            base_color: [1.0; 4],
+            metallic: 1.0,
+            roughness: 1.0,
+            emissive: [0.0; 3],
+            normal_scale: 1.0,
+            occlusion_strength: 1.0,
+            alpha: Alpha::Opaque,
+            double_sided: false,
+            unlit: false,
+            base_color_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            occlusion_texture: None,
+            emissive_texture: None,
+        }
+    }
+}
+
+/// A texture as a material uses it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureUse {
+    /// Index into [`Scene::textures`].
+    pub texture: usize,
+    /// 0 or 1.
+    pub uv_set: u32,
+    /// KHR_texture_transform as rows of a 2×3 matrix: u' = rows[0]·(u, v, 1).
+    pub transform: [[f32; 3]; 2],
+}
+
+/// How a texture goes on beyond its edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrap {
+    Repeat,
+    Mirror,
+    Clamp,
+}
+
+/// An RGBA picture with 8 bits a channel, row by row from the top left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    pub width: u32,
+    pub height: u32,
+    pub rgba: Arc<Vec<u8>>,
+    /// Whether R, G, B are sRGB-encoded (colours) or linear (normals, roughness).
+    pub srgb: bool,
+    pub wrap: [Wrap; 2],
+    /// False for glTF's NEAREST magnification.
+    pub smooth: bool,
+    /// Whether minification uses mipmaps.
+    pub mipmaps: bool,
+}
+
+/// The light. Linear 1.0 is the camera's white.
+#[derive(Clone, Debug)]
+pub struct Lighting {
+    pub suns: Vec<Sun>,
+    pub points: Vec<PointLight>,
+    pub environment: Environment,
+}
+
+/// Light from one direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sun {
+    /// Unit vector from the scene towards the light, world axes.
+    pub towards_light_in_world: Vec3,
+    /// The linear colour that a white matt surface shows when it faces this light.
+    pub color: Vec3,
+}
+
+/// A point or spot light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointLight {
+    pub position_in_world_m: DVec3,
+    /// The linear colour that a white matt surface shows when it faces this light from 1 m.
+    pub color: Vec3,
+    /// Beyond it there is no light (KHR_lights_punctual); infinity for no limit.
+    pub range_m: f32,
+    /// Direction of a spot's axis in the world and its inner and outer angle from it, radians.
+    pub spot: Option<(Vec3, Vec2)>,
+}
+
+/// Light from everywhere.
+#[derive(Clone, Debug)]
+pub enum Environment {
+    /// The same radiance from all directions: what a white matt surface shows.
+    Uniform(Vec3),
+    Map(EnvironmentMap),
+}
+
+/// An equirectangular panorama of linear radiance.
+#[derive(Clone, Debug)]
+pub struct EnvironmentMap {
+    pub width: u32,
+    pub height: u32,
+    /// Row 0 looks along the panorama's up; column 0 and the last meet behind it.
+    pub rgb: Arc<Vec<[f32; 3]>>,
+    /// Takes a direction in the world to the panorama's axes: glTF's, y up, −z in the middle.
+    pub map_from_world: glam::Quat,
+    /// Factor on the radiance.
+    pub intensity: f32,
+}
+
+impl Default for Lighting {
+    fn default() -> Self {
+        Self { suns: Vec::new(), points: Vec::new(), environment: Environment::Uniform(Vec3::ONE) }
+    }
+}

@@ -1,0 +1,120 @@
+//! Poses over time.
+
+use crate::pose::Pose;
+
+/// Timestamped poses, ascending in time.
+#[derive(Clone, Debug, Default)]
+pub struct PoseTrack {
+    poses: Vec<(f64, Pose)>,
+    /// The longest interval, seconds, across which [`PoseTrack::at`] interpolates.
+    max_gap_s: f64,
+}
+
+/// Why there is no pose.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoPose {
+    #[error("the track holds no poses")]
+    Empty,
+    #[error("{time_s:.6} s lies before the first pose at {first_s:.6} s")]
+    Before { time_s: f64, first_s: f64 },
+    #[error("{time_s:.6} s lies after the last pose at {last_s:.6} s")]
+    After { time_s: f64, last_s: f64 },
+    #[error("{time_s:.6} s lies in a gap of {gap_s:.3} s between poses")]
+    Gap { time_s: f64, gap_s: f64 },
+}
+
+/// Timestamps that do not ascend.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("pose {index} at {time_s:.6} s does not come after the one before it at {before_s:.6} s")]
+pub struct NotAscending {
+    pub index: usize,
+    pub time_s: f64,
+    pub before_s: f64,
+}
+
+impl PoseTrack {
+    /// From (timestamp in seconds, pose), which must strictly ascend in time.
+    pub fn new(poses: Vec<(f64, Pose)>, max_gap_s: f64) -> Result<Self, NotAscending> {
+        for (i, pair) in poses.windows(2).enumerate() {
+            // Not `<=`: NaN must be refused too.
+            if !(pair[1].0 > pair[0].0) {
+                return Err(NotAscending { index: i + 1, time_s: pair[1].0, before_s: pair[0].0 });
+            }
+        }
+        Ok(Self { poses, max_gap_s })
+    }
+
+    pub fn poses(&self) -> &[(f64, Pose)] {
+        &self.poses
+    }
+
+    /// The pose at a time: one that stands there, else between its two neighbours.
+    pub fn at(&self, time_s: f64) -> Result<Pose, NoPose> {
+        let (Some(first), Some(last)) = (self.poses.first(), self.poses.last()) else {
+            return Err(NoPose::Empty);
+        };
+        let after = self.poses.partition_point(|p| p.0 <= time_s);
+        if after == 0 {
+            return Err(NoPose::Before { time_s, first_s: first.0 });
+        }
+        let (t0, a) = self.poses[after - 1];
+        if t0 == time_s {
+            return Ok(a);
+        }
+        if after == self.poses.len() {
+            return Err(NoPose::After { time_s, last_s: last.0 });
+        }
+        let (t1, b) = self.poses[after];
+        if t1 - t0 > self.max_gap_s {
+            return Err(NoPose::Gap { time_s, gap_s: t1 - t0 });
+        }
+        Ok(a.interpolate(&b, (time_s - t0) / (t1 - t0)))
+    }
+
+    /// As [`PoseTrack::at`], but before a track's start, after its end and inside a gap the
+    /// nearest pose: for the edges of a shutter whose middle has a pose. `None` when empty.
+    pub fn at_or_nearest(&self, time_s: f64) -> Option<Pose> {
+        if let Ok(pose) = self.at(time_s) {
+            return Some(pose);
+        }
+        let after = self.poses.partition_point(|p| p.0 <= time_s);
+        let before = after.checked_sub(1).map(|i| self.poses[i]);
+        let next = self.poses.get(after).copied();
+        match (before, next) {
+            (Some(a), Some(b)) => Some(if time_s - a.0 <= b.0 - time_s { a.1 } else { b.1 }),
+            (Some(a), None) => Some(a.1),
+            (None, Some(b)) => Some(b.1),
+            (None, None) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DQuat, DVec3};
+
+    fn track() -> PoseTrack {
+        let at = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::IDENTITY);
+        PoseTrack::new(vec![(1.0, at(0.0)), (2.0, at(1.0)), (9.0, at(2.0))], 1.5).unwrap()
+    }
+
+    #[test]
+    fn interpolates_and_says_where_it_cannot() {
+        let t = track();
+        assert!((t.at(1.25).unwrap().position_in_world_m().x - 0.25).abs() < 1e-12);
+        assert!((t.at(9.0).unwrap().position_in_world_m().x - 2.0).abs() < 1e-12);
+        assert!(matches!(t.at(0.5), Err(NoPose::Before { .. })));
+        assert!(matches!(t.at(9.5), Err(NoPose::After { .. })));
+        assert!(matches!(t.at(3.0), Err(NoPose::Gap { .. })));
+        assert!(matches!(t.at(f64::NAN), Err(_)));
+        assert_eq!(t.at_or_nearest(8.0).unwrap().position_in_world_m().x, 2.0);
+    }
+
+    #[test]
+    fn backwards_time_is_refused() {
+        let p = Pose::IDENTITY;
+        assert_eq!(PoseTrack::new(vec![(1.0, p), (1.0, p)], 1.0).unwrap_err().index, 1);
+        assert!(PoseTrack::new(vec![(1.0, p), (f64::NAN, p)], 1.0).is_err());
+    }
+}
