@@ -14,3 +14,10 @@ pub mod camera;
 pub mod tracking;
 
 pub mod scene;
+
+pub mod compositor;
+pub mod effects;
+pub mod gpu;
+pub mod profile;
+pub mod profile_noise;
+pub mod render;
