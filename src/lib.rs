@@ -11,6 +11,7 @@ pub mod pose;
 
 pub mod camera;
 
+pub mod source;
 pub mod tracking;
 
 pub mod scene;

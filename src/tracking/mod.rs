@@ -1,5 +1,8 @@
 //! Poses over time.
 
+pub mod text;
+pub mod tum;
+
 use crate::pose::Pose;
 
 /// Timestamped poses, ascending in time.
@@ -30,6 +33,20 @@ pub struct NotAscending {
     pub index: usize,
     pub time_s: f64,
     pub before_s: f64,
+}
+
+/// The gap that is bridged where nobody said otherwise, seconds: three times the usual interval
+/// between poses, and never less than 0.1 s, in which a hand-held camera still moves smoothly.
+pub fn default_max_gap_s(times_s: impl Iterator<Item = f64>) -> f64 {
+    let times_s: Vec<f64> = times_s.collect();
+    median_interval_s(&times_s).map_or(0.1, |interval_s| (3.0 * interval_s).max(0.1))
+}
+
+/// The median interval of ascending times, seconds; `None` for fewer than two.
+pub fn median_interval_s(times_s: &[f64]) -> Option<f64> {
+    let mut intervals: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    intervals.sort_by(f64::total_cmp);
+    intervals.get(intervals.len() / 2).copied()
 }
 
 impl PoseTrack {

@@ -1,0 +1,139 @@
+//! The `ffmpeg` and `ffprobe` programs as child processes that never outlive their owner.
+
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::thread::JoinHandle;
+
+/// Lines of a program's messages that are kept: the first ones name the cause.
+const KEPT_LINES: usize = 4;
+
+#[derive(Debug, thiserror::Error)]
+pub enum FfmpegError {
+    #[error(
+        "the program `{program}` is missing; video needs it: install ffmpeg (Debian, Ubuntu: apt-get install ffmpeg; \
+         macOS: brew install ffmpeg; Windows: winget install ffmpeg) or use a folder of PNG files"
+    )]
+    Missing { program: String },
+    #[error("the program `{program}` cannot be started: {source}")]
+    Start { program: String, source: std::io::Error },
+    #[error("{program} failed: {problem}")]
+    Failed { program: String, problem: String },
+}
+
+/// A path as ffmpeg takes it: never an option, never a protocol such as `concat:`.
+pub fn file_argument(path: &Path) -> OsString {
+    let mut argument = OsString::from("file:");
+    argument.push(path);
+    argument
+}
+
+/// What `ffmpeg -version` says of itself, its first line.
+pub fn version() -> Result<String, FfmpegError> {
+    let output = output("ffmpeg", &["-version".into()])?;
+    Ok(String::from_utf8_lossy(&output).lines().next().unwrap_or_default().to_owned())
+}
+
+/// Runs a program to its end and returns what it wrote to its standard output.
+pub fn output(program: &str, arguments: &[OsString]) -> Result<Vec<u8>, FfmpegError> {
+    let mut running = Running::start(program, arguments)?;
+    let mut written = Vec::new();
+    if let Some(mut stdout) = running.take_stdout() {
+        std::io::Read::read_to_end(&mut stdout, &mut written)
+            .map_err(|source| FfmpegError::Start { program: program.to_owned(), source })?;
+    }
+    running.finish()?;
+    Ok(written)
+}
+
+/// A running program with piped input, output and messages. Killed and reaped when dropped.
+#[derive(Debug)]
+pub struct Running {
+    program: String,
+    child: Child,
+    messages: Option<JoinHandle<String>>,
+}
+
+impl Running {
+    pub fn start(program: &str, arguments: &[OsString]) -> Result<Self, FfmpegError> {
+        let mut command = Command::new(program);
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().map_err(|source| match source.kind() {
+            std::io::ErrorKind::NotFound => FfmpegError::Missing { program: program.to_owned() },
+            _ => FfmpegError::Start { program: program.to_owned(), source },
+        })?;
+        let messages =
+            child.stderr.take().map(|stderr| std::thread::spawn(move || first_lines(BufReader::new(stderr))));
+        Ok(Self { program: program.to_owned(), child, messages })
+    }
+
+    pub fn take_stdin(&mut self) -> Option<ChildStdin> {
+        self.child.stdin.take()
+    }
+
+    pub fn take_stdout(&mut self) -> Option<ChildStdout> {
+        self.child.stdout.take()
+    }
+
+    /// Closes the input, waits for the end, and turns a failure into the program's own words.
+    pub fn finish(mut self) -> Result<(), FfmpegError> {
+        drop(self.child.stdin.take());
+        let status = self.child.wait();
+        let said = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let failed = |problem| Err(FfmpegError::Failed { program: self.program.clone(), problem });
+        match status {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) if said.is_empty() => failed(format!("it ended with {status}")),
+            Ok(_) => failed(said),
+            Err(e) => failed(e.to_string()),
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Both fail only where the child has ended and been reaped already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The first lines in one; all is read, so that the program never waits for a reader.
+fn first_lines(mut reader: impl BufRead) -> String {
+    let (mut kept, mut line) = (Vec::new(), Vec::new());
+    while matches!(reader.read_until(b'\n', &mut line), Ok(n) if n > 0) {
+        let text = String::from_utf8_lossy(&line).trim().to_owned();
+        if kept.len() < KEPT_LINES && !text.is_empty() {
+            kept.push(text);
+        }
+        line.clear();
+    }
+    kept.join("; ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_program_is_one_line_that_says_how_to_get_it() {
+        let error = Running::start("ffmpeg-that-is-not-there", &[]).unwrap_err().to_string();
+        assert!(error.starts_with("the program `ffmpeg-that-is-not-there` is missing"), "{error}");
+        assert!(error.contains("apt-get install ffmpeg") && !error.contains('\n'), "{error}");
+    }
+
+    #[test]
+    fn a_failure_is_told_in_the_programs_words() {
+        let error = output("sh", &["-c".into(), "echo no such thing >&2; exit 3".into()]).unwrap_err();
+        assert_eq!(error.to_string(), "sh failed: no such thing");
+    }
+
+    #[test]
+    fn dropping_kills_and_reaps() {
+        let running = Running::start("sh", &["-c".into(), "exec sleep 1000".into()]).unwrap();
+        let id = running.child.id();
+        drop(running);
+        assert!(!Path::new(&format!("/proc/{id}")).exists());
+    }
+}

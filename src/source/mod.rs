@@ -1,0 +1,29 @@
+//! Pixels and depth in: still pictures, video files, and decoding ahead of whoever uses them.
+
+pub mod ahead;
+pub mod ffmpeg;
+pub mod still;
+pub mod video;
+
+use std::path::{Path, PathBuf};
+
+/// Why there are no pixels.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    #[error("{}: cannot be read: {source}", file.display())]
+    Read { file: PathBuf, source: std::io::Error },
+    #[error("{}: {problem}", file.display())]
+    Content { file: PathBuf, problem: String },
+    #[error(transparent)]
+    Ffmpeg(#[from] ffmpeg::FfmpegError),
+    #[error("a decoding thread could not be started: {0}")]
+    Thread(std::io::Error),
+    #[error("a decoding thread broke down; its message stands above")]
+    DecoderDied,
+}
+
+impl SourceError {
+    fn content(file: &Path, problem: impl ToString) -> Self {
+        Self::Content { file: file.to_owned(), problem: problem.to_string() }
+    }
+}

@@ -1,0 +1,240 @@
+//! Still pictures: PNG with 8 or 16 bits, grey or colour, and JPEG. Told apart by content, not
+//! by name. Pixels come as stored: no colour profile, no gamma, no rotation is applied, and
+//! transparency is dropped.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Read, Seek};
+use std::path::Path;
+
+use image::{DynamicImage, ImageDecoder};
+
+use super::SourceError;
+use crate::image::{Codes, DepthMap, Pixels};
+
+const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
+const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
+
+/// What a picture's header says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    pub width: u32,
+    pub height: u32,
+    /// 8 or 16: what [`read_pixels`] will give.
+    pub bits: u32,
+}
+
+/// Reads as little of the file as its header needs.
+pub fn read_header(file: &Path) -> Result<Header, SourceError> {
+    let reader = File::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    header(&mut BufReader::new(reader)).map_err(|problem| SourceError::content(file, problem))
+}
+
+/// The picture in a file. A file that ends too early is an error.
+pub fn read_pixels(file: &Path) -> Result<Pixels, SourceError> {
+    let picture = decode(&read(file)?).map_err(|problem| SourceError::content(file, problem))?;
+    let (width, height) = (picture.width(), picture.height());
+    let codes = if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
+        Codes::U16(picture.into_rgb16().into_raw())
+    } else {
+        Codes::U8(picture.into_rgb8().into_raw())
+    };
+    Ok(Pixels { width, height, codes })
+}
+
+/// The depth in a 16-bit grey PNG: value / `codes_per_metre`, 0 where nothing was measured.
+pub fn read_depth(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<DepthMap, SourceError> {
+    let picture = decode(&read(file)?).map_err(|problem| SourceError::content(file, problem))?;
+    let DynamicImage::ImageLuma16(grey) = picture else {
+        let problem = format!("holds {:?} pixels; depth must be a 16-bit grey PNG", picture.color());
+        return Err(SourceError::content(file, problem));
+    };
+    let (width, height) = grey.dimensions();
+    let depth_m = grey.into_raw().into_iter().map(|code| (f64::from(code) / codes_per_metre) as f32).collect();
+    Ok(DepthMap { width, height, depth_m, timestamp_s })
+}
+
+fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
+    std::fs::read(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })
+}
+
+fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let damaged = |e: image::ImageError| format!("the picture is damaged or truncated: {e}");
+    if bytes.starts_with(PNG_SIGNATURE) {
+        return from_decoder(image::codecs::png::PngDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
+    }
+    if bytes.starts_with(JPEG_SIGNATURE) {
+        // The decoder fills what is missing with grey; an end marker after the first scan tells
+        // a whole file. Inside a scan FF is always followed by 00 or a restart marker.
+        let mut reader = Cursor::new(bytes);
+        jpeg_header(&mut reader)?;
+        let scan = bytes.get(reader.position() as usize..).unwrap_or_default();
+        if !scan.windows(2).any(|pair| pair == b"\xff\xd9") {
+            return Err("the JPEG is truncated: its end marker is missing".to_owned());
+        }
+        return from_decoder(image::codecs::jpeg::JpegDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
+    }
+    Err(NEITHER.to_owned())
+}
+
+fn from_decoder(mut decoder: impl ImageDecoder) -> Result<DynamicImage, String> {
+    decoder.set_limits(image::Limits::default()).map_err(|e| e.to_string())?;
+    DynamicImage::from_decoder(decoder).map_err(|e| format!("the picture is damaged or truncated: {e}"))
+}
+
+const NEITHER: &str = "is neither a PNG nor a JPEG picture";
+
+fn header(reader: &mut (impl BufRead + Seek)) -> Result<Header, String> {
+    let start = reader.fill_buf().map_err(|e| e.to_string())?;
+    if start.starts_with(JPEG_SIGNATURE) {
+        return jpeg_header(reader);
+    }
+    // PNG: signature, length and name of the first chunk, width, height, bit depth.
+    let mut head = [0; 25];
+    let whole = reader.read_exact(&mut head);
+    if !head.starts_with(PNG_SIGNATURE) {
+        return Err(NEITHER.to_owned());
+    }
+    whole.map_err(|_| "the PNG is truncated in its header".to_owned())?;
+    let number = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+    Ok(Header { width: number(16), height: number(20), bits: if head[24] == 16 { 16 } else { 8 } })
+}
+
+/// Walks a JPEG's segments and stops behind the head of its first scan.
+/// Source: ITU-T T.81, annex B (SOF markers C0 to CF without C4, C8 and CC; SOS is DA).
+fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
+    let truncated = |_| "the JPEG is truncated in its header".to_owned();
+    // The signature's last byte belongs to the first marker.
+    reader.seek_relative(JPEG_SIGNATURE.len() as i64 - 1).map_err(truncated)?;
+    let mut found = None;
+    loop {
+        let mut byte = || -> Result<u8, String> {
+            let mut one = [0];
+            reader.read_exact(&mut one).map(|()| one[0]).map_err(truncated)
+        };
+        if byte()? != 0xff {
+            return Err("the JPEG's header is damaged: a marker is missing".to_owned());
+        }
+        let mut marker = byte()?;
+        while marker == 0xff {
+            marker = byte()?;
+        }
+        let length = u16::from_be_bytes([byte()?, byte()?]);
+        let mut left = i64::from(length) - 2;
+        match marker {
+            0xc0..=0xcf if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => {
+                let frame = [byte()?, byte()?, byte()?, byte()?, byte()?];
+                left -= 5;
+                let size = |at: usize| u32::from(u16::from_be_bytes([frame[at], frame[at + 1]]));
+                found = Some(Header { width: size(3), height: size(1), bits: 8 });
+            }
+            0xda => return found.ok_or_else(|| "the JPEG's header is damaged: it has no size".to_owned()),
+            _ => {}
+        }
+        if left < 0 {
+            return Err("the JPEG's header is damaged: a segment has no length".to_owned());
+        }
+        reader.seek_relative(left).map_err(truncated)?;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{ExtendedColorType as Color, ImageEncoder};
+    use proptest::prelude::*;
+    use std::path::PathBuf;
+
+    fn png(bytes: &[u8], width: u32, height: u32, color: Color) -> Vec<u8> {
+        let mut out = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut out).write_image(bytes, width, height, color).unwrap();
+        out
+    }
+
+    fn jpeg() -> Vec<u8> {
+        let mut out = Vec::new();
+        let grey: Vec<u8> = (0..32u32 * 24 * 3).map(|i| (i * 7 % 251) as u8).collect();
+        image::codecs::jpeg::JpegEncoder::new(&mut out).write_image(&grey, 32, 24, Color::Rgb8).unwrap();
+        out
+    }
+
+    fn saved(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        // The name is a lie on purpose: the content decides.
+        let file = folder.path().join("picture.jpg");
+        std::fs::write(&file, bytes).unwrap();
+        (folder, file)
+    }
+
+    #[test]
+    fn codes_come_as_stored() {
+        let words: Vec<u8> = [1u16, 256, 65535].iter().flat_map(|w| w.to_ne_bytes()).collect();
+        for (bytes, color, expected, bits) in [
+            (vec![1, 2, 3], Color::Rgb8, [1, 2, 3], 8),
+            (vec![1, 2, 3, 99], Color::Rgba8, [1, 2, 3], 8),
+            (vec![77], Color::L8, [77, 77, 77], 8),
+            (words.clone(), Color::Rgb16, [1, 256, 65535], 16),
+            (words[2..4].to_vec(), Color::L16, [256, 256, 256], 16),
+        ] {
+            let (_folder, file) = saved(&png(&bytes, 1, 1, color));
+            let pixels = read_pixels(&file).unwrap();
+            assert_eq!(pixels.at(0, 0), expected, "{color:?}");
+            assert_eq!(pixels.max_code() == 65535, bits == 16);
+            assert_eq!(read_header(&file).unwrap(), Header { width: 1, height: 1, bits });
+        }
+    }
+
+    #[test]
+    fn jpeg_header_and_pixels_agree() {
+        let (_folder, file) = saved(&jpeg());
+        let pixels = read_pixels(&file).unwrap();
+        assert_eq!(read_header(&file).unwrap(), Header { width: pixels.width, height: pixels.height, bits: 8 });
+        assert_eq!((pixels.width, pixels.height), (32, 24));
+    }
+
+    #[test]
+    fn every_truncation_is_an_error_with_its_path() {
+        for whole in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
+            decode(&whole).unwrap();
+            for length in 0..whole.len() {
+                // A PNG's pixels are whole and checked when only (part of) its end chunk is gone.
+                if whole.starts_with(PNG_SIGNATURE) && length >= whole.len() - 12 {
+                    continue;
+                }
+                assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes pass", whole.len());
+            }
+        }
+        let (_folder, file) = saved(&jpeg()[..400]);
+        let error = read_pixels(&file).unwrap_err().to_string();
+        assert!(error.starts_with(&file.display().to_string()) && error.contains("truncated"), "{error}");
+    }
+
+    #[test]
+    fn depth_is_metres_and_wants_16_bit_grey() {
+        let words: Vec<u8> = [0u16, 5000, 12345].iter().flat_map(|w| w.to_ne_bytes()).collect();
+        let (_folder, file) = saved(&png(&words, 3, 1, Color::L16));
+        let depth = read_depth(&file, 5000.0, 4.5).unwrap();
+        assert_eq!(depth, DepthMap { width: 3, height: 1, depth_m: vec![0.0, 1.0, 2.469], timestamp_s: 4.5 });
+        let (_folder, file) = saved(&png(&[1, 2, 3], 3, 1, Color::L8));
+        assert!(read_depth(&file, 5000.0, 0.0).unwrap_err().to_string().contains("16-bit grey PNG"));
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_never_panic(kind in 0usize..3, bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+            let start: &[u8] = [PNG_SIGNATURE, JPEG_SIGNATURE, b""][kind];
+            let bytes = [start, &bytes].concat();
+            let _ = decode(&bytes);
+            let _ = header(&mut Cursor::new(&bytes));
+        }
+
+        #[test]
+        fn damaged_pictures_never_panic(at in 0usize..2000, value in any::<u8>()) {
+            for mut bytes in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
+                let at = at % bytes.len();
+                bytes[at] = value;
+                let _ = decode(&bytes);
+                let _ = header(&mut Cursor::new(&bytes));
+            }
+        }
+    }
+}

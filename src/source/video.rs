@@ -1,0 +1,393 @@
+//! Video files, decoded by the `ffmpeg` program through a pipe. Colour range and matrix are
+//! always stated to it, so that no default of its own decides what a code value means.
+
+use std::ffi::OsString;
+use std::io::Read;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::ChildStdout;
+use std::sync::mpsc::{Receiver, sync_channel};
+
+use serde::Deserialize;
+
+use super::SourceError;
+use super::ffmpeg::{self, Running};
+use crate::image::{Codes, Pixels};
+
+/// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and
+/// exact rounding; without them swscale's fast paths are off by several code values.
+pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
+
+/// The span of Y' in a file: 16 to 235 of 255, or all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ColorRange {
+    Limited,
+    Full,
+}
+
+/// How a file makes Y'CbCr from R'G'B'.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ColorMatrix {
+    /// It does not: R'G'B' is stored.
+    Rgb,
+    Bt601,
+    Bt709,
+    Bt2020,
+}
+
+impl ColorMatrix {
+    /// What a file without a statement is taken for, by its height.
+    pub fn usual(height: u32) -> Self {
+        if height < 720 { Self::Bt601 } else { Self::Bt709 }
+    }
+
+    /// Its name in ffmpeg's scale filter; `None` where there is nothing to convert.
+    fn name(self) -> Option<&'static str> {
+        match self {
+            Self::Rgb => None,
+            Self::Bt601 => Some("bt601"),
+            Self::Bt709 => Some("bt709"),
+            Self::Bt2020 => Some("bt2020"),
+        }
+    }
+}
+
+/// What a person says about a file; it goes before what the file says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overrides {
+    pub fps: Option<f64>,
+    pub range: Option<ColorRange>,
+    pub matrix: Option<ColorMatrix>,
+}
+
+/// A video file that has been looked into.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Video {
+    pub file: PathBuf,
+    pub width: u32,
+    pub height: u32,
+    /// 8 or 16: what [`Video::read`] will give; 16 for sources of more than 8 bits.
+    pub bits: u32,
+    pub range: ColorRange,
+    pub matrix: ColorMatrix,
+    /// One a frame, in the order shown; the first is at 0.
+    pub timestamps_s: Vec<f64>,
+    pub warnings: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct Probe {
+    #[serde(default)]
+    streams: Vec<Stream>,
+    #[serde(default)]
+    packets: Vec<Packet>,
+}
+
+#[derive(Deserialize)]
+struct Stream {
+    width: Option<u32>,
+    height: Option<u32>,
+    pix_fmt: Option<String>,
+    color_range: Option<String>,
+    color_space: Option<String>,
+    avg_frame_rate: Option<String>,
+    field_order: Option<String>,
+    #[serde(default)]
+    side_data_list: Vec<SideData>,
+}
+
+#[derive(Deserialize)]
+struct SideData {
+    rotation: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct Packet {
+    pts_time: Option<String>,
+    flags: Option<String>,
+}
+
+/// Looks into a video file with `ffprobe`: size, colour, and the time of every frame. Packets
+/// are listed, not decoded, so this is fast.
+pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
+    // ffprobe's own words for a missing file are less clear.
+    std::fs::metadata(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,field_order:\
+                   stream_side_data=rotation:packet=pts_time,flags";
+    let mut arguments: Vec<OsString> =
+        ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
+    arguments.push(ffmpeg::file_argument(file));
+    parse_probe(&ffmpeg::output("ffprobe", &arguments)?, file, overrides)
+}
+
+fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
+    let refuse = |problem: String| SourceError::content(file, problem);
+    let probe: Probe = serde_json::from_slice(json).map_err(|e| refuse(format!("ffprobe's answer is odd: {e}")))?;
+    let stream = probe.streams.first().ok_or_else(|| refuse("holds no video".to_owned()))?;
+    let (Some(width @ 1..=65536), Some(height @ 1..=65536), Some(format)) =
+        (stream.width, stream.height, stream.pix_fmt.as_deref())
+    else {
+        return Err(refuse("ffprobe finds no picture size or pixel format in it".to_owned()));
+    };
+    let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
+        _ if is_rgb(format) => ColorMatrix::Rgb,
+        (Some(given), _) => given,
+        (None, None | Some("unknown" | "reserved")) => ColorMatrix::usual(height),
+        (None, Some("bt470bg" | "smpte170m")) => ColorMatrix::Bt601,
+        (None, Some("bt709")) => ColorMatrix::Bt709,
+        (None, Some("bt2020nc")) => ColorMatrix::Bt2020,
+        (None, Some(other)) => {
+            let accepted = "bt601 (bt470bg, smpte170m), bt709 and bt2020 (bt2020nc)";
+            return Err(refuse(format!("its colour matrix is {other}; accepted are {accepted}, or give `matrix`")));
+        }
+    };
+    let range = match (overrides.range, stream.color_range.as_deref()) {
+        (Some(given), _) => given,
+        (None, Some("pc" | "jpeg" | "full")) => ColorRange::Full,
+        // Grey and yuvj are full range by their definition in ffmpeg.
+        _ if format.starts_with("yuvj") || format.starts_with("gray") || is_rgb(format) => ColorRange::Full,
+        _ => ColorRange::Limited,
+    };
+    let mut warnings = Vec::new();
+    if let Some(angle) = stream.side_data_list.iter().find_map(|s| s.rotation).filter(|angle| *angle != 0.0) {
+        warnings.push(format!("{}: says it should be shown turned by {angle}°; it is read as stored", file.display()));
+    }
+    if matches!(stream.field_order.as_deref(), Some("tt" | "bb" | "tb" | "bt")) {
+        warnings.push(format!("{}: is interlaced; its fields are not separated", file.display()));
+    }
+    let fps = match overrides.fps {
+        Some(fps) if fps.is_finite() && fps > 0.0 => Some(fps),
+        Some(fps) => return Err(refuse(format!("fps = {fps} is refused: it must be finite and above 0"))),
+        None => None,
+    };
+    let stated = stream.avg_frame_rate.as_deref().and_then(ratio);
+    let timestamps_s = timestamps(&probe.packets, fps, stated, file, &mut warnings)?;
+    let bits = if more_than_8_bits(format) { 16 } else { 8 };
+    Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, timestamps_s, warnings })
+}
+
+/// When each frame is shown: counted where a rate is given; as the packets say otherwise.
+fn timestamps(
+    packets: &[Packet],
+    given_fps: Option<f64>,
+    stated_fps: Option<f64>,
+    file: &Path,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<f64>, SourceError> {
+    // D marks packets that an edit list leaves out.
+    let shown = packets.iter().filter(|p| !p.flags.as_deref().unwrap_or_default().contains('D'));
+    let times: Vec<Option<f64>> = shown.map(|p| p.pts_time.as_deref()?.parse().ok()).collect();
+    if times.is_empty() {
+        return Err(SourceError::content(file, "holds no frames"));
+    }
+    let counted = |fps: f64| (0..times.len()).map(|i| i as f64 / fps).collect();
+    if let Some(fps) = given_fps {
+        return Ok(counted(fps));
+    }
+    let Some(mut said) = times.iter().copied().collect::<Option<Vec<f64>>>() else {
+        let problem = "does not say when its frames are shown; give `fps`";
+        return stated_fps.map(counted).ok_or_else(|| SourceError::content(file, problem));
+    };
+    said.sort_by(f64::total_cmp);
+    let first = said.first().copied().unwrap_or_default();
+    said.iter_mut().for_each(|time_s| *time_s -= first);
+    // Containers round to a millisecond or so; a steady rate is restored exactly.
+    if let Some(fps) = stated_fps {
+        let steady: Vec<f64> = counted(fps);
+        if steady.iter().zip(&said).all(|(a, b)| (a - b).abs() < 2e-3) {
+            return Ok(steady);
+        }
+    }
+    if let Some(i) = said.windows(2).position(|pair| pair[1] <= pair[0]) {
+        warnings.push(format!("{}: frames {i} and {} are shown at the same time", file.display(), i + 1));
+    }
+    Ok(said)
+}
+
+fn ratio(text: &str) -> Option<f64> {
+    let (above, below) = text.split_once('/')?;
+    let ratio = above.parse::<f64>().ok()? / below.parse::<f64>().ok()?;
+    (ratio.is_finite() && ratio > 0.0).then_some(ratio)
+}
+
+fn is_rgb(format: &str) -> bool {
+    ["rgb", "bgr", "gbr", "argb", "abgr", "0rgb", "0bgr", "x2rgb", "x2bgr", "pal8"]
+        .iter()
+        .any(|s| format.starts_with(s))
+}
+
+/// ffmpeg names the byte order of every format whose components need more than a byte, and of
+/// the packed ones with 4 to 6 bits.
+fn more_than_8_bits(format: &str) -> bool {
+    let packed = ["444le", "444be", "555le", "555be", "565le", "565be"].iter().any(|s| format.ends_with(s));
+    (format.ends_with("le") || format.ends_with("be")) && !(packed && is_rgb(format))
+}
+
+impl Video {
+    /// Frames `range`, exactly: all before it are decoded and dropped, since seeking lands
+    /// where the file's index says, not where frame numbers say.
+    pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
+        let wide = self.bits == 16;
+        let pixel_format = if wide { "rgb48le" } else { "rgb24" };
+        let range_name = match self.range {
+            ColorRange::Limited => "limited",
+            ColorRange::Full => "full",
+        };
+        let input = match self.matrix.name() {
+            None => String::new(),
+            Some(matrix) => format!("in_color_matrix={matrix}:in_range={range_name}:out_range=full:"),
+        };
+        let Range { start, end } = range;
+        // Counting the time anew keeps ffmpeg from repeating or dropping frames for a steady rate.
+        let filter = format!(
+            "trim=start_frame={start}:end_frame={end},settb=1/25,setpts=N,scale={input}flags={CONVERSION_FLAGS},format={pixel_format}"
+        );
+        let mut arguments: Vec<OsString> =
+            ["-nostdin", "-v", "error", "-noautorotate", "-i"].map(OsString::from).into();
+        arguments.push(ffmpeg::file_argument(&self.file));
+        let rest = ["-map", "0:v:0", "-vf", &filter, "-r", "25", "-f", "rawvideo", "-pix_fmt", pixel_format, "pipe:1"];
+        arguments.extend(rest.map(OsString::from));
+        let mut frames = VideoFrames {
+            running: None,
+            frames: None,
+            next: start,
+            range: start..end,
+            size: (self.width, self.height),
+            wide,
+            file: self.file.clone(),
+        };
+        if start < end {
+            let mut running = Running::start("ffmpeg", &arguments)?;
+            let bytes = 3 * self.width as usize * self.height as usize * if wide { 2 } else { 1 };
+            frames.frames = running.take_stdout().map(|pipe| read_ahead(pipe, bytes)).transpose()?;
+            frames.running = Some(running);
+        }
+        Ok(frames)
+    }
+}
+
+/// Reads whole frames from a pipe on a thread of its own; ends when the pipe does.
+fn read_ahead(mut pipe: ChildStdout, bytes: usize) -> Result<Receiver<Vec<u8>>, SourceError> {
+    let (sender, receiver) = sync_channel(2);
+    let run = move || {
+        loop {
+            let mut frame = vec![0; bytes];
+            if pipe.read_exact(&mut frame).is_err() || sender.send(frame).is_err() {
+                break;
+            }
+        }
+    };
+    std::thread::Builder::new().name("video".to_owned()).spawn(run).map_err(SourceError::Thread)?;
+    Ok(receiver)
+}
+
+/// The frames of a range of a video, in order. Dropping it kills its ffmpeg.
+#[derive(Debug)]
+pub struct VideoFrames {
+    running: Option<Running>,
+    frames: Option<Receiver<Vec<u8>>>,
+    next: usize,
+    range: Range<usize>,
+    size: (u32, u32),
+    wide: bool,
+    file: PathBuf,
+}
+
+impl Iterator for VideoFrames {
+    /// After an error there is nothing more.
+    type Item = Result<Pixels, SourceError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.next >= self.range.end {
+            self.running = None;
+            return None;
+        }
+        let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
+        let Some(bytes) = frame else {
+            let Self { next, range, file, .. } = self;
+            let (stopped_at, end) = (*next, range.end);
+            *next = end;
+            if let Some(Err(error)) = self.running.take().map(Running::finish) {
+                return Some(Err(SourceError::content(
+                    file,
+                    format!("reading stopped at frame {stopped_at}: {error}"),
+                )));
+            }
+            let problem = format!("ends before frame {stopped_at}; frames up to {end} were expected: is it truncated?");
+            return Some(Err(SourceError::content(file, problem)));
+        };
+        self.next += 1;
+        let (width, height) = self.size;
+        let codes = if self.wide {
+            Codes::U16(bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect())
+        } else {
+            Codes::U8(bytes)
+        };
+        Some(Ok(Pixels { width, height, codes }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn parse(stream: &str, packets: &str, overrides: &Overrides) -> Result<Video, String> {
+        parse_tall(48, stream, packets, overrides)
+    }
+
+    fn parse_tall(height: u32, stream: &str, packets: &str, overrides: &Overrides) -> Result<Video, String> {
+        let json = format!(r#"{{"streams": [{{"width": 64, "height": {height}, {stream}}}], "packets": [{packets}]}}"#);
+        parse_probe(json.as_bytes(), Path::new("v.mkv"), overrides).map_err(|e| e.to_string())
+    }
+
+    const ONE: &str = r#"{"pts_time": "0.5"}"#;
+
+    #[test]
+    fn range_and_matrix_as_stated_or_as_usual() {
+        use ColorMatrix::*;
+        use ColorRange::*;
+        for (height, stream, expected) in [
+            (719, r#""pix_fmt": "yuv420p""#, (Limited, Bt601, 8)),
+            (720, r#""pix_fmt": "yuv420p""#, (Limited, Bt709, 8)),
+            (48, r#""pix_fmt": "yuvj420p""#, (Full, Bt601, 8)),
+            (48, r#""pix_fmt": "yuv420p10le", "color_range": "pc", "color_space": "bt2020nc""#, (Full, Bt2020, 16)),
+            (48, r#""pix_fmt": "yuv444p", "color_space": "bt709", "color_range": "tv""#, (Limited, Bt709, 8)),
+            (48, r#""pix_fmt": "gbrp16le", "color_space": "gbr""#, (Full, Rgb, 16)),
+            (48, r#""pix_fmt": "rgb565le""#, (Full, Rgb, 8)),
+            (48, r#""pix_fmt": "p010le""#, (Limited, Bt601, 16)),
+        ] {
+            let v = parse_tall(height, stream, ONE, &Overrides::default()).unwrap();
+            assert_eq!((v.range, v.matrix, v.bits), expected, "{stream}");
+        }
+        let given = Overrides { range: Some(Full), matrix: Some(Bt709), fps: None };
+        let v = parse(r#""pix_fmt": "yuv420p", "color_space": "smpte170m", "color_range": "tv""#, ONE, &given).unwrap();
+        assert_eq!((v.range, v.matrix), (Full, Bt709));
+        let error = parse(r#""pix_fmt": "yuv420p", "color_space": "ycgco""#, ONE, &Overrides::default()).unwrap_err();
+        assert!(error.starts_with("v.mkv: its colour matrix is ycgco; accepted are"), "{error}");
+    }
+
+    #[test]
+    fn times_in_the_order_shown_and_steady_where_the_file_only_rounds() {
+        let stream = r#""pix_fmt": "yuv420p", "avg_frame_rate": "30/1""#;
+        let packets =
+            r#"{"pts_time": "0.100"}, {"pts_time": "0.167"}, {"pts_time": "0.133"}, {"pts_time": "9", "flags": "_D"}"#;
+        let steady = parse(stream, packets, &Overrides::default()).unwrap();
+        assert_eq!(steady.timestamps_s, [0.0, 1.0 / 30.0, 2.0 / 30.0]);
+        let varying = r#"{"pts_time": "0.0"}, {"pts_time": "0.04"}, {"pts_time": "0.10"}"#;
+        assert_eq!(parse(stream, varying, &Overrides::default()).unwrap().timestamps_s, [0.0, 0.04, 0.10]);
+        let given = Overrides { fps: Some(10.0), ..Overrides::default() };
+        assert_eq!(parse(stream, varying, &given).unwrap().timestamps_s, [0.0, 0.1, 0.2]);
+        assert!(parse(stream, r#"{"flags": "K_"}"#, &Overrides::default()).unwrap().timestamps_s == [0.0]);
+        assert!(parse(stream, "", &Overrides::default()).unwrap_err().contains("holds no frames"));
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_answers_never_panic(stream in "\\PC{0,40}", packets in "[{}\",:a-z0-9.-]{0,40}") {
+            let _ = parse(&stream, &packets, &Overrides::default());
+        }
+    }
+}

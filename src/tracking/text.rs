@@ -1,0 +1,57 @@
+//! Text files of one record a line, and errors that name file and line.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// A text file that cannot be read or does not hold what it should.
+#[derive(Debug, thiserror::Error)]
+pub enum TextError {
+    #[error("{}: cannot be read: {source}", file.display())]
+    Read { file: PathBuf, source: std::io::Error },
+    /// Lines count from 1.
+    #[error("{}, line {line}: {problem}", file.display())]
+    Line { file: PathBuf, line: usize, problem: String },
+}
+
+impl TextError {
+    pub fn line(file: &Path, line: usize, problem: impl fmt::Display) -> Self {
+        Self::Line { file: file.to_owned(), line, problem: problem.to_string() }
+    }
+}
+
+/// The whole of a UTF-8 file.
+pub fn read(file: &Path) -> Result<String, TextError> {
+    std::fs::read_to_string(file).map_err(|source| TextError::Read { file: file.to_owned(), source })
+}
+
+/// The lines that hold something, with their numbers from 1; blank lines and `#` comments are left out.
+pub fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
+    lines.map(|(i, line)| (i + 1, line.trim())).filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+/// The next word of a line, taken off its front; empty at the end.
+pub fn word<'a>(line: &mut &'a str) -> &'a str {
+    let start = line.trim_start();
+    let (word, rest) = start.split_at(start.find(char::is_whitespace).unwrap_or(start.len()));
+    *line = rest;
+    word
+}
+
+/// The next word of a line as a finite number; the message says what was found instead.
+pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
+    let found = word(line);
+    match found.parse::<f64>() {
+        Ok(n) if n.is_finite() => Ok(n),
+        _ if found.is_empty() => Err(format!("{name} is missing")),
+        _ => Err(format!("{name} is `{found}`; a finite number is needed")),
+    }
+}
+
+/// Whether nothing is left of a line.
+pub fn end(line: &str) -> Result<(), String> {
+    match line.trim() {
+        "" => Ok(()),
+        more => Err(format!("there is more than expected: `{}`", more.chars().take(40).collect::<String>())),
+    }
+}

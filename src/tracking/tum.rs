@@ -1,0 +1,187 @@
+//! Trajectories of the TUM RGB-D benchmark: a line a pose, `timestamp tx ty tz qx qy qz qw`,
+//! the camera in the world (camera to world), OpenCV axes, metres, seconds.
+//! Source: <https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats>.
+
+use std::path::Path;
+
+use glam::{DQuat, DVec3};
+
+use super::text::{self, TextError};
+use super::{PoseTrack, default_max_gap_s};
+use crate::pose::Pose;
+
+/// A quaternion whose length is further from 1 than this is refused.
+pub const LARGEST_NORM_ERROR: f64 = 1e-2;
+/// One whose length is further from 1 than this is told of: four decimals, as the benchmark
+/// writes them, round it by 1e-4 at most.
+const NOTED_NORM_ERROR: f64 = 1e-3;
+
+/// What a trajectory file holds.
+#[derive(Clone, Debug, Default)]
+pub struct Trajectory {
+    /// (timestamp in seconds, pose), strictly ascending in time.
+    pub poses: Vec<(f64, Pose)>,
+    /// What is odd about it, each said once.
+    pub warnings: Vec<String>,
+}
+
+/// Reads a trajectory. `max_gap_s` as in [`default_max_gap_s`] where it is `None`.
+pub fn read_trajectory(path: &Path, max_gap_s: Option<f64>) -> Result<PoseTrack, TextError> {
+    let trajectory = parse_trajectory(&text::read(path)?, path)?;
+    let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(trajectory.poses.iter().map(|p| p.0)));
+    PoseTrack::new(trajectory.poses, max_gap_s).map_err(|e| TextError::line(path, 0, e))
+}
+
+/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, numbers
+/// that are not finite and quaternions further than [`LARGEST_NORM_ERROR`] from unit length
+/// are errors with their line.
+pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError> {
+    let mut poses: Vec<(f64, Pose)> = Vec::new();
+    let mut odd = NormNotes::default();
+    for (line, record) in text::records(text) {
+        let (time_s, pose, norm_error) = parse_pose(record).map_err(|problem| TextError::line(file, line, problem))?;
+        if let Some(&(before_s, _)) = poses.last().filter(|before| time_s <= before.0) {
+            let how = if time_s == before_s { "stands twice" } else { "runs backwards" };
+            let problem = format!("the time {how}: {time_s} after {before_s}; poses must ascend in time");
+            return Err(TextError::line(file, line, problem));
+        }
+        odd.note(norm_error, format!("line {line}"));
+        poses.push((time_s, pose));
+    }
+    Ok(Trajectory { warnings: odd.warning(file, poses.len()).into_iter().collect(), poses })
+}
+
+fn parse_pose(record: &str) -> Result<(f64, Pose, f64), String> {
+    let mut rest = record;
+    let mut fields = [0.0; 8];
+    for (field, name) in fields.iter_mut().zip(["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
+        *field = text::number(&mut rest, name)
+            .map_err(|problem| format!("{problem} (a pose is `timestamp tx ty tz qx qy qz qw`)"))?;
+    }
+    text::end(rest)?;
+    let [time_s, tx, ty, tz, qx, qy, qz, qw] = fields;
+    let (rotation, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw))?;
+    Ok((time_s, Pose::from_camera_in_world(DVec3::new(tx, ty, tz), rotation), norm_error))
+}
+
+/// The quaternion at unit length and how far it was from that; refused beyond [`LARGEST_NORM_ERROR`].
+pub fn unit_quaternion(q: DQuat) -> Result<(DQuat, f64), String> {
+    let error = (q.length() - 1.0).abs();
+    // Not `>`: NaN must be refused too.
+    if !(error <= LARGEST_NORM_ERROR) {
+        return Err(format!("the quaternion has length {}; 1 is needed (within {LARGEST_NORM_ERROR})", q.length()));
+    }
+    Ok((q.normalize(), error))
+}
+
+/// Collects quaternions that are off unit length into one warning.
+#[derive(Debug, Default)]
+pub struct NormNotes {
+    count: usize,
+    worst: f64,
+    first: String,
+}
+
+impl NormNotes {
+    pub fn note(&mut self, norm_error: f64, place: String) {
+        if norm_error <= NOTED_NORM_ERROR {
+            return;
+        }
+        if self.count == 0 {
+            self.first = place;
+        }
+        self.count += 1;
+        self.worst = self.worst.max(norm_error);
+    }
+
+    pub fn warning(&self, file: &Path, of: usize) -> Option<String> {
+        (self.count > 0).then(|| {
+            let Self { count, worst, first } = self;
+            format!(
+                "{}: {count} of {of} quaternions are off unit length by up to {worst:.4} (first at {first}); normalised",
+                file.display()
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn parse(text: &str) -> Result<Trajectory, String> {
+        parse_trajectory(text, Path::new("t.txt")).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn camera_to_world_worked_by_hand() {
+        // The camera stands at (1, 2, 3) turned by 90° about world z: its x axis is world y.
+        let t = parse("# c\n\n 5.5\t1 2 3  0 0 0.70710678 0.70710678\r\n").unwrap();
+        let (time_s, pose) = t.poses[0];
+        assert_eq!(time_s, 5.5);
+        assert!((pose.transform_point(DVec3::new(1.0, 4.0, 3.0)) - DVec3::new(2.0, 0.0, 0.0)).length() < 1e-7);
+        assert!(t.warnings.is_empty());
+    }
+
+    #[test]
+    fn refusals_name_file_and_line() {
+        let good = "1 0 0 0 0 0 0 1\n";
+        for (bad, said) in [
+            ("1 0 0 0 0 0 0 1", "t.txt, line 3: the time stands twice"),
+            ("0.5 0 0 0 0 0 0 1", "t.txt, line 3: the time runs backwards"),
+            ("2 0 0 0 0 0 0 1.02", "t.txt, line 3: the quaternion has length 1.02"),
+            ("2 0 0 0 0 0 0 0", "t.txt, line 3: the quaternion has length 0"),
+            ("2 0 NaN 0 0 0 0 1", "t.txt, line 3: ty is `NaN`"),
+            ("2 0 inf 0 0 0 0 1", "t.txt, line 3: ty is `inf`"),
+            ("2 0 0 0 0 0 0", "t.txt, line 3: qw is missing"),
+            ("2 0 0 0 0 0 0 1 7", "t.txt, line 3: there is more than expected: `7`"),
+        ] {
+            let error = parse(&format!("# comment\n{good}{bad}\n{good}")).unwrap_err();
+            assert!(error.starts_with(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn slightly_off_is_normalised_and_said() {
+        let t = parse("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1.005").unwrap();
+        assert!((t.poses[1].1.rotation.length() - 1.0).abs() < 1e-12);
+        assert!(t.warnings[0].contains("1 of 2") && t.warnings[0].contains("line 2"), "{:?}", t.warnings);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*") {
+            let _ = parse(&text);
+        }
+
+        #[test]
+        fn nearly_right_text_never_panics(text in "([-0-9.eNaINf#]{0,6}[ \n\t]){0,40}") {
+            let _ = parse(&text);
+        }
+
+        #[test]
+        fn a_valid_trajectory_round_trips(
+            rows in prop::collection::vec((1e-6f64..10.0, prop::array::uniform3(-1e4f64..1e4), prop::array::uniform4(-1.0f64..1.0)), 0..20)
+        ) {
+            let mut time_s = 1.3e9;
+            let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
+            let mut expected = Vec::new();
+            for (step, p, q) in rows {
+                let q = DQuat::from_array(q);
+                prop_assume!(q.length() > 0.1);
+                let q = q.normalize();
+                time_s += step;
+                text += &format!("{time_s} {} {} {} {} {} {} {}\n", p[0], p[1], p[2], q.x, q.y, q.z, q.w);
+                expected.push((time_s, DVec3::from_array(p), q));
+            }
+            let read = parse(&text).unwrap();
+            prop_assert_eq!(read.poses.len(), expected.len());
+            for ((time_s, pose), (t, p, q)) in read.poses.iter().zip(expected) {
+                prop_assert_eq!(*time_s, t);
+                prop_assert!((pose.position_in_world_m() - p).length() < 1e-9);
+                prop_assert!(pose.world_from_camera_rotation().dot(q).abs() > 1.0 - 1e-12);
+            }
+        }
+    }
+}
