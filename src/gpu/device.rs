@@ -39,15 +39,18 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
-fn instance() -> wgpu::Instance {
-    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-    descriptor.backends = Backends::from_env().unwrap_or(Backends::PRIMARY | Backends::GL);
-    wgpu::Instance::new(descriptor)
+/// All adapters of this machine, best first; OpenGL's only where there are no others, for
+/// opening it is slow and talks on stderr.
+pub fn adapters() -> Vec<AdapterReport> {
+    available().iter().map(report).collect()
 }
 
-/// All adapters of this machine, best first.
-pub fn adapters() -> Vec<AdapterReport> {
-    ranked(&instance()).iter().map(report).collect()
+fn available() -> Vec<wgpu::Adapter> {
+    if let Some(backends) = Backends::from_env() {
+        return ranked(backends);
+    }
+    let adapters = ranked(Backends::PRIMARY);
+    if adapters.is_empty() { ranked(Backends::GL) } else { adapters }
 }
 
 fn report(adapter: &wgpu::Adapter) -> AdapterReport {
@@ -62,8 +65,10 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
 }
 
 /// Discrete before integrated before software; Vulkan, Metal and DirectX before OpenGL.
-fn ranked(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
-    let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::all()));
+fn ranked(backends: Backends) -> Vec<wgpu::Adapter> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = backends;
+    let mut adapters = pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(backends));
     adapters.retain(|a| a.get_info().backend != wgpu::Backend::Noop);
     adapters.sort_by_key(|a| {
         let info = a.get_info();
@@ -84,7 +89,7 @@ impl Gpu {
     /// contains it.
     pub fn open() -> Result<Self, GpuError> {
         let wanted = std::env::var("WGPU_ADAPTER_NAME").ok().map(|name| name.to_lowercase());
-        let adapter = ranked(&instance())
+        let adapter = available()
             .into_iter()
             .find(|a| wanted.as_ref().is_none_or(|w| a.get_info().name.to_lowercase().contains(w)))
             .ok_or(GpuError::NoAdapter)?;
