@@ -11,6 +11,8 @@ pub mod pose;
 
 pub mod camera;
 
+pub mod recording;
+pub mod sink;
 pub mod source;
 pub mod tracking;
 

@@ -1,0 +1,284 @@
+//! A COLMAP text model: `cameras.txt`, `images.txt`. Poses are world to camera with OpenCV's
+//! axes, quaternions w x y z, an arbitrary unit; pixel centres are at +0.5 already.
+//! Source: <https://colmap.github.io/format.html#text-format>,
+//! <https://colmap.github.io/cameras.html>.
+//!
+//! To add a camera model: a line in [`camera_parameters`], and its name in [`MODELS`].
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3};
+
+use super::parts::{NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
+use super::{Kind, OpenOptions, RecordingError, listing};
+use crate::camera::Geometry;
+use crate::pose::Pose;
+use crate::tracking::text::{self, TextError};
+use crate::tracking::tum::{NormNotes, unit_quaternion};
+
+const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0)";
+
+/// A registered image.
+#[derive(Debug)]
+struct Image {
+    name: String,
+    camera: u32,
+    camera_from_world: Pose,
+    line: usize,
+}
+
+/// Opens the model in the folder `model`; `path` is what the person named.
+pub fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+    let cameras_file = model.join("cameras.txt");
+    let cameras = parse_cameras(&text::read(&cameras_file)?, &cameras_file)?;
+    let images_file = model.join("images.txt");
+    let (images, odd) = parse_images(&text::read(&images_file)?, &images_file, options.metres_per_unit)?;
+    let folder = image_folder(model, path, &images)?;
+    let registered: BTreeMap<&str, &Image> = images.iter().map(|image| (image.name.as_str(), image)).collect();
+    let names = frame_names(&folder, &registered)?;
+
+    let (mut poses, mut geometries) = (Vec::new(), Vec::new());
+    let mut timestamps_s = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        timestamps_s.push(i as f64 / NOMINAL_FPS);
+        let Some(image) = registered.get(name.as_str()) else {
+            geometries.push(None);
+            continue;
+        };
+        let camera = cameras.get(&image.camera).ok_or_else(|| {
+            let problem = format!("{name} names camera {}, which cameras.txt does not have", image.camera);
+            TextError::line(&images_file, image.line, problem)
+        })?;
+        poses.push((i as f64 / NOMINAL_FPS, image.camera_from_world));
+        geometries.push(Some(camera.clone()));
+    }
+    let files = names.iter().map(|name| folder.join(name)).collect();
+    let mut parts = Parts::new(Kind::Colmap, path, Pictures::Stills(files), timestamps_s);
+    // An image that was not registered stays without a pose: its neighbours say nothing of it.
+    parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
+    parts.geometries = geometries;
+    parts
+        .warnings
+        .push(format!("COLMAP keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
+    parts.warnings.extend(odd);
+    Ok(parts)
+}
+
+fn parse_cameras(text: &str, file: &Path) -> Result<BTreeMap<u32, Geometry>, TextError> {
+    let mut cameras = BTreeMap::new();
+    for (line, record) in text::records(text) {
+        let (id, geometry) = parse_camera(record).map_err(|problem| TextError::line(file, line, problem))?;
+        if cameras.insert(id, geometry).is_some() {
+            return Err(TextError::line(file, line, format!("camera {id} stands twice")));
+        }
+    }
+    Ok(cameras)
+}
+
+fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
+    let id = whole(&mut record, "CAMERA_ID")?;
+    let model = text::word(&mut record);
+    let width = text::number(&mut record, "WIDTH")?;
+    let height = text::number(&mut record, "HEIGHT")?;
+    let names = camera_parameters(model)
+        .ok_or_else(|| format!("the camera model `{model}` is not supported; accepted are {MODELS}"))?;
+    let mut values = vec![("width_px", width), ("height_px", height)];
+    for name in names {
+        let value = text::number(&mut record, name)?;
+        match *name {
+            "f" => values.extend([("fx_px", value), ("fy_px", value)]),
+            "k4" | "k5" | "k6" if value == 0.0 => {}
+            "k4" | "k5" | "k6" => {
+                return Err(format!("FULL_OPENCV with {name} = {value} is not supported; 0 is needed"));
+            }
+            name => values.push((name, value)),
+        }
+    }
+    text::end(record)?;
+    geometry_from(&values).map(|geometry| (id, geometry)).map_err(|e| e.to_string())
+}
+
+/// The parameters of a camera model in COLMAP's order, by our names; `f` stands for both focal lengths.
+fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
+    Some(match model {
+        "SIMPLE_PINHOLE" => &["f", "cx_px", "cy_px"],
+        "PINHOLE" => &["fx_px", "fy_px", "cx_px", "cy_px"],
+        "SIMPLE_RADIAL" => &["f", "cx_px", "cy_px", "k1"],
+        "RADIAL" => &["f", "cx_px", "cy_px", "k1", "k2"],
+        "OPENCV" => &["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2"],
+        "FULL_OPENCV" => &["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+        _ => return None,
+    })
+}
+
+/// Two lines an image: the pose, then the points seen in it, which may be none.
+fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Image>, Option<String>), TextError> {
+    let (mut images, mut names, mut odd) = (Vec::new(), BTreeSet::new(), NormNotes::default());
+    let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    while let Some((line, record)) = lines.next() {
+        if record.is_empty() || record.starts_with('#') {
+            continue;
+        }
+        let refuse = |problem: String| TextError::line(file, line, problem);
+        let (image, norm_error) = parse_image(record, line, metres_per_unit).map_err(refuse)?;
+        if !names.insert(image.name.clone()) {
+            return Err(refuse(format!("the image {} stands twice", image.name)));
+        }
+        odd.note(norm_error, format!("line {line}"));
+        images.push(image);
+        if let Some((line, points)) = lines.next()
+            && points.split_whitespace().count() % 3 != 0
+        {
+            let problem = "the line after an image's pose must list its points (X Y POINT3D_ID each), or be blank";
+            return Err(TextError::line(file, line, problem));
+        }
+    }
+    let warning = odd.warning(file, images.len());
+    Ok((images, warning))
+}
+
+fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image, f64), String> {
+    let mut rest = record;
+    let _: u32 = whole(&mut rest, "IMAGE_ID")?;
+    let mut fields = [0.0; 7];
+    for (field, name) in fields.iter_mut().zip(["QW", "QX", "QY", "QZ", "TX", "TY", "TZ"]) {
+        *field = text::number(&mut rest, name)?;
+    }
+    let [qw, qx, qy, qz, tx, ty, tz] = fields;
+    let (rotation, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw))?;
+    let camera = whole(&mut rest, "CAMERA_ID")?;
+    let name = rest.trim().to_owned();
+    if name.is_empty() {
+        return Err("NAME is missing".to_owned());
+    }
+    let camera_from_world = Pose::new(rotation, DVec3::new(tx, ty, tz) * metres_per_unit);
+    Ok((Image { name, camera, camera_from_world, line }, norm_error))
+}
+
+fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
+    let found = text::word(rest);
+    found.parse().map_err(|_| format!("{name} is `{found}`; a whole number is needed"))
+}
+
+/// The folder that the images' names are relative to.
+fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, RecordingError> {
+    let Some(first) = images.first() else {
+        return Err(RecordingError::content(&model.join("images.txt"), "the model has no images"));
+    };
+    let candidates = [
+        path.join("images"),
+        model.join("images"),
+        model.join("../images"),
+        model.join("../../images"),
+        path.to_owned(),
+    ];
+    candidates.iter().find(|folder| folder.join(&first.name).is_file()).cloned().ok_or_else(|| {
+        let looked = candidates.iter().map(|c| c.display().to_string()).collect::<Vec<_>>().join(", ");
+        RecordingError::content(&model.join("images.txt"), format!("{} is in none of {looked}", first.name))
+    })
+}
+
+/// The frames: the model's images and the others in the same folders, which have no pose, in
+/// their names' order.
+fn frame_names(folder: &Path, registered: &BTreeMap<&str, &Image>) -> Result<Vec<String>, RecordingError> {
+    let mut names: BTreeSet<String> = registered.keys().map(|name| (*name).to_owned()).collect();
+    let folders: BTreeSet<&Path> = registered.keys().filter_map(|name| Path::new(name).parent()).collect();
+    for inner in folders {
+        for file in listing::pictures_in(&folder.join(inner))? {
+            let name = file.file_name().map(|name| inner.join(name).to_string_lossy().into_owned());
+            names.extend(name);
+        }
+    }
+    let mut names: Vec<String> = names.into_iter().collect();
+    names.sort_by(|a, b| listing::natural_order(a, b));
+    Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+    use proptest::prelude::*;
+
+    fn cameras(text: &str) -> Result<BTreeMap<u32, Geometry>, String> {
+        parse_cameras(text, Path::new("cameras.txt")).map_err(|e| e.to_string())
+    }
+
+    fn images(text: &str, metres_per_unit: f64) -> Result<Vec<Image>, String> {
+        parse_images(text, Path::new("images.txt"), metres_per_unit).map(|r| r.0).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn every_model_lands_where_its_formula_says() {
+        // u = 0.2, v = 0.1: r² = 0.05, r⁴ = 0.0025, r⁶ = 0.000125.
+        for (text, expected) in [
+            ("1 SIMPLE_PINHOLE 640 480 500 320 240", (420.0, 290.0)),
+            ("1 PINHOLE 640 480 500 400 320 240", (420.0, 280.0)),
+            ("1 SIMPLE_RADIAL 640 480 500 320 240 -0.1", (419.5, 289.75)),
+            ("1 RADIAL 640 480 500 320 240 -0.1 0.4", (419.6, 289.8)),
+            // radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08); y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02
+            ("1 OPENCV 640 480 500 400 320 240 -0.1 0.4 0.01 0.02", (421.1, 280.44)),
+            // radial 0.997: x 0.1994, y 0.0997
+            ("1 FULL_OPENCV 640 480 500 400 320 240 -0.1 0.4 0.01 0.02 8 0 0 0", (421.2, 280.48)),
+        ] {
+            let landed = cameras(text).unwrap()[&1].project(DVec3::new(0.4, 0.2, 2.0)).unwrap();
+            assert!((landed - DVec2::from(expected)).length() < 1e-9, "{text}: {landed}");
+        }
+    }
+
+    #[test]
+    fn camera_refusals_name_file_line_and_what_is_accepted() {
+        for (text, said) in [
+            (
+                "# c\n1 FOV 640 480 500 500 320 240 0.9",
+                "cameras.txt, line 2: the camera model `FOV` is not supported; acc",
+            ),
+            ("1 FULL_OPENCV 64 48 5 5 3 2 0 0 0 0 0 0.1 0 0", "cameras.txt, line 1: FULL_OPENCV with k4 = 0.1"),
+            ("1 PINHOLE 640 480 500 400 320", "cameras.txt, line 1: cy_px is missing"),
+            ("1 PINHOLE 640 480 -500 400 320 240", "cameras.txt, line 1: camera.fx_px = -500 is refused"),
+            ("1 PINHOLE 640 480 NaN 400 320 240", "cameras.txt, line 1: fx_px is `NaN`"),
+            ("1 SIMPLE_PINHOLE 640 480 500 320 240 7", "cameras.txt, line 1: there is more than expected"),
+            ("1 SIMPLE_PINHOLE 6 4 5 3 2\n1 SIMPLE_PINHOLE 6 4 5 3 2", "cameras.txt, line 2: camera 1 stands twice"),
+        ] {
+            let error = cameras(text).unwrap_err();
+            assert!(error.starts_with(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn images_are_world_to_camera_and_scaled() {
+        // 90° about z: camera x is world −y... (x, y, z) → (−y, x, z), then + t.
+        let text = "# c\n7 0.70710678 0 0 0.70710678 1 2 3 1 a b.png\n\n8 1 0 0 0 0 0 0 1 c.png\n1 2 -1 3 4 5\n";
+        let read = images(text, 0.5).unwrap();
+        assert_eq!((read.len(), read[0].name.as_str(), read[1].name.as_str()), (2, "a b.png", "c.png"));
+        let p = read[0].camera_from_world.transform_point(DVec3::new(1.0, 0.0, 0.0));
+        assert!((p - DVec3::new(0.5, 2.0, 1.5)).length() < 1e-7, "{p}");
+    }
+
+    #[test]
+    fn image_refusals_name_file_and_line() {
+        for (text, said) in [
+            ("1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png", "images.txt, line 2: the line after an image's pose"),
+            ("1 0.5 0 0 0 0 0 0 1 a.png\n\n", "images.txt, line 1: the quaternion has length 0.5"),
+            ("1 1 0 0 0 0 0 0 1\n\n", "images.txt, line 1: NAME is missing"),
+            (
+                "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 1 a.png\n",
+                "images.txt, line 3: the image a.png stands twice",
+            ),
+        ] {
+            let error = images(text, 1.0).unwrap_err();
+            assert!(error.starts_with(said), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", near in "([-0-9.eNaINf#]{0,5}[ \n]){0,60}", camera in "1 (FULL_)?OPENCV( [-0-9.e]{1,9}){9,15}") {
+            for text in [text, near, camera] {
+                let _ = cameras(&text);
+                let _ = images(&text, 1.0);
+            }
+        }
+    }
+}

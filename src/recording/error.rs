@@ -1,0 +1,39 @@
+//! Why a recording cannot be opened or read.
+
+use std::path::{Path, PathBuf};
+
+use crate::source::SourceError;
+use crate::tracking::text::TextError;
+
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    #[error(transparent)]
+    Text(#[from] TextError),
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    #[error(
+        "{}: is no recording: {found}; accepted are a folder with recording.toml, a TUM RGB-D folder (rgb.txt, \
+         groundtruth.txt), a nerfstudio transforms.json, a COLMAP text model (cameras.txt, images.txt, here, in colmap/ \
+         or in sparse/0/)",
+        path.display()
+    )]
+    NotARecording { path: PathBuf, found: String },
+    /// A file of a recording that does not hold what it should.
+    #[error("{}: {problem}", file.display())]
+    Content { file: PathBuf, problem: String },
+    #[error("the option {name} = {found} is refused: accepted is {accepted}")]
+    Option { name: &'static str, found: f64, accepted: &'static str },
+    #[error(
+        "frames differ in size: {} is {first_size}, {} is {other_size}; all frames of a recording must be alike",
+        first.display(), other.display()
+    )]
+    SizesDiffer { first: PathBuf, first_size: String, other: PathBuf, other_size: String },
+    #[error("frames {start}..{end} are asked for; the recording has 0..{count}")]
+    Range { start: usize, end: usize, count: usize },
+}
+
+impl RecordingError {
+    pub(super) fn content(file: &Path, problem: impl ToString) -> Self {
+        Self::Content { file: file.to_owned(), problem: problem.to_string() }
+    }
+}

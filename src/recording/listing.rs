@@ -1,0 +1,185 @@
+//! Lists of files and values by time, as the TUM RGB-D benchmark writes them, and folders of pictures.
+
+use std::cmp::Ordering;
+use std::path::{Path, PathBuf};
+
+use super::RecordingError;
+use crate::frame::FrameExposure;
+use crate::source::SourceError;
+use crate::tracking::text::{self, TextError};
+
+/// Reads a list of `timestamp filename` lines: times in seconds, files beside the list.
+pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
+    let folder = list.parent().unwrap_or(Path::new(""));
+    let names = parse_pictures(&text::read(list)?, list)?;
+    Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
+}
+
+fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextError> {
+    by_time(text, list, |rest| match rest.trim() {
+        "" => Err("the file's name is missing (a line is `timestamp filename`)".to_owned()),
+        name => Ok(name.to_owned()),
+    })
+}
+
+/// Reads a list of `timestamp exposure_time_s gain` lines; the gain may be left out.
+pub fn read_exposures(list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
+    parse_exposures(&text::read(list)?, list)
+}
+
+fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
+    by_time(text, list, |mut rest| {
+        let time_s = Some(number_above_zero(&mut rest, "exposure_time_s")?);
+        let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain")?) };
+        text::end(rest)?;
+        Ok(FrameExposure { time_s, gain })
+    })
+}
+
+fn number_above_zero(rest: &mut &str, name: &str) -> Result<f64, String> {
+    match text::number(rest, name)? {
+        value if value > 0.0 => Ok(value),
+        value => Err(format!("{name} is {value}; it must be above 0")),
+    }
+}
+
+/// Lines that begin with a timestamp, which must not run backwards.
+fn by_time<T>(
+    text: &str,
+    list: &Path,
+    mut parse: impl FnMut(&str) -> Result<T, String>,
+) -> Result<Vec<(f64, T)>, TextError> {
+    let mut entries: Vec<(f64, T)> = Vec::new();
+    for (line, mut rest) in text::records(text) {
+        let refuse = |problem: String| TextError::line(list, line, problem);
+        let time_s = text::number(&mut rest, "timestamp").map_err(refuse)?;
+        if let Some((before_s, _)) = entries.last().filter(|before| time_s < before.0) {
+            return Err(refuse(format!("the time runs backwards: {time_s} after {before_s}")));
+        }
+        entries.push((time_s, parse(rest).map_err(refuse)?));
+    }
+    Ok(entries)
+}
+
+/// The entry nearest in time among ascending ones; `None` where none lies within `within_s`.
+pub fn nearest<T>(entries: &[(f64, T)], time_s: f64, within_s: f64) -> Option<&(f64, T)> {
+    let after = entries.partition_point(|e| e.0 < time_s);
+    let candidates = [after.checked_sub(1).and_then(|i| entries.get(i)), entries.get(after)];
+    let distance = |entry: &&(f64, T)| (entry.0 - time_s).abs();
+    let best = candidates.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    (distance(&best) <= within_s).then_some(best)
+}
+
+/// The PNG and JPEG files of a folder in their names' order, numbers by their value.
+pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
+    let failed = |source| SourceError::Read { file: folder.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let file = entry.map_err(failed)?.path();
+        let extension = file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let hidden = file.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        if matches!(extension.as_str(), "png" | "jpg" | "jpeg") && !hidden {
+            files.push(file);
+        }
+    }
+    files.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+    Ok(files)
+}
+
+/// Orders names so that `f2` comes before `f10`.
+pub fn natural_order(a: &str, b: &str) -> Ordering {
+    let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
+    loop {
+        let (i, j) = (digits(left), digits(right));
+        if i > 0 && j > 0 {
+            let value = |number: &[u8]| number.iter().position(|c| *c != b'0').unwrap_or(number.len());
+            let (x, y) = (&left[value(&left[..i])..i], &right[value(&right[..j])..j]);
+            match x.len().cmp(&y.len()).then_with(|| x.cmp(y)) {
+                Ordering::Equal => (left, right) = (&left[i..], &right[j..]),
+                unequal => return unequal,
+            }
+            continue;
+        }
+        match (left.split_first(), right.split_first()) {
+            (Some((x, rest_left)), Some((y, rest_right))) if x == y => (left, right) = (rest_left, rest_right),
+            // `007` and `7` are told apart by their text.
+            (None, None) => return a.cmp(b),
+            (x, y) => return x.map(|x| x.0).cmp(&y.map(|y| y.0)),
+        }
+    }
+}
+
+fn digits(text: &[u8]) -> usize {
+    text.iter().take_while(|c| c.is_ascii_digit()).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn list() -> &'static Path {
+        Path::new("rgb.txt")
+    }
+
+    #[test]
+    fn pictures_by_time() {
+        let read = parse_pictures("# timestamp filename\n1.5 rgb/a b.png\n\n2.5 rgb/c.png\n", list()).unwrap();
+        assert_eq!(read, [(1.5, "rgb/a b.png".to_owned()), (2.5, "rgb/c.png".to_owned())]);
+        for (bad, said) in [
+            ("2 a.png\n1 b.png", "rgb.txt, line 2: the time runs backwards: 1 after 2"),
+            ("2 a.png\nnan b.png", "rgb.txt, line 2: timestamp is `nan`"),
+            ("2 a.png\n\n3", "rgb.txt, line 3: the file's name is missing"),
+        ] {
+            let error = parse_pictures(bad, list()).unwrap_err().to_string();
+            assert!(error.starts_with(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn exposures_by_time() {
+        let read = parse_exposures("1 0.02 1.5\n2 0.01\n", list()).unwrap();
+        assert_eq!(read[0].1, FrameExposure { time_s: Some(0.02), gain: Some(1.5) });
+        assert_eq!(read[1].1, FrameExposure { time_s: Some(0.01), gain: None });
+        for bad in ["1 0", "1 -0.1", "1 0.1 0", "1 0.1 1 2", "1", "1 0.1 inf"] {
+            assert!(parse_exposures(bad, list()).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn nearest_in_time_within_reach() {
+        let entries = [(1.0, 'a'), (2.0, 'b'), (2.6, 'c')];
+        assert_eq!(nearest(&entries, 2.31, 0.6).unwrap().1, 'c');
+        assert_eq!(nearest(&entries, 2.29, 0.6).unwrap().1, 'b');
+        assert_eq!(nearest(&entries, 0.5, 0.6).unwrap().1, 'a');
+        assert!(nearest(&entries, 0.3, 0.6).is_none());
+        assert!(nearest(&entries, 3.3, 0.6).is_none());
+        assert!(nearest::<char>(&[], 1.0, 0.6).is_none());
+    }
+
+    #[test]
+    fn numbers_in_names_count_by_value() {
+        let mut names = ["f10.png", "f9.png", "f009.png", "f1.png", "e11", "f1", "g1305031241.029623"];
+        names.sort_by(|a, b| natural_order(a, b));
+        assert_eq!(names, ["e11", "f1", "f1.png", "f009.png", "f9.png", "f10.png", "g1305031241.029623"]);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", near in "([-0-9.eNa]{0,5}[ \n]){0,30}") {
+            for text in [text, near] {
+                let _ = parse_pictures(&text, list());
+                let _ = parse_exposures(&text, list());
+            }
+        }
+
+        #[test]
+        fn the_order_of_names_is_total(a in "[a01.]{0,6}", b in "[a01.]{0,6}", c in "[a01.]{0,6}") {
+            prop_assert_eq!(natural_order(&a, &b), natural_order(&b, &a).reverse());
+            prop_assert_eq!(natural_order(&a, &b) == Ordering::Equal, a == b);
+            if natural_order(&a, &b).is_le() && natural_order(&b, &c).is_le() {
+                prop_assert!(natural_order(&a, &c).is_le());
+            }
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Recordings: frames and camera poses on one clock, opened by what they contain.
+//!
+//! Each format has a file of its own, which converts axes, units, pixel centres and times at
+//! its border; docs/recordings.md tells every convention.
+
+mod colmap;
+mod error;
+mod frames;
+mod listing;
+mod nerfstudio;
+mod own;
+mod parts;
+mod tum;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::DVec3;
+
+pub use error::RecordingError;
+pub use frames::Frames;
+
+use crate::camera::Geometry;
+use crate::frame::FrameExposure;
+use crate::pose::Pose;
+use crate::tracking::{NoPose, PoseTrack};
+use parts::Pictures;
+
+/// What a recording cannot know of itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpenOptions {
+    /// How long one unit of the world is, for nerfstudio and COLMAP, whose scale is arbitrary.
+    pub metres_per_unit: f64,
+    /// Added to frame times when poses are looked up, on top of what the recording says, seconds.
+    pub time_offset_s: f64,
+    /// The longest interval across which poses are interpolated, seconds; `None`: as the
+    /// recording says, or three usual intervals.
+    pub max_gap_s: Option<f64>,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { metres_per_unit: 1.0, time_offset_s: 0.0, max_gap_s: None }
+    }
+}
+
+/// The format that a recording was opened from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Own,
+    Tum,
+    Nerfstudio,
+    Colmap,
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Own => "recording.toml",
+            Self::Tum => "TUM RGB-D",
+            Self::Nerfstudio => "nerfstudio",
+            Self::Colmap => "COLMAP",
+        })
+    }
+}
+
+/// An opened recording: everything but the pixels and depths, which [`Recording::frames`] streams.
+#[derive(Debug)]
+pub struct Recording {
+    pub name: String,
+    pub path: PathBuf,
+    pub kind: Kind,
+    /// The world's up, unit length; `None` where the format does not say.
+    pub up: Option<DVec3>,
+    /// Size of every frame, px.
+    pub width: u32,
+    pub height: u32,
+    /// 8 or 16 bits a code value, the same in every frame.
+    pub bits: u32,
+    /// One a frame, never descending; the middle of the middle row's exposure.
+    pub timestamps_s: Arc<[f64]>,
+    /// The median interval between frames; 1/30 s for a single frame.
+    pub frame_interval_s: f64,
+    pub track: PoseTrack,
+    /// Added to a frame's time to get the track's.
+    pub time_offset_s: f64,
+    /// The camera of all frames, where the format knows it and it is the same in all;
+    /// film width and readout time are not known to any and stand at their defaults.
+    pub geometry: Option<Geometry>,
+    /// Where the camera's profile should be; it is not looked at here.
+    pub camera_profile: Option<PathBuf>,
+    /// One a frame; empty values where nothing is known.
+    pub exposure: Arc<[FrameExposure]>,
+    /// What is odd, each said once.
+    pub warnings: Vec<String>,
+    geometries: Vec<Option<Geometry>>,
+    pictures: Arc<Pictures>,
+    /// One a frame: when the nearest depth was measured and its file.
+    depth: Option<Arc<[Option<(f64, PathBuf)>]>>,
+    codes_per_metre: f64,
+}
+
+impl Recording {
+    /// Opens a recording: a folder, or the file that describes it. Headers of all frames are
+    /// read, pixels are not. Poses that do not cover the frames are a warning, not an error.
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, RecordingError> {
+        check(options)?;
+        let mut parts = match find(path)? {
+            Found::Own(file) => own::open(&file, options)?,
+            Found::Tum(folder) => tum::open(&folder, options)?,
+            Found::Nerfstudio(file) => nerfstudio::open(&file, options)?,
+            Found::Colmap(model) => colmap::open(&model, path, options)?,
+        };
+        if options.metres_per_unit != 1.0 && matches!(parts.kind, Kind::Own | Kind::Tum) {
+            parts.warnings.push(format!("a {} recording is in metres; metres_per_unit is left out", parts.kind));
+        }
+        parts.assemble(options)
+    }
+
+    pub fn frame_count(&self) -> usize {
+        self.timestamps_s.len()
+    }
+
+    /// The camera's pose at a frame's timestamp. A frame that there is not lies after the last pose.
+    pub fn pose_at_frame(&self, index: usize) -> Result<Pose, NoPose> {
+        self.track.at(self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s))
+    }
+
+    /// The camera of a frame, also where frames differ; `None` where the format does not know it.
+    pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
+        self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
+    }
+
+    pub fn has_depth(&self) -> bool {
+        self.depth.as_ref().is_some_and(|depth| depth.iter().any(Option::is_some))
+    }
+
+    /// Streams the frames of a half-open range in order, decoded ahead on threads of their own.
+    /// Memory does not depend on the range's length. After an error there is nothing more.
+    pub fn frames(&self, range: Range<usize>) -> Result<Frames, RecordingError> {
+        if range.start > range.end || range.end > self.frame_count() {
+            return Err(RecordingError::Range { start: range.start, end: range.end, count: self.frame_count() });
+        }
+        Frames::new(self, range)
+    }
+}
+
+fn check(options: &OpenOptions) -> Result<(), RecordingError> {
+    let refuse = |name, found, accepted| Err(RecordingError::Option { name, found, accepted });
+    let above_zero = |v: f64| v.is_finite() && v > 0.0;
+    match options {
+        o if !above_zero(o.metres_per_unit) => refuse("metres_per_unit", o.metres_per_unit, "a finite number above 0"),
+        o if !o.time_offset_s.is_finite() => refuse("time_offset_s", o.time_offset_s, "a finite number"),
+        OpenOptions { max_gap_s: Some(gap), .. } if !above_zero(*gap) => {
+            refuse("max_gap_s", *gap, "a finite number above 0")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Which format, and its main file or folder.
+enum Found {
+    Own(PathBuf),
+    Tum(PathBuf),
+    Nerfstudio(PathBuf),
+    Colmap(PathBuf),
+}
+
+fn find(path: &Path) -> Result<Found, RecordingError> {
+    let refuse = |found: &str| RecordingError::NotARecording { path: path.to_owned(), found: found.to_owned() };
+    if path.is_file() {
+        return match path.extension().and_then(|e| e.to_str()) {
+            Some("toml") => Ok(Found::Own(path.to_owned())),
+            Some("json") => Ok(Found::Nerfstudio(path.to_owned())),
+            _ => Err(refuse("it is a file of another kind (frames or a video alone: name them in a recording.toml)")),
+        };
+    }
+    if !path.is_dir() {
+        return Err(refuse("there is nothing at this path"));
+    }
+    let has = |name: &str| path.join(name).exists();
+    if has(own::FILE_NAME) {
+        return Ok(Found::Own(path.join(own::FILE_NAME)));
+    }
+    if has(nerfstudio::FILE_NAME) {
+        return Ok(Found::Nerfstudio(path.join(nerfstudio::FILE_NAME)));
+    }
+    if has(tum::FRAME_LIST) {
+        return Ok(Found::Tum(path.to_owned()));
+    }
+    let models = ["", "colmap", "sparse/0", "sparse"];
+    if let Some(model) = models.iter().map(|at| path.join(at)).find(|at| at.join("images.txt").exists()) {
+        return Ok(Found::Colmap(model));
+    }
+    if models.iter().any(|at| path.join(at).join("images.bin").exists()) {
+        return Err(refuse(
+            "it holds a binary COLMAP model (`colmap model_converter --output_type TXT` makes a text model of it)",
+        ));
+    }
+    Err(refuse("the folder holds none of the files that tell one"))
+}

@@ -1,0 +1,240 @@
+//! A nerfstudio `transforms.json`: camera to world with OpenGL's axes (x right, y up, looks
+//! along −z), intrinsics with pixel centres at +0.5, depth in millimetres.
+//! Source: <https://docs.nerf.studio/quickstart/data_conventions.html>.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DQuat, DVec3};
+use serde::Deserialize;
+
+use super::parts::{DepthFiles, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
+use super::{Kind, OpenOptions, RecordingError, listing};
+use crate::camera::Geometry;
+use crate::pose::Pose;
+use crate::source::still;
+use crate::tracking::text;
+use crate::tracking::tum::LARGEST_NORM_ERROR;
+
+pub const FILE_NAME: &str = "transforms.json";
+
+/// Keys that we do not use are left alone: programs add their own.
+#[derive(Deserialize)]
+struct Transforms {
+    #[serde(flatten)]
+    camera: Camera,
+    frames: Vec<FrameEntry>,
+    /// Metres per depth code.
+    depth_unit_scale_factor: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct FrameEntry {
+    file_path: String,
+    transform_matrix: Vec<Vec<f64>>,
+    depth_file_path: Option<String>,
+    #[serde(flatten)]
+    camera: Camera,
+}
+
+/// What may stand for all frames or for one.
+#[derive(Clone, Deserialize)]
+struct Camera {
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+    camera_angle_x: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+}
+
+impl Camera {
+    /// A frame's own values go before those for all.
+    fn or(self, all: &Self) -> Self {
+        Self {
+            camera_model: self.camera_model.or_else(|| all.camera_model.clone()),
+            is_fisheye: self.is_fisheye.or(all.is_fisheye),
+            camera_angle_x: self.camera_angle_x.or(all.camera_angle_x),
+            fl_x: self.fl_x.or(all.fl_x),
+            fl_y: self.fl_y.or(all.fl_y),
+            cx: self.cx.or(all.cx),
+            cy: self.cy.or(all.cy),
+            w: self.w.or(all.w),
+            h: self.h.or(all.h),
+            k1: self.k1.or(all.k1),
+            k2: self.k2.or(all.k2),
+            k3: self.k3.or(all.k3),
+            k4: self.k4.or(all.k4),
+            p1: self.p1.or(all.p1),
+            p2: self.p2.or(all.p2),
+        }
+    }
+
+    /// The geometry; sizes that are not given come from the picture. `None` without a focal length.
+    fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
+        if let Some(model) = self.camera_model.as_deref().filter(|m| !MODELS.contains(m)) {
+            return Err(format!("camera_model is {model}; accepted are {}", MODELS.join(", ")));
+        }
+        if self.is_fisheye == Some(true) || self.k4.is_some_and(|k4| k4 != 0.0) {
+            return Err("a fisheye camera (is_fisheye, k4) is not supported; undistort the pictures first".to_owned());
+        }
+        let (w, h) = match (self.w, self.h) {
+            (Some(w), Some(h)) => (w, h),
+            _ => {
+                let header = still::read_header(file).map_err(|e| e.to_string())?;
+                (header.width.into(), header.height.into())
+            }
+        };
+        let from_angle = self.camera_angle_x.map(|angle| 0.5 * w / (0.5 * angle).tan());
+        let Some(fl_x) = self.fl_x.or(from_angle) else { return Ok(None) };
+        let values = [
+            ("width_px", w),
+            ("height_px", h),
+            ("fx_px", fl_x),
+            ("fy_px", self.fl_y.unwrap_or(fl_x)),
+            ("cx_px", self.cx.unwrap_or(0.5 * w)),
+            ("cy_px", self.cy.unwrap_or(0.5 * h)),
+            ("k1", self.k1.unwrap_or(0.0)),
+            ("k2", self.k2.unwrap_or(0.0)),
+            ("k3", self.k3.unwrap_or(0.0)),
+            ("p1", self.p1.unwrap_or(0.0)),
+            ("p2", self.p2.unwrap_or(0.0)),
+        ];
+        geometry_from(&values).map(Some).map_err(|e| e.to_string())
+    }
+}
+
+const MODELS: [&str; 4] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "perspective"];
+
+fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
+    serde_json::from_str(json.trim_start_matches('\u{feff}')).map_err(|e| RecordingError::content(file, e))
+}
+
+pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+    let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&text::read(file)?, file)?;
+    let folder = file.parent().unwrap_or(Path::new(""));
+    // The file's order is whatever its writer found convenient; the names tell the camera's.
+    frames.sort_by(|a, b| listing::natural_order(&a.file_path, &b.file_path));
+    let metres_per_code = depth_unit_scale_factor.unwrap_or(1e-3);
+    if !(metres_per_code.is_finite() && metres_per_code > 0.0) {
+        let problem = format!("depth_unit_scale_factor is {metres_per_code}; it must be finite and above 0");
+        return Err(RecordingError::content(file, problem));
+    }
+    let (mut files, mut poses, mut geometries, mut depths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (i, frame) in frames.into_iter().enumerate() {
+        let time_s = i as f64 / NOMINAL_FPS;
+        let refuse = |problem| RecordingError::content(file, format!("frame {}: {problem}", frame.file_path));
+        let picture = picture_file(folder, &frame.file_path);
+        poses.push((time_s, pose(&frame.transform_matrix, options.metres_per_unit).map_err(refuse)?));
+        geometries.push(frame.camera.clone().or(&camera).geometry(&picture).map_err(refuse)?);
+        depths.extend(frame.depth_file_path.map(|name| (time_s, folder.join(name))));
+        files.push(picture);
+    }
+    let timestamps_s = poses.iter().map(|p| p.0).collect();
+    let mut parts = Parts::new(Kind::Nerfstudio, folder, Pictures::Stills(files), timestamps_s);
+    parts.up = Some(DVec3::Z);
+    parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), file)?;
+    parts
+        .warnings
+        .push(format!("nerfstudio keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
+    if geometries.iter().any(Option::is_none) {
+        parts.warnings.push(format!("{}: some frames have no focal length (fl_x)", file.display()));
+    }
+    parts.geometries = geometries;
+    if !depths.is_empty() {
+        parts.depth = Some(DepthFiles { by_time: depths, codes_per_metre: 1.0 / metres_per_code });
+    }
+    Ok(parts)
+}
+
+/// The picture of a name; the older synthetic sets leave `.png` out.
+fn picture_file(folder: &Path, name: &str) -> PathBuf {
+    let file = folder.join(name);
+    if file.extension().is_none() && !file.exists() { file.with_extension("png") } else { file }
+}
+
+/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes.
+fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Pose, String> {
+    let wrong = || "transform_matrix must have 4 rows of 4 numbers, the last 0 0 0 1".to_owned();
+    let rows: Vec<[f64; 4]> =
+        matrix.iter().map(|row| <[f64; 4]>::try_from(row.as_slice())).collect::<Result<_, _>>().map_err(|_| wrong())?;
+    let (a, b, c) = match rows.as_slice() {
+        [a, b, c] | [a, b, c, [0.0, 0.0, 0.0, 1.0]] => (a, b, c),
+        _ => return Err(wrong()),
+    };
+    let column = |i: usize| DVec3::new(a[i], b[i], c[i]);
+    let turn = DMat3::from_cols(column(0), column(1), column(2));
+    let off = turn.transpose() * turn - DMat3::IDENTITY;
+    let worst = off.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
+    // Twice, since a length enters its own square. The determinant is NaN where anything is.
+    if !(worst <= 2.0 * LARGEST_NORM_ERROR && turn.determinant() > 0.0 && column(3).is_finite()) {
+        return Err("transform_matrix is not a turn and a shift (unit axes at right angles, right-handed)".to_owned());
+    }
+    // OpenCV's y and z axes are OpenGL's, reversed.
+    let world_from_camera = DMat3::from_cols(turn.x_axis, -turn.y_axis, -turn.z_axis);
+    Ok(Pose::from_camera_in_world(column(3) * metres_per_unit, DQuat::from_mat3(&world_from_camera)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn opengl_axes_become_opencv_axes() {
+        // At (1, 2, 3), unturned: looks along world −z, world y is up in the picture.
+        let m = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]].map(Vec::from);
+        for matrix in [&m[..], &m[..3]] {
+            let p = pose(matrix, 2.0).unwrap().transform_point(DVec3::new(2.5, 5.0, 2.0));
+            assert!((p - DVec3::new(0.5, -1.0, 4.0)).length() < 1e-12, "{p}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_rigid_transform_is_refused() {
+        let good = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]].map(Vec::from);
+        let with = |row: usize, column: usize, value: f64| {
+            let mut m = good.clone();
+            m[row][column] = value;
+            pose(&m, 1.0).is_err()
+        };
+        assert!(!with(0, 0, 1.009), "a rounding error passes");
+        assert!(
+            with(0, 0, 1.02) && with(0, 0, -1.0) && with(0, 1, 0.05) && with(1, 1, f64::NAN) && with(2, 3, f64::NAN)
+        );
+        assert!(pose(&good[..2], 1.0).is_err());
+        assert!(pose(&[vec![1.0; 3], vec![1.0; 3], vec![1.0; 3]], 1.0).is_err());
+    }
+
+    #[test]
+    fn a_frames_own_camera_goes_before_the_common_one() {
+        let t = parse(
+            r#"{"fl_x": 500, "w": 640, "h": 480, "k1": 0.1, "camera_model": "OPENCV", "aabb_scale": 16, "frames":
+            [{"file_path": "a.png", "transform_matrix": [], "fl_x": 400, "cx": 300.5}]}"#,
+            Path::new("t.json"),
+        )
+        .unwrap();
+        let g = t.frames[0].camera.clone().or(&t.camera).geometry(Path::new("")).unwrap().unwrap();
+        let i = &g.intrinsics;
+        assert_eq!((i.fx_px, i.fy_px, i.cx_px, i.cy_px, g.distortion.k1), (400.0, 400.0, 300.5, 240.0, 0.1));
+        let mut fisheye = t.camera.clone();
+        fisheye.camera_model = Some("OPENCV_FISHEYE".to_owned());
+        assert!(fisheye.geometry(Path::new("")).unwrap_err().contains("accepted are OPENCV, PINHOLE"));
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", matrix in prop::collection::vec(prop::collection::vec(any::<f64>(), 0..6), 0..6)) {
+            let _ = parse(&text, Path::new("t.json"));
+            let _ = pose(&matrix, 1.0);
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! Our own folder: `recording.toml` names everything. Every key stands in docs/recordings.md.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use serde::Deserialize;
+
+use super::parts::{DepthFiles, Parts, Pictures, track_from};
+use super::{Kind, OpenOptions, RecordingError, listing};
+use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
+use crate::tracking::text;
+use crate::tracking::tum::{Trajectory, parse_trajectory};
+
+pub const FILE_NAME: &str = "recording.toml";
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    version: u32,
+    name: Option<String>,
+    up: Option<[f64; 3]>,
+    frames: Frames,
+    #[serde(default)]
+    poses: Poses,
+    depth: Option<Depth>,
+    exposure: Option<Exposure>,
+    camera: Option<Camera>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Frames {
+    list: Option<PathBuf>,
+    images: Option<PathBuf>,
+    video: Option<PathBuf>,
+    fps: Option<f64>,
+    range: Option<ColorRange>,
+    matrix: Option<ColorMatrix>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Poses {
+    trajectory: Option<PathBuf>,
+    time_offset_s: Option<f64>,
+    max_gap_s: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Depth {
+    list: PathBuf,
+    scale: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Exposure {
+    list: PathBuf,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Camera {
+    profile: PathBuf,
+}
+
+/// Parses the description and checks all that can be checked without other files.
+fn parse(text: &str, file: &Path) -> Result<Description, RecordingError> {
+    let description: Description = toml::from_str(text).map_err(|e| {
+        let line = e.span().map(|span| 1 + text.bytes().take(span.start).filter(|b| *b == b'\n').count());
+        let place = line.map_or_else(String::new, |line| format!("line {line}: "));
+        RecordingError::content(file, format!("{place}{}", e.message().replace('\n', "; ")))
+    })?;
+    check(&description).map_err(|problem| RecordingError::content(file, problem))?;
+    Ok(description)
+}
+
+fn check(d: &Description) -> Result<(), String> {
+    if d.version != 1 {
+        return Err(format!("version = {} is not known; accepted is 1", d.version));
+    }
+    if let Some(up) = d.up.filter(|up| DVec3::from_array(*up).try_normalize().is_none()) {
+        return Err(format!("up = {up:?} is no direction"));
+    }
+    let f = &d.frames;
+    match (&f.list, &f.images, &f.video) {
+        (Some(_), None, None) if f.fps.is_some() => return Err("frames.fps does not go with frames.list".to_owned()),
+        (None, Some(_), None) if f.fps.is_none() => return Err("frames.images needs frames.fps".to_owned()),
+        (Some(_), None, None) | (None, Some(_), None) | (None, None, Some(_)) => {}
+        _ => return Err("[frames] needs exactly one of list, images, video".to_owned()),
+    }
+    if f.video.is_none() && (f.range.is_some() || f.matrix.is_some()) {
+        return Err("frames.range and frames.matrix go with frames.video only".to_owned());
+    }
+    above_zero("frames.fps", f.fps)?;
+    above_zero("poses.max_gap_s", d.poses.max_gap_s)?;
+    above_zero("depth.scale", d.depth.as_ref().map(|depth| depth.scale))?;
+    match d.poses.time_offset_s {
+        Some(offset) if !offset.is_finite() => Err(format!("poses.time_offset_s = {offset} must be finite")),
+        _ => Ok(()),
+    }
+}
+
+fn above_zero(name: &str, value: Option<f64>) -> Result<(), String> {
+    match value {
+        Some(v) if !(v.is_finite() && v > 0.0) => Err(format!("{name} = {v} must be finite and above 0")),
+        _ => Ok(()),
+    }
+}
+
+pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+    let description = parse(&text::read(file)?, file)?;
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let (pictures, timestamps_s) = open_frames(&description.frames, folder, file)?;
+    let mut parts = Parts::new(Kind::Own, folder, pictures, timestamps_s);
+    if let Pictures::Video(video) = &parts.pictures {
+        parts.warnings.extend(video.warnings.iter().cloned());
+    }
+    if let Some(name) = description.name {
+        parts.name = name;
+    }
+    parts.up = description.up.and_then(|up| DVec3::from_array(up).try_normalize());
+    parts.time_offset_s = description.poses.time_offset_s.unwrap_or(0.0);
+    let (trajectory, named) = match &description.poses.trajectory {
+        Some(name) => {
+            let path = folder.join(name);
+            (parse_trajectory(&text::read(&path)?, &path)?, path)
+        }
+        None => (Trajectory::default(), file.to_owned()),
+    };
+    parts.warnings.extend(trajectory.warnings);
+    parts.track = track_from(trajectory.poses, options.max_gap_s.or(description.poses.max_gap_s), &named)?;
+    if let Some(depth) = &description.depth {
+        let files = listing::read_pictures(&folder.join(&depth.list))?;
+        parts.depth = Some(DepthFiles { by_time: files, codes_per_metre: depth.scale });
+    }
+    if let Some(exposure) = &description.exposure {
+        parts.exposure = listing::read_exposures(&folder.join(&exposure.list))?;
+    }
+    parts.camera_profile = description.camera.map(|camera| folder.join(camera.profile));
+    Ok(parts)
+}
+
+fn open_frames(frames: &Frames, folder: &Path, file: &Path) -> Result<(Pictures, Vec<f64>), RecordingError> {
+    if let Some(name) = &frames.video {
+        let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
+        let video = video::probe(&folder.join(name), &overrides)?;
+        let timestamps_s = video.timestamps_s.clone();
+        return Ok((Pictures::Video(video), timestamps_s));
+    }
+    if let (Some(name), Some(fps)) = (&frames.images, frames.fps) {
+        let files = listing::pictures_in(&folder.join(name))?;
+        let timestamps_s = (0..files.len()).map(|i| i as f64 / fps).collect();
+        return Ok((Pictures::Stills(files), timestamps_s));
+    }
+    let list = frames.list.as_ref().ok_or_else(|| RecordingError::content(file, "[frames] names nothing"))?;
+    let (timestamps_s, files) = listing::read_pictures(&folder.join(list))?.into_iter().unzip();
+    Ok((Pictures::Stills(files), timestamps_s))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn refused(text: &str) -> String {
+        parse(text, Path::new("recording.toml")).err().expect("is refused").to_string()
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_file_line_and_what_is_accepted() {
+        let error = refused("version = 1\n[frames]\nlist = \"rgb.txt\"\nfsp = 3.0\n");
+        assert!(error.starts_with("recording.toml: line 4: unknown field `fsp`"), "{error}");
+        for key in ["list", "images", "video", "fps", "range", "matrix"] {
+            assert!(error.contains(&format!("`{key}`")), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_make_sense_is_refused() {
+        for (text, said) in [
+            ("version = 2\n[frames]\nlist = \"a\"", "version = 2"),
+            ("version = 1\n[frames]", "exactly one of list, images, video"),
+            ("version = 1\n[frames]\nlist = \"a\"\nvideo = \"b\"", "exactly one of list, images, video"),
+            ("version = 1\n[frames]\nimages = \"a\"", "needs frames.fps"),
+            ("version = 1\n[frames]\nlist = \"a\"\nfps = 3.0", "does not go with"),
+            ("version = 1\n[frames]\nlist = \"a\"\nrange = \"full\"", "frames.video only"),
+            ("version = 1\n[frames]\nvideo = \"a\"\nrange = \"wide\"", "unknown variant `wide`"),
+            ("version = 1\n[frames]\nimages = \"a\"\nfps = nan", "frames.fps = NaN"),
+            ("version = 1\nup = [0, 0, 0]\n[frames]\nlist = \"a\"", "up = [0.0, 0.0, 0.0]"),
+            ("version = 1\n[frames]\nlist = \"a\"\n[depth]\nlist = \"d\"\nscale = 0.0", "depth.scale = 0"),
+            ("version = 1", "missing field `frames`"),
+        ] {
+            let error = refused(text);
+            assert!(error.contains(said) && error.starts_with("recording.toml: ") && !error.contains('\n'), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", near in "version = 1\n\\[frames\\]\n[a-z_]{2,6} = [\"a-z0-9.\\[\\]]{0,9}\n") {
+            let _ = parse(&text, Path::new("recording.toml"));
+            let _ = parse(&near, Path::new("recording.toml"));
+        }
+    }
+}

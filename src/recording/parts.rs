@@ -1,0 +1,235 @@
+//! What every format delivers, and what is checked of all of them alike.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::{Kind, OpenOptions, Recording, RecordingError, listing};
+use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::frame::FrameExposure;
+use crate::params::{ParamError, Params, Value};
+use crate::pose::Pose;
+use crate::source::still::{self, Header};
+use crate::source::video::Video;
+use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
+
+/// A rate for what has no clock of its own.
+pub const NOMINAL_FPS: f64 = 30.0;
+/// A depth map or an exposure belongs to a frame up to this share of the frame interval away:
+/// half of it, and a little for jitter.
+const ASSOCIATION_REACH: f64 = 0.6;
+
+/// Where the pixels are.
+#[derive(Debug)]
+pub enum Pictures {
+    Stills(Vec<PathBuf>),
+    Video(Video),
+}
+
+/// Depth pictures, ascending in time.
+#[derive(Debug)]
+pub struct DepthFiles {
+    pub by_time: Vec<(f64, PathBuf)>,
+    pub codes_per_metre: f64,
+}
+
+/// A recording as a format's own module read it, its axes and units converted.
+#[derive(Debug)]
+pub struct Parts {
+    pub name: String,
+    pub path: PathBuf,
+    pub kind: Kind,
+    pub up: Option<DVec3>,
+    pub pictures: Pictures,
+    /// One a frame.
+    pub timestamps_s: Vec<f64>,
+    pub track: PoseTrack,
+    pub time_offset_s: f64,
+    /// One a frame, or none at all.
+    pub geometries: Vec<Option<Geometry>>,
+    pub depth: Option<DepthFiles>,
+    /// Ascending in time.
+    pub exposure: Vec<(f64, FrameExposure)>,
+    pub camera_profile: Option<PathBuf>,
+    pub warnings: Vec<String>,
+}
+
+impl Parts {
+    pub fn new(kind: Kind, folder: &Path, pictures: Pictures, timestamps_s: Vec<f64>) -> Self {
+        let absolute = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        Self {
+            name: absolute.file_name().map_or_else(|| "recording".into(), |n| n.to_string_lossy().into_owned()),
+            path: folder.to_owned(),
+            kind,
+            up: None,
+            pictures,
+            timestamps_s,
+            track: PoseTrack::default(),
+            time_offset_s: 0.0,
+            geometries: Vec::new(),
+            depth: None,
+            exposure: Vec::new(),
+            camera_profile: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Checks what holds for every format and notes what is odd.
+    pub fn assemble(self, options: &OpenOptions) -> Result<Recording, RecordingError> {
+        let mut warnings = self.warnings;
+        if self.timestamps_s.is_empty() {
+            return Err(RecordingError::content(&self.path, "the recording has no frames"));
+        }
+        let Header { width, height, bits } = common_header(&self.pictures)?;
+        let frame_interval_s =
+            median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0).unwrap_or(1.0 / NOMINAL_FPS);
+        warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
+        let geometry = common_geometry(&self.geometries);
+        for (frame, camera) in self.geometries.iter().enumerate() {
+            let Some(Intrinsics { width_px, height_px, .. }) = camera.as_ref().map(|c| &c.intrinsics) else { continue };
+            if (*width_px, *height_px) != (width, height) {
+                let problem = format!("frame {frame} is {width}x{height}, its camera is for {width_px}x{height_px}");
+                return Err(RecordingError::content(&self.path, problem));
+            }
+        }
+        let reach_s = ASSOCIATION_REACH * frame_interval_s;
+        let count = self.timestamps_s.len();
+        let mut associated = |what: &str, missing: usize| {
+            if missing > 0 {
+                warnings.push(format!("{missing} of {count} frames have no {what} within {reach_s:.4} s"));
+            }
+        };
+        let exposure: Vec<Option<FrameExposure>> =
+            self.timestamps_s.iter().map(|t| listing::nearest(&self.exposure, *t, reach_s).map(|e| e.1)).collect();
+        if !self.exposure.is_empty() {
+            associated("exposure", exposure.iter().filter(|e| e.is_none()).count());
+        }
+        let depth: Option<Vec<_>> = self.depth.as_ref().map(|depth| {
+            self.timestamps_s.iter().map(|t| listing::nearest(&depth.by_time, *t, reach_s).cloned()).collect()
+        });
+        if let Some(depth) = &depth {
+            associated("depth picture", depth.iter().filter(|d| d.is_none()).count());
+        }
+        if let Some(warning) = depth_size_warning(depth.iter().flatten().flatten(), width, height)? {
+            warnings.push(warning);
+        }
+        let mut recording = Recording {
+            name: self.name,
+            path: self.path,
+            kind: self.kind,
+            up: self.up,
+            width,
+            height,
+            bits,
+            timestamps_s: self.timestamps_s.into(),
+            frame_interval_s,
+            track: self.track,
+            time_offset_s: self.time_offset_s + options.time_offset_s,
+            geometries: if geometry.is_some() { Vec::new() } else { self.geometries },
+            geometry,
+            camera_profile: self.camera_profile,
+            exposure: exposure.into_iter().map(Option::unwrap_or_default).collect(),
+            warnings,
+            pictures: Arc::new(self.pictures),
+            codes_per_metre: self.depth.map_or(1.0, |depth| depth.codes_per_metre),
+            depth: depth.map(Arc::from),
+        };
+        recording.warnings.extend(missing_poses(&recording));
+        Ok(recording)
+    }
+}
+
+/// A track of poses; `file` is named where they do not ascend.
+pub fn track_from(poses: Vec<(f64, Pose)>, max_gap_s: Option<f64>, file: &Path) -> Result<PoseTrack, RecordingError> {
+    let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(poses.iter().map(|p| p.0)));
+    PoseTrack::new(poses, max_gap_s).map_err(|e| RecordingError::content(file, e))
+}
+
+/// A camera's geometry from parameters by their own names; out of range is an error that names it.
+pub fn geometry_from(values: &[(&str, f64)]) -> Result<Geometry, ParamError> {
+    let (mut intrinsics, mut distortion) = (Intrinsics::default(), Distortion::default());
+    for (name, value) in values {
+        match distortion.get(name) {
+            Some(_) => distortion.set(name, &Value::Number(*value))?,
+            None => intrinsics.set(name, &Value::Number(*value))?,
+        }
+    }
+    Ok(Geometry::new(intrinsics, distortion))
+}
+
+/// The header that all frames share; stills are looked at one by one, which reads only their headers.
+fn common_header(pictures: &Pictures) -> Result<Header, RecordingError> {
+    let files = match pictures {
+        Pictures::Video(Video { width, height, bits, .. }) => {
+            return Ok(Header { width: *width, height: *height, bits: *bits });
+        }
+        Pictures::Stills(files) => files,
+    };
+    let mut first: Option<(&PathBuf, Header)> = None;
+    for file in files {
+        let header = still::read_header(file)?;
+        let (first_file, first_header) = *first.get_or_insert((file, header));
+        if header != first_header {
+            let text = |h: Header| format!("{}x{} with {} bits", h.width, h.height, h.bits);
+            return Err(RecordingError::SizesDiffer {
+                first: first_file.clone(),
+                first_size: text(first_header),
+                other: file.clone(),
+                other_size: text(header),
+            });
+        }
+    }
+    match first {
+        Some((file, Header { width: 0, .. } | Header { height: 0, .. })) => {
+            Err(RecordingError::content(file, "the picture has no pixels"))
+        }
+        Some((_, header)) => Ok(header),
+        None => Err(RecordingError::content(Path::new(""), "the recording has no frames")),
+    }
+}
+
+/// The geometry of all frames that have one; `None` where they differ.
+fn common_geometry(geometries: &[Option<Geometry>]) -> Option<Geometry> {
+    let mut known = geometries.iter().flatten();
+    let first = known.next()?;
+    known.all(|other| other == first).then(|| first.clone())
+}
+
+/// Depth need not have the picture's size, but it covers the same view, so it is worth a word.
+/// Every depth picture's header is read, so that a missing one is known before the first frame.
+fn depth_size_warning<'a>(
+    files: impl Iterator<Item = &'a (f64, PathBuf)>,
+    width: u32,
+    height: u32,
+) -> Result<Option<String>, RecordingError> {
+    let mut warning = None;
+    for (_, file) in files {
+        let header = still::read_header(file)?;
+        if (header.width, header.height) != (width, height) && warning.is_none() {
+            let Header { width: w, height: h, .. } = header;
+            warning = Some(format!("{}: depth is {w}x{h}, the frames are {width}x{height}", file.display()));
+        }
+    }
+    Ok(warning)
+}
+
+fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {
+    let odd = |pair: &[f64]| !(0.5..=1.5).contains(&((pair[1] - pair[0]) / usual_s));
+    let first = timestamps_s.windows(2).position(odd)?;
+    let count = timestamps_s.windows(2).filter(|pair| odd(pair)).count();
+    let interval_s = timestamps_s[first + 1] - timestamps_s[first];
+    Some(format!(
+        "{count} intervals between frames are far from the usual {usual_s:.4} s (first: {interval_s:.4} s between \
+         frames {first} and {})",
+        first + 1
+    ))
+}
+
+fn missing_poses(recording: &Recording) -> Option<String> {
+    let count = recording.frame_count();
+    let mut missing = (0..count).filter_map(|i| recording.pose_at_frame(i).err().map(|why| (i, why)));
+    let (first, why) = missing.next()?;
+    let number = 1 + missing.count();
+    Some(format!("{number} of {count} frames have no pose (frame {first}: {why}); they pass through untouched"))
+}

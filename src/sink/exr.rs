@@ -1,0 +1,99 @@
+//! The virtual layer of a frame as OpenEXR, for compositors.
+
+use std::io;
+use std::path::Path;
+
+use exr::prelude::*;
+use half::f16;
+
+use super::SinkError;
+use super::atomic::write_atomically;
+
+/// A frame's virtual layer; every list holds `width * height` values, row by row from the top left.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LayerImage {
+    /// Linear, premultiplied; written with 16 bits.
+    pub rgba: Vec<[f32; 4]>,
+    /// Metres along the optical axis; 0 where A is 0.
+    pub depth_m: Vec<f32>,
+    /// Pixels a second, x right, y down.
+    pub velocity: Vec<[f32; 2]>,
+}
+
+/// Writes one layer with the channels virtual.R, .G, .B, .A (half), depth.Z, velocity.X, .Y
+/// (float), ZIP-compressed; the file is whole or not there.
+pub fn write_layers(path: &Path, width: u32, height: u32, layers: &LayerImage) -> std::result::Result<(), SinkError> {
+    let (width, height) = (width as usize, height as usize);
+    let lengths = [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len()];
+    if lengths != [width * height; 3] || width * height == 0 {
+        let problem = format!("layers of {lengths:?} values do not make a picture of {width}x{height}");
+        return Err(SinkError::Refused { path: path.to_owned(), problem });
+    }
+    let color = |name: &'static str, i: usize| {
+        let samples = layers.rgba.iter().map(|pixel| f16::from_f32(pixel[i])).collect();
+        AnyChannel::new(name, FlatSamples::F16(samples))
+    };
+    let velocity = |name: &'static str, i: usize| {
+        AnyChannel::new(name, FlatSamples::F32(layers.velocity.iter().map(|pixel| pixel[i]).collect()))
+    };
+    let channels = [
+        color("virtual.R", 0),
+        color("virtual.G", 1),
+        color("virtual.B", 2),
+        color("virtual.A", 3),
+        AnyChannel::new("depth.Z", FlatSamples::F32(layers.depth_m.clone())),
+        velocity("velocity.X", 0),
+        velocity("velocity.Y", 1),
+    ];
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    let encoding =
+        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let image = Image::from_layer(Layer::new((width, height), LayerAttributes::default(), encoding, channels));
+    write_atomically(path, |writer| {
+        image.write().to_buffered(writer).map_err(|error| match error {
+            exr::error::Error::Io(error) => error,
+            other => io::Error::other(other),
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_back_as_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("frame_000002.exr");
+        let count = 5 * 40;
+        let layers = LayerImage {
+            rgba: (0..count).map(|i| [i as f32 * 0.25, 0.5, -1.0, 1.0]).collect(),
+            depth_m: (0..count).map(|i| 1.0 + i as f32 * 1e-5).collect(),
+            velocity: (0..count).map(|i| [i as f32 * 1.1, -3.3e5]).collect(),
+        };
+        write_layers(&path, 5, 40, &layers).unwrap();
+        let image = read_first_flat_layer_from_file(&path).unwrap();
+        assert_eq!((image.layer_data.size.0, image.layer_data.size.1), (5, 40));
+        assert_eq!(image.layer_data.encoding.compression, Compression::ZIP16);
+        let channels = &image.layer_data.channel_data.list;
+        let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+        assert_eq!(names, ["depth.Z", "velocity.X", "velocity.Y", "virtual.A", "virtual.B", "virtual.G", "virtual.R"]);
+        let values = |name: &str| -> Vec<f32> {
+            channels.iter().find(|c| c.name.eq(name)).unwrap().sample_data.values_as_f32().collect()
+        };
+        for (i, name) in ["virtual.R", "virtual.G", "virtual.B", "virtual.A"].iter().enumerate() {
+            assert_eq!(values(name), layers.rgba.iter().map(|p| p[i]).collect::<Vec<_>>(), "{name}");
+        }
+        assert!(matches!(channels[3].sample_data, FlatSamples::F16(_)));
+        assert!(matches!(channels[0].sample_data, FlatSamples::F32(_)));
+        assert_eq!(values("depth.Z"), layers.depth_m);
+        assert_eq!(values("velocity.X"), layers.velocity.iter().map(|v| v[0]).collect::<Vec<_>>());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn lists_that_do_not_fit_are_refused() {
+        let error = write_layers(Path::new("a.exr"), 2, 2, &LayerImage::default()).unwrap_err().to_string();
+        assert_eq!(error, "a.exr: layers of [0, 0, 0] values do not make a picture of 2x2");
+    }
+}

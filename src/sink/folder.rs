@@ -1,0 +1,52 @@
+//! A PNG sequence whose names sort in frame order.
+
+use std::path::{Path, PathBuf};
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, ImageError};
+
+use super::atomic::write_atomically;
+use super::{Sink, SinkError, SinkOptions};
+use crate::image::{Codes, Pixels};
+
+/// Writes `frame_000012.png` and so on, each whole or not there. With `force` a frame replaces
+/// the file of its name and nothing else, so that ranges rendered apart can share a folder.
+#[derive(Debug)]
+pub struct FolderSink {
+    folder: PathBuf,
+    options: SinkOptions,
+}
+
+impl FolderSink {
+    pub fn open(folder: &Path, options: &SinkOptions) -> Result<Self, SinkError> {
+        let failed = |source| SinkError::Write { path: folder.to_owned(), source };
+        std::fs::create_dir_all(folder).map_err(failed)?;
+        if !options.force && std::fs::read_dir(folder).map_err(failed)?.next().is_some() {
+            return Err(SinkError::Exists { path: folder.to_owned() });
+        }
+        Ok(Self { folder: folder.to_owned(), options: *options })
+    }
+}
+
+impl Sink for FolderSink {
+    fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
+        self.options.check(frame_index, pixels)?;
+        let (bytes, color): (&[u8], _) = match &pixels.codes {
+            Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
+            Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
+        };
+        let path = self.folder.join(format!("frame_{frame_index:06}.png"));
+        write_atomically(&path, |writer| {
+            PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+                .write_image(bytes, pixels.width, pixels.height, color)
+                .map_err(|error| match error {
+                    ImageError::IoError(error) => error,
+                    other => std::io::Error::other(other),
+                })
+        })
+    }
+
+    fn finish(self: Box<Self>) -> Result<(), SinkError> {
+        Ok(())
+    }
+}

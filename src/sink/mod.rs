@@ -1,0 +1,162 @@
+//! Pixels out: a folder of PNG files, a video file, raw values on the standard output; layers
+//! as OpenEXR. Nothing that is not finished bears its final name.
+
+mod atomic;
+pub mod exr;
+mod folder;
+mod raw;
+mod video;
+
+use std::path::{Path, PathBuf};
+
+use crate::image::{Codes, Pixels};
+use crate::source::ffmpeg::FfmpegError;
+
+/// Where finished frames go, one after the other.
+pub trait Sink {
+    /// Takes a frame; `frame_index` names it where the sink names frames.
+    fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError>;
+    /// Completes the output. Without it a video stays unfinished and is removed.
+    fn finish(self: Box<Self>) -> Result<(), SinkError>;
+}
+
+/// What an output path asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OutPath {
+    /// A PNG sequence.
+    Folder(PathBuf),
+    /// `.mp4` or `.mkv`.
+    Video(PathBuf),
+    /// Raw R, G, B on the standard output.
+    Stdout,
+}
+
+impl OutPath {
+    /// From what a person typed: `-`, a name ending in .mp4 or .mkv, else a folder. A name that
+    /// looks like another kind of file is an error.
+    pub fn parse(path: &Path) -> Result<Self, SinkError> {
+        if path.as_os_str() == "-" {
+            return Ok(Self::Stdout);
+        }
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        match extension.as_str() {
+            _ if path.is_dir() => Ok(Self::Folder(path.to_owned())),
+            "mp4" | "mkv" => Ok(Self::Video(path.to_owned())),
+            "avi" | "mov" | "webm" | "m4v" | "mpg" | "mpeg" | "gif" | "png" | "jpg" | "jpeg" | "tif" | "tiff"
+            | "exr" | "raw" | "rgb" | "yuv" | "y4m" => Err(SinkError::Refused {
+                path: path.to_owned(),
+                problem: format!("cannot write .{extension}; {WRITES}"),
+            }),
+            _ => Ok(Self::Folder(path.to_owned())),
+        }
+    }
+}
+
+const WRITES: &str = "accepted are a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
+
+/// How to write.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SinkOptions {
+    /// Whether output that exists may be replaced.
+    pub force: bool,
+    /// Frames a second, for video.
+    pub fps: f64,
+    /// Whether a video keeps every code value.
+    pub lossless: bool,
+    pub width: u32,
+    pub height: u32,
+    /// 8 or 16, as the pixels that will come.
+    pub bits: u32,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum SinkError {
+    #[error("{}: {problem}", path.display())]
+    Refused { path: PathBuf, problem: String },
+    #[error("{}: exists already; it is kept unless --force is given", path.display())]
+    Exists { path: PathBuf },
+    #[error("{}: cannot be written: {}", path.display(), reason(source))]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("standard output: {}", reason(source))]
+    Stdout { source: std::io::Error },
+    #[error(transparent)]
+    Ffmpeg(#[from] FfmpegError),
+    #[error("{}: {source}", path.display())]
+    Encoder { path: PathBuf, source: FfmpegError },
+    #[error("frame {frame} is {found}; {expected} was announced")]
+    Shape { frame: usize, found: String, expected: String },
+}
+
+fn reason(error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::StorageFull => "the disk is full".to_owned(),
+        std::io::ErrorKind::BrokenPipe => "whoever was reading has closed it".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
+/// Opens an output. What exists is refused unless `force`: a file, or a folder with anything in it.
+pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>, SinkError> {
+    let path = match out {
+        OutPath::Folder(path) | OutPath::Video(path) => path.as_path(),
+        OutPath::Stdout => Path::new("-"),
+    };
+    if !matches!(options.bits, 8 | 16) || options.width == 0 || options.height == 0 {
+        let SinkOptions { bits, width, height, .. } = options;
+        let problem = format!("{width}x{height} with {bits} bits cannot be written; accepted are 8 and 16 bits");
+        return Err(SinkError::Refused { path: path.to_owned(), problem });
+    }
+    Ok(match out {
+        OutPath::Folder(path) => Box::new(folder::FolderSink::open(path, options)?),
+        OutPath::Video(path) => Box::new(video::VideoSink::open(path, options)?),
+        OutPath::Stdout => Box::new(raw::RawSink::new(std::io::stdout(), options)),
+    })
+}
+
+impl SinkOptions {
+    /// That a frame is what was announced.
+    fn check(&self, frame: usize, pixels: &Pixels) -> Result<(), SinkError> {
+        let bits = if pixels.max_code() == 255 { 8 } else { 16 };
+        if (pixels.width, pixels.height, bits) == (self.width, self.height, self.bits) {
+            return Ok(());
+        }
+        Err(SinkError::Shape {
+            frame,
+            found: format!("{}x{} with {bits} bits", pixels.width, pixels.height),
+            expected: format!("{}x{} with {} bits", self.width, self.height, self.bits),
+        })
+    }
+}
+
+/// Code values as bytes, 16-bit ones with the low byte first.
+fn little_endian(codes: &Codes) -> std::borrow::Cow<'_, [u8]> {
+    match codes {
+        Codes::U8(codes) => codes.into(),
+        Codes::U16(codes) if cfg!(target_endian = "little") => bytemuck::cast_slice::<u16, u8>(codes).into(),
+        Codes::U16(codes) => codes.iter().flat_map(|code| code.to_le_bytes()).collect::<Vec<u8>>().into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_tells_the_sink() {
+        let folder = tempfile::tempdir().unwrap();
+        let oddly_named = folder.path().join("frames.mp4");
+        std::fs::create_dir(&oddly_named).unwrap();
+        for (path, expected) in [
+            ("-", OutPath::Stdout),
+            ("out", OutPath::Folder("out".into())),
+            ("take.2", OutPath::Folder("take.2".into())),
+            ("a/b.MP4", OutPath::Video("a/b.MP4".into())),
+            ("b.mkv", OutPath::Video("b.mkv".into())),
+            (oddly_named.to_str().unwrap(), OutPath::Folder(oddly_named.clone())),
+        ] {
+            assert_eq!(OutPath::parse(Path::new(path)).unwrap(), expected);
+        }
+        let error = OutPath::parse(Path::new("b.avi")).unwrap_err().to_string();
+        assert!(error.starts_with("b.avi: cannot write .avi; accepted are a folder"), "{error}");
+    }
+}

@@ -1,0 +1,56 @@
+//! Raw R, G, B values, frame after frame, without any header; 16-bit values low byte first.
+
+use std::io::Write;
+
+use super::{Sink, SinkError, SinkOptions, little_endian};
+use crate::image::Pixels;
+
+#[derive(Debug)]
+pub struct RawSink<W> {
+    writer: W,
+    options: SinkOptions,
+}
+
+impl<W: Write> RawSink<W> {
+    pub fn new(writer: W, options: &SinkOptions) -> Self {
+        Self { writer, options: *options }
+    }
+}
+
+impl<W: Write> Sink for RawSink<W> {
+    fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
+        self.options.check(frame_index, pixels)?;
+        self.writer.write_all(&little_endian(&pixels.codes)).map_err(|source| SinkError::Stdout { source })
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), SinkError> {
+        self.writer.flush().map_err(|source| SinkError::Stdout { source })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_follow_each_other_low_byte_first() {
+        let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: 2, height: 1, bits: 16 };
+        let mut written = Vec::new();
+        let mut sink = Box::new(RawSink::new(&mut written, &options));
+        sink.write(0, &Pixels::from_u16(2, 1, vec![1, 0x0203, 0, 0, 0, 0xfffe]).unwrap()).unwrap();
+        let error = sink.write(1, &Pixels::from_u8(2, 1, vec![0; 6]).unwrap()).unwrap_err().to_string();
+        assert_eq!(error, "frame 1 is 2x1 with 8 bits; 2x1 with 16 bits was announced");
+        sink.finish().unwrap();
+        assert_eq!(written, [1, 0, 3, 2, 0, 0, 0, 0, 0, 0, 0xfe, 0xff]);
+    }
+
+    #[test]
+    fn a_closed_pipe_is_said() {
+        let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: 1, height: 1, bits: 8 };
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut sink = RawSink::new(writer, &options);
+        let error = sink.write(0, &Pixels::from_u8(1, 1, vec![1, 2, 3]).unwrap()).unwrap_err().to_string();
+        assert_eq!(error, "standard output: whoever was reading has closed it");
+    }
+}

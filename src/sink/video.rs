@@ -1,0 +1,111 @@
+//! A video file, encoded by the `ffmpeg` program through a pipe.
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ChildStdin;
+
+use super::atomic::partial_path;
+use super::{Sink, SinkError, SinkOptions, little_endian};
+use crate::image::Pixels;
+use crate::source::ffmpeg::{self, Running};
+use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
+
+/// Writes under a partial name and renames when ffmpeg has ended well; otherwise nothing stays.
+#[derive(Debug)]
+pub struct VideoSink {
+    path: PathBuf,
+    partial: PathBuf,
+    options: SinkOptions,
+    /// `None` once ended.
+    running: Option<(Running, ChildStdin)>,
+}
+
+impl VideoSink {
+    pub fn open(path: &Path, options: &SinkOptions) -> Result<Self, SinkError> {
+        if path.exists() && !options.force {
+            return Err(SinkError::Exists { path: path.to_owned() });
+        }
+        let refuse = |problem: &str| SinkError::Refused { path: path.to_owned(), problem: problem.to_owned() };
+        if !(options.fps.is_finite() && options.fps > 0.0) {
+            return Err(refuse("frames a second must be finite and above 0"));
+        }
+        let mkv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mkv"));
+        if options.lossless && options.bits == 16 && !mkv {
+            return Err(refuse("lossless video with 16 bits goes into .mkv only"));
+        }
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })?;
+        }
+        let partial = partial_path(path);
+        let mut running = Running::start("ffmpeg", &arguments(options, &partial, mkv))?;
+        // Nobody reads what ffmpeg might say there; closed, it cannot block.
+        drop(running.take_stdout());
+        let running = running.take_stdin().map(|stdin| (running, stdin));
+        Ok(Self { path: path.to_owned(), partial, options: *options, running })
+    }
+
+    /// Waits for ffmpeg and tells a failure in its words.
+    fn end(&mut self) -> Result<(), SinkError> {
+        let Some((running, stdin)) = self.running.take() else { return Ok(()) };
+        drop(stdin);
+        running.finish().map_err(|source| SinkError::Encoder { path: self.path.clone(), source })
+    }
+}
+
+fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> {
+    let SinkOptions { fps, lossless, width, height, bits, .. } = *options;
+    let input = if bits == 16 { "rgb48le" } else { "rgb24" };
+    let (size, rate) = (format!("{width}x{height}"), fps.to_string());
+    let mut text: Vec<&str> = vec!["-v", "error", "-xerror", "-y", "-f", "rawvideo", "-pix_fmt", input];
+    text.extend(["-s", &size, "-framerate", &rate, "-i", "pipe:0", "-an"]);
+    let (matrix, tag) = match ColorMatrix::usual(height) {
+        ColorMatrix::Bt601 => ("bt601", "smpte170m"),
+        _ => ("bt709", "bt709"),
+    };
+    // Half the chroma needs even sizes; a picture's size is not to be changed for that.
+    let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
+    let filter = format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={chroma}");
+    match (lossless, bits) {
+        (true, 16) => text.extend(["-c:v", "ffv1", "-level", "3", "-pix_fmt", "gbrp16le"]),
+        (true, _) => text.extend(["-c:v", "libx264rgb", "-preset", "veryfast", "-qp", "0", "-pix_fmt", "rgb24"]),
+        (false, _) => {
+            text.extend(["-vf", &filter, "-c:v", "libx264", "-preset", "veryfast", "-crf", "16"]);
+            text.extend(["-color_range", "tv", "-colorspace", tag, "-color_primaries", tag, "-color_trc", tag]);
+        }
+    }
+    if !mkv {
+        text.extend(["-movflags", "+faststart"]);
+    }
+    let mut arguments: Vec<OsString> = text.into_iter().map(OsString::from).collect();
+    arguments.push(ffmpeg::file_argument(partial));
+    arguments
+}
+
+impl Sink for VideoSink {
+    fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
+        self.options.check(frame_index, pixels)?;
+        let Some((_, stdin)) = &mut self.running else {
+            let problem = "the video has ended already".to_owned();
+            return Err(SinkError::Refused { path: self.path.clone(), problem });
+        };
+        let Err(source) = stdin.write_all(&little_endian(&pixels.codes)) else { return Ok(()) };
+        // A broken pipe says that ffmpeg gave up; it knows why.
+        self.end()?;
+        Err(SinkError::Write { path: self.path.clone(), source })
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), SinkError> {
+        self.end()?;
+        std::fs::rename(&self.partial, &self.path)
+            .map_err(|source| SinkError::Write { path: self.path.clone(), source })
+    }
+}
+
+impl Drop for VideoSink {
+    fn drop(&mut self) {
+        // Killed first, so that it does not go on writing. After a finish both are gone already.
+        drop(self.running.take());
+        let _ = std::fs::remove_file(&self.partial);
+    }
+}
