@@ -14,3 +14,5 @@ pub mod camera;
 pub mod tracking;
 
 pub mod scene;
+
+pub mod simulate;
