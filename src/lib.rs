@@ -24,3 +24,4 @@ pub mod gpu;
 pub mod profile;
 pub mod profile_noise;
 pub mod render;
+pub mod simulate;

@@ -7,7 +7,7 @@ mod gpu;
 use std::path::Path;
 
 use locard::camera::Geometry;
-use locard::compositor::LayerImage;
+use locard::image::LayerImage;
 use locard::params::Value;
 use locard::tracking::tum;
 

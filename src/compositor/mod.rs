@@ -10,7 +10,7 @@ use crate::camera::{Camera, Geometry};
 use crate::effects::{FrameContext, ObjectMotion, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
-use crate::image::{Codes, Pixels, Rect};
+use crate::image::{Codes, LayerImage, Pixels, Rect};
 use crate::pose::Pose;
 use crate::render::{LayerRun, Renderer, SamplePlan, Shutter, View, ViewKeys};
 use crate::scene::Scene;
@@ -45,19 +45,6 @@ pub struct Composited {
     /// Over the whole picture, where it was asked for.
     pub layer: Option<LayerImage>,
     pub stats: FrameStats,
-}
-
-/// The virtual layer of a frame after all layer effects, `width * height` values each.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LayerImage {
-    pub width: u32,
-    pub height: u32,
-    /// Linear, premultiplied; A is 0 exactly where the camera's pixels stay untouched.
-    pub rgba: Vec<[f32; 4]>,
-    /// Metres, 0 where A is 0.
-    pub depth_m: Vec<f32>,
-    /// px/s, raster axes.
-    pub velocity: Vec<[f32; 2]>,
 }
 
 /// What was found and done for a frame.
@@ -250,7 +237,7 @@ impl Compositor {
             paste(&self.gpu, &work.codes, work.shown, &mut pixels)?;
             self.readbacks.give_back(work.codes);
             if let (Some(image), Some([color, geometry])) = (&mut layer, work.layer) {
-                image.paste(&self.gpu, &color, &geometry, work.drawn)?;
+                paste_layer(&self.gpu, &color, &geometry, work.drawn, image)?;
                 self.readbacks.give_back(color);
                 self.readbacks.give_back(geometry);
             }
@@ -295,36 +282,35 @@ fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Res
     }
 }
 
-impl LayerImage {
-    pub fn empty(width: u32, height: u32) -> Self {
-        let count = width as usize * height as usize;
-        Self { width, height, rgba: vec![[0.0; 4]; count], depth_m: vec![0.0; count], velocity: vec![[0.0; 2]; count] }
-    }
-
-    /// Fills in what was drawn over `rect`, which may reach beyond the picture.
-    fn paste(&mut self, gpu: &Gpu, color: &Readback, geometry: &Readback, rect: Rect) -> Result<(), GpuError> {
-        let (width, height) = (self.width as i32, self.height as i32);
-        let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-        let at = |row: usize, column: usize| {
-            let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
-            (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
-        };
-        let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
-        color.rows(gpu, |row, bytes| {
-            for (column, t) in bytes.chunks_exact(8).enumerate() {
-                if let Some(i) = at(row, column) {
-                    self.rgba[i] = texel(t);
-                }
+/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture.
+fn paste_layer(
+    gpu: &Gpu,
+    color: &Readback,
+    geometry: &Readback,
+    rect: Rect,
+    out: &mut LayerImage,
+) -> Result<(), GpuError> {
+    let (width, height) = (out.width as i32, out.height as i32);
+    let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
+    let at = |row: usize, column: usize| {
+        let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
+        (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
+    };
+    let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
+    color.rows(gpu, |row, bytes| {
+        for (column, t) in bytes.chunks_exact(8).enumerate() {
+            if let Some(i) = at(row, column) {
+                out.rgba[i] = texel(t);
             }
-        })?;
-        geometry.rows(gpu, |row, bytes| {
-            for (column, t) in bytes.chunks_exact(8).enumerate() {
-                if let Some(i) = at(row, column).filter(|&i| self.rgba[i][3] > 0.0) {
-                    let [high, low, vx, vy] = texel(t);
-                    self.depth_m[i] = high + low;
-                    self.velocity[i] = [vx, vy];
-                }
+        }
+    })?;
+    geometry.rows(gpu, |row, bytes| {
+        for (column, t) in bytes.chunks_exact(8).enumerate() {
+            if let Some(i) = at(row, column).filter(|&i| out.rgba[i][3] > 0.0) {
+                let [high, low, vx, vy] = texel(t);
+                out.depth_m[i] = high + low;
+                out.velocity[i] = [vx, vy];
             }
-        })
-    }
+        }
+    })
 }

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::{LazyLock, Mutex, MutexGuard};
 
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics};
-use locard::compositor::{Composited, Compositor, Job, LayerImage, Settings};
+use locard::compositor::{Composited, Compositor, Job, Settings};
 use locard::frame::{Frame, FrameExposure};
 use locard::gpu::Gpu;
-use locard::image::Pixels;
+use locard::image::{LayerImage, Pixels};
 use locard::params::Value;
 use locard::scene::Scene;
 use locard::tracking::PoseTrack;
