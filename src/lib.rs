@@ -14,3 +14,8 @@ pub mod camera;
 pub mod tracking;
 
 pub mod scene;
+
+pub mod profile_noise;
+
+pub mod calibrate;
+pub mod measure;
