@@ -218,15 +218,15 @@ fn a_moving_patch_is_left_out_and_its_share_reported() {
 #[test]
 fn a_creeping_camera_is_noticed_where_there_is_detail() {
     let camera = Camera { sigma: [[1.0, 2.0], [1.0, 2.0], [1.0, 1.0]], neighbour: 0.0, shared: 0.0 };
-    // stripes in the lower half, drifting by 0.3 pixels in all
+    // stripes in the lower third, drifting by 0.3 pixels in all
     let scene = camera.shoot(16, 8, |x, y, frame, c| {
         let m = 0.8 * chart(x, y, 0, c) + 20.0;
         let phase = (x as f64 + 0.02 * frame as f64) * 0.8;
-        if y > HEIGHT / 2 { m + 15.0 * phase.sin() } else { m }
+        if y > 2 * HEIGHT / 3 { m + 15.0 * phase.sin() } else { m }
     });
     let calibration = from_scenes(&[scene], &NoiseOptions::default()).unwrap();
     println!("{calibration}");
-    assert!((0.35..0.55).contains(&calibration.excluded_share), "{}", calibration.excluded_share);
+    assert!((0.25..0.38).contains(&calibration.excluded_share), "{}", calibration.excluded_share);
     for (c, bins) in calibration.bins.iter().enumerate() {
         for bin in bins.iter().filter(|b| b.independent_count > 4000.0) {
             assert!((bin.sigma / camera.sigma(c, bin.code) - 1.0).abs() < 0.07, "{calibration}");
@@ -355,6 +355,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn two_scenes_of_a_real_camera_foretell_the_third() {
     let Some(folder) = common::data("noise-pairs") else { return };
     let file = |camera: &str, scene: usize, what: &str| folder.join(format!("{camera}_{scene}_{what}.png"));
+    let mut results = Vec::new();
     for camera in ["5dmark3_iso3200", "d800_iso1600", "d800_iso3200"] {
         for test in 1..=3 {
             let training: Vec<usize> = (1..=3).filter(|s| *s != test).collect();
@@ -388,10 +389,13 @@ fn two_scenes_of_a_real_camera_foretell_the_third() {
                 "RESULT {camera} {test}: median relative error {ours:.3} (all bins {all:.3}), plain {theirs:.3}, left out {:.3}",
                 calibration.excluded_share
             );
-            assert!(ours <= 1.1 * theirs, "{camera} {test}: {ours} against {theirs}");
+            results.push((camera, test, ours, theirs));
             let p = &calibration.profile;
             assert!(p.neighbour_correlation.iter().all(|r| (0.45..0.75).contains(r)), "{p:?}");
         }
+    }
+    for (camera, test, ours, theirs) in results {
+        assert!(ours <= 1.1 * theirs, "{camera} {test}: {ours} against {theirs}");
     }
 }
 
@@ -402,8 +406,10 @@ fn a_resting_machine_vision_camera() {
     println!("{calibration}");
     assert_eq!(calibration.frames, 16);
     let good: Vec<_> = calibration.bins[0].iter().filter(|b| !b.filled_from_neighbours).collect();
-    assert!((0.6..1.1).contains(&good[0].sigma), "{calibration}");
-    assert!((1.4..2.1).contains(&good[good.len() - 1].sigma), "{calibration}");
+    // rounding included: 0.8 at code 40, 1.8 at code 232
+    assert!((0.70..0.80).contains(&calibration.bins[0][2].sigma), "{calibration}");
+    assert!((1.65..1.80).contains(&calibration.bins[0][14].sigma), "{calibration}");
+    assert!(good.len() >= 13 && good.windows(2).all(|w| w[0].sigma < 1.1 * w[1].sigma), "{calibration}");
     assert_eq!(calibration.profile.channel_correlation, [1.0; 3]);
     // grey stands three times
     let NoiseProfile { bins: [r, g, b], .. } = &calibration.profile;

@@ -29,6 +29,8 @@ const STEEPEST: f64 = 8.0;
 pub(crate) struct Verdict {
     /// For each block, whether it stood still.
     pub still: Vec<bool>,
+    /// For each block and channel, about the variance to expect at its mean code; above 0.
+    pub scales: Vec<[f64; 3]>,
     /// Pixels in blocks left out because they vary too much, and those left out because they drift.
     pub moving_pixels: u64,
     pub drifting_pixels: u64,
@@ -130,6 +132,7 @@ pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
     let mut verdict = Verdict { still: vec![true; scene.blocks.len()], ..Verdict::default() };
     let usable: Vec<f64> = drifts.iter().flatten().copied().collect();
     let drift = robust(&usable);
+    verdict.scales = (0..scene.blocks.len()).map(|block| scales(scene, block, &variance)).collect();
     verdict.median_drift = drift.map_or(0.0, |d| d.0);
     for block in 0..scene.blocks.len() {
         let pixels = scene.area(block).pixels() as u64;
@@ -148,6 +151,14 @@ pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
         verdict.still[block] = !(excess[block] || drifting);
     }
     verdict
+}
+
+fn scales(scene: &SceneSums, block: usize, variance: &[RobustVariance; 3]) -> [f64; 3] {
+    let area = scene.area(block);
+    [0, 1, 2].map(|c| {
+        let code = scene.places(area, c).map(|i| scene.pixel(i).mean).sum::<f64>() / area.pixels() as f64;
+        variance[c].at(code).unwrap_or(1.0)
+    })
 }
 
 /// For each block, the mean of s²/V and how many values went into it.

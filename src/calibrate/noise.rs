@@ -9,7 +9,7 @@
 //! Not modelled: noise that hangs together over time, patterns fixed in place (they belong to the
 //! mean), noise whose shape is not normal, correlation beyond what the nearest neighbour tells.
 
-use super::bins::Pool;
+use super::bins::{BinRules, Pool};
 use super::blocks::judge;
 use super::rounding::Rounding;
 use super::scene_sums::{MAX_FRAMES, SceneSums, UNIT};
@@ -108,11 +108,12 @@ pub enum CalibrateError {
 
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
-/// A calibration under way: scenes one after the other, frame by frame. Memory: the sums of one picture.
+/// A calibration under way: scenes one after the other, frame by frame. Memory: the sums of one picture, and a
+/// little (0.2 MB) for each scene done.
 #[derive(Debug)]
 pub struct NoiseCalibrator {
     options: NoiseOptions,
-    pool: Pool,
+    pools: Vec<Pool>,
     scene: Option<SceneSums>,
     mean: Option<Pixels>,
     frame_bits: Option<u32>,
@@ -140,7 +141,7 @@ impl NoiseCalibrator {
         }
         Ok(Self {
             options,
-            pool: Pool::default(),
+            pools: Vec::new(),
             scene: None,
             mean: None,
             frame_bits: None,
@@ -239,7 +240,7 @@ impl NoiseCalibrator {
                 "scene {number}: the whole picture's brightness varies by {flicker:.2} codes from frame to frame (flicker or auto-exposure); it is counted as noise"
             ));
         }
-        self.pool.add(&scene, &verdict.still, &rounding);
+        self.pools.push(Pool::new(&scene, &verdict.still, &verdict.scales, &rounding));
         Ok(())
     }
 
@@ -254,19 +255,20 @@ impl NoiseCalibrator {
             let value = correlation.unwrap_or(0.0);
             if correlation.is_none() {
                 warnings.push(format!("correlation {name} could not be measured (too quiet or clipped); 0 is written"));
-            } else if value < low {
+            } else if value < low - 0.02 {
                 warnings
                     .push(format!("correlation {name} is {value:.2}; {low} is written (sharpening in the camera?)"));
             }
             round4(value.max(low))
         };
-        let [rg, rb, gb] = self.pool.channel_correlation();
+        let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
         let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
-        let [right, below] = self.pool.neighbour_correlation();
+        let [right, below] = Pool::neighbour_correlation(&self.pools);
         let neighbour_correlation = [told(right, "to the right", 0.0), told(below, "below", 0.0)];
-        let share = independent_share(neighbour_correlation);
         let needed = self.options.min_independent;
-        let bins = [0, 1, 2].map(|c| self.pool.bins(c, self.options.bins, &rounding, needed, share));
+        let independent_share = independent_share(neighbour_correlation);
+        let rules = BinRules { bins: self.options.bins, rounding, needed, independent_share };
+        let bins = [0, 1, 2].map(|c| Pool::bins(&self.pools, c, &rules));
         for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
             check(channel, bins, needed, &mut warnings)?;
         }

@@ -209,6 +209,11 @@ impl SceneSums {
         (area.y0..area.y1).flat_map(move |y| (area.x0..area.x1).map(move |x| 3 * (y * width + x) + channel))
     }
 
+    /// Mean variation of the whole picture for each channel, in 8-bit code values; 0 around the frames' own mean.
+    pub fn offset(&self) -> [f64; 3] {
+        if self.known_mean { self.brightness.map(|b| b.0) } else { [0.0; 3] }
+    }
+
     /// Standard deviation of the whole frames' means over time, the largest channel's, in 8-bit code values.
     pub fn flicker(&self) -> f64 {
         let divisor = (f64::from(self.frames) - 1.0).max(1.0);
