@@ -25,3 +25,7 @@ pub mod profile;
 pub mod profile_noise;
 pub mod render;
 pub mod simulate;
+pub mod profile_noise;
+
+pub mod calibrate;
+pub mod measure;

@@ -1,22 +1,18 @@
-//! What several tests share.
+//! What several test files share.
 
 use std::path::PathBuf;
 
-/// A file or folder of the real data, in the folder that `LOCARD_DATA` names.
+/// A file or folder of the real data that `LOCARD_DATA` names; `None`, said aloud, where the variable is unset.
 ///
-/// `None`, with a line that says so, where that is not set; a panic where CI is true or the
-/// variable is set and the data is missing.
-#[allow(dead_code)]
-pub fn data(relative: &str) -> Option<PathBuf> {
+/// # Panics
+/// Where the variable is set but the path is missing, and where it is unset in CI.
+pub fn data(rel: &str) -> Option<PathBuf> {
     let Some(folder) = std::env::var_os("LOCARD_DATA") else {
-        assert!(
-            std::env::var("CI").as_deref() != Ok("true"),
-            "LOCARD_DATA must name the folder of the real data in CI"
-        );
-        eprintln!("skipped: LOCARD_DATA is not set, so {relative} cannot be found");
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "LOCARD_DATA is not set, and CI needs the real data");
+        eprintln!("skipped: LOCARD_DATA is not set, so there is no {rel}");
         return None;
     };
-    let path = PathBuf::from(folder).join(relative);
-    assert!(path.exists(), "{} is missing", path.display());
+    let path = PathBuf::from(folder).join(rel);
+    assert!(path.exists(), "LOCARD_DATA is set, but {} is missing", path.display());
     Some(path)
 }

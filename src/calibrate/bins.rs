@@ -1,0 +1,416 @@
+//! From sums at each code to σ in each bin, and correlations from the blocks that stood still.
+
+use super::censoring::{NEAREST_USABLE, clipped_variance};
+use super::noise::BinReport;
+use super::rounding::Rounding;
+use super::scene_sums::{PixelSums, SceneSums, UNIT};
+
+/// Variances are kept apart at every quarter of an 8-bit code, so that clipping can be told by the mean.
+const PER_CODE: f64 = 4.0;
+const LEVELS: usize = 255 * 4 + 1;
+/// Means within this many levels of an end are of no use: where σ is below a code, the quiet middle of the last
+/// code would be cut from its lively edge. The level itself counts half, so that whole codes remain.
+const OUTERMOST: usize = 4;
+/// Normal quantile of a two-sided 95 % interval.
+const Z95: f64 = 1.959_964;
+/// A level with this many degrees of freedom tells its variance well enough to start from.
+const TELLING: f64 = 100.0;
+/// Below this variance (8-bit codes squared, times the frames' step squared) a block tells nothing of correlation.
+const TOO_QUIET: f64 = 0.1;
+
+/// All pixels whose mean rounds to one quarter of a code.
+#[derive(Clone, Copy, Debug, Default)]
+struct Level {
+    /// Pixels times frames, all of them and those in pixels that touched an end of the code range.
+    seen: u64,
+    touched: u64,
+    /// From here on only what is of use. Pixels times frames.
+    samples: f64,
+    freedom: f64,
+    /// Σ freedom · (1/J): how noisy the means are.
+    mean_noise: f64,
+    /// Σ freedom · mean.
+    codes: f64,
+    squares: f64,
+    sum: f64,
+}
+
+impl Level {
+    fn code(&self) -> f64 {
+        self.codes / self.freedom
+    }
+}
+
+/// Sums over the pixels of one scene that stood still: of a size that no number of frames changes.
+#[derive(Clone, Debug)]
+pub(crate) struct Pool {
+    levels: [Vec<Level>; 3],
+    channel: [Ratio; 3],
+    neighbour: [Ratio; 2],
+}
+
+/// What a bin is to be measured with.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BinRules {
+    pub bins: usize,
+    pub rounding: Rounding,
+    /// Fewer independent samples: filled from the neighbours.
+    pub needed: f64,
+    /// What a sample counts among correlated neighbours, 0 to 1.
+    pub independent_share: f64,
+}
+
+/// A correlation on its way: covariance, and the two variances.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ratio {
+    covariance: f64,
+    a: f64,
+    b: f64,
+}
+
+impl Ratio {
+    fn add(&mut self, weight: f64, covariance: f64, a: f64, b: f64) {
+        self.covariance += weight * covariance;
+        self.a += weight * a;
+        self.b += weight * b;
+    }
+    fn total(parts: impl Iterator<Item = Self>) -> Option<f64> {
+        let mut all = Self::default();
+        parts.for_each(|p| all.add(1.0, p.covariance, p.a, p.b));
+        let product = all.a * all.b;
+        (product > 0.0).then(|| (all.covariance / product.sqrt()).clamp(-1.0, 1.0))
+    }
+}
+
+impl Default for Pool {
+    fn default() -> Self {
+        Self {
+            levels: std::array::from_fn(|_| vec![Level::default(); LEVELS]),
+            channel: Default::default(),
+            neighbour: Default::default(),
+        }
+    }
+}
+
+impl Pool {
+    /// Sums the blocks of a scene that stood still. `scales`: for each block, about the variance of its noise.
+    pub fn new(scene: &SceneSums, still: &[bool], scales: &[[f64; 3]], rounding: &Rounding) -> Self {
+        let mut pool = Self::default();
+        for (block, (_, scale)) in still.iter().zip(scales).enumerate().filter(|(_, (still, _))| **still) {
+            for channel in 0..3 {
+                for i in scene.places(scene.area(block), channel) {
+                    pool.add_pixel(channel, scene.pixel(i), scene);
+                }
+            }
+            pool.add_block(scene, block, scale, rounding);
+        }
+        pool
+    }
+
+    fn add_pixel(&mut self, channel: usize, pixel: PixelSums, scene: &SceneSums) {
+        let place = ((pixel.mean * PER_CODE).round() as usize).min(LEVELS - 1);
+        let level = &mut self.levels[channel][place];
+        level.seen += u64::from(scene.frames);
+        level.touched += u64::from(pixel.touched) * u64::from(scene.frames);
+        let weight = match place.min(LEVELS - 1 - place) {
+            inside if inside > OUTERMOST => 1.0,
+            OUTERMOST => 0.5,
+            _ => return,
+        };
+        let freedom = weight * scene.freedom();
+        level.samples += weight * f64::from(scene.frames);
+        level.freedom += freedom;
+        level.mean_noise += freedom * scene.mean_noise();
+        level.codes += freedom * pixel.mean;
+        level.squares += weight * pixel.squares;
+        level.sum += weight * pixel.sum;
+    }
+
+    fn add_block(&mut self, scene: &SceneSums, block: usize, scale: &[f64; 3], rounding: &Rounding) {
+        let area = scene.area(block);
+        let (count, times) = scene.differences();
+        let unit = (UNIT * UNIT) as f64 * times * count;
+        let (n, right, below) = (area.pixels() as f64, area.pairs_right() as f64, area.pairs_below() as f64);
+        let sums = &scene.blocks[block];
+        let offset = scene.offset();
+        let measured = [0, 1, 2].map(|c| sums.squares[c] as f64 / (unit * n) - offset[c] * offset[c]);
+        let clipped = (0..3).any(|c| scene.places(area, c).any(|i| scene.pixel(i).touched));
+        let quiet = TOO_QUIET * rounding.frame_step * rounding.frame_step;
+        if clipped || measured.iter().any(|&v| v < quiet) {
+            return;
+        }
+        let variance = measured.map(|v| rounding.sigma(v).powi(2));
+        for (place, (a, b)) in [(0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+            let covariance = sums.cross[place] as f64 / (unit * n) - offset[a] * offset[b];
+            let shared = covariance / (scale[a] * scale[b]).sqrt();
+            self.channel[place].add(n, shared, variance[a] / scale[a], variance[b] / scale[b]);
+        }
+        for c in 0..3 {
+            for (direction, (sum, pairs)) in [(sums.right[c], right), (sums.below[c], below)].into_iter().enumerate() {
+                if pairs > 0.0 {
+                    let covariance = (sum as f64 / (unit * pairs) - offset[c] * offset[c]) / scale[c];
+                    let own = variance[c] / scale[c];
+                    self.neighbour[direction].add(pairs, covariance, own, own);
+                }
+            }
+        }
+    }
+
+    /// Correlation of R-G, R-B, G-B over all scenes; `None` where nothing told it.
+    pub fn channel_correlation(pools: &[Self]) -> [Option<f64>; 3] {
+        [0, 1, 2].map(|i| Ratio::total(pools.iter().map(|p| p.channel[i])))
+    }
+
+    /// Correlation with the neighbours to the right and below over all scenes; `None` where nothing told it.
+    pub fn neighbour_correlation(pools: &[Self]) -> [Option<f64>; 2] {
+        [0, 1].map(|i| Ratio::total(pools.iter().map(|p| p.neighbour[i])))
+    }
+
+    /// σ of each bin of a channel, over all scenes.
+    pub fn bins(pools: &[Self], channel: usize, rules: &BinRules) -> Vec<BinReport> {
+        let mut bins: Vec<Bin> = (0..rules.bins)
+            .map(|bin| {
+                let first = (bin * 256 * PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
+                let last = ((bin + 1) * 256 * PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
+                let levels: Vec<&[Level]> = pools.iter().map(|p| &p.levels[channel][first..last]).collect();
+                Bin::new(bin, &levels, rules)
+            })
+            .collect();
+        to_the_middle(&mut bins, &rules.rounding);
+        let mut reports: Vec<BinReport> = bins.into_iter().map(|b| b.report).collect();
+        fill(&mut reports);
+        reports
+    }
+}
+
+/// What one scene says of a bin: the unclipped variance, rounding included, and where its pixels are.
+#[derive(Clone, Copy, Debug)]
+struct Estimate {
+    mu: f64,
+    variance: f64,
+    code: f64,
+    independent: f64,
+}
+
+impl Estimate {
+    fn new(levels: &[Level], independent_share: f64) -> Option<Self> {
+        let seen: Vec<&Level> = levels.iter().filter(|l| l.freedom > 0.0).collect();
+        let (mu, variance, usable) = unclipped(&seen);
+        let freedom: f64 = usable.iter().map(|l| l.freedom).sum();
+        let codes: f64 = usable.iter().map(|l| l.codes).sum();
+        let independent = freedom * independent_share;
+        (freedom > 0.0).then(|| Self { mu, variance, code: codes / freedom, independent })
+    }
+}
+
+/// The scenes' estimates as one, and how many independent samples it is worth. Scenes of one camera may differ by more
+/// than chance; then a large scene must not outvote the others. Each weighs 1/(2/ν + τ²), ν its degrees of freedom
+/// and τ² the relative variance between scenes (DerSimonian and Laird 1986; 0 where they agree).
+fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
+    let mean = |weights: &[f64], of: fn(&Estimate) -> f64| -> f64 {
+        let total: f64 = weights.iter().sum();
+        weights.iter().zip(estimates).map(|(w, e)| w * of(e)).sum::<f64>() / total
+    };
+    let by_size: Vec<f64> = estimates.iter().map(|e| 0.5 * e.independent).collect();
+    let total: f64 = by_size.iter().sum();
+    if total <= 0.0 {
+        return None;
+    }
+    let middle = mean(&by_size, |e| e.variance);
+    let mut between = 0.0;
+    if middle > 0.0 && estimates.len() > 1 {
+        let spread: f64 = by_size.iter().zip(estimates).map(|(w, e)| w * (e.variance / middle - 1.0).powi(2)).sum();
+        let divisor = total - by_size.iter().map(|w| w * w).sum::<f64>() / total;
+        between = ((spread - (estimates.len() as f64 - 1.0)) / divisor).max(0.0);
+    }
+    let weights: Vec<f64> = by_size.iter().map(|w| 1.0 / (1.0 / w + between)).collect();
+    let estimate = Estimate {
+        mu: mean(&weights, |e| e.mu),
+        variance: mean(&weights, |e| e.variance),
+        code: mean(&weights, |e| e.code),
+        independent: 2.0 * total,
+    };
+    Some((estimate, 2.0 * weights.iter().sum::<f64>()))
+}
+
+/// A bin's estimate on its way: the variance at its pixels' own mean code, where there is one.
+struct Bin {
+    report: BinReport,
+    found: Option<Estimate>,
+}
+
+impl Bin {
+    fn new(bin: usize, scenes: &[&[Level]], rules: &BinRules) -> Self {
+        let edge = |k: usize| (k as f64 * 256.0 / rules.bins as f64).min(255.0);
+        let (low, high) = (edge(bin), edge(bin + 1));
+        let seen: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.seen).sum();
+        let touched: u64 = scenes.iter().flat_map(|s| s.iter()).map(|l| l.touched).sum();
+        let estimates: Vec<Estimate> =
+            scenes.iter().filter_map(|levels| Estimate::new(levels, rules.independent_share)).collect();
+        let found = combined(&estimates);
+        let worth = found.map_or(0.0, |f| f.1);
+        let found = found.map(|f| f.0);
+        let variance = found.map_or(0.0, |e| e.variance);
+        let independent_count = found.map_or(0.0, |e| e.independent);
+        let sigma_ci95 = chi_square_interval(worth).map(|ci| ci.map(|factor| rules.rounding.sigma(variance * factor)));
+        let report = BinReport {
+            code_range: [low, high],
+            code: 0.5 * (low + high),
+            count: seen,
+            clipped_share: if seen > 0 { touched as f64 / seen as f64 } else { 0.0 },
+            independent_count,
+            mu: found.map_or(0.0, |e| e.mu),
+            sigma: rules.rounding.sigma(variance),
+            sigma_ci95,
+            filled_from_neighbours: independent_count < rules.needed || found.is_none(),
+        };
+        Self { report, found }
+    }
+}
+
+/// μ, the unclipped variance, and the levels that are far enough from the ends to tell it.
+fn unclipped<'a>(levels: &[&'a Level]) -> (f64, f64, Vec<&'a Level>) {
+    // clipping only takes: the largest of the levels' variances is where to start
+    let most = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(TELLING);
+    let telling = levels.iter().filter(|l| l.freedom >= most);
+    let start = telling.map(|l| l.squares / l.freedom).fold(0.0, f64::max);
+    let mut sigma = start.sqrt();
+    let (mut mu, mut usable) = (0.0, Vec::new());
+    for _ in 0..8 {
+        usable = levels.iter().copied().filter(|l| clipped_variance(l.code(), sigma, 0.0).is_some()).collect();
+        let samples: f64 = usable.iter().map(|l| l.samples).sum();
+        if samples <= 0.0 {
+            return (0.0, 0.0, usable);
+        }
+        mu = usable.iter().map(|l| l.sum).sum::<f64>() / samples;
+        let squares = usable.iter().map(|l| l.squares).sum::<f64>() - mu * mu * samples;
+        let next = solve(&usable, squares, sigma);
+        if (next - sigma).abs() < 1e-9 * sigma {
+            break;
+        }
+        sigma = next;
+    }
+    (mu, sigma * sigma, usable)
+}
+
+/// The σ at which the levels' expected squares sum to `squares`.
+fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
+    let expected = |sigma: f64| -> f64 {
+        levels
+            .iter()
+            .map(|l| {
+                // a level that this σ would make unusable stays in, as near as is allowed
+                let code = l.code();
+                let nearest = NEAREST_USABLE * sigma * (1.0 + 1e-12);
+                let code = if code < 127.5 { code.max(nearest) } else { code.min(255.0 - nearest) };
+                clipped_variance(code, sigma, l.mean_noise / l.freedom).unwrap_or(0.0) * l.freedom
+            })
+            .sum()
+    };
+    let (mut low, mut high) = (0.0, 2.0 * start + 1e-12);
+    if expected(high) < squares {
+        return high;
+    }
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if expected(middle) < squares {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
+/// What a variance estimated with `freedom` degrees is to be multiplied with for its 95 % interval, by Wilson and
+/// Hilferty's approximation of χ²; `None` below two degrees.
+fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
+    (freedom >= 2.0).then(|| {
+        let a = 2.0 / (9.0 * freedom);
+        [Z95, -Z95].map(|z| 1.0 / (1.0 - a + z * a.sqrt()).max(0.05).powi(3))
+    })
+}
+
+/// Moves each estimate from its pixels' mean code to the middle of its bin, along the slope between its neighbours.
+fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
+    let points: Vec<Option<(f64, f64)>> = bins
+        .iter()
+        .map(|b| b.found.filter(|_| !b.report.filled_from_neighbours).map(|e| (e.code, e.variance)))
+        .collect();
+    for (i, bin) in bins.iter_mut().enumerate() {
+        let Some(here) = points[i] else { continue };
+        let before = i.checked_sub(1).and_then(|k| points[k]).unwrap_or(here);
+        let after = points.get(i + 1).copied().flatten().unwrap_or(here);
+        if after.0 <= before.0 || here.1 <= 0.0 {
+            continue;
+        }
+        let slope = (after.1 - before.1) / (after.0 - before.0);
+        let factor = (1.0 + slope * (bin.report.code - here.0) / here.1).clamp(0.5, 2.0);
+        let moved = |sigma: f64| rounding.sigma(rounding.variance(sigma) * factor);
+        bin.report.sigma = moved(bin.report.sigma);
+        bin.report.sigma_ci95 = bin.report.sigma_ci95.map(|ci| ci.map(moved));
+    }
+}
+
+/// Gives bins that could not be measured the σ between their nearest good neighbours, or the nearest one's at the ends.
+fn fill(reports: &mut [BinReport]) {
+    let good: Vec<(f64, f64)> =
+        reports.iter().filter(|r| !r.filled_from_neighbours).map(|r| (r.code, r.sigma)).collect();
+    for report in reports.iter_mut().filter(|r| r.filled_from_neighbours) {
+        let after = good.partition_point(|g| g.0 < report.code);
+        let (low, high) = (good.get(after.wrapping_sub(1)), good.get(after));
+        report.sigma = match (low, high) {
+            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (report.code - a.0) / (b.0 - a.0),
+            (Some(a), None) | (None, Some(a)) => a.1,
+            (None, None) => 0.0,
+        };
+        report.sigma_ci95 = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interval_is_chi_square_by_the_table() {
+        // χ² with 100 degrees: 2.5 % at 74.222, 97.5 % at 129.561
+        let [low, high] = chi_square_interval(100.0).unwrap();
+        assert!((low - 100.0 / 129.561).abs() < 1e-3 && (high - 100.0 / 74.222).abs() < 1e-3, "{low} {high}");
+        assert!(chi_square_interval(1.0).is_none());
+    }
+
+    #[test]
+    fn scenes_that_agree_weigh_by_size_and_others_alike() {
+        let scene = |variance: f64, independent: f64| Estimate { mu: 0.0, variance, code: 8.0, independent };
+        let (agreed, worth) = combined(&[scene(1.0, 9000.0), scene(1.01, 1000.0)]).unwrap();
+        assert!((agreed.variance - 1.001).abs() < 1e-9 && (worth - 10000.0).abs() < 1e-6);
+        let (apart, worth) = combined(&[scene(1.0, 9_000_000.0), scene(2.0, 1_000_000.0)]).unwrap();
+        assert!((apart.variance - 1.5).abs() < 0.01 && worth < 20.0, "{apart:?} {worth}");
+        assert!(combined(&[]).is_none());
+    }
+
+    #[test]
+    fn bins_without_samples_lie_between_their_neighbours() {
+        let bin = |code: f64, sigma: f64, filled: bool| BinReport {
+            code_range: [code - 8.0, code + 8.0],
+            code,
+            count: 0,
+            clipped_share: 0.0,
+            independent_count: 0.0,
+            mu: 0.0,
+            sigma,
+            sigma_ci95: None,
+            filled_from_neighbours: filled,
+        };
+        let mut bins = [
+            bin(8.0, 9.0, true),
+            bin(24.0, 2.0, false),
+            bin(40.0, 9.0, true),
+            bin(56.0, 4.0, false),
+            bin(72.0, 9.0, true),
+        ];
+        fill(&mut bins);
+        assert_eq!(bins.map(|b| b.sigma), [2.0, 2.0, 3.0, 4.0, 4.0]);
+    }
+}

@@ -1,0 +1,216 @@
+//! Which blocks of a scene stood still. What moves or drifts varies more than noise does.
+//!
+//! Judged are whole blocks, so that leaving some out does not cut the tails of the kept pixels'
+//! noise. Two statistics of each block, both compared with the scene's own median and median
+//! absolute deviation (so that correlated noise does not count as motion):
+//!
+//! - *excess*: mean of s²/V(a), V the scene's robust variance at that code; its cube root is
+//!   nearly normal (Wilson and Hilferty). Finds what moves, and a known mean that does not fit.
+//! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance
+//!   that consecutive frames do not show. Finds what creeps. Four frames or more.
+
+use super::scene_sums::SceneSums;
+
+/// Blocks whose statistic lies this many standard deviations above the median: one in a million by chance.
+const SIGNIFICANT_Z: f64 = 4.75;
+/// Less excess variance than this share is left in, however significant.
+const RELEVANT_EXCESS: f64 = 0.25;
+/// Less of a block's variance than this share in slow drift is left in.
+const RELEVANT_DRIFT: f64 = 0.10;
+/// Median absolute deviation to standard deviation, for a normal distribution.
+const MAD: f64 = 1.4826;
+/// Fewer pixels than this tell nothing about a block's variance in a bin.
+const CELL_PIXELS: usize = 8;
+/// σ² of a camera does not grow more than this from one sixteenth of the code range to the next.
+const STEEPEST: f64 = 8.0;
+
+/// What was found in a scene.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Verdict {
+    /// For each block, whether it stood still.
+    pub still: Vec<bool>,
+    /// For each block and channel, about the variance to expect at its mean code; above 0.
+    pub scales: Vec<[f64; 3]>,
+    /// Pixels in blocks left out because they vary too much, and those left out because they drift.
+    pub moving_pixels: u64,
+    pub drifting_pixels: u64,
+    /// The median block's drift: a camera that filters over time, or light that creeps.
+    pub median_drift: f64,
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// Median and standard deviation from the median absolute deviation; `None` for no values.
+fn robust(values: &[f64]) -> Option<(f64, f64)> {
+    let mut sorted = values.to_vec();
+    let middle = median(&mut sorted)?;
+    let mut deviations: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
+    Some((middle, MAD * median(&mut deviations)?))
+}
+
+/// A scene's variance by code, from the median over blocks: half of a bin may move.
+struct RobustVariance {
+    /// Mean code and variance of each bin that has any, ascending.
+    points: Vec<(f64, f64)>,
+    floor: f64,
+}
+
+const BINS: usize = 16;
+
+fn bin_of(code: f64) -> usize {
+    ((code * BINS as f64 / 256.0) as usize).min(BINS - 1)
+}
+
+impl RobustVariance {
+    fn new(scene: &SceneSums, channel: usize, floor: f64) -> Self {
+        // for each bin: blocks as (variance, pixels, sum of codes)
+        let mut cells: [Vec<(f64, usize, f64)>; BINS] = Default::default();
+        for block in 0..scene.blocks.len() {
+            let mut here = [(0usize, 0.0, 0.0); BINS];
+            for i in scene.places(scene.area(block), channel) {
+                let p = scene.pixel(i);
+                if !p.touched {
+                    let cell = &mut here[bin_of(p.mean)];
+                    *cell = (cell.0 + 1, cell.1 + p.squares, cell.2 + p.mean);
+                }
+            }
+            for (cell, (n, squares, codes)) in cells.iter_mut().zip(here) {
+                if n >= CELL_PIXELS {
+                    cell.push((squares / (n as f64 * scene.freedom()), n, codes));
+                }
+            }
+        }
+        let mut bins: Vec<(usize, usize, f64, f64)> = Vec::new();
+        for (bin, cells) in cells.iter_mut().enumerate() {
+            cells.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let total: usize = cells.iter().map(|c| c.1).sum();
+            let mut below = 0;
+            let middle = cells.iter().find(|c| {
+                below += c.1;
+                2 * below >= total
+            });
+            if let Some(middle) = middle {
+                bins.push((total, bin, cells.iter().map(|c| c.2).sum::<f64>() / total as f64, middle.0));
+            }
+        }
+        // a bin that only something moving fills has a high median too: well-filled bins bound the others
+        bins.sort_by_key(|b| std::cmp::Reverse(b.0));
+        let mut trusted: Vec<(usize, f64, f64)> = Vec::new();
+        for (_, bin, code, variance) in bins {
+            let bound = trusted
+                .iter()
+                .map(|t| t.2.max(floor) * STEEPEST.powi(t.0.abs_diff(bin) as i32))
+                .fold(f64::INFINITY, f64::min);
+            trusted.push((bin, code, variance.min(bound)));
+        }
+        trusted.sort_by_key(|t| t.0);
+        Self { points: trusted.iter().map(|t| (t.1, t.2)).collect(), floor }
+    }
+
+    /// Linear between the bins, constant beyond; `None` where the scene has no usable bin.
+    fn at(&self, code: f64) -> Option<f64> {
+        let after = self.points.partition_point(|p| p.0 <= code);
+        let (low, high) = (self.points.get(after.wrapping_sub(1)), self.points.get(after));
+        let variance = match (low, high) {
+            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (code - a.0) / (b.0 - a.0),
+            (Some(a), None) | (None, Some(a)) => a.1,
+            (None, None) => return None,
+        };
+        Some(variance.max(self.floor))
+    }
+}
+
+/// Judges every block of a scene; `frame_step` is one code of the frames in 8-bit code values.
+pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
+    let floor = 0.01 * frame_step * frame_step;
+    let variance = [0, 1, 2].map(|c| RobustVariance::new(scene, c, floor));
+    let excess = flag(&excesses(scene, &variance), RELEVANT_EXCESS, scene.freedom());
+    let drifts = drifts(scene);
+    let mut verdict = Verdict { still: vec![true; scene.blocks.len()], ..Verdict::default() };
+    let usable: Vec<f64> = drifts.iter().flatten().copied().collect();
+    let drift = robust(&usable);
+    verdict.scales = (0..scene.blocks.len()).map(|block| scales(scene, block, &variance)).collect();
+    verdict.median_drift = drift.map_or(0.0, |d| d.0);
+    for block in 0..scene.blocks.len() {
+        let pixels = scene.area(block).pixels() as u64;
+        let drifting = match (drift, drifts[block]) {
+            (Some((middle, spread)), Some(value)) => {
+                let scale = (64.0 / pixels as f64).sqrt();
+                value - middle > (SIGNIFICANT_Z * spread * scale).max(RELEVANT_DRIFT)
+            }
+            _ => false,
+        };
+        if excess[block] {
+            verdict.moving_pixels += pixels;
+        } else if drifting {
+            verdict.drifting_pixels += pixels;
+        }
+        verdict.still[block] = !(excess[block] || drifting);
+    }
+    verdict
+}
+
+fn scales(scene: &SceneSums, block: usize, variance: &[RobustVariance; 3]) -> [f64; 3] {
+    let area = scene.area(block);
+    [0, 1, 2].map(|c| {
+        let code = scene.places(area, c).map(|i| scene.pixel(i).mean).sum::<f64>() / area.pixels() as f64;
+        variance[c].at(code).unwrap_or(1.0)
+    })
+}
+
+/// For each block, the mean of s²/V and how many values went into it.
+fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<(f64, usize)> {
+    let freedom = scene.freedom();
+    (0..scene.blocks.len())
+        .map(|block| {
+            let (mut total, mut n) = (0.0, 0);
+            for (channel, variance) in variance.iter().enumerate() {
+                for i in scene.places(scene.area(block), channel) {
+                    let p = scene.pixel(i);
+                    if let (false, Some(expected)) = (p.touched, variance.at(p.mean)) {
+                        total += p.squares / (freedom * expected);
+                        n += 1;
+                    }
+                }
+            }
+            (if n == 0 { 0.0 } else { total / n as f64 }, n)
+        })
+        .collect()
+}
+
+/// Which of (statistic, values in it) stand out above the others.
+fn flag(statistics: &[(f64, usize)], relevant: f64, freedom: f64) -> Vec<bool> {
+    let most = statistics.iter().map(|s| s.1).max().unwrap_or(0);
+    let roots: Vec<f64> = statistics.iter().filter(|s| 4 * s.1 >= 3 * most && s.1 > 0).map(|s| s.0.cbrt()).collect();
+    let Some((middle, spread)) = robust(&roots) else { return vec![false; statistics.len()] };
+    let by_chance = middle * (2.0 / (most as f64 * freedom)).sqrt() / 3.0;
+    let spread = spread.max(by_chance);
+    statistics
+        .iter()
+        .map(|&(value, n)| {
+            let scale = (most as f64 / n.max(1) as f64).sqrt();
+            n >= CELL_PIXELS
+                && value.cbrt() - middle > SIGNIFICANT_Z * spread * scale
+                && value > middle.powi(3).max(1.0) * (1.0 + relevant)
+        })
+        .collect()
+}
+
+/// For each block, the share of its variance that consecutive frames do not show.
+fn drifts(scene: &SceneSums) -> Vec<Option<f64>> {
+    if scene.known_mean || scene.frames < 4 {
+        return vec![None; scene.blocks.len()];
+    }
+    (0..scene.blocks.len())
+        .map(|block| {
+            let unit = super::scene_sums::UNIT as f64;
+            let squares: f64 =
+                (0..3).flat_map(|c| scene.places(scene.area(block), c)).map(|i| scene.pixel(i).squares).sum();
+            let differences: f64 = scene.blocks[block].squares.iter().map(|&d| d as f64 / (unit * unit)).sum();
+            (squares > 0.0).then(|| 1.0 - 0.5 * differences / squares)
+        })
+        .collect()
+}

@@ -1,0 +1,15 @@
+//! Frames in, profile out: what a camera's own pictures tell of it.
+//!
+//! docs/calibration.md has the derivations.
+
+mod bins;
+mod blocks;
+mod censoring;
+mod load;
+pub mod noise;
+mod report;
+mod rounding;
+mod scene_sums;
+
+pub use load::noise_from_paths;
+pub use noise::{BinReport, CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};

@@ -1,0 +1,346 @@
+//! Noise calibration (Fischer 2006, noise calibration): from frames of static scenes, σ of the
+//! variations by channel and intensity.
+//!
+//! a_i = mean picture of scene i, v_ij = f_ij − a_i, binned by a_i (never by f_ij: that would put
+//! bright noise into bright bins). μ and σ by maximum likelihood of a normal distribution, with
+//! the bias of few frames, of whole-number codes and of clipping taken off, and without what moved.
+//! docs/calibration.md derives each.
+//!
+//! Not modelled: noise that hangs together over time, patterns fixed in place (they belong to the
+//! mean), noise whose shape is not normal, correlation beyond what the nearest neighbour tells.
+
+use super::bins::{BinRules, Pool};
+use super::blocks::judge;
+use super::rounding::Rounding;
+use super::scene_sums::{MAX_FRAMES, SceneSums, UNIT};
+use crate::camera::{NoiseBin, NoiseProfile};
+use crate::image::Pixels;
+use std::path::PathBuf;
+
+/// How to calibrate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseOptions {
+    /// Intensity bins over the code range, 1 to 256.
+    pub bins: usize,
+    /// A bin with fewer independent samples is filled from its neighbours.
+    pub min_independent: f64,
+    /// Whether blocks that move or drift are left out.
+    pub leave_out_motion: bool,
+}
+
+impl Default for NoiseOptions {
+    fn default() -> Self {
+        Self { bins: 16, min_independent: 1000.0, leave_out_motion: true }
+    }
+}
+
+/// What was measured in one intensity bin of one channel. Code values are on the 8-bit scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BinReport {
+    /// Means from the first to just below the second fall into this bin.
+    pub code_range: [f64; 2],
+    /// The bin's middle.
+    pub code: f64,
+    /// Samples: pixels times frames.
+    pub count: u64,
+    /// Share of the samples in pixels that touched an end of the code range, 0 to 1.
+    pub clipped_share: f64,
+    /// Independent samples among the usable ones: degrees of freedom, less what correlated neighbours repeat.
+    pub independent_count: f64,
+    /// Mean variation; 0 by construction unless the mean was given.
+    pub mu: f64,
+    /// Standard deviation of the noise at the bin's middle.
+    pub sigma: f64,
+    /// 95 % confidence interval of `sigma` (χ²); `None` where it was not measured.
+    pub sigma_ci95: Option<[f64; 2]>,
+    /// Too few samples: `sigma` comes from the nearest good bins.
+    pub filled_from_neighbours: bool,
+}
+
+/// The outcome of a calibration; prints as a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseCalibration {
+    pub profile: NoiseProfile,
+    /// Bins of R, G, B, ascending.
+    pub bins: [Vec<BinReport>; 3],
+    pub scenes: usize,
+    pub frames: usize,
+    /// Share of all pixels left out because they moved or drifted, 0 to 1.
+    pub excluded_share: f64,
+    /// What a person should know before trusting the table.
+    pub warnings: Vec<String>,
+}
+
+/// Why there is no calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrateError {
+    #[error("no frames were given; give two or more frames of a static scene, or one frame and its mean")]
+    NoFrames,
+    #[error(
+        "scene {scene} has one frame; noise shows in the difference of frames: give two or more (ten are good), or the scene's known mean (--mean IMAGE)"
+    )]
+    OneFrame { scene: usize },
+    #[error("scene {scene} has more than {MAX_FRAMES} frames; leave some out")]
+    TooManyFrames { scene: usize },
+    #[error(
+        "a frame is {found} pixels where {expected} are expected; all frames of a scene and its mean must have one size"
+    )]
+    Size { expected: String, found: String },
+    #[error("a picture has {found} bits a channel where the frames before have {expected}; give frames of one depth")]
+    Depth { expected: u32, found: u32 },
+    #[error("a picture without pixels")]
+    Empty,
+    #[error("bins = {found} is refused: accepted is 1 to 256")]
+    Bins { found: usize },
+    #[error("either all scenes have a known mean or none has")]
+    MeansMixed,
+    #[error("{means} means for {entries} entries of frames; give one mean for all, or one for each, in the same order")]
+    MeansCount { means: usize, entries: usize },
+    #[error(
+        "channel {channel} has no bin with {needed} independent samples (the fullest has {best:.0}); give more frames, larger pictures or more scenes"
+    )]
+    TooFew { channel: &'static str, needed: f64, best: f64 },
+    #[error("{path}: {reason}")]
+    Read { path: PathBuf, reason: String },
+    #[error("{path}: {source}")]
+    InFile { path: PathBuf, source: Box<CalibrateError> },
+}
+
+const CHANNELS: [&str; 3] = ["R", "G", "B"];
+
+/// A calibration under way: scenes one after the other, frame by frame. Memory: the sums of one picture, and a
+/// little (0.2 MB) for each scene done.
+#[derive(Debug)]
+pub struct NoiseCalibrator {
+    options: NoiseOptions,
+    pools: Vec<Pool>,
+    scene: Option<SceneSums>,
+    mean: Option<Pixels>,
+    frame_bits: Option<u32>,
+    mean_bits: Option<Option<u32>>,
+    scenes: usize,
+    frames: usize,
+    pixels: u64,
+    moving: u64,
+    drifting: u64,
+    warnings: Vec<String>,
+}
+
+fn bits(pixels: &Pixels) -> u32 {
+    if pixels.max_code() == 255 { 8 } else { 16 }
+}
+
+fn code_step(bits: u32) -> f64 {
+    if bits == 8 { 1.0 } else { 1.0 / UNIT as f64 }
+}
+
+impl NoiseCalibrator {
+    pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
+        if options.bins == 0 || options.bins > 256 {
+            return Err(CalibrateError::Bins { found: options.bins });
+        }
+        Ok(Self {
+            options,
+            pools: Vec::new(),
+            scene: None,
+            mean: None,
+            frame_bits: None,
+            mean_bits: None,
+            scenes: 0,
+            frames: 0,
+            pixels: 0,
+            moving: 0,
+            drifting: 0,
+            warnings: Vec::new(),
+        })
+    }
+
+    /// Starts a scene; the frames added from here on show it. `mean` is its noise-free picture, where known.
+    pub fn begin_scene(&mut self, mean: Option<Pixels>) -> Result<(), CalibrateError> {
+        self.end_scene()?;
+        let mean_bits = mean.as_ref().map(bits);
+        if *self.mean_bits.get_or_insert(mean_bits) != mean_bits {
+            return Err(CalibrateError::MeansMixed);
+        }
+        self.mean = mean;
+        self.scenes += 1;
+        Ok(())
+    }
+
+    /// Adds a frame of the scene.
+    pub fn add_frame(&mut self, frame: &Pixels) -> Result<(), CalibrateError> {
+        if frame.width == 0 || frame.height == 0 {
+            return Err(CalibrateError::Empty);
+        }
+        if self.scenes == 0 {
+            self.begin_scene(None)?;
+        }
+        let (found, expected) = (bits(frame), *self.frame_bits.get_or_insert(bits(frame)));
+        if found != expected {
+            return Err(CalibrateError::Depth { expected, found });
+        }
+        let size = |w: usize, h: usize| format!("{w}x{h}");
+        let found = (frame.width as usize, frame.height as usize);
+        let expected = match (&self.scene, &self.mean) {
+            (Some(scene), _) => (scene.width, scene.height),
+            (None, Some(mean)) => (mean.width as usize, mean.height as usize),
+            (None, None) => found,
+        };
+        if found != expected {
+            return Err(CalibrateError::Size { expected: size(expected.0, expected.1), found: size(found.0, found.1) });
+        }
+        let scene = self.scene.get_or_insert_with(|| SceneSums::new(frame, self.mean.as_ref()));
+        if scene.frames >= MAX_FRAMES {
+            return Err(CalibrateError::TooManyFrames { scene: self.scenes });
+        }
+        scene.add(frame);
+        self.frames += 1;
+        Ok(())
+    }
+
+    fn rounding(&self) -> Rounding {
+        let frame_step = code_step(self.frame_bits.unwrap_or(8));
+        Rounding { frame_step, mean_step: self.mean_bits.flatten().map(code_step) }
+    }
+
+    fn end_scene(&mut self) -> Result<(), CalibrateError> {
+        let number = self.scenes;
+        let Some(scene) = self.scene.take() else {
+            return if number == 0 { Ok(()) } else { Err(CalibrateError::NoFrames) };
+        };
+        if scene.frames < 2 && !scene.known_mean {
+            return Err(CalibrateError::OneFrame { scene: number });
+        }
+        let rounding = self.rounding();
+        let mut verdict = judge(&scene, rounding.frame_step);
+        if !self.options.leave_out_motion {
+            verdict.still.fill(true);
+            (verdict.moving_pixels, verdict.drifting_pixels) = (0, 0);
+        }
+        let all = (scene.width * scene.height) as u64;
+        self.pixels += all;
+        self.moving += verdict.moving_pixels;
+        self.drifting += verdict.drifting_pixels;
+        let out = (verdict.moving_pixels + verdict.drifting_pixels) as f64 / all as f64;
+        if out > 0.25 {
+            self.warnings.push(format!(
+                "scene {number}: {:.0} % of the pixels move or drift; is the camera fixed?",
+                100.0 * out
+            ));
+        }
+        if verdict.median_drift > 0.05 {
+            self.warnings.push(format!(
+                "scene {number}: consecutive frames hang together ({:.0} % of the variance in half the picture): the camera filters over time, or the light creeps; sigma is that of the whole",
+                100.0 * verdict.median_drift
+            ));
+        }
+        let flicker = scene.flicker();
+        if flicker > 0.1 {
+            self.warnings.push(format!(
+                "scene {number}: the whole picture's brightness varies by {flicker:.2} codes from frame to frame (flicker or auto-exposure); it is counted as noise"
+            ));
+        }
+        self.pools.push(Pool::new(&scene, &verdict.still, &verdict.scales, &rounding));
+        Ok(())
+    }
+
+    /// The profile and its table.
+    pub fn finish(mut self) -> Result<NoiseCalibration, CalibrateError> {
+        if self.scenes == 0 {
+            return Err(CalibrateError::NoFrames);
+        }
+        self.end_scene()?;
+        let (rounding, mut warnings) = (self.rounding(), std::mem::take(&mut self.warnings));
+        let mut told = |correlation: Option<f64>, name: &str, low: f64| {
+            let value = correlation.unwrap_or(0.0);
+            if correlation.is_none() {
+                warnings.push(format!("correlation {name} could not be measured (too quiet or clipped); 0 is written"));
+            } else if value < low - 0.02 {
+                warnings
+                    .push(format!("correlation {name} is {value:.2}; {low} is written (sharpening in the camera?)"));
+            }
+            round4(value.max(low))
+        };
+        let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
+        let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
+        let [right, below] = Pool::neighbour_correlation(&self.pools);
+        let neighbour_correlation = [told(right, "to the right", 0.0), told(below, "below", 0.0)];
+        let needed = self.options.min_independent;
+        let independent_share = independent_share(neighbour_correlation);
+        let rules = BinRules { bins: self.options.bins, rounding, needed, independent_share };
+        let bins = [0, 1, 2].map(|c| Pool::bins(&self.pools, c, &rules));
+        for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
+            check(channel, bins, needed, &mut warnings)?;
+        }
+        let profile = NoiseProfile {
+            bins: [0, 1, 2]
+                .map(|c| bins[c].iter().map(|b| NoiseBin { code: b.code, sigma: round4(b.sigma) }).collect::<Vec<_>>()),
+            channel_correlation,
+            neighbour_correlation,
+        };
+        let excluded_share = (self.moving + self.drifting) as f64 / self.pixels.max(1) as f64;
+        Ok(NoiseCalibration { profile, bins, scenes: self.scenes, frames: self.frames, excluded_share, warnings })
+    }
+}
+
+/// Says which bins are filled and which are biased, or that none is good.
+fn check(
+    channel: &'static str,
+    bins: &[BinReport],
+    needed: f64,
+    warnings: &mut Vec<String>,
+) -> Result<(), CalibrateError> {
+    let filled = bins.iter().filter(|b| b.filled_from_neighbours).count();
+    if filled == bins.len() {
+        let best = bins.iter().map(|b| b.independent_count).fold(0.0, f64::max);
+        return Err(CalibrateError::TooFew { channel, needed, best });
+    }
+    if filled > 0 {
+        warnings.push(format!("{channel}: {filled} of {} bins have fewer than {needed} independent samples and are filled from their neighbours", bins.len()));
+    }
+    if let Some(bin) = bins.iter().find(|b| !b.filled_from_neighbours && b.mu.abs() > 0.5 && b.mu.abs() > 0.2 * b.sigma)
+    {
+        warnings.push(format!(
+            "{channel}: at code {:.0} the frames lie {:.1} from the mean given; is it of the same scene and exposure?",
+            bin.code, bin.mu
+        ));
+    }
+    Ok(())
+}
+
+fn round4(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}
+
+/// What one sample's square counts among correlated neighbours: 1/Σρ², for ρ that falls by the same factor with each
+/// pixel in a row and in a column (so that Σρ² = (1+r²)/(1−r²) for each direction).
+fn independent_share(neighbour_correlation: [f64; 2]) -> f64 {
+    neighbour_correlation.iter().map(|r| r.min(0.99)).map(|r| (1.0 - r * r) / (1.0 + r * r)).product()
+}
+
+/// Calibrates from scenes in memory, each several frames of something static.
+pub fn from_scenes(scenes: &[Vec<Pixels>], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
+    let mut calibrator = NoiseCalibrator::new(options.clone())?;
+    for scene in scenes {
+        calibrator.begin_scene(None)?;
+        for frame in scene {
+            calibrator.add_frame(frame)?;
+        }
+    }
+    calibrator.finish()
+}
+
+/// Calibrates from scenes whose noise-free mean is known, each with one noisy frame or more.
+pub fn from_known_means(
+    scenes: &[(Pixels, Vec<Pixels>)],
+    options: &NoiseOptions,
+) -> Result<NoiseCalibration, CalibrateError> {
+    let mut calibrator = NoiseCalibrator::new(options.clone())?;
+    for (mean, frames) in scenes {
+        calibrator.begin_scene(Some(mean.clone()))?;
+        for frame in frames {
+            calibrator.add_frame(frame)?;
+        }
+    }
+    calibrator.finish()
+}
