@@ -4,28 +4,38 @@
 //! source → frame + pose → virtual layer → what the lens does → composite → what the sensor
 //! does → sink. The folders follow that sentence; ARCHITECTURE.md tells the rest.
 
+// 0: plain values
 pub mod frame;
 pub mod image;
 pub mod params;
 pub mod pose;
 
+// 1: pure physics
 pub mod camera;
 
+// 2: what comes in and what goes out; the GPU
+pub mod gpu;
 pub mod recording;
 pub mod sink;
 pub mod source;
 pub mod tracking;
 
+// 3: the scene, and the virtual layer drawn from it
+pub mod render;
 pub mod scene;
 
-pub mod compositor;
+// 4: what lens and sensor do
 pub mod effects;
-pub mod gpu;
+
+// 5: the per-frame loop
+pub mod compositor;
 pub mod profile;
 pub mod profile_noise;
-pub mod render;
-pub mod simulate;
-pub mod profile_noise;
 
+// 6: frames in; profile, figures or test footage out
 pub mod calibrate;
 pub mod measure;
+pub mod simulate;
+
+// 7: the face
+pub mod cli;

@@ -1,1 +1,5 @@
-fn main() {}
+//! The program `locard`.
+
+fn main() -> std::process::ExitCode {
+    locard::cli::main()
+}

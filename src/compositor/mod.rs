@@ -1,6 +1,7 @@
 //! The per-frame loop: a pure function of a frame, the poses around it, the scene and the
 //! settings.
 
+pub mod bench;
 mod mix;
 mod occlusion;
 mod run;

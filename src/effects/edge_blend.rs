@@ -7,7 +7,7 @@
 //! Not modelled: the edge's direction; a pixel in a corner is softened as one on an edge.
 
 use super::{Effect, FrameContext, MixedHook, Stage};
-use crate::params::Params;
+use crate::params::{Params, Value};
 
 crate::params! {
     /// Parameters of the edge blend.
@@ -37,6 +37,9 @@ impl Effect for EdgeBlendEffect {
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.params.impact == 0.0
+    }
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        vec![("", vec![("impact", Value::Number(1.0))])]
     }
     fn mixed(&self, _: &FrameContext<'_>) -> Option<MixedHook> {
         Some(MixedHook {

@@ -14,7 +14,7 @@
 
 use super::{Effect, FrameContext, Stage};
 use crate::gpu::{FullscreenPass, Slot, assemble, uniform_buffer};
-use crate::params::Params;
+use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, Sample, SamplePlan};
 
 crate::choices! {
@@ -126,8 +126,8 @@ impl Effect for MotionBlurEffect {
             Method::Copies => 0.5 * Self::longest_px(context) + 1.0,
         }
     }
-    fn methods(&self) -> Vec<&'static str> {
-        vec!["velocity", "copies", "reference"]
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        ["velocity", "copies", "reference"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
     }
 
     fn plan(&self, context: &FrameContext<'_>) -> Option<SamplePlan> {

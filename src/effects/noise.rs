@@ -18,7 +18,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::stage::Table;
 use super::{Effect, FrameContext, MixedHook, Stage};
-use crate::params::Params;
+use crate::params::{Params, Value};
 
 crate::params! {
     /// Parameters of the noise.
@@ -148,6 +148,9 @@ impl Effect for NoiseEffect {
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         self.params.scale == 0.0 || context.camera.noise.is_none()
+    }
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        vec![("", Vec::new()), ("magnified", vec![("magnification", Value::Number(2.0))])]
     }
     fn mixed(&self, context: &FrameContext<'_>) -> Option<MixedHook> {
         Some(MixedHook {

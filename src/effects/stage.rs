@@ -1,7 +1,7 @@
 //! What an effect is: its stage, what it reads and what it gives.
 
 use crate::camera::Camera;
-use crate::params::Params;
+use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, SamplePlan};
 
 /// Where in the way of the light an effect works.
@@ -72,9 +72,9 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn reach_px(&self, _: &FrameContext<'_>) -> f32 {
         0.0
     }
-    /// Settings under which the benchmark shows what each of its methods costs.
-    fn methods(&self) -> Vec<&'static str> {
-        Vec::new()
+    /// What the benchmark measures: a label, and parameters that differ from the defaults.
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        vec![("", Vec::new())]
     }
     /// What the renderer is to draw, where this effect decides that.
     fn plan(&self, _: &FrameContext<'_>) -> Option<SamplePlan> {

@@ -1,0 +1,321 @@
+//! `locard composite`.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+
+use anyhow::{Context, Result, bail};
+
+use super::{progress, warn};
+use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
+use crate::gpu::Gpu;
+use crate::profile::Rig;
+use crate::recording::{OpenOptions, Recording};
+use crate::sink::{self, OutPath, SinkOptions};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder or file of the recording
+    recording: PathBuf,
+    /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
+    #[arg(long)]
+    scene: PathBuf,
+    /// The camera and the effects' parameters; without it, the recording's own
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// Set a parameter, as in --set noise.scale=1.5; `locard params` lists them
+    #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
+    sets: Vec<String>,
+    /// Only these effects
+    #[arg(long, value_delimiter = ',', conflicts_with_all = ["without", "plain"])]
+    only: Option<Vec<String>>,
+    /// All effects but these
+    #[arg(long, value_delimiter = ',', conflicts_with = "plain")]
+    without: Option<Vec<String>>,
+    /// Every effect and occlusion off; the camera's geometry stays on
+    #[arg(long)]
+    plain: bool,
+    /// Half-open range of frames, counted from 0, as in 40..50
+    #[arg(long, value_name = "A..B", value_parser = parse_range)]
+    frames: Option<(Option<usize>, Option<usize>)>,
+    /// Seed of the noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Also write one OpenEXR a frame with the virtual layer into this folder
+    #[arg(long, value_name = "DIR")]
+    layers: Option<PathBuf>,
+    /// Also write what was found and done for each frame
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout
+    #[arg(short = 'o', long = "output", value_name = "OUT")]
+    output: PathBuf,
+    /// Keep every code value in a video
+    #[arg(long)]
+    lossless: bool,
+    /// Replace output that exists
+    #[arg(long)]
+    force: bool,
+    /// A frame without a pose is an error
+    #[arg(long)]
+    strict: bool,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, default_value_t = 1.0, value_name = "M")]
+    metres_per_unit: f64,
+    /// Added to frame times when poses are looked up
+    #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
+    time_offset_s: f64,
+    /// No progress bar, no warnings
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// `A..B`, either end may be left out.
+pub fn parse_range(text: &str) -> Result<(Option<usize>, Option<usize>), String> {
+    let wrong = || format!("{text} is not a range; expected A..B, as in 40..50");
+    let (a, b) = text.split_once("..").ok_or_else(wrong)?;
+    let end = |t: &str| if t.is_empty() { Ok(None) } else { t.parse().map(Some).map_err(|_| wrong()) };
+    Ok((end(a)?, end(b)?))
+}
+
+/// The frames asked for, checked against those there are.
+pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) -> Result<Range<usize>> {
+    let (a, b) = asked.unwrap_or_default();
+    let range = a.unwrap_or(0)..b.unwrap_or(count);
+    if range.start >= range.end || range.end > count {
+        bail!("--frames {}..{}: the recording has the frames 0..{count}", range.start, range.end);
+    }
+    Ok(range)
+}
+
+/// What frames are handed to while the next ones are drawn.
+struct Writer {
+    sink: Box<dyn sink::Sink + Send>,
+    layers: Option<PathBuf>,
+}
+
+impl Writer {
+    fn write(&mut self, done: &Composited) -> Result<()> {
+        if let (Some(folder), Some(layer)) = (&self.layers, &done.layer) {
+            sink::exr::write_layers(&layer_path(folder, done.frame), layer)?;
+        }
+        Ok(self.sink.write(done.frame, &done.pixels)?)
+    }
+}
+
+fn layer_path(folder: &Path, frame: usize) -> PathBuf {
+    folder.join(format!("layer_{frame:06}.exr"))
+}
+
+pub fn run(args: Args) -> Result<()> {
+    let options = OpenOptions {
+        metres_per_unit: args.metres_per_unit,
+        time_offset_s: args.time_offset_s,
+        ..OpenOptions::default()
+    };
+    let recording = Recording::open(&args.recording, &options)?;
+    let range = frame_range(args.frames, recording.frame_count())?;
+
+    let mut settings = Settings::default();
+    settings.seed = args.seed;
+    let mut rig = Rig::default();
+    if let Some(profile) = args.profile.as_ref().or(recording.camera_profile.as_ref()) {
+        rig.read(profile, &mut settings)?;
+    }
+    if let Some(geometry) = &recording.geometry {
+        rig.default_geometry(geometry);
+    }
+    for set in &args.sets {
+        rig.set_text(set, &mut settings)?;
+    }
+    if let Some(names) = &args.only {
+        settings.only(names)?;
+    }
+    if let Some(names) = &args.without {
+        settings.without(names)?;
+    }
+    if args.plain {
+        settings.plain();
+    }
+    let camera = rig.camera();
+    check_camera(&recording, &camera.geometry)?;
+    if args.strict {
+        for frame in range.clone() {
+            recording.pose_at_frame(frame).with_context(|| format!("frame {frame} has no pose"))?;
+        }
+    }
+    let scene = crate::scene::load(&args.scene, recording.up)?;
+    for text in recording.warnings.iter().chain(&scene.warnings) {
+        warn(args.quiet, text);
+    }
+    let unknown_exposure = camera.exposure.time_s.is_none() && camera.exposure.shutter_angle_deg.is_none();
+    if unknown_exposure && recording.exposure.iter().all(|e| e.time_s.is_none()) && !args.plain {
+        warn(
+            args.quiet,
+            "nothing says how long the frames were exposed: half the frame interval is taken; \
+             --set camera.exposure.time_s=SECONDS sets it",
+        );
+    }
+
+    let gpu = Gpu::open()?;
+    let mut compositor = Compositor::new(gpu, camera.clone(), settings, scene);
+    for text in compositor.warnings() {
+        warn(args.quiet, &text);
+    }
+    let layers = args.layers.clone();
+    if let Some(folder) = &layers {
+        prepare_layers(folder, range.clone(), args.force)?;
+    }
+    if let Some(report) = args.report.as_ref().filter(|r| r.exists() && !args.force) {
+        bail!("{}: exists already; it is kept unless --force is given", report.display());
+    }
+    let sink = sink::open(
+        &OutPath::parse(&args.output)?,
+        &SinkOptions {
+            force: args.force,
+            fps: 1.0 / recording.frame_interval_s,
+            lossless: args.lossless,
+            width: recording.width,
+            height: recording.height,
+            bits: recording.bits,
+        },
+    )?;
+    let bar = progress(args.quiet, range.len());
+    let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
+    let adapter = compositor.gpu().info.clone();
+    stream(&recording, range, &rig, &mut compositor, Writer { sink, layers }, |done| {
+        bar.inc(1);
+        stats.push(done.stats.clone());
+    })?;
+    bar.finish_and_clear();
+
+    let unseen = stats.iter().filter(|s| s.no_pose.is_some()).count();
+    if unseen > 0 {
+        warn(args.quiet, &format!("{unseen} of {} frames have no pose and passed through untouched", stats.len()));
+    }
+    if let Some(path) = &args.report {
+        let report = serde_json::json!({
+            "adapter": adapter.name,
+            "driver": format!("{} {}", adapter.driver, adapter.driver_info),
+            "seed": args.seed,
+            "frames": stats,
+        });
+        let text = serde_json::to_string_pretty(&report)?;
+        std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    Ok(())
+}
+
+/// That the camera is known, and is the recording's.
+fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry>) -> Result<()> {
+    if geometry.is_none() && recording.geometry_at_frame(0).is_none() {
+        bail!(
+            "nothing says what camera took {}: give --profile with a table [camera] (focal length, principal point); \
+             profiles/ has examples",
+            recording.path.display()
+        );
+    }
+    if let Some(g) = geometry {
+        let i = &g.intrinsics;
+        if (i.width_px, i.height_px) != (recording.width, recording.height) {
+            bail!(
+                "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and \
+                 camera.height_px must say what the intrinsics belong to",
+                i.width_px,
+                i.height_px,
+                recording.width,
+                recording.height
+            );
+        }
+    }
+    Ok(())
+}
+
+fn prepare_layers(folder: &Path, mut range: Range<usize>, force: bool) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
+    if !force && let Some(frame) = range.find(|&n| layer_path(folder, n).exists()) {
+        bail!("{}: exists already; it is kept unless --force is given", layer_path(folder, frame).display());
+    }
+    Ok(())
+}
+
+/// Decoding on the recording's threads, drawing here, writing on a thread of its own.
+fn stream(
+    recording: &Recording,
+    range: Range<usize>,
+    rig: &Rig,
+    compositor: &mut Compositor,
+    mut writer: Writer,
+    mut done: impl FnMut(&Composited),
+) -> Result<()> {
+    #[derive(Debug, thiserror::Error)]
+    enum Stop {
+        #[error(transparent)]
+        Recording(#[from] crate::recording::RecordingError),
+        /// The writer has an error of its own to tell.
+        #[error("writing stopped")]
+        Writer,
+    }
+    let own = rig.camera().geometry;
+    let times = &recording.timestamps_s;
+    let about = |frame: usize| {
+        let geometry = own.as_ref().or_else(|| recording.geometry_at_frame(frame));
+        let next = times.get(frame + 1).map_or(recording.frame_interval_s, |t| t - times[frame]);
+        (geometry, next)
+    };
+    // Checked before: every frame has one or the other, or takes the first one's.
+    let first = about(0).0.context("the recording has no camera")?;
+    let frames = recording.frames(range)?.map(|f| f.map_err(Stop::from));
+    let stream = Stream {
+        track: &recording.track,
+        time_offset_s: recording.time_offset_s,
+        want_layers: writer.layers.is_some(),
+    };
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel::<Composited>(2);
+        let writing = scope.spawn(move || -> Result<()> {
+            for frame in receiver {
+                writer.write(&frame)?;
+            }
+            Ok(writer.sink.finish()?)
+        });
+        let drawn = compositor.run(
+            &stream,
+            frames,
+            |frame| (about(frame).0.unwrap_or(first), about(frame).1),
+            |frame| {
+                done(&frame);
+                sender.send(frame).map_err(|_| Stop::Writer)
+            },
+        );
+        match drawn {
+            Ok(()) => {
+                drop(sender);
+                writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?
+            }
+            Err(stopped) => {
+                // Without an end the writer must not call the output finished.
+                drop(sender);
+                match writing.join() {
+                    Ok(Err(error)) => Err(error),
+                    _ => Err(stopped.into()),
+                }
+            }
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges() {
+        assert_eq!(parse_range("40..50"), Ok((Some(40), Some(50))));
+        assert_eq!(parse_range("..5"), Ok((None, Some(5))));
+        assert!(parse_range("4-5").is_err() && parse_range("a..b").is_err());
+        assert_eq!(frame_range(Some((Some(3), None)), 9).unwrap(), 3..9);
+        assert!(frame_range(Some((Some(3), Some(10))), 9).unwrap_err().to_string().contains("0..9"));
+        assert!(frame_range(Some((Some(3), Some(3))), 9).is_err());
+    }
+}

@@ -1,0 +1,232 @@
+//! `locard inspect`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use glam::{DVec2, DVec3};
+
+use crate::camera::Geometry;
+use crate::compositor::Settings;
+use crate::params::Params;
+use crate::profile::Rig;
+use crate::recording::{OpenOptions, Recording};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// A recording, a scene (.glb, .gltf, scene.toml) or a profile
+    what: PathBuf,
+    /// A frame of the recording
+    #[arg(long)]
+    frame: Option<usize>,
+    /// Columns and rows from the upper left: the world point there
+    #[arg(long, value_name = "X,Y", requires = "frame", value_parser = numbers::<2>)]
+    pick: Option<[f64; 2]>,
+    /// Without depth: the plane a·x + b·y + c·z = d of the world that the point lies on
+    #[arg(long, value_name = "A,B,C,D", requires = "pick", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    plane: Option<[f64; 4]>,
+    /// The camera, where the recording does not know it
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, default_value_t = 1.0, value_name = "M")]
+    metres_per_unit: f64,
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parsed: Option<Vec<f64>> =
+        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
+}
+
+enum Found {
+    Recording,
+    Scene,
+    Profile,
+}
+
+/// By ending, and for .toml by what stands in it.
+fn kind(path: &Path) -> Result<Found> {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    Ok(match ending.as_str() {
+        _ if path.is_dir() => Found::Recording,
+        "glb" | "gltf" => Found::Scene,
+        "toml" => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            let table: toml::Table = text.parse().with_context(|| format!("{}: not TOML", path.display()))?;
+            if table.contains_key("frames") {
+                Found::Recording
+            } else if table.contains_key("objects") || table.contains_key("light") {
+                Found::Scene
+            } else {
+                Found::Profile
+            }
+        }
+        _ => Found::Recording,
+    })
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let found = kind(&args.what)?;
+    if args.frame.is_some() && !matches!(found, Found::Recording) {
+        bail!("{}: --frame asks for a recording, and this is none", args.what.display());
+    }
+    match found {
+        Found::Scene => {
+            let scene = crate::scene::load(&args.what, None)?;
+            write!(std::io::stdout().lock(), "{}", crate::scene::describe(&scene))?;
+            Ok(())
+        }
+        Found::Profile => profile(&args.what),
+        Found::Recording => recording(args),
+    }
+}
+
+fn profile(path: &Path) -> Result<()> {
+    let (mut rig, mut settings) = (Rig::default(), Settings::default());
+    rig.read(path, &mut settings)?;
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "profile    {}", path.display())?;
+    let tables: Vec<&dyn Params> = rig.tables().into_iter().chain(settings.tables()).collect();
+    for table in tables {
+        let changed = table.specs().into_iter().filter_map(|s| {
+            let value = table.get(s.name)?;
+            (value != s.default).then(|| {
+                format!(
+                    "{} = {value}{}{}",
+                    s.name,
+                    if s.unit.len() > 1 { " " } else { "" },
+                    if s.unit == "1" { "" } else { s.unit }
+                )
+            })
+        });
+        let changed: Vec<_> = changed.collect();
+        if !changed.is_empty() {
+            writeln!(out, "[{}]  {}", table.table(), changed.join(", "))?;
+        }
+    }
+    match &rig.noise {
+        Some(noise) => {
+            let sigmas = noise.bins.iter().flatten().map(|b| b.sigma);
+            let (low, high) = sigmas.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));
+            writeln!(
+                out,
+                "noise      {} bins, σ {low:.2} to {high:.2} code values; channels {:.2?}, neighbours {:.2?}",
+                noise.bins[0].len(),
+                noise.channel_correlation,
+                noise.neighbour_correlation
+            )?;
+        }
+        None => writeln!(out, "noise      not calibrated: virtual pixels will have none (`locard calibrate noise`)")?,
+    }
+    if !rig.intrinsics_known {
+        writeln!(out, "odd        no intrinsics: the recording must bring its own")?;
+    }
+    Ok(())
+}
+
+fn recording(args: &Args) -> Result<()> {
+    let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
+    let recording = Recording::open(&args.what, &options)?;
+    let mut out = std::io::stdout().lock();
+    if let Some(frame) = args.frame {
+        return one_frame(args, &recording, frame, &mut out);
+    }
+    let times = &recording.timestamps_s;
+    let duration = times.last().zip(times.first()).map_or(0.0, |(b, a)| b - a);
+    let posed = (0..recording.frame_count()).filter(|&i| recording.pose_at_frame(i).is_ok()).count();
+    writeln!(out, "recording  {} ({})", recording.name, recording.kind)?;
+    writeln!(
+        out,
+        "frames     {} of {}x{} px, {} bits; {duration:.3} s, every {:.4} s",
+        recording.frame_count(),
+        recording.width,
+        recording.height,
+        recording.bits,
+        recording.frame_interval_s
+    )?;
+    writeln!(out, "poses      {}; {posed} frames have one", recording.track.poses().len())?;
+    writeln!(out, "depth      {}", if recording.has_depth() { "yes" } else { "none" })?;
+    let exposed = recording.exposure.iter().filter(|e| e.time_s.is_some()).count();
+    writeln!(out, "exposure   known for {exposed} frames")?;
+    match recording.geometry_at_frame(0) {
+        Some(g) => writeln!(
+            out,
+            "camera     fx {:.2} fy {:.2} cx {:.2} cy {:.2} px",
+            g.intrinsics.fx_px, g.intrinsics.fy_px, g.intrinsics.cx_px, g.intrinsics.cy_px
+        )?,
+        None => match &recording.camera_profile {
+            Some(path) => writeln!(out, "camera     {}", path.display())?,
+            None => writeln!(out, "camera     unknown: give a --profile")?,
+        },
+    }
+    for text in &recording.warnings {
+        writeln!(out, "odd        {text}")?;
+    }
+    Ok(())
+}
+
+fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Write) -> Result<()> {
+    if frame >= recording.frame_count() {
+        bail!("--frame {frame}: the recording has the frames 0..{}", recording.frame_count());
+    }
+    let pose = recording.pose_at_frame(frame);
+    writeln!(out, "frame      {frame} at {:.6} s", recording.timestamps_s[frame])?;
+    match &pose {
+        Ok(pose) => {
+            let p = pose.position_in_world_m();
+            let forward = pose.world_from_camera_rotation() * DVec3::Z;
+            writeln!(
+                out,
+                "camera at  {:.4} {:.4} {:.4} m, looks along {:.3} {:.3} {:.3}",
+                p.x, p.y, p.z, forward.x, forward.y, forward.z
+            )?;
+        }
+        Err(reason) => writeln!(out, "no pose    {reason}")?,
+    }
+    let Some([x, y]) = args.pick else { return Ok(()) };
+    let pose = pose?;
+    let geometry = geometry(args, recording, frame)?;
+    let ray = geometry
+        .unproject(DVec2::new(x, y))
+        .with_context(|| format!("--pick {x},{y}: the lens model has no ray there"))?;
+    let frames = recording.frames(frame..frame + 1)?.next().context("the frame cannot be read")??;
+    if let Some([a, b, c, d]) = args.plane {
+        let normal = DVec3::new(a, b, c);
+        let eye = pose.position_in_world_m();
+        let along = pose.world_from_camera_rotation() * ray;
+        let t = (d - normal.dot(eye)) / normal.dot(along);
+        if !(t.is_finite() && t > 0.0) {
+            bail!("--plane: the ray through {x},{y} does not meet that plane before the camera");
+        }
+        let p = eye + along * t;
+        writeln!(out, "world      {:.4} {:.4} {:.4} m (on the plane, depth {t:.4} m)", p.x, p.y, p.z)?;
+        return Ok(());
+    }
+    let Some(depth) = &frames.depth else {
+        bail!("frame {frame} has no depth: give a plane, as in --plane 0,0,1,0 for z = 0");
+    };
+    if x < 0.0 || y < 0.0 || x >= f64::from(depth.width) || y >= f64::from(depth.height) {
+        bail!("--pick {x},{y} lies outside of the picture, {}x{} px", depth.width, depth.height);
+    }
+    let z = f64::from(depth.depth_m[y as usize * depth.width as usize + x as usize]);
+    if z <= 0.0 {
+        bail!("the depth sensor measured nothing at {x},{y}: pick a pixel beside it, or give a plane");
+    }
+    // Depth belongs to its own moment.
+    let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s).unwrap_or(pose);
+    let p = measured.inverse_transform_point(ray * z);
+    writeln!(out, "world      {:.4} {:.4} {:.4} m (depth {z:.4} m)", p.x, p.y, p.z)?;
+    Ok(())
+}
+
+fn geometry(args: &Args, recording: &Recording, frame: usize) -> Result<Geometry> {
+    let (mut rig, mut settings) = (Rig::default(), Settings::default());
+    if let Some(path) = args.profile.as_ref().or(recording.camera_profile.as_ref()) {
+        rig.read(path, &mut settings)?;
+    }
+    rig.camera()
+        .geometry
+        .or_else(|| recording.geometry_at_frame(frame).cloned())
+        .context("nothing says what camera took this: give --profile")
+}

@@ -1,0 +1,94 @@
+//! The command line. Data on stdout, messages on stderr; exit 0, or 2 with one line that says
+//! what is wrong. Names no effect: it takes them from the list.
+
+mod bench;
+mod calibrate;
+mod composite;
+mod doctor;
+mod inspect;
+mod params;
+mod simulate;
+
+use std::io::IsTerminal;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(name = "locard", version, about = "Puts virtual evidence into real footage so that it looks photographed there", long_about = None)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Put a scene into a recording
+    Composite(composite::Args),
+    /// Measure a camera from pictures
+    Calibrate(calibrate::Args),
+    /// Say what is in a recording, a scene or a profile, and what is odd about it
+    Inspect(inspect::Args),
+    /// List every parameter: unit, range, default, help
+    Params(params::Args),
+    /// Say what this machine has, what is missing and how to get it
+    Doctor,
+    /// Measure what each effect costs on this machine
+    Bench(bench::Args),
+    /// Make a recording of a simulated site, together with its ground truth
+    Simulate(simulate::Args),
+}
+
+/// Runs the program on the process' arguments.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // A closed pipe is no reason to fail while printing help.
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+        }
+    };
+    let done = match cli.command {
+        Command::Composite(args) => composite::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Params(args) => params::run(&args),
+        Command::Doctor => doctor::run(),
+        Command::Bench(args) => bench::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("locard: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Whether whoever read our stdout has had enough (`locard params | head`).
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    error.chain().filter_map(|e| e.downcast_ref::<std::io::Error>()).any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// A line on stderr that is no error.
+fn warn(quiet: bool, text: &str) {
+    if !quiet {
+        eprintln!("locard: {text}");
+    }
+}
+
+/// A bar on a terminal, nothing in a pipe.
+fn progress(quiet: bool, length: usize) -> indicatif::ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return indicatif::ProgressBar::hidden();
+    }
+    let style = indicatif::ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left");
+    let bar = indicatif::ProgressBar::new(length as u64);
+    match style {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}

@@ -1,0 +1,58 @@
+//! `locard params`.
+
+use std::io::Write;
+
+use anyhow::Result;
+use serde_json::json;
+
+use crate::compositor::Settings;
+use crate::params::{Params, Value};
+use crate::profile::Rig;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let (rig, settings) = (Rig::default(), Settings::default());
+    let tables: Vec<&dyn Params> = rig.tables().into_iter().chain(settings.tables()).collect();
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        let list: Vec<_> = tables
+            .iter()
+            .flat_map(|t| t.specs().into_iter().map(|s| (t.table(), s)))
+            .map(|(table, s)| {
+                let default = match &s.default {
+                    Value::None => json!(null),
+                    Value::Bool(b) => json!(b),
+                    Value::Number(n) => json!(n),
+                    Value::Text(t) => json!(t),
+                };
+                json!({
+                    "table": table, "name": s.name, "unit": s.unit, "accepts": s.kind.to_string(),
+                    "optional": s.optional, "default": default, "help": s.help,
+                })
+            })
+            .collect();
+        writeln!(out, "{}", serde_json::to_string_pretty(&list)?)?;
+        return Ok(());
+    }
+    for table in tables {
+        let summary = settings.effects.iter().find(|e| e.params().table() == table.table()).map(|e| e.summary());
+        match summary {
+            Some(summary) => writeln!(out, "[{}]  {summary}", table.table())?,
+            None => writeln!(out, "[{}]", table.table())?,
+        }
+        for s in table.specs() {
+            let unit = if s.unit.is_empty() || s.unit == "1" { String::new() } else { format!(" {}", s.unit) };
+            let or_none = if s.optional { ", or none" } else { "" };
+            writeln!(out, "  {} = {}{unit}    ({}{or_none})", s.name, s.default, s.kind)?;
+            writeln!(out, "      {}", s.help)?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,46 @@
+//! `locard simulate`.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+
+use super::progress;
+use crate::params::{Params, Value};
+use crate::simulate::{self, Options};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The folder of the recording
+    #[arg(short = 'o', long = "output", value_name = "DIR")]
+    output: PathBuf,
+    /// Set an option, as in --set frames=30; without any, the demo is made
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    sets: Vec<String>,
+    /// List the options
+    #[arg(long)]
+    list: bool,
+    /// Replace a recording that exists
+    #[arg(long)]
+    force: bool,
+    /// No progress bar
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let mut options = Options::default();
+    if args.list {
+        for s in options.specs() {
+            println!("{} = {} {}    ({})\n      {}", s.name, s.default, s.unit, s.kind, s.help);
+        }
+        return Ok(());
+    }
+    for set in &args.sets {
+        let Some((name, value)) = set.split_once('=') else { bail!("--set {set}: expected name=value") };
+        options.set(name.trim().trim_start_matches("simulate."), &Value::parse(value))?;
+    }
+    let bar = progress(args.quiet, options.frames as usize);
+    simulate::run(&args.output, &options, args.force, &mut |done, _| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    Ok(())
+}

@@ -1,0 +1,207 @@
+//! What effects cost, in multiples of one full-screen copy of the same run.
+//!
+//! The load is fixed: a sphere of 10,000 triangles over a tenth of the picture, a camera that
+//! turns so that it is blurred over 12 px at 640 px width, a noisy camera.
+
+use std::f32::consts::{PI, TAU};
+use std::time::Instant;
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::{Compositor, Job, Settings};
+use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoiseProfile};
+use crate::frame::{Frame, FrameExposure};
+use crate::gpu::{FullscreenPass, Gpu, GpuError, Slot, Texture, assemble};
+use crate::image::Pixels;
+use crate::pose::Pose;
+use crate::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
+use crate::tracking::PoseTrack;
+
+/// One row of the table.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Row {
+    pub name: String,
+    /// Median, upload to readback, milliseconds.
+    pub ms: f64,
+    /// The same in full-screen rgba16f copies.
+    pub copies: f64,
+}
+
+/// How often each thing is timed.
+const ROUNDS: usize = 15;
+const INTERVAL_S: f64 = 1.0 / 30.0;
+
+fn median(mut times: Vec<f64>) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+/// A sphere of 72 × 70 × 2 − … ≈ 10,000 triangles, radius 1.
+fn sphere() -> Mesh {
+    let (columns, rows) = (72u32, 70u32);
+    let mut vertices = Vec::new();
+    for j in 0..=rows {
+        for i in 0..=columns {
+            let (phi, theta) = (i as f32 / columns as f32 * TAU, j as f32 / rows as f32 * PI);
+            let n = [theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()];
+            vertices.push(Vertex {
+                position: n,
+                normal: n,
+                tangent: [0.0; 4],
+                uv0: [0.0; 2],
+                uv1: [0.0; 2],
+                color: [1.0; 4],
+            });
+        }
+    }
+    let mut indices = Vec::new();
+    for j in 0..rows {
+        for i in 0..columns {
+            let a = j * (columns + 1) + i;
+            let b = a + columns + 1;
+            indices.extend([a, a + 1, b, a + 1, b + 1, b]);
+        }
+    }
+    Mesh { vertices, indices, material: 0 }
+}
+
+/// The sphere over a tenth of the picture, lit by a sun.
+fn scene(geometry: &Geometry) -> Scene {
+    let i = &geometry.intrinsics;
+    let radius_px = (0.1 * f64::from(i.width_px) * f64::from(i.height_px) / std::f64::consts::PI).sqrt();
+    let (depth_m, radius_m) = (2.0, 2.0 * radius_px / i.fx_px);
+    let world_from_mesh = DAffine3::from_scale_rotation_translation(
+        DVec3::splat(radius_m),
+        DQuat::IDENTITY,
+        DVec3::new(0.0, 0.0, depth_m),
+    );
+    let sun =
+        Sun { towards_light_in_world: glam::Vec3::new(0.3, -0.8, -0.5).normalize(), color: glam::Vec3::splat(0.6) };
+    Scene {
+        meshes: vec![sphere()],
+        materials: vec![Material {
+            base_color: [0.6, 0.5, 0.4, 1.0],
+            metallic: 0.0,
+            roughness: 0.5,
+            ..Material::default()
+        }],
+        objects: vec![Object { name: "sphere".to_owned(), parts: vec![Part { mesh: 0, world_from_mesh }] }],
+        lighting: Lighting {
+            suns: vec![sun],
+            points: Vec::new(),
+            environment: Environment::Uniform(glam::Vec3::splat(0.4)),
+        },
+        ..Scene::default()
+    }
+}
+
+/// A camera with noise, exposed for half the interval.
+fn camera(width: u32, height: u32) -> (Camera, Geometry) {
+    let f = 525.0 * f64::from(width) / 640.0;
+    let intrinsics = Intrinsics {
+        width_px: width,
+        height_px: height,
+        fx_px: f,
+        fy_px: f,
+        cx_px: f64::from(width) / 2.0,
+        cy_px: f64::from(height) / 2.0,
+        ..Intrinsics::default()
+    };
+    let geometry = Geometry::new(intrinsics, Distortion::default());
+    let bins = vec![
+        NoiseBin { code: 0.0, sigma: 1.5 },
+        NoiseBin { code: 128.0, sigma: 3.5 },
+        NoiseBin { code: 255.0, sigma: 2.5 },
+    ];
+    let noise = NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.4, 0.3, 0.4],
+        neighbour_correlation: [0.4, 0.4],
+    };
+    let mut camera = Camera { geometry: Some(geometry.clone()), noise: Some(noise), ..Camera::default() };
+    camera.exposure.time_s = Some(0.5 * INTERVAL_S);
+    (camera, geometry)
+}
+
+/// Turns so that the middle of the picture moves by `px` in half an interval.
+fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
+    let rate = (px / geometry.intrinsics.fx_px) / (0.5 * INTERVAL_S);
+    let poses = (-100..=100)
+        .map(|i| {
+            let t = f64::from(i) * 1e-3;
+            (t, Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_y(rate * t)))
+        })
+        .collect();
+    // The times above ascend.
+    PoseTrack::new(poses, 1.0).unwrap_or_default()
+}
+
+/// One full-screen copy of rgba16f, milliseconds: the yardstick.
+fn copy_ms(gpu: &Gpu, width: u32, height: u32) -> Result<f64, GpuError> {
+    let format = wgpu::TextureFormat::Rgba16Float;
+    let [from, to] = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
+    let pass = FullscreenPass::new(gpu, "copy", &assemble("copy"), &[format]);
+    let mut times = Vec::new();
+    for _ in 0..ROUNDS + 3 {
+        let start = Instant::now();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        pass.run(gpu, &mut encoder, &[Slot::Texture(&from.view)], &[&to], (width, height));
+        gpu.wait(Some(gpu.queue.submit([encoder.finish()])))?;
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    Ok(median(times.split_off(3)))
+}
+
+/// Times everything at a picture size: the copy, the plain composite, each effect alone over
+/// it, and all effects at their defaults.
+pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, GpuError> {
+    let copy = copy_ms(gpu, width, height)?;
+    let mut rows = vec![Row { name: "full-screen copy".to_owned(), ms: copy, copies: 1.0 }];
+    let (camera, geometry) = camera(width, height);
+    let track = turning(&geometry, 12.0 * f64::from(width) / 640.0);
+    let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
+        .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
+    let mut time = |name: String, settings: Settings| -> Result<(), GpuError> {
+        let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene(&geometry));
+        let mut times = Vec::new();
+        for index in 0..ROUNDS + 3 {
+            let frame = Frame {
+                index,
+                timestamp_s: 0.0,
+                pixels: pixels.clone(),
+                depth: None,
+                exposure: FrameExposure::default(),
+            };
+            let job = Job {
+                frame,
+                geometry: &geometry,
+                track: &track,
+                time_offset_s: 0.0,
+                interval_s: INTERVAL_S,
+                want_layer: false,
+            };
+            let start = Instant::now();
+            let pending = compositor.submit(job)?;
+            compositor.collect(pending)?;
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+        let ms = median(times.split_off(3));
+        rows.push(Row { name, ms, copies: ms / copy });
+        Ok(())
+    };
+    let mut plain = Settings::default();
+    plain.plain();
+    time("plain composite".to_owned(), plain)?;
+    for effect in crate::effects::all() {
+        let table = effect.params().table();
+        for (label, sets) in effect.cases() {
+            let mut settings = Settings::default();
+            let known = settings.only(&[table.to_owned()]).is_ok()
+                && sets.iter().all(|(name, value)| matches!(settings.set(table, name, value), Some(Ok(()))));
+            debug_assert!(known, "{table} {label}");
+            time(format!("plain + {table} {label}").trim_end().to_owned(), settings)?;
+        }
+    }
+    time("all effects at their defaults".to_owned(), Settings::default())?;
+    Ok(rows)
+}
