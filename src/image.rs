@@ -60,6 +60,27 @@ pub struct DepthMap {
     pub timestamp_s: f64,
 }
 
+/// The virtual layer of a frame after all layer effects, `width * height` values each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LayerImage {
+    pub width: u32,
+    pub height: u32,
+    /// Linear, premultiplied; A is 0 exactly where the camera's pixels stay untouched.
+    pub rgba: Vec<[f32; 4]>,
+    /// Metres along the optical axis, 0 where A is 0.
+    pub depth_m: Vec<f32>,
+    /// px/s, raster axes.
+    pub velocity: Vec<[f32; 2]>,
+}
+
+impl LayerImage {
+    /// A layer without any object.
+    pub fn empty(width: u32, height: u32) -> Self {
+        let count = width as usize * height as usize;
+        Self { width, height, rgba: vec![[0.0; 4]; count], depth_m: vec![0.0; count], velocity: vec![[0.0; 2]; count] }
+    }
+}
+
 /// A rectangle of whole pixels, half-open: columns `x0..x1`, rows `y0..y1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rect {

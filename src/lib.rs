@@ -17,3 +17,11 @@ pub mod source;
 pub mod tracking;
 
 pub mod scene;
+
+pub mod compositor;
+pub mod effects;
+pub mod gpu;
+pub mod profile;
+pub mod profile_noise;
+pub mod render;
+pub mod simulate;

@@ -24,7 +24,7 @@ impl Distortion {
     }
 
     /// d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶).
-    fn slope(&self, r: f64) -> f64 {
+    pub fn slope(&self, r: f64) -> f64 {
         let r2 = r * r;
         1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * 7.0 * self.k3))
     }

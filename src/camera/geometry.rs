@@ -38,15 +38,25 @@ impl Geometry {
         self.valid_radius
     }
 
+    /// How fast the distorted radius grows at the valid radius.
+    pub fn rim_slope(&self) -> f64 {
+        self.distortion.slope(self.valid_radius)
+    }
+
     /// Where a point before the camera (OpenCV axes, metres) lands, px.
     /// `None` at or behind the camera's plane, z ≤ 0.
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
         if point_in_camera.z <= 0.0 || point_in_camera.z.is_nan() {
             return None;
         }
-        let d = self.distortion.distort(point_in_camera.truncate() / point_in_camera.z, self.valid_radius);
+        Some(self.distorted_px(point_in_camera.truncate() / point_in_camera.z))
+    }
+
+    /// Where a ray with normalised coordinates (x/z, y/z) lands, px.
+    pub fn distorted_px(&self, normalised: DVec2) -> DVec2 {
+        let d = self.distortion.distort(normalised, self.valid_radius);
         let i = &self.intrinsics;
-        Some(DVec2::new(i.fx_px * d.x + i.cx_px, i.fy_px * d.y + i.cy_px))
+        DVec2::new(i.fx_px * d.x + i.cx_px, i.fy_px * d.y + i.cy_px)
     }
 
     /// The ray through a place in the picture, scaled to z = 1; times a depth it is the point.

@@ -8,7 +8,7 @@ mod response;
 pub use distortion::Distortion;
 pub use geometry::{Geometry, Intrinsics};
 pub use noise::{NoiseBin, NoiseProfile};
-pub use response::Response;
+pub use response::{Curve, Response};
 
 crate::params! {
     /// The lens, where it is known.
@@ -29,6 +29,8 @@ crate::params! {
     pub struct Exposure in "camera.exposure" {
         "how long each row gathers light; 0 is an instant; none: from the recording"
         time_s: Option<f64> = None, "s", 0.0..=60.0;
+        "exposure as a part of the frame interval instead of time_s; 360 is all of it"
+        shutter_angle_deg: Option<f64> = None, "deg", 0.0..=360.0;
         "film speed at which the noise was measured"
         iso: Option<f64> = None, "ISO", 1.0..=1000000.0;
     }

@@ -3,9 +3,27 @@
 //! World coordinates are the recording's, metres. A mesh's own coordinates are as its file
 //! has them; `world_from_mesh` takes them to the world, axes converted.
 
+mod bytes;
+mod describe;
+mod document;
+mod error;
+mod geometry;
+mod load;
+mod material;
+mod model;
+mod nodes;
+mod picture;
+mod place;
+mod scene_file;
+mod schema;
+
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+pub use describe::{Description, ObjectDescription, TextureDescription, describe};
+pub use error::SceneError;
+pub use load::load;
 
 /// Everything that the renderer draws.
 #[derive(Clone, Debug, Default)]
@@ -124,7 +142,7 @@ pub struct TextureUse {
 }
 
 /// How a texture goes on beyond its edge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Wrap {
     Repeat,
     Mirror,

@@ -8,22 +8,12 @@ use half::f16;
 
 use super::SinkError;
 use super::atomic::write_atomically;
-
-/// A frame's virtual layer; every list holds `width * height` values, row by row from the top left.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct LayerImage {
-    /// Linear, premultiplied; written with 16 bits.
-    pub rgba: Vec<[f32; 4]>,
-    /// Metres along the optical axis; 0 where A is 0.
-    pub depth_m: Vec<f32>,
-    /// Pixels a second, x right, y down.
-    pub velocity: Vec<[f32; 2]>,
-}
+use crate::image::LayerImage;
 
 /// Writes one layer with the channels virtual.R, .G, .B, .A (half), depth.Z, velocity.X, .Y
 /// (float), ZIP-compressed; the file is whole or not there.
-pub fn write_layers(path: &Path, width: u32, height: u32, layers: &LayerImage) -> std::result::Result<(), SinkError> {
-    let (width, height) = (width as usize, height as usize);
+pub fn write_layers(path: &Path, layers: &LayerImage) -> std::result::Result<(), SinkError> {
+    let (width, height) = (layers.width as usize, layers.height as usize);
     let lengths = [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len()];
     if lengths != [width * height; 3] || width * height == 0 {
         let problem = format!("layers of {lengths:?} values do not make a picture of {width}x{height}");

@@ -1,0 +1,75 @@
+// Camera and virtual layer to one picture, then the enabled effects of the mixed stage.
+// Where the layer's alpha is 0 the camera's integers are copied.
+// @import shared/fullscreen
+// @import shared/mixed
+// @import shared/response
+
+struct Composite {
+    origin: vec4<i32>,  // of the rectangle in the picture: x, y; of the rectangle in the camera texture: z, w
+    size: vec4<i32>,    // of the rectangle: x, y; of the camera texture: z, w
+    layer: vec4<i32>,   // of the rectangle in the layer: x, y; the layer's size: z, w
+    scale: vec4<f32>,   // largest code value, curve, gamma, unused
+}
+@group(0) @binding(0) var camera: texture_2d<u32>;
+@group(0) @binding(1) var layer: texture_2d<f32>;
+@group(0) @binding(2) var<uniform> composite: Composite;
+// σ of the camera's noise at 256 code values, 8-bit codes.
+@group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
+
+// σ at a code value (0..1), in 8-bit codes.
+fn sigma_at(code: vec3<f32>) -> vec3<f32> {
+    let x = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0)) * 255.0;
+    let i = vec3<u32>(min(x, vec3<f32>(254.0)));
+    let f = x - vec3<f32>(i);
+    let low = vec3<f32>(sigma_table[i.x].x, sigma_table[i.y].y, sigma_table[i.z].z);
+    let high = vec3<f32>(sigma_table[i.x + 1u].x, sigma_table[i.y + 1u].y, sigma_table[i.z + 1u].z);
+    return mix(low, high, f);
+}
+
+// The layer's colour at a pixel of the rectangle; transparent where there is no layer.
+fn layer_at(p: vec2<i32>) -> vec4<f32> {
+    let q = p + composite.layer.xy;
+    if any(q < vec2<i32>(0)) || any(q >= composite.layer.zw) {
+        return vec4<f32>(0.0);
+    }
+    return textureLoad(layer, q, 0);
+}
+
+fn inside_picture(p: vec2<i32>) -> bool {
+    let q = p + composite.origin.zw;
+    return all(q >= vec2<i32>(0)) && all(q < composite.size.zw);
+}
+
+fn camera_codes(p: vec2<i32>) -> vec4<u32> {
+    return textureLoad(camera, p + composite.origin.zw, 0);
+}
+
+// Premultiplied over in linear light, encoded again.
+fn mixed_at(p: vec2<i32>, virtual_light: vec4<f32>) -> Mixed {
+    let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
+    let w = 1.0 - virtual_light.a;
+    let light = virtual_light.rgb + w * decode(code, composite.scale.y, composite.scale.z);
+    let mixed = encode(light, composite.scale.y, composite.scale.z);
+    var variance = vec3<f32>(0.0);
+    if w > 0.0 {
+        let g = slope_at_code(mixed, composite.scale.y, composite.scale.z) / slope_at_code(code, composite.scale.y, composite.scale.z);
+        let s = w * g * sigma_at(code);
+        variance = s * s;
+    }
+    return Mixed(mixed, variance);
+}
+
+// @effects
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
+    let p = vec2<i32>(at.xy);
+    let virtual_light = layer_at(p);
+    if virtual_light.a == 0.0 {
+        return camera_codes(p);
+    }
+    var pixel = mixed_at(p, virtual_light);
+    // @calls
+    let codes = clamp(floor(pixel.code * composite.scale.x + 0.5), vec3<f32>(0.0), vec3<f32>(composite.scale.x));
+    return vec4<u32>(vec3<u32>(codes), u32(composite.scale.x));
+}

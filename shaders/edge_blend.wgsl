@@ -1,0 +1,28 @@
+// Antialiasing against camera pixels (Fischer 2006, antialiasing):
+// (current + Σ camera_i) / (n + 1) over the n camera pixels of the 3×3 neighbourhood.
+struct EdgeBlend { impact: vec4<f32> }
+@group(0) @binding(4) var<uniform> edge_blend: EdgeBlend;
+
+fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
+    var n = 0.0;
+    var sum = vec3<f32>(0.0);
+    var variance = vec3<f32>(0.0);
+    for (var dy = -1; dy <= 1; dy++) {
+        for (var dx = -1; dx <= 1; dx++) {
+            let q = p + vec2<i32>(dx, dy);
+            if inside_picture(q) && layer_at(q).a == 0.0 {
+                let code = vec3<f32>(camera_codes(q).rgb) / composite.scale.x;
+                let s = sigma_at(code);
+                n += 1.0;
+                sum += code;
+                variance += s * s;
+            }
+        }
+    }
+    if n == 0.0 {
+        return current;
+    }
+    let share = edge_blend.impact.x / (n + 1.0);
+    let own = 1.0 - share * n;
+    return Mixed(own * current.code + share * sum, own * own * current.camera_variance + share * share * variance);
+}

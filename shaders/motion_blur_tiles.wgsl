@@ -1,0 +1,50 @@
+// The fastest motion and the range of motions of each tile, then of each 3×3 tiles.
+// @import shared/fullscreen
+struct Tiles { size: vec4<i32> } // layer width, height, tile side, 0 over pixels | 1 over tiles
+@group(0) @binding(0) var<uniform> tiles: Tiles;
+// Pass 0: colour and geometry of the layer. Pass 1: fastest and range of the tiles.
+@group(0) @binding(1) var first: texture_2d<f32>;
+@group(0) @binding(2) var second: texture_2d<f32>;
+
+struct Out { @location(0) fastest: vec4<f32>, @location(1) range: vec4<f32> }
+
+fn merge(sum: Out, velocity: vec4<f32>, range: vec4<f32>) -> Out {
+    if sum.fastest.z == 0.0 {
+        return Out(vec4<f32>(velocity.xy, 1.0, 0.0), range);
+    }
+    var out = sum;
+    if dot(velocity.xy, velocity.xy) > dot(sum.fastest.xy, sum.fastest.xy) {
+        out.fastest = vec4<f32>(velocity.xy, 1.0, 0.0);
+    }
+    out.range = vec4<f32>(min(sum.range.xy, range.xy), max(sum.range.zw, range.zw));
+    return out;
+}
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> Out {
+    let p = vec2<i32>(at.xy);
+    var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
+    if tiles.size.w == 0 {
+        let low = p * tiles.size.z;
+        let high = min(low + tiles.size.z, tiles.size.xy);
+        for (var y = low.y; y < high.y; y++) {
+            for (var x = low.x; x < high.x; x++) {
+                let g = textureLoad(second, vec2<i32>(x, y), 0);
+                if g.x > 0.0 {
+                    sum = merge(sum, g.zwzw, g.zwzw);
+                }
+            }
+        }
+    } else {
+        let last = (tiles.size.xy - 1) / tiles.size.z;
+        for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last.y); y++) {
+            for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last.x); x++) {
+                let f = textureLoad(first, vec2<i32>(x, y), 0);
+                if f.z > 0.0 {
+                    sum = merge(sum, f, textureLoad(second, vec2<i32>(x, y), 0));
+                }
+            }
+        }
+    }
+    return sum;
+}

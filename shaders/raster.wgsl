@@ -1,0 +1,340 @@
+// Triangles to multisampled colour and geometry.
+//
+// A vertex is seen by the pose of the moment at which its own row is read, plus the sample's
+// time in the shutter; distortion is applied to vertices, whose triangles are fine enough.
+// @import shared/layer
+
+const MAX_KEYS: u32 = 33u;
+const MAX_SUNS: u32 = 4u;
+const MAX_POINTS: u32 = 8u;
+const PI: f32 = 3.14159265;
+
+struct View {
+    rect_px: vec4<f32>,       // x0, y0, width, height of the target in the picture
+    focal_px: vec4<f32>,      // fx, fy, cx, cy
+    distortion: vec4<f32>,    // k1, k2, p1, p2
+    lens: vec4<f32>,          // k3, valid radius, slope at it, near plane (m)
+    shutter: vec4<f32>,       // sample time (s), half step for velocity (s), readout (s), picture height (px)
+    keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m; < 0: off)
+    key_rotation: array<vec4<f32>, MAX_KEYS>,
+    key_translation: array<vec4<f32>, MAX_KEYS>,
+}
+
+struct Part {
+    // Rows of the 3×4 matrix from the mesh to world axes around the camera.
+    row0: vec4<f32>,
+    row1: vec4<f32>,
+    row2: vec4<f32>,
+    // xyz: sign of the determinant; w unused
+    mirror: vec4<f32>,
+    // x, y: the plan's offset of this object, px
+    offset_px: vec4<f32>,
+}
+
+struct PointLight {
+    position: vec4<f32>,   // around the camera, m; w = 1/range
+    color: vec4<f32>,
+    spot: vec4<f32>,       // axis; w = cos outer (-2: no spot)
+    spot_inner: vec4<f32>, // x = cos inner
+}
+
+struct Light {
+    counts: vec4<u32>,     // suns, points, levels of the environment (0: uniform)
+    sun_towards: array<vec4<f32>, MAX_SUNS>,
+    sun_color: array<vec4<f32>, MAX_SUNS>,
+    points: array<PointLight, MAX_POINTS>,
+    // Irradiance over π as second-order spherical harmonics, world axes.
+    irradiance: array<vec4<f32>, 9>,
+    // Rows of the rotation from the world to the environment's axes.
+    map_row0: vec4<f32>,
+    map_row1: vec4<f32>,
+    map_row2: vec4<f32>,
+}
+
+struct Material {
+    base_color: vec4<f32>,
+    emissive: vec4<f32>,   // w: 1 = unlit
+    factors: vec4<f32>,    // metallic, roughness, normal scale, occlusion strength
+    alpha: vec4<f32>,      // mode (0 opaque, 1 mask, 2 blend), cutoff, has normal map, unused
+    // For each texture two rows of its transform; the first row's w holds the uv set.
+    transforms: array<vec4<f32>, 10>,
+}
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> parts: array<Part>;
+@group(0) @binding(2) var<uniform> light: Light;
+@group(0) @binding(3) var environment: texture_2d<f32>;
+@group(0) @binding(4) var environment_sampler: sampler;
+@group(0) @binding(5) var real_depth: texture_2d<f32>;
+
+@group(1) @binding(0) var<uniform> material: Material;
+@group(1) @binding(1) var base_color_texture: texture_2d<f32>;
+@group(1) @binding(2) var base_color_sampler: sampler;
+@group(1) @binding(3) var metallic_roughness_texture: texture_2d<f32>;
+@group(1) @binding(4) var metallic_roughness_sampler: sampler;
+@group(1) @binding(5) var normal_texture: texture_2d<f32>;
+@group(1) @binding(6) var normal_sampler: sampler;
+@group(1) @binding(7) var occlusion_texture: texture_2d<f32>;
+@group(1) @binding(8) var occlusion_sampler: sampler;
+@group(1) @binding(9) var emissive_texture: texture_2d<f32>;
+@group(1) @binding(10) var emissive_sampler: sampler;
+
+struct Corner {
+    @location(0) position: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) tangent: vec4<f32>,
+    @location(3) uv0: vec2<f32>,
+    @location(4) uv1: vec2<f32>,
+    @location(5) color: vec4<f32>,
+}
+
+struct Fragment {
+    @builtin(position) at: vec4<f32>,
+    @location(0) position: vec3<f32>,   // world axes around the camera, m
+    @location(1) normal: vec3<f32>,
+    @location(2) tangent: vec4<f32>,
+    @location(3) uv: vec4<f32>,
+    @location(4) color: vec4<f32>,
+    @location(5) @interpolate(perspective, centroid) seen: vec3<f32>, // depth (m), velocity (px/s)
+}
+
+fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+    let t = 2.0 * cross(q.xyz, v);
+    return v + q.w * t + cross(q.xyz, t);
+}
+
+// The point in the camera's axes at a time relative to the frame's.
+fn in_camera(point: vec3<f32>, time_s: f32) -> vec3<f32> {
+    let x = clamp((time_s - view.keys.x) * view.keys.y, 0.0, view.keys.z);
+    let i = u32(min(floor(x), view.keys.z - 1.0));
+    let f = x - f32(i);
+    let q = normalize(mix(view.key_rotation[i], view.key_rotation[i + 1u], f));
+    // The camera's position goes along a line, as between recorded poses.
+    let eye = mix(view.key_translation[i].xyz, view.key_translation[i + 1u].xyz, f);
+    return rotate(q, point - eye);
+}
+
+fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
+    let r2 = dot(p, p);
+    let radial = 1.0 + r2 * (view.distortion.x + r2 * (view.distortion.y + r2 * view.lens.x));
+    let tangential = vec2<f32>(
+        2.0 * view.distortion.z * p.x * p.y + view.distortion.w * (r2 + 2.0 * p.x * p.x),
+        view.distortion.z * (r2 + 2.0 * p.y * p.y) + 2.0 * view.distortion.w * p.x * p.y,
+    );
+    return p * radial + tangential;
+}
+
+// OpenCV's model, carried on along its tangent beyond the valid radius (camera/distortion.rs).
+fn project(p: vec3<f32>) -> vec2<f32> {
+    let n = p.xy / max(p.z, 0.5 * view.lens.w);
+    let r = length(n);
+    var d: vec2<f32>;
+    if r > view.lens.y {
+        let direction = n / r;
+        d = distort_polynomial(direction * view.lens.y) + direction * (view.lens.z * (r - view.lens.y));
+    } else {
+        d = distort_polynomial(n);
+    }
+    return d * view.focal_px.xy + view.focal_px.zw;
+}
+
+struct Seen { at_px: vec2<f32>, depth_m: f32 }
+
+// Where the point is seen at `sample_s` after the middle of its own row's exposure: the row
+// time depends on the row found, a contraction by readout · speed / height (≲ 0.1) a step.
+fn see(point: vec3<f32>, sample_s: f32) -> Seen {
+    var p = in_camera(point, sample_s);
+    var at = project(p);
+    if view.shutter.z > 0.0 {
+        for (var i = 0; i < 4; i++) {
+            let row_s = (at.y / view.shutter.w - 0.5) * view.shutter.z;
+            // Rows far outside the picture are never read; their time stays near it.
+            p = in_camera(point, sample_s + clamp(row_s, -view.shutter.z, view.shutter.z));
+            at = project(p);
+        }
+    }
+    return Seen(at, p.z);
+}
+
+@vertex
+fn vertex(corner: Corner, @builtin(instance_index) index: u32) -> Fragment {
+    let part = parts[index];
+    let p = vec4<f32>(corner.position, 1.0);
+    let position = vec3<f32>(dot(part.row0, p), dot(part.row1, p), dot(part.row2, p));
+    let here = see(position, view.shutter.x);
+    let before = see(position, view.shutter.x - view.shutter.y);
+    let after = see(position, view.shutter.x + view.shutter.y);
+
+    // The inverse transpose up to a positive factor: rows of cofactors, and the mirror's sign.
+    let n = vec3<f32>(
+        dot(cross(part.row1.xyz, part.row2.xyz), corner.normal),
+        dot(cross(part.row2.xyz, part.row0.xyz), corner.normal),
+        dot(cross(part.row0.xyz, part.row1.xyz), corner.normal),
+    ) * part.mirror.x;
+    let t = vec3<f32>(
+        dot(part.row0.xyz, corner.tangent.xyz),
+        dot(part.row1.xyz, corner.tangent.xyz),
+        dot(part.row2.xyz, corner.tangent.xyz),
+    );
+
+    let local_px = here.at_px + part.offset_px.xy - view.rect_px.xy;
+    let device = vec2<f32>(2.0, -2.0) * local_px / view.rect_px.zw + vec2<f32>(-1.0, 1.0);
+    let w = max(here.depth_m, 0.5 * view.lens.w);
+    var out: Fragment;
+    // Depth reversed without a far plane: near/z, 1 at the near plane.
+    out.at = vec4<f32>(device * w, view.lens.w, w);
+    out.position = position;
+    out.normal = n;
+    out.tangent = vec4<f32>(t, corner.tangent.w * part.mirror.x);
+    out.uv = vec4<f32>(corner.uv0, corner.uv1);
+    out.color = corner.color;
+    out.seen = vec3<f32>(here.depth_m, (after.at_px - before.at_px) / (2.0 * view.shutter.y));
+    return out;
+}
+
+fn texture_uv(in: Fragment, index: u32) -> vec2<f32> {
+    let row0 = material.transforms[2u * index];
+    let row1 = material.transforms[2u * index + 1u];
+    let uv = vec3<f32>(select(in.uv.xy, in.uv.zw, row0.w > 0.5), 1.0);
+    return vec2<f32>(dot(row0.xyz, uv), dot(row1.xyz, uv));
+}
+
+// GGX with Smith's height-correlated visibility, as glTF 2.0 appendix B; times π.
+fn specular_pi(n_l: f32, n_v: f32, n_h: f32, roughness: f32) -> f32 {
+    let a2 = pow(roughness, 4.0);
+    let f = n_h * n_h * (a2 - 1.0) + 1.0;
+    let visibility = 0.5 / (n_l * sqrt(n_v * n_v * (1.0 - a2) + a2) + n_v * sqrt(n_l * n_l * (1.0 - a2) + a2) + 1e-6);
+    return a2 / (f * f + 1e-9) * visibility;
+}
+
+struct Surface { albedo: vec3<f32>, f0: vec3<f32>, roughness: f32, normal: vec3<f32>, towards_eye: vec3<f32>, n_v: f32 }
+
+// What the surface sends to the eye from one light whose matt white would be `color`.
+fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
+    let n_l = dot(s.normal, towards);
+    if n_l <= 0.0 {
+        return vec3<f32>(0.0);
+    }
+    let h = normalize(towards + s.towards_eye);
+    let f = s.f0 + (1.0 - s.f0) * pow(1.0 - clamp(dot(s.towards_eye, h), 0.0, 1.0), 5.0);
+    let specular = specular_pi(n_l, s.n_v, clamp(dot(s.normal, h), 0.0, 1.0), s.roughness);
+    return color * n_l * ((1.0 - f) * s.albedo + f * specular);
+}
+
+// Ramamoorthi and Hanrahan 2001 (13); the cosine's factors are in the coefficients.
+fn irradiance_over_pi(n: vec3<f32>) -> vec3<f32> {
+    let l = &light.irradiance;
+    return max(vec3<f32>(0.0), (*l)[0].xyz
+        + (*l)[1].xyz * n.y + (*l)[2].xyz * n.z + (*l)[3].xyz * n.x
+        + (*l)[4].xyz * (n.x * n.y) + (*l)[5].xyz * (n.y * n.z) + (*l)[6].xyz * (3.0 * n.z * n.z - 1.0)
+        + (*l)[7].xyz * (n.x * n.z) + (*l)[8].xyz * (n.x * n.x - n.y * n.y));
+}
+
+// Radiance of the environment blurred as a lobe of this roughness around the direction.
+fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
+    if light.counts.z == 0u {
+        return light.irradiance[0].xyz;
+    }
+    let d = vec3<f32>(dot(light.map_row0.xyz, direction), dot(light.map_row1.xyz, direction), dot(light.map_row2.xyz, direction));
+    // y up, −z in the middle.
+    let u = atan2(d.x, -d.z) / (2.0 * PI) + 0.5;
+    let v = acos(clamp(d.y, -1.0, 1.0)) / PI;
+    return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * f32(light.counts.z - 1u)).rgb;
+}
+
+// Scale and bias of F0 under uniform light: Karis 2014's fit of the split sum.
+fn environment_brdf(roughness: f32, n_v: f32) -> vec2<f32> {
+    let r = roughness * vec4<f32>(-1.0, -0.0275, -0.572, 0.022) + vec4<f32>(1.0, 0.0425, 1.04, -0.04);
+    let a = min(r.x * r.x, exp2(-9.28 * n_v)) * r.x + r.y;
+    return vec2<f32>(-1.04, 1.04) * a + r.zw;
+}
+
+fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
+    let mr = textureSample(metallic_roughness_texture, metallic_roughness_sampler, texture_uv(in, 1u));
+    let bump = textureSample(normal_texture, normal_sampler, texture_uv(in, 2u)).xyz * 2.0 - 1.0;
+    let occlusion = textureSample(occlusion_texture, occlusion_sampler, texture_uv(in, 3u)).r;
+    let metallic = material.factors.x * mr.b;
+    let roughness = clamp(material.factors.y * mr.g, 0.045, 1.0);
+
+    var n = normalize(in.normal);
+    if material.alpha.z > 0.5 && dot(in.tangent.xyz, in.tangent.xyz) > 0.0 {
+        let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
+        let b = cross(n, t) * in.tangent.w;
+        n = normalize(t * (bump.x * material.factors.z) + b * (bump.y * material.factors.z) + n * bump.z);
+    }
+    if !front {
+        n = -n;
+    }
+    // The eye is the origin: positions are around the camera.
+    let towards_eye = -normalize(in.position);
+    let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
+    let s = Surface(base * (1.0 - metallic), mix(vec3<f32>(0.04), base, metallic), roughness, n, towards_eye, n_v);
+
+    var sum = vec3<f32>(0.0);
+    for (var i = 0u; i < light.counts.x; i++) {
+        sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz);
+    }
+    for (var i = 0u; i < light.counts.y; i++) {
+        let point = light.points[i];
+        let to = point.position.xyz - in.position;
+        let d2 = max(dot(to, to), 1e-6);
+        let towards = to * inverseSqrt(d2);
+        // KHR_lights_punctual: inverse square, windowed by the range; spot by its two angles.
+        let x = d2 * point.position.w * point.position.w;
+        var falloff = clamp(1.0 - x * x, 0.0, 1.0) / d2;
+        if point.spot.w > -1.5 {
+            let c = dot(point.spot.xyz, -towards);
+            let ramp = clamp((c - point.spot.w) / max(point.spot_inner.x - point.spot.w, 1e-4), 0.0, 1.0);
+            falloff *= ramp * ramp;
+        }
+        sum += lit(s, towards, point.color.xyz * falloff);
+    }
+    let ab = environment_brdf(roughness, n_v);
+    // What one bounce loses between facets comes back (Fdez-Agüera 2019, for the specular part).
+    let single = s.f0 * ab.x + ab.y;
+    let specular = single * (1.0 + s.f0 * (1.0 / max(ab.x + ab.y, 1e-3) - 1.0));
+    let shadowed = 1.0 + material.factors.w * (occlusion - 1.0);
+    sum += shadowed * (irradiance_over_pi(n) * s.albedo * (1.0 - single) + radiance(reflect(-towards_eye, n), roughness) * specular);
+    return sum;
+}
+
+struct Out {
+    @location(0) color: vec4<f32>,
+    @location(1) geometry: vec4<f32>,
+    @builtin(sample_mask) mask: u32,
+}
+
+@fragment
+fn fragment(in: Fragment, @builtin(front_facing) front: bool) -> Out {
+    let texel = textureSample(base_color_texture, base_color_sampler, texture_uv(in, 0u));
+    let glow = textureSample(emissive_texture, emissive_sampler, texture_uv(in, 4u)).rgb;
+    let base = material.base_color * texel * in.color;
+    var color = base.rgb;
+    var emitted = vec3<f32>(0.0);
+    if material.emissive.w < 0.5 {
+        color = shade(in, front, base.rgb);
+        emitted = material.emissive.rgb * glow;
+    }
+    var alpha = 1.0;
+    var mask = 0xfu;
+    let slope = max(fwidth(base.a), 1e-4);
+    if material.alpha.x > 1.5 {
+        alpha = clamp(base.a, 0.0, 1.0);
+    } else if material.alpha.x > 0.5 {
+        // The cut-off's edge as coverage of the four samples, one pixel wide.
+        let covered = clamp((base.a - material.alpha.y) / slope + 0.5, 0.0, 1.0);
+        mask = (1u << u32(round(covered * 4.0))) - 1u;
+    }
+    if view.keys.w >= 0.0 {
+        let wall = textureLoad(real_depth, vec2<i32>(in.at.xy), 0).r;
+        if wall > 0.0 && in.seen.x > wall + view.keys.w {
+            mask = 0u;
+        }
+    }
+    var out: Out;
+    // Within the range of 16-bit floats.
+    out.color = vec4<f32>(min((color + emitted) * alpha, vec3<f32>(60000.0)), alpha);
+    out.geometry = vec4<f32>(pack_depth(in.seen.x), clamp(in.seen.yz, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
+    out.mask = mask;
+    return out;
+}

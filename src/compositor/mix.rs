@@ -1,0 +1,150 @@
+//! The composite, and the mixed stage's effects in the same pass.
+
+use std::collections::HashMap;
+
+use crate::camera::{Camera, Curve};
+use crate::effects::{MixedHook, Table};
+use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, uniform_buffer};
+use crate::image::{Codes, Pixels, Rect};
+use crate::render::{Layer, LayerRun};
+
+/// The first binding that is a hook's.
+const FIRST_HOOK_BINDING: u32 = 4;
+
+/// `Composite` of shaders/composite.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+struct CompositeUniform {
+    origin: [i32; 4],
+    size: [i32; 4],
+    layer: [i32; 4],
+    scale: [f32; 4],
+}
+
+/// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
+#[derive(Debug)]
+pub struct Mixer {
+    passes: HashMap<(Vec<&'static str>, wgpu::TextureFormat), FullscreenPass>,
+    tables: HashMap<&'static str, Texture>,
+    sigma: wgpu::Buffer,
+    curve: f32,
+    gamma: f32,
+}
+
+impl Mixer {
+    pub fn new(gpu: &Gpu, camera: &Camera) -> Self {
+        let sigma: Vec<[f32; 4]> = match &camera.noise {
+            Some(noise) => noise.table().into_iter().map(|[r, g, b]| [r, g, b, 0.0]).collect(),
+            None => vec![[0.0; 4]; 256],
+        };
+        let curve = match camera.response.curve {
+            Curve::Srgb => 0.0,
+            Curve::Linear => 1.0,
+            Curve::Gamma => 2.0,
+        };
+        Self {
+            passes: HashMap::new(),
+            tables: HashMap::new(),
+            sigma: uniform_buffer(gpu, "sigma", bytemuck::cast_slice(&sigma)),
+            curve,
+            gamma: camera.response.gamma as f32,
+        }
+    }
+
+    /// Records the composite over `shown`; the layer covers `drawn`, which contains it.
+    pub fn mix(
+        &mut self,
+        run: &mut LayerRun<'_>,
+        pixels: &Pixels,
+        layer: &Layer,
+        drawn: Rect,
+        shown: Rect,
+        hooks: &[(&'static str, MixedHook)],
+    ) -> Texture {
+        let gpu = run.gpu;
+        let format = match pixels.codes {
+            Codes::U8(_) => wgpu::TextureFormat::Rgba8Uint,
+            Codes::U16(_) => wgpu::TextureFormat::Rgba16Uint,
+        };
+        // One pixel more on each side, for effects that look at neighbours.
+        let sent = shown.grown(1).intersection(&Rect::full(pixels.width, pixels.height));
+        let camera = run.pool.get(gpu, "camera", 0, (sent.width(), sent.height()), format, 1);
+        send(gpu, &camera, pixels, sent);
+        let size = (shown.width(), shown.height());
+        let out = run.pool.get(gpu, "composite", 0, size, format, 1);
+
+        let uniform = CompositeUniform {
+            origin: [shown.x0, shown.y0, shown.x0 - sent.x0, shown.y0 - sent.y0],
+            size: [size.0 as i32, size.1 as i32, sent.width() as i32, sent.height() as i32],
+            layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0, drawn.width() as i32, drawn.height() as i32],
+            scale: [pixels.max_code() as f32, self.curve, self.gamma, 0.0],
+        };
+        let uniform = uniform_buffer(gpu, "composite", bytemuck::bytes_of(&uniform));
+        let uniforms: Vec<_> = hooks.iter().map(|(name, hook)| uniform_buffer(gpu, name, &hook.uniform)).collect();
+        for table in hooks.iter().flat_map(|(_, hook)| &hook.tables) {
+            self.tables.entry(table.name).or_insert_with(|| upload(gpu, table));
+        }
+        let names: Vec<_> = hooks.iter().map(|(name, _)| *name).collect();
+        let pass = self
+            .passes
+            .entry((names, format))
+            .or_insert_with(|| FullscreenPass::new(gpu, "composite", &shader(hooks), &[format]));
+        let mut slots = vec![
+            Slot::Texture(&camera.view),
+            Slot::Texture(&layer.color.view),
+            Slot::Buffer(&uniform),
+            Slot::Buffer(&self.sigma),
+        ];
+        for ((_, hook), uniform) in hooks.iter().zip(&uniforms) {
+            slots.push(Slot::Buffer(uniform));
+            slots.extend(hook.tables.iter().map(|t| Slot::Texture(&self.tables[t.name].view)));
+        }
+        pass.run(gpu, run.encoder, &slots, &[&out], size);
+        out
+    }
+}
+
+fn upload(gpu: &Gpu, table: &Table) -> Texture {
+    let texture = Texture::new(gpu, table.name, table.width, table.height, wgpu::TextureFormat::R16Sint, 1);
+    texture.write(gpu, table.width, table.height, &table.texels);
+    texture
+}
+
+/// The composite's shader with the hooks' functions and calls, their bindings renumbered so
+/// that each stands behind the one before.
+pub fn shader(hooks: &[(&'static str, MixedHook)]) -> String {
+    let mut functions = String::new();
+    let mut calls = String::new();
+    let mut next = FIRST_HOOK_BINDING;
+    for (name, hook) in hooks {
+        let count = 1 + hook.tables.len() as u32;
+        let mut wgsl = hook.wgsl.to_owned();
+        for i in (0..count).rev() {
+            let own = format!("@binding({})", FIRST_HOOK_BINDING + i);
+            wgsl = wgsl.replace(&own, &format!("@binding({})", next + i));
+        }
+        functions.push_str(&wgsl);
+        calls.push_str(&format!("    pixel = apply_{name}(p, pixel);\n"));
+        next += count;
+    }
+    let base = assemble("composite");
+    assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))
+}
+
+/// Uploads a rectangle of the camera's codes.
+fn send(gpu: &Gpu, texture: &Texture, pixels: &Pixels, rect: Rect) {
+    fn rgba<T: Copy + Default>(codes: &[T], picture_width: usize, rect: Rect) -> Vec<[T; 4]> {
+        let columns = rect.width() as usize;
+        let mut out = Vec::with_capacity(columns * rect.height() as usize);
+        for y in rect.y0 as usize..rect.y1 as usize {
+            let start = 3 * (y * picture_width + rect.x0 as usize);
+            out.extend(codes[start..start + 3 * columns].chunks_exact(3).map(|c| [c[0], c[1], c[2], T::default()]));
+        }
+        out
+    }
+    let (width, height) = (rect.width(), rect.height());
+    match &pixels.codes {
+        Codes::U8(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
+        Codes::U16(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
+    }
+}

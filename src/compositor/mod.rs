@@ -1,0 +1,316 @@
+//! The per-frame loop: a pure function of a frame, the poses around it, the scene and the
+//! settings.
+
+mod mix;
+mod occlusion;
+mod run;
+mod settings;
+
+use crate::camera::{Camera, Geometry};
+use crate::effects::{FrameContext, ObjectMotion, Stage};
+use crate::frame::Frame;
+use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
+use crate::image::{Codes, LayerImage, Pixels, Rect};
+use crate::pose::Pose;
+use crate::render::{LayerRun, Renderer, SamplePlan, Shutter, View, ViewKeys};
+use crate::scene::Scene;
+use crate::tracking::PoseTrack;
+
+pub use mix::shader as mixed_shader;
+pub use run::{RunError, Stream};
+pub use settings::{Depth, Settings, SettingsError};
+
+use mix::Mixer;
+use occlusion::RayCache;
+
+/// A frame with all that its picture depends on.
+#[derive(Debug)]
+pub struct Job<'a> {
+    pub frame: Frame,
+    pub geometry: &'a Geometry,
+    pub track: &'a PoseTrack,
+    /// Added to the frame's timestamp when a pose is asked for, seconds.
+    pub time_offset_s: f64,
+    /// To the next frame, seconds.
+    pub interval_s: f64,
+    /// Whether the virtual layer is wanted too.
+    pub want_layer: bool,
+}
+
+/// A composited frame.
+#[derive(Debug)]
+pub struct Composited {
+    pub frame: usize,
+    pub pixels: Pixels,
+    /// Over the whole picture, where it was asked for.
+    pub layer: Option<LayerImage>,
+    pub stats: FrameStats,
+}
+
+/// What was found and done for a frame.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FrameStats {
+    pub frame: usize,
+    pub timestamp_s: f64,
+    /// Why nothing was drawn: no pose at this time.
+    pub no_pose: Option<String>,
+    /// Columns and rows that were looked at: x0, y0, x1, y1.
+    pub rect_px: Option<[i32; 4]>,
+    pub exposure_time_s: f64,
+    /// No point of the objects moves faster.
+    pub fastest_px_per_s: f32,
+    pub effects: Vec<&'static str>,
+}
+
+/// Draws a scene into frames.
+#[derive(Debug)]
+pub struct Compositor {
+    gpu: Gpu,
+    camera: Camera,
+    settings: Settings,
+    renderer: Renderer,
+    mixer: Mixer,
+    rays: RayCache,
+    pool: TexturePool,
+    readbacks: ReadbackSet,
+}
+
+/// A frame whose work is on the GPU.
+#[derive(Debug)]
+pub struct Pending {
+    frame: Frame,
+    stats: FrameStats,
+    want_layer: bool,
+    work: Option<Work>,
+}
+
+#[derive(Debug)]
+struct Work {
+    /// What of the picture came back.
+    shown: Rect,
+    /// What the layer covers; reaches beyond the picture.
+    drawn: Rect,
+    codes: Readback,
+    layer: Option<[Readback; 2]>,
+}
+
+impl Compositor {
+    pub fn new(gpu: Gpu, camera: Camera, settings: Settings, scene: Scene) -> Self {
+        let renderer = Renderer::new(&gpu, scene);
+        let mixer = Mixer::new(&gpu, &camera);
+        Self {
+            gpu,
+            camera,
+            settings,
+            renderer,
+            mixer,
+            rays: RayCache::default(),
+            pool: TexturePool::default(),
+            readbacks: ReadbackSet::default(),
+        }
+    }
+
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// What the scene asks for and is not drawn.
+    pub fn warnings(&self) -> Vec<String> {
+        self.renderer.warnings()
+    }
+
+    /// The exposure of a frame, seconds: the camera's shutter angle, what the recording says
+    /// of the frame (unless the settings overrule it), the camera's time, half the interval.
+    fn exposure_time_s(&self, frame: &Frame, interval_s: f64) -> f64 {
+        let camera = &self.camera.exposure;
+        let angle = |deg: f64| deg / 360.0 * interval_s;
+        let recorded = frame.exposure.time_s.filter(|_| !self.settings.overrule_recorded_exposure);
+        camera.shutter_angle_deg.map(angle).or(recorded).or(camera.time_s).unwrap_or(0.5 * interval_s)
+    }
+
+    /// Starts a frame's work. Frames may be started before earlier ones are collected.
+    pub fn submit(&mut self, job: Job<'_>) -> Result<Pending, GpuError> {
+        let frame = job.frame;
+        let time_s = frame.timestamp_s + job.time_offset_s;
+        let exposure_time_s = self.exposure_time_s(&frame, job.interval_s);
+        let mut stats = FrameStats {
+            frame: frame.index,
+            timestamp_s: frame.timestamp_s,
+            no_pose: None,
+            rect_px: None,
+            exposure_time_s,
+            fastest_px_per_s: 0.0,
+            effects: Vec::new(),
+        };
+        if let Err(reason) = job.track.at(time_s) {
+            stats.no_pose = Some(reason.to_string());
+            return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
+        }
+        let intrinsics = &job.geometry.intrinsics;
+        let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s };
+        let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
+        let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
+        let footprint = self.renderer.footprint(job.geometry, &keys);
+        stats.fastest_px_per_s = footprint.fastest_px_per_s;
+
+        let objects = self.object_motions(job.geometry, &keys.middle(), &pose_at(time_s + job.interval_s));
+        let context = FrameContext {
+            camera: &self.camera,
+            frame: frame.index,
+            seed: self.settings.seed,
+            exposure_time_s,
+            interval_s: job.interval_s,
+            fastest_px_per_s: footprint.fastest_px_per_s,
+            objects: &objects,
+        };
+        let active: Vec<usize> =
+            (0..self.settings.effects.len()).filter(|&i| self.settings.is_active(i, &context)).collect();
+        stats.effects = active.iter().map(|&i| self.settings.effects[i].params().table()).collect();
+        let reach: f32 = active.iter().map(|&i| self.settings.effects[i].reach_px(&context)).sum();
+        let reach = reach.ceil() as i32 + 1;
+        let picture = Rect::full(frame.pixels.width, frame.pixels.height);
+        let drawn = footprint.rect.grown(reach).intersection(&picture.grown(reach));
+        let shown = drawn.intersection(&picture);
+        if footprint.rect.is_empty() || shown.is_empty() {
+            return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
+        }
+        stats.rect_px = Some([shown.x0, shown.y0, shown.x1, shown.y1]);
+
+        let gpu = self.gpu.clone();
+        let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
+        let occlusion = depth.and_then(|depth| {
+            let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
+            let texels = self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn);
+            let size = (drawn.width(), drawn.height());
+            let texture = self.pool.get(&gpu, "real depth", 0, size, wgpu::TextureFormat::R32Float, 1);
+            texture.write(&gpu, size.0, size.1, &texels);
+            Some(texture)
+        });
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let mut run = LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool };
+        let plan =
+            active.iter().find_map(|&i| self.settings.effects[i].plan(&context)).unwrap_or_else(SamplePlan::single);
+        let view = View {
+            geometry: job.geometry,
+            keys: &keys,
+            shutter,
+            rect: drawn,
+            occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
+        };
+        let mut layer = self.renderer.draw(&mut run, &view, &plan);
+        for &i in &active {
+            if self.settings.effects[i].stage() == Stage::Layer {
+                layer = self.settings.effects[i].run(&mut run, &context, layer);
+            }
+        }
+        let hooks: Vec<_> = active
+            .iter()
+            .filter_map(|&i| {
+                let effect = &self.settings.effects[i];
+                effect.mixed(&context).map(|hook| (effect.params().table(), hook))
+            })
+            .collect();
+        let out = self.mixer.mix(&mut run, &frame.pixels, &layer, drawn, shown, &hooks);
+        let size = (shown.width(), shown.height());
+        let mut codes = self.readbacks.copy(&gpu, &mut encoder, &out, size);
+        let mut layer_back = job.want_layer.then(|| {
+            [&layer.color, &layer.geometry]
+                .map(|t| self.readbacks.copy(&gpu, &mut encoder, t, (drawn.width(), drawn.height())))
+        });
+        let submission = gpu.queue.submit([encoder.finish()]);
+        codes.submitted(submission.clone());
+        for readback in layer_back.iter_mut().flatten() {
+            readback.submitted(submission.clone());
+        }
+        let work = Work { shown, drawn, codes, layer: layer_back };
+        Ok(Pending { frame, stats, want_layer: job.want_layer, work: Some(work) })
+    }
+
+    /// Waits for a frame and gives its picture: the camera's own, and within the rectangle
+    /// what came back from the GPU.
+    pub fn collect(&mut self, pending: Pending) -> Result<Composited, GpuError> {
+        let Pending { frame, stats, want_layer, work } = pending;
+        let index = frame.index;
+        let mut pixels = frame.pixels;
+        let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
+        if let Some(work) = work {
+            paste(&self.gpu, &work.codes, work.shown, &mut pixels)?;
+            self.readbacks.give_back(work.codes);
+            if let (Some(image), Some([color, geometry])) = (&mut layer, work.layer) {
+                paste_layer(&self.gpu, &color, &geometry, work.drawn, image)?;
+                self.readbacks.give_back(color);
+                self.readbacks.give_back(geometry);
+            }
+        }
+        Ok(Composited { frame: index, pixels, layer, stats })
+    }
+
+    /// How far each object's centre moves across the picture until the next frame.
+    fn object_motions(&self, geometry: &Geometry, now: &Pose, next: &Pose) -> Vec<ObjectMotion> {
+        let seen = |pose: &Pose, c| geometry.project(pose.transform_point(c));
+        self.renderer
+            .object_centres()
+            .into_iter()
+            .map(|centre| {
+                let moved = centre.and_then(|c| Some(seen(next, c)? - seen(now, c)?));
+                moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
+            })
+            .collect()
+    }
+}
+
+/// Writes rows of RGBA texels into the rectangle of a picture.
+fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Result<(), GpuError> {
+    let width = pixels.width as usize;
+    let start = |row: usize| 3 * ((rect.y0 as usize + row) * width + rect.x0 as usize);
+    let columns = rect.width() as usize;
+    match &mut pixels.codes {
+        Codes::U8(codes) => readback.rows(gpu, |row, bytes| {
+            let out = &mut codes[start(row)..start(row) + 3 * columns];
+            for (rgb, rgba) in out.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
+                rgb.copy_from_slice(&rgba[..3]);
+            }
+        }),
+        Codes::U16(codes) => readback.rows(gpu, |row, bytes| {
+            let out = &mut codes[start(row)..start(row) + 3 * columns];
+            for (rgb, rgba) in out.chunks_exact_mut(3).zip(bytes.chunks_exact(8)) {
+                for (code, pair) in rgb.iter_mut().zip(rgba.chunks_exact(2)) {
+                    *code = u16::from_le_bytes([pair[0], pair[1]]);
+                }
+            }
+        }),
+    }
+}
+
+/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture.
+fn paste_layer(
+    gpu: &Gpu,
+    color: &Readback,
+    geometry: &Readback,
+    rect: Rect,
+    out: &mut LayerImage,
+) -> Result<(), GpuError> {
+    let (width, height) = (out.width as i32, out.height as i32);
+    let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
+    let at = |row: usize, column: usize| {
+        let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
+        (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
+    };
+    let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
+    color.rows(gpu, |row, bytes| {
+        for (column, t) in bytes.chunks_exact(8).enumerate() {
+            if let Some(i) = at(row, column) {
+                out.rgba[i] = texel(t);
+            }
+        }
+    })?;
+    geometry.rows(gpu, |row, bytes| {
+        for (column, t) in bytes.chunks_exact(8).enumerate() {
+            if let Some(i) = at(row, column).filter(|&i| out.rgba[i][3] > 0.0) {
+                let [high, low, vx, vy] = texel(t);
+                out.depth_m[i] = high + low;
+                out.velocity[i] = [vx, vy];
+            }
+        }
+    })
+}

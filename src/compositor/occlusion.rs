@@ -1,0 +1,124 @@
+//! The depth sensor's map, seen from where the camera was when the frame was taken.
+//!
+//! Depth and colour have different timestamps: at 1000 px/s 10 ms are 10 px. So each measured
+//! point is carried to the frame's moment by the poses (which are those of a static room).
+//! Not modelled: the sensor's own readout; what came into view between the two moments stays
+//! unknown, and hides nothing.
+
+use glam::{DVec2, DVec3};
+
+use crate::camera::Geometry;
+use crate::image::{DepthMap, Rect};
+use crate::pose::Pose;
+
+/// The rays through a camera's pixel centres, found once.
+#[derive(Debug)]
+pub struct Rays {
+    geometry: Geometry,
+    /// x/z and y/z, row by row; NaN where the distortion has no inverse.
+    normalised: Vec<[f32; 2]>,
+}
+
+/// The rays of the camera asked for last.
+#[derive(Debug, Default)]
+pub struct RayCache(Option<Rays>);
+
+impl RayCache {
+    pub fn of(&mut self, geometry: &Geometry) -> &Rays {
+        match &mut self.0 {
+            Some(rays) if rays.geometry == *geometry => {}
+            empty_or_other => *empty_or_other = Some(Rays::new(geometry)),
+        }
+        self.0.get_or_insert_with(|| Rays::new(geometry))
+    }
+}
+
+impl Rays {
+    pub fn new(geometry: &Geometry) -> Self {
+        let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
+        let normalised = (0..height)
+            .flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)))
+            .map(|at| geometry.unproject(at).map_or([f32::NAN; 2], |r| [r.x as f32, r.y as f32]))
+            .collect();
+        Self { geometry: geometry.clone(), normalised }
+    }
+
+    /// Depth over `rect` at the frame's moment, metres; 0 where nothing is known.
+    ///
+    /// Each point covers the 2×2 pixels around where it lands, so that a grid of points a little
+    /// magnified leaves no holes; the nearest wins. A map of another size than the camera's
+    /// picture tells nothing.
+    pub fn reproject(&self, depth: &DepthMap, measured: &Pose, frame: &Pose, rect: Rect) -> Vec<f32> {
+        let width = rect.width() as usize;
+        let mut out = vec![0.0f32; width * rect.height() as usize];
+        let i = &self.geometry.intrinsics;
+        if (depth.width, depth.height) != (i.width_px, i.height_px) {
+            return out;
+        }
+        let still = measured == frame;
+        // Points outside the rectangle may move into it, as far as a fast pan between two
+        // sensors' moments goes.
+        let source = rect.grown(if still { 0 } else { 64 }).intersection(&Rect::full(depth.width, depth.height));
+        for y in source.y0..source.y1 {
+            for x in source.x0..source.x1 {
+                let index = y as usize * depth.width as usize + x as usize;
+                let d = depth.depth_m[index];
+                if !(d > 0.0) {
+                    continue;
+                }
+                if still {
+                    out[(y - rect.y0) as usize * width + (x - rect.x0) as usize] = d;
+                    continue;
+                }
+                let [nx, ny] = self.normalised[index].map(f64::from);
+                let ray = DVec3::new(nx, ny, 1.0);
+                let p = frame.transform_point(measured.inverse_transform_point(ray * f64::from(d)));
+                let Some(at) = self.geometry.project(p) else { continue };
+                // Pixel centres at +0.5: the 2×2 whose centres surround the point.
+                let (left, top) = ((at.x - 0.5).floor() as i32, (at.y - 0.5).floor() as i32);
+                for (px, py) in [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)] {
+                    if rect.contains(px, py) {
+                        let texel = &mut out[(py - rect.y0) as usize * width + (px - rect.x0) as usize];
+                        if *texel == 0.0 || p.z < f64::from(*texel) {
+                            *texel = p.z as f32;
+                        }
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Distortion, Intrinsics};
+    use glam::DQuat;
+
+    #[test]
+    fn a_wall_stays_a_wall_and_moves_by_parallax() {
+        let intrinsics = Intrinsics {
+            width_px: 64,
+            height_px: 48,
+            fx_px: 100.0,
+            fy_px: 100.0,
+            cx_px: 32.0,
+            cy_px: 24.0,
+            ..Default::default()
+        };
+        let geometry = Geometry::new(intrinsics, Distortion::default());
+        // A wall at 2 m whose left half stands at 1 m.
+        let depth_m = (0..64 * 48).map(|i| if i % 64 < 32 { 1.0 } else { 2.0 }).collect();
+        let depth = DepthMap { width: 64, height: 48, depth_m, timestamp_s: 0.0 };
+        // The camera goes 0.1 m to the left: near points go right by 10 px, far ones by 5.
+        let before = Pose::IDENTITY;
+        let after = Pose::from_camera_in_world(DVec3::new(-0.1, 0.0, 0.0), DQuat::IDENTITY);
+        let out = Rays::new(&geometry).reproject(&depth, &before, &after, Rect::full(64, 48));
+        let row = &out[24 * 64..25 * 64];
+        assert!((row[40] - 1.0).abs() < 1e-6, "{}", row[40]);
+        assert!((row[45] - 2.0).abs() < 1e-6, "{}", row[45]);
+        // What lies left of the old picture was never measured.
+        assert_eq!(row[3], 0.0);
+    }
+}

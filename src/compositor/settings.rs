@@ -1,0 +1,123 @@
+//! Which effects are on, and how.
+
+use crate::effects::{self, Effect, FrameContext};
+use crate::params::{ParamError, Params, Value};
+
+crate::params! {
+    /// What the recording's depth does.
+    pub struct Depth in "depth" {
+        "hide objects behind what the recording's depth shows nearer" occlusion: bool = true;
+        "how much nearer the real surface must be to hide an object" tolerance_m: f32 = 0.02, "m", 0.0..=100.0;
+    }
+}
+
+/// Settings of a run.
+#[derive(Debug)]
+pub struct Settings {
+    /// In the order of the light.
+    pub effects: Vec<Box<dyn Effect>>,
+    /// One for each effect: whether it may run at all.
+    enabled: Vec<bool>,
+    pub depth: Depth,
+    pub seed: u64,
+    /// Whether the camera's exposure stands above what the recording says of each frame.
+    pub overrule_recorded_exposure: bool,
+}
+
+/// A name that is none of an effect.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("there is no effect {name}; there are: {known}")]
+pub struct SettingsError {
+    pub name: String,
+    pub known: String,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let effects = effects::all();
+        let enabled = vec![true; effects.len()];
+        Self { effects, enabled, depth: Depth::default(), seed: 0, overrule_recorded_exposure: false }
+    }
+}
+
+impl Settings {
+    fn position(&self, name: &str) -> Result<usize, SettingsError> {
+        self.effects.iter().position(|e| e.params().table() == name).ok_or_else(|| SettingsError {
+            name: name.to_owned(),
+            known: self.effects.iter().map(|e| e.params().table()).collect::<Vec<_>>().join(", "),
+        })
+    }
+
+    /// Leaves on only the effects named.
+    pub fn only(&mut self, names: &[String]) -> Result<(), SettingsError> {
+        let wanted = names.iter().map(|n| self.position(n)).collect::<Result<Vec<_>, _>>()?;
+        self.enabled.iter_mut().enumerate().for_each(|(i, on)| *on = wanted.contains(&i));
+        Ok(())
+    }
+
+    /// Switches the effects named off.
+    pub fn without(&mut self, names: &[String]) -> Result<(), SettingsError> {
+        for name in names {
+            let i = self.position(name)?;
+            self.enabled[i] = false;
+        }
+        Ok(())
+    }
+
+    /// Every effect and occlusion off; the camera's geometry stays on.
+    pub fn plain(&mut self) {
+        self.enabled.fill(false);
+        self.depth.occlusion = false;
+    }
+
+    /// Whether effect `i` runs for a frame: switched on, and not at its neutral setting.
+    pub fn is_active(&self, i: usize, context: &FrameContext<'_>) -> bool {
+        self.enabled[i] && !self.effects[i].is_neutral(context)
+    }
+
+    /// Every table of parameters that a profile or `--set` may write to.
+    pub fn tables_mut(&mut self) -> Vec<&mut dyn Params> {
+        let mut tables: Vec<&mut dyn Params> = vec![&mut self.depth];
+        tables.extend(self.effects.iter_mut().map(|e| e.params_mut()));
+        tables
+    }
+
+    /// Every table of parameters.
+    pub fn tables(&self) -> Vec<&dyn Params> {
+        let mut tables: Vec<&dyn Params> = vec![&self.depth];
+        tables.extend(self.effects.iter().map(|e| e.params()));
+        tables
+    }
+
+    /// Sets one parameter; the table must be one of [`Settings::tables`].
+    pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Option<Result<(), ParamError>> {
+        self.tables_mut().into_iter().find(|t| t.table() == table).map(|t| t.set(name, value))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn effects_are_picked_by_name() {
+        let mut settings = Settings::default();
+        settings.only(&["noise".to_owned()]).unwrap();
+        let on: Vec<_> = (0..settings.effects.len()).filter(|&i| settings.enabled[i]).collect();
+        assert_eq!(on.len(), 1);
+        assert_eq!(settings.effects[on[0]].params().table(), "noise");
+        let error = settings.without(&["grian".to_owned()]).unwrap_err().to_string();
+        assert!(error.contains("grian") && error.contains("motion_blur"), "{error}");
+    }
+
+    #[test]
+    fn every_effects_defaults_lie_in_range() {
+        let mut settings = Settings::default();
+        for table in settings.tables_mut() {
+            for spec in table.specs() {
+                table.set(spec.name, &spec.default).unwrap();
+                assert!(!spec.help.is_empty());
+            }
+        }
+    }
+}

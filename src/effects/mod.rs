@@ -1,0 +1,25 @@
+//! The effects: one file, one shader, one line in [`all`] each.
+//!
+//! To add one:
+//! 1. `src/effects/<name>.rs`: a `params!` table of that name and a type that implements
+//!    [`Effect`] for its stage, with a CPU twin written from the formula;
+//! 2. `shaders/<name>.wgsl`, named in [`crate::gpu::sources`];
+//! 3. a line in [`all`], in the order of the light.
+//!
+//! Then the command line, the profile, `locard params` and the benchmark have it.
+
+pub mod edge_blend;
+pub mod motion_blur;
+pub mod noise;
+mod stage;
+
+pub use stage::{Effect, FrameContext, MixedHook, ObjectMotion, Stage, Table};
+
+/// Every effect at its defaults, in the order of the light.
+pub fn all() -> Vec<Box<dyn Effect>> {
+    vec![
+        Box::new(motion_blur::MotionBlurEffect::default()),
+        Box::new(edge_blend::EdgeBlendEffect::default()),
+        Box::new(noise::NoiseEffect::default()),
+    ]
+}

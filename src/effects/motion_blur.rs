@@ -1,0 +1,228 @@
+//! Motion blur from the poses.
+//!
+//! - `velocity` (default): the layer is drawn once; each pixel gathers along its motion during
+//!   the exposure (a box shutter). Silhouettes dissolve over the camera's pixels, because
+//!   moments without a surface are empty.
+//! - `copies`: Fischer 2006, §Motion blur: semi-transparent copies of each object along the
+//!   blur vector of its centre, centred on it, above a threshold. The paper's vector spans a
+//!   whole frame interval; here it is scaled by exposure time over interval.
+//! - `reference`: the layer drawn at many moments and summed, at least two for each pixel of
+//!   blur: slow, and what the others are judged by.
+//!
+//! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at
+//! its ends (its neighbourhood stands for it), and curved motion within one exposure.
+
+use super::{Effect, FrameContext, Stage};
+use crate::gpu::{FullscreenPass, Slot, assemble, uniform_buffer};
+use crate::params::Params;
+use crate::render::{Layer, LayerRun, Sample, SamplePlan};
+
+crate::choices! {
+    /// How motion blur is made.
+    pub enum Method { Velocity = "velocity", Copies = "copies", Reference = "reference" }
+}
+
+crate::params! {
+    /// Parameters of the motion blur.
+    pub struct MotionBlur in "motion_blur" {
+        "velocity: filter along each pixel's motion; copies: the paper's; reference: many samples"
+        method: Method = Method::Velocity;
+        "shortest blur that is drawn"
+        threshold_px: f32 = 0.5, "px", 0.0..=64.0;
+        "number of copies of the method copies"
+        copies: u32 = 8, "1", 2.0..=64.0;
+    }
+}
+
+#[derive(Debug, Default)]
+pub struct MotionBlurEffect {
+    params: MotionBlur,
+    passes: Option<Passes>,
+}
+
+#[derive(Debug)]
+struct Passes {
+    tiles: FullscreenPass,
+    blur: FullscreenPass,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct TilesUniform {
+    size: [i32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct BlurUniform {
+    size: [i32; 4],
+    shutter: [f32; 4],
+}
+
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+impl MotionBlurEffect {
+    /// The longest blur of this frame, px.
+    fn longest_px(context: &FrameContext<'_>) -> f32 {
+        context.fastest_px_per_s * context.exposure_time_s as f32
+    }
+
+    /// Copies of each object along the blur vector of its centre (Fischer, §Motion blur).
+    fn copies(&self, context: &FrameContext<'_>) -> SamplePlan {
+        let n = self.params.copies;
+        let share = (context.exposure_time_s / context.interval_s) as f32;
+        let samples = (0..n)
+            .map(|i| {
+                let along = (i as f32 + 0.5) / n as f32 - 0.5;
+                let offsets_px = context
+                    .objects
+                    .iter()
+                    .map(|object| {
+                        let v = object.per_frame_px.map(|c| c * share);
+                        let drawn = v[0].hypot(v[1]) > self.params.threshold_px;
+                        v.map(|c| if drawn { c * along } else { 0.0 })
+                    })
+                    .collect();
+                Sample { weight: 1.0 / n as f32, time_s: 0.0, offsets_px }
+            })
+            .collect();
+        SamplePlan { samples }
+    }
+
+    /// Moments evenly over the exposure, two for each pixel of the longest blur, at least 32.
+    fn reference(context: &FrameContext<'_>) -> SamplePlan {
+        let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, 4096);
+        let samples = (0..n)
+            .map(|i| Sample {
+                weight: 1.0 / n as f32,
+                time_s: ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * context.exposure_time_s,
+                offsets_px: Vec::new(),
+            })
+            .collect();
+        SamplePlan { samples }
+    }
+}
+
+impl Effect for MotionBlurEffect {
+    fn stage(&self) -> Stage {
+        Stage::Layer
+    }
+    fn summary(&self) -> &'static str {
+        "blurs objects by the camera's motion during the exposure"
+    }
+    fn params(&self) -> &dyn Params {
+        &self.params
+    }
+    fn params_mut(&mut self) -> &mut dyn Params {
+        &mut self.params
+    }
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        context.exposure_time_s == 0.0 || Self::longest_px(context) <= self.params.threshold_px
+    }
+    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
+        match self.params.method {
+            // The renderer's rectangle spans the exposure already.
+            Method::Velocity | Method::Reference => 1.0,
+            Method::Copies => 0.5 * Self::longest_px(context) + 1.0,
+        }
+    }
+    fn methods(&self) -> Vec<&'static str> {
+        vec!["velocity", "copies", "reference"]
+    }
+
+    fn plan(&self, context: &FrameContext<'_>) -> Option<SamplePlan> {
+        match self.params.method {
+            Method::Velocity => None,
+            Method::Copies => Some(self.copies(context)),
+            Method::Reference => Some(Self::reference(context)),
+        }
+    }
+
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+        if self.params.method != Method::Velocity {
+            return layer;
+        }
+        let gpu = run.gpu;
+        let passes = self.passes.get_or_insert_with(|| Passes {
+            tiles: FullscreenPass::new(gpu, "motion_blur_tiles", &assemble("motion_blur_tiles"), &[FORMAT, FORMAT]),
+            blur: FullscreenPass::new(gpu, "motion_blur", &assemble("motion_blur"), &[FORMAT, FORMAT]),
+        });
+        let (width, height) = layer.size;
+        // 3×3 tiles must reach half the longest blur.
+        let side = ((0.5 * Self::longest_px(context)).ceil() as u32 + 1).clamp(8, 1 << 14);
+        let tiles = (width.div_ceil(side), height.div_ceil(side));
+        let exposure_s = context.exposure_time_s as f32;
+
+        let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, FORMAT, 1);
+        let first = [target("tile fastest", tiles), target("tile range", tiles)];
+        let near = [target("near fastest", tiles), target("near range", tiles)];
+        let out = [target("blurred colour", layer.size), target("blurred geometry", layer.size)];
+
+        let size = |last| [width as i32, height as i32, side as i32, last];
+        let uniform = |last| uniform_buffer(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size: size(last) }));
+        let (over_pixels, over_tiles) = (uniform(0), uniform(1));
+        let blur = BlurUniform { size: size(0), shutter: [exposure_s, self.params.threshold_px, 0.0, 0.0] };
+        let blur = uniform_buffer(gpu, "motion_blur", bytemuck::bytes_of(&blur));
+
+        let view = |t: &crate::gpu::Texture| t.view.clone();
+        let [c, g] = [view(&layer.color), view(&layer.geometry)];
+        passes.tiles.run(
+            gpu,
+            run.encoder,
+            &[Slot::Buffer(&over_pixels), Slot::Texture(&c), Slot::Texture(&g)],
+            &[&first[0], &first[1]],
+            tiles,
+        );
+        passes.tiles.run(
+            gpu,
+            run.encoder,
+            &[Slot::Buffer(&over_tiles), Slot::Texture(&first[0].view), Slot::Texture(&first[1].view)],
+            &[&near[0], &near[1]],
+            tiles,
+        );
+        passes.blur.run(
+            gpu,
+            run.encoder,
+            &[
+                Slot::Buffer(&blur),
+                Slot::Texture(&c),
+                Slot::Texture(&g),
+                Slot::Texture(&near[0].view),
+                Slot::Texture(&near[1].view),
+            ],
+            &[&out[0], &out[1]],
+            layer.size,
+        );
+        let [color, geometry] = out;
+        Layer { color, geometry, size: layer.size }
+    }
+}
+
+/// A layer blurred by one motion for all of it: the mean of the layer over the shutter, each
+/// moment shifted by its part of `motion_px` and sampled bilinearly. `rgba` holds
+/// `width * height` premultiplied pixels; outside is empty.
+pub fn twin(rgba: &[[f64; 4]], width: usize, height: usize, motion_px: [f64; 2]) -> Vec<[f64; 4]> {
+    let at = |x: i64, y: i64| {
+        if x < 0 || y < 0 || x >= width as i64 || y >= height as i64 {
+            [0.0; 4]
+        } else {
+            rgba[y as usize * width + x as usize]
+        }
+    };
+    let moments = 64 * (motion_px[0].hypot(motion_px[1]).ceil() as usize).max(1);
+    let mut out = vec![[0.0; 4]; rgba.len()];
+    for (i, pixel) in out.iter_mut().enumerate() {
+        let (x, y) = ((i % width) as f64, (i / width) as f64);
+        for m in 0..moments {
+            let s = (m as f64 + 0.5) / moments as f64 - 0.5;
+            let (u, v) = (x - motion_px[0] * s, y - motion_px[1] * s);
+            let (u0, v0) = (u.floor(), v.floor());
+            for (du, dv) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                let w = (1.0 - (u - u0 - f64::from(du)).abs()) * (1.0 - (v - v0 - f64::from(dv)).abs());
+                let texel = at(u0 as i64 + i64::from(du), v0 as i64 + i64::from(dv));
+                (0..4).for_each(|c| pixel[c] += w * texel[c] / moments as f64);
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,91 @@
+//! What an effect is: its stage, what it reads and what it gives.
+
+use crate::camera::Camera;
+use crate::params::Params;
+use crate::render::{Layer, LayerRun, SamplePlan};
+
+/// Where in the way of the light an effect works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// The virtual layer, linear light (and what the renderer draws to make it).
+    Layer,
+    /// Pixels with A > 0, code values.
+    Mixed,
+}
+
+/// How an object's centre moves across the picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ObjectMotion {
+    /// From the frame to the next one, px (raster axes).
+    pub per_frame_px: [f32; 2],
+}
+
+/// What effects may know of the frame. A pure function of the frames and poses around it.
+#[derive(Clone, Debug)]
+pub struct FrameContext<'a> {
+    pub camera: &'a Camera,
+    /// Position in the recording.
+    pub frame: usize,
+    pub seed: u64,
+    /// How long each row gathers light, seconds.
+    pub exposure_time_s: f64,
+    /// To the next frame, seconds.
+    pub interval_s: f64,
+    /// No point of the objects moves faster than this, px/s.
+    pub fastest_px_per_s: f32,
+    /// One for each object of the scene.
+    pub objects: &'a [ObjectMotion],
+}
+
+/// The part of an effect that the composite's shader calls for each mixed pixel.
+#[derive(Clone, Debug)]
+pub struct MixedHook {
+    /// WGSL that defines `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`; its bindings
+    /// are numbered from 4.
+    pub wgsl: &'static str,
+    /// What stands at binding 4.
+    pub uniform: Vec<u8>,
+    /// Constant whole-number tables at the bindings after it.
+    pub tables: Vec<&'static Table>,
+}
+
+/// A constant table of whole numbers for a shader, `width` × `height`.
+#[derive(Debug)]
+pub struct Table {
+    pub name: &'static str,
+    pub width: u32,
+    pub height: u32,
+    pub texels: Vec<i16>,
+}
+
+/// An effect with its parameters.
+pub trait Effect: std::fmt::Debug + Send + Sync {
+    fn stage(&self) -> Stage;
+    /// One line: what it does.
+    fn summary(&self) -> &'static str;
+    /// The table's name is the effect's.
+    fn params(&self) -> &dyn Params;
+    fn params_mut(&mut self) -> &mut dyn Params;
+    /// Whether it would change no pixel of this frame; then it does not run.
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
+    /// How far beyond the object's rectangle it reaches, px.
+    fn reach_px(&self, _: &FrameContext<'_>) -> f32 {
+        0.0
+    }
+    /// Settings under which the benchmark shows what each of its methods costs.
+    fn methods(&self) -> Vec<&'static str> {
+        Vec::new()
+    }
+    /// What the renderer is to draw, where this effect decides that.
+    fn plan(&self, _: &FrameContext<'_>) -> Option<SamplePlan> {
+        None
+    }
+    /// Records the effect's passes; the layer that it gives is the next one's.
+    fn run(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, layer: Layer) -> Layer {
+        layer
+    }
+    /// The effect's part of the composite's shader.
+    fn mixed(&self, _: &FrameContext<'_>) -> Option<MixedHook> {
+        None
+    }
+}

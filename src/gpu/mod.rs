@@ -1,0 +1,13 @@
+//! The GPU: device, shaders, textures, full-screen passes, readback. Knows no optics.
+
+mod device;
+mod pass;
+mod readback;
+mod shader;
+mod texture;
+
+pub use device::{AdapterReport, Gpu, GpuError, adapters};
+pub use pass::{FullscreenPass, Slot};
+pub use readback::{Readback, ReadbackSet};
+pub use shader::{assemble, sources};
+pub use texture::{Texture, TexturePool, half_texels, uniform_buffer};

@@ -1,0 +1,58 @@
+//! WGSL sources, embedded, and their one-line import.
+//!
+//! `// @import shared/hash` on a line of its own stands for that file's text, once a module.
+
+/// Every shader of the program by the path below shaders/, without `.wgsl`.
+pub fn sources() -> &'static [(&'static str, &'static str)] {
+    macro_rules! embed {
+        ($($name:literal),* $(,)?) => { &[$(($name, include_str!(concat!("../../shaders/", $name, ".wgsl")))),*] };
+    }
+    embed![
+        "shared/fullscreen",
+        "shared/hash",
+        "shared/layer",
+        "shared/response",
+        "shared/mixed",
+        "accumulate",
+        "accumulated",
+        "composite",
+        "copy",
+        "edge_blend",
+        "motion_blur",
+        "motion_blur_tiles",
+        "noise",
+        "raster",
+        "resolve",
+    ]
+}
+
+/// The text of a shader with its imports, or of a text that imports.
+///
+/// # Panics
+/// Where a name is not in [`sources`]: a slip of ours that the shader test finds.
+pub fn assemble(text_or_name: &str) -> String {
+    let mut seen = Vec::new();
+    let mut out = String::new();
+    let text = lookup(text_or_name).unwrap_or(text_or_name);
+    append(text, &mut seen, &mut out);
+    out
+}
+
+fn lookup(name: &str) -> Option<&'static str> {
+    sources().iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
+}
+
+fn append<'a>(text: &'a str, seen: &mut Vec<&'a str>, out: &mut String) {
+    for line in text.lines() {
+        let Some(name) = line.trim().strip_prefix("// @import ") else {
+            out.push_str(line);
+            out.push('\n');
+            continue;
+        };
+        if !seen.contains(&name) {
+            seen.push(name);
+            let imported = lookup(name).unwrap_or_else(|| panic!("no shader is called {name}"));
+            append(imported, seen, out);
+        }
+    }
+}

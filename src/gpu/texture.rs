@@ -1,0 +1,110 @@
+//! Textures and a pool that lends them again.
+
+use std::collections::HashMap;
+
+use bytemuck::Pod;
+
+use super::Gpu;
+
+/// A 2-D texture with its view. Cheap to clone: handles only.
+#[derive(Clone, Debug)]
+pub struct Texture {
+    pub texture: wgpu::Texture,
+    pub view: wgpu::TextureView,
+    pub width: u32,
+    pub height: u32,
+    pub format: wgpu::TextureFormat,
+}
+
+impl Texture {
+    pub fn new(gpu: &Gpu, label: &str, width: u32, height: u32, format: wgpu::TextureFormat, samples: u32) -> Self {
+        use wgpu::TextureUsages as U;
+        let mut usage = U::TEXTURE_BINDING;
+        if samples == 1 {
+            usage |= U::COPY_DST | U::COPY_SRC;
+        }
+        if format != wgpu::TextureFormat::R32Float && format != wgpu::TextureFormat::R16Sint {
+            usage |= U::RENDER_ATTACHMENT;
+        }
+        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: samples,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        Self { texture, view, width: width.max(1), height: height.max(1), format }
+    }
+
+    /// Writes rows of texels into the upper left corner.
+    pub fn write<T: Pod>(&self, gpu: &Gpu, width: u32, height: u32, texels: &[T]) {
+        if width == 0 || height == 0 {
+            return;
+        }
+        let bytes: &[u8] = bytemuck::cast_slice(texels);
+        gpu.queue.write_texture(
+            self.texture.as_image_copy(),
+            bytes,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some((bytes.len() / height as usize) as u32),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+    }
+}
+
+/// Lends textures by purpose; one is made anew only when the size class changes.
+///
+/// Sizes are rounded up to 64 px, so that a moving object's rectangle does not make new
+/// textures each frame; what lies beyond the asked size is never read.
+#[derive(Debug, Default)]
+pub struct TexturePool {
+    lent: HashMap<(&'static str, usize), Texture>,
+}
+
+impl TexturePool {
+    /// A texture of at least this size for `purpose`; the same purpose and `slot` gets the
+    /// same texture again.
+    pub fn get(
+        &mut self,
+        gpu: &Gpu,
+        purpose: &'static str,
+        slot: usize,
+        (width, height): (u32, u32),
+        format: wgpu::TextureFormat,
+        samples: u32,
+    ) -> Texture {
+        let (w, h) = (width.div_ceil(64) * 64, height.div_ceil(64) * 64);
+        if let Some(t) = self.lent.get(&(purpose, slot))
+            && (t.width, t.height, t.format) == (w, h, format)
+        {
+            return t.clone();
+        }
+        let texture = Texture::new(gpu, purpose, w, h, format, samples);
+        self.lent.insert((purpose, slot), texture.clone());
+        texture
+    }
+}
+
+/// A uniform buffer that holds `bytes`, padded to 16.
+pub fn uniform_buffer(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
+    use wgpu::util::DeviceExt;
+    let mut padded = bytes.to_vec();
+    padded.resize(bytes.len().div_ceil(16).max(1) * 16, 0);
+    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some(label),
+        contents: &padded,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+    })
+}
+
+/// Four 32-bit floats a texel to the bits of 16-bit ones.
+pub fn half_texels(texels: &[[f32; 4]]) -> Vec<[u16; 4]> {
+    texels.iter().map(|t| t.map(|v| half::f16::from_f32(v).to_bits())).collect()
+}

@@ -1,0 +1,258 @@
+//! `profiles/<name>.toml`: what was measured of a camera, and the parameters of each effect.
+//!
+//! A profile may hold any of the tables of [`Rig::tables`] and of the settings; a key that is
+//! none of theirs is an error that names it.
+
+use std::path::{Path, PathBuf};
+
+use crate::camera::{Camera, Distortion, Exposure, Geometry, Intrinsics, Lens, NoiseProfile, Response};
+use crate::compositor::Settings;
+use crate::params::{ParamError, Params, Value};
+use crate::profile_noise;
+
+/// A camera as tables of parameters, before it is put together.
+#[derive(Clone, Debug, Default)]
+pub struct Rig {
+    pub intrinsics: Intrinsics,
+    /// Whether anything said what the intrinsics are.
+    pub intrinsics_known: bool,
+    pub distortion: Distortion,
+    pub lens: Lens,
+    pub exposure: Exposure,
+    pub response: Response,
+    pub noise: Option<NoiseProfile>,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum ProfileError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}: not TOML: {source}")]
+    Syntax { path: PathBuf, source: Box<toml::de::Error> },
+    #[error("{path}: {source}")]
+    Param { path: PathBuf, source: ParamError },
+    #[error("{path}: {table}.{key} = {found} is not a number, a switch or a word")]
+    Type { path: PathBuf, table: String, key: String, found: String },
+    #[error("{path}: there is no table [{table}]; there are: {known}")]
+    UnknownTable { path: PathBuf, table: String, known: String },
+    #[error("{path}: `version` is {found}; this program reads version 1: `version = 1` must stand in the file")]
+    Version { path: PathBuf, found: String },
+    #[error("{path}: {message}")]
+    Noise { path: PathBuf, message: String },
+    #[error("{path}: camera.distortion.model = {found} is not known; accepted is \"opencv\"")]
+    Model { path: PathBuf, found: String },
+}
+
+/// What is wrong with a `--set table.name=value`.
+#[derive(Debug, thiserror::Error)]
+pub enum SetError {
+    #[error("--set {text}: expected table.name=value, as in --set noise.scale=1.5")]
+    Syntax { text: String },
+    #[error("--set {text}: there is no table {table}; there are: {known}")]
+    UnknownTable { text: String, table: String, known: String },
+    #[error("--set {text}: {source}")]
+    Param { text: String, source: ParamError },
+}
+
+impl Rig {
+    pub fn tables(&self) -> [&dyn Params; 5] {
+        [&self.intrinsics, &self.distortion, &self.lens, &self.exposure, &self.response]
+    }
+
+    fn tables_mut(&mut self) -> [&mut dyn Params; 5] {
+        [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
+    }
+
+    /// Takes a recording's own geometry where no profile gave one.
+    pub fn default_geometry(&mut self, geometry: &Geometry) {
+        if !self.intrinsics_known {
+            self.intrinsics = geometry.intrinsics.clone();
+            self.distortion = geometry.distortion.clone();
+            self.intrinsics_known = true;
+        }
+    }
+
+    /// The camera, with a geometry where the intrinsics are known.
+    pub fn camera(&self) -> Camera {
+        let geometry = Geometry::new(self.intrinsics.clone(), self.distortion.clone());
+        Camera {
+            geometry: self.intrinsics_known.then_some(geometry),
+            lens: self.lens.clone(),
+            exposure: self.exposure.clone(),
+            response: self.response.clone(),
+            noise: self.noise.clone(),
+        }
+    }
+
+    fn set(
+        &mut self,
+        settings: &mut Settings,
+        table: &str,
+        name: &str,
+        value: &Value,
+    ) -> Option<Result<(), ParamError>> {
+        let done = self.tables_mut().into_iter().find(|t| t.table() == table).map(|own| own.set(name, value));
+        self.intrinsics_known |= table == "camera" && matches!(done, Some(Ok(())));
+        done.or_else(|| settings.set(table, name, value))
+    }
+
+    fn known_tables(&self, settings: &Settings) -> String {
+        let names: Vec<_> = self.tables().iter().map(|t| t.table()).chain(["camera.noise"]).collect();
+        names.into_iter().chain(settings.tables().iter().map(|t| t.table())).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Reads a profile over what the rig and the settings hold.
+    pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
+        self.read_text(&text, path, settings)
+    }
+
+    /// As [`Rig::read`], from a text; `path` is named in errors.
+    pub fn read_text(&mut self, text: &str, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
+        let path = path.to_owned();
+        let mut root: toml::Table =
+            text.parse().map_err(|source| ProfileError::Syntax { path: path.clone(), source: Box::new(source) })?;
+        match root.remove("version") {
+            Some(toml::Value::Integer(1)) => {}
+            other => {
+                let found = other.map_or_else(|| "missing".to_owned(), |v| v.to_string());
+                return Err(ProfileError::Version { path, found });
+            }
+        }
+        for (name, value) in root {
+            self.read_table(&name, value, &path, settings)?;
+        }
+        Ok(())
+    }
+
+    fn read_table(
+        &mut self,
+        table: &str,
+        value: toml::Value,
+        path: &Path,
+        settings: &mut Settings,
+    ) -> Result<(), ProfileError> {
+        let unknown = |rig: &Self, settings: &Settings| ProfileError::UnknownTable {
+            path: path.to_owned(),
+            table: table.to_owned(),
+            known: rig.known_tables(settings),
+        };
+        let toml::Value::Table(entries) = value else { return Err(unknown(self, settings)) };
+        if table == "camera.noise" {
+            let noise = profile_noise::noise_profile_from_toml(&entries)
+                .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
+            self.noise = Some(noise);
+            return Ok(());
+        }
+        for (key, value) in entries {
+            let as_value = match &value {
+                toml::Value::Table(_) if table == "camera" => {
+                    self.read_table(&format!("camera.{key}"), value, path, settings)?;
+                    continue;
+                }
+                toml::Value::String(model) if table == "camera.distortion" && key == "model" => {
+                    if model != "opencv" {
+                        return Err(ProfileError::Model { path: path.to_owned(), found: value.to_string() });
+                    }
+                    continue;
+                }
+                toml::Value::Boolean(b) => Value::Bool(*b),
+                toml::Value::Integer(i) => Value::Number(*i as f64),
+                toml::Value::Float(f) => Value::Number(*f),
+                toml::Value::String(s) => Value::Text(s.clone()),
+                other => {
+                    return Err(ProfileError::Type {
+                        path: path.to_owned(),
+                        table: table.to_owned(),
+                        key,
+                        found: other.to_string(),
+                    });
+                }
+            };
+            match self.set(settings, table, &key, &as_value) {
+                Some(Ok(())) => {}
+                Some(Err(source)) => return Err(ProfileError::Param { path: path.to_owned(), source }),
+                None => return Err(unknown(self, settings)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Carries out a `--set table.name=value`.
+    pub fn set_text(&mut self, text: &str, settings: &mut Settings) -> Result<(), SetError> {
+        let syntax = || SetError::Syntax { text: text.to_owned() };
+        let (key, value) = text.split_once('=').ok_or_else(syntax)?;
+        let (table, name) = key.trim().rsplit_once('.').ok_or_else(syntax)?;
+        if table == "camera.exposure" {
+            settings.overrule_recorded_exposure = true;
+        }
+        match self.set(settings, table, name, &Value::parse(value)) {
+            Some(done) => done.map_err(|source| SetError::Param { text: text.to_owned(), source }),
+            None => Err(SetError::UnknownTable {
+                text: text.to_owned(),
+                table: table.to_owned(),
+                known: self.known_tables(settings),
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(text: &str) -> Result<(Rig, Settings), ProfileError> {
+        let (mut rig, mut settings) = (Rig::default(), Settings::default());
+        rig.read_text(text, Path::new("p.toml"), &mut settings).map(|()| (rig, settings))
+    }
+
+    #[test]
+    fn tables_land_in_their_fields() {
+        let (rig, settings) = read(
+            "version = 1\n[camera]\nwidth_px = 320\nfx_px = 250.5\n[camera.distortion]\nmodel = \"opencv\"\nk1 = -0.1\n\
+             [camera.exposure]\ntime_s = 0.01\n[noise]\nscale = 2\n[motion_blur]\nmethod = \"copies\"\n",
+        )
+        .unwrap();
+        assert!(rig.intrinsics_known);
+        assert_eq!((rig.intrinsics.width_px, rig.intrinsics.fx_px, rig.distortion.k1), (320, 250.5, -0.1));
+        assert_eq!(rig.exposure.time_s, Some(0.01));
+        let noise = settings.tables().into_iter().find(|t| t.table() == "noise").unwrap().get("scale");
+        assert_eq!(noise, Some(Value::Number(2.0)));
+    }
+
+    #[test]
+    fn errors_name_key_file_and_range() {
+        let error = |text: &str| read(text).err().unwrap().to_string();
+        let e = error("version = 1\n[noise]\nscale = 99\n");
+        assert!(e.contains("p.toml") && e.contains("noise.scale") && e.contains("0 to 8"), "{e}");
+        let e = error("version = 1\n[noise]\nscael = 1\n");
+        assert!(e.contains("noise.scael") && e.contains("magnification"), "{e}");
+        let e = error("version = 1\n[nosie]\nscale = 1\n");
+        assert!(e.contains("[nosie]") && e.contains("motion_blur"), "{e}");
+        assert!(error("version = 2\n").contains("version"));
+        assert!(error("[camera]\n").contains("missing"));
+        assert!(error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n").contains("opencv"));
+    }
+
+    #[test]
+    fn set_goes_where_a_profile_goes() {
+        let (mut rig, mut settings) = (Rig::default(), Settings::default());
+        rig.set_text("camera.lens.f_number=2.8", &mut settings).unwrap();
+        rig.set_text("depth.occlusion=off", &mut settings).unwrap();
+        assert_eq!(rig.lens.f_number, Some(2.8));
+        assert!(!settings.depth.occlusion);
+        for wrong in ["noise.scale", "scale=1", "nope.scale=1", "noise.scale=-1", "noise.scale=x"] {
+            assert!(rig.set_text(wrong, &mut settings).unwrap_err().to_string().contains(wrong), "{wrong}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_panics(text in "[ -~\n]{0,200}") {
+            let _ = read(&text);
+            let _ = read(&format!("version = 1\n{text}"));
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Where in the picture the objects can be, how fast they move there: all wide work stays
+//! inside that rectangle.
+
+use glam::{DVec2, DVec3};
+
+use super::view::{NEAR_M, ViewKeys};
+use crate::camera::Geometry;
+use crate::image::Rect;
+use crate::scene::Scene;
+
+/// The objects' share of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint {
+    /// Whole pixels that objects may touch while the shutter is open; may reach beyond the
+    /// picture. Empty where nothing is in view.
+    pub rect: Rect,
+    /// No point of the objects moves faster, px/s.
+    pub fastest_px_per_s: f32,
+}
+
+/// A bounding box in the axes of its mesh, and one corner of it for each of eight.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    pub low: DVec3,
+    pub high: DVec3,
+}
+
+impl Bounds {
+    pub fn of(points: impl Iterator<Item = [f32; 3]>) -> Option<Self> {
+        points.map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).fold(None, |b: Option<Self>, p| {
+            Some(b.map_or(Self { low: p, high: p }, |b| Self { low: b.low.min(p), high: b.high.max(p) }))
+        })
+    }
+
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 1 { high } else { low };
+            DVec3::new(
+                pick(0, self.low.x, self.high.x),
+                pick(1, self.low.y, self.high.y),
+                pick(2, self.low.z, self.high.z),
+            )
+        })
+    }
+}
+
+/// Normalised coordinates (x/z, y/z) of a box's corners seen with a pose; `None` where a
+/// corner is not before the camera.
+fn normalised(corners: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> {
+    corners
+        .iter()
+        .map(|&c| {
+            let p = pose.transform_point(c);
+            (p.z > NEAR_M).then(|| p.truncate() / p.z)
+        })
+        .collect()
+}
+
+/// The footprint of all parts. A box that crosses the camera's plane counts as everywhere.
+///
+/// Conservative: a box's picture without distortion lies in the rectangle around its corners,
+/// distortion takes that rectangle's inside to the inside of its border's image, and poses
+/// within the shutter are looked at at its ends and its middle.
+pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
+    let i = &geometry.intrinsics;
+    let picture = Rect::full(i.width_px, i.height_px);
+    let mut rect = Rect::new(0, 0, 0, 0);
+    let mut fastest = 0.0f64;
+    let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
+    for part in scene.objects.iter().flat_map(|o| &o.parts) {
+        let Some(b) = bounds[part.mesh] else { continue };
+        let corners = b.corners().map(|c| part.world_from_mesh.transform_point3(c));
+        if keys.poses.iter().all(|pose| corners.iter().all(|&c| pose.transform_point(c).z < NEAR_M)) {
+            continue;
+        }
+        let seen: Option<Vec<_>> = moments.iter().map(|&m| normalised(&corners, &keys.poses[m])).collect();
+        let Some(seen) = seen else {
+            // All of the picture, and beyond it by as much as anything can be blurred in.
+            rect = rect.union(&picture.grown(64));
+            fastest = fastest.max(rotation_speed(geometry, keys));
+            continue;
+        };
+        let at_px: Vec<Vec<DVec2>> =
+            seen.iter().map(|points| points.iter().map(|&p| geometry.distorted_px(p)).collect()).collect();
+        for (a, b) in [(0, 1), (1, 2)] {
+            let dt = keys.reach_s * (moments[b] - moments[a]) as f64 * 2.0 / (keys.poses.len() - 1) as f64;
+            for (p, q) in at_px[a].iter().zip(&at_px[b]) {
+                fastest = fastest.max(p.distance(*q) / dt);
+            }
+        }
+        let low = seen.iter().flatten().fold(DVec2::INFINITY, |m, p| m.min(*p));
+        let high = seen.iter().flatten().fold(DVec2::NEG_INFINITY, |m, p| m.max(*p));
+        let (mut px_low, mut px_high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for n in 0..=16 {
+            let f = f64::from(n) / 16.0;
+            let (x, y) = (low.x + f * (high.x - low.x), low.y + f * (high.y - low.y));
+            for p in [DVec2::new(x, low.y), DVec2::new(x, high.y), DVec2::new(low.x, y), DVec2::new(high.x, y)] {
+                let d = geometry.distorted_px(p);
+                px_low = px_low.min(d);
+                px_high = px_high.max(d);
+            }
+        }
+        let clamp = |v: f64| v.clamp(-1e6, 1e6);
+        let own = Rect::new(
+            clamp(px_low.x).floor() as i32,
+            clamp(px_low.y).floor() as i32,
+            clamp(px_high.x).ceil() as i32,
+            clamp(px_high.y).ceil() as i32,
+        );
+        // One pixel for what is curved between the border's samples.
+        rect = rect.union(&own.grown(1));
+    }
+    // A tenth more for what speeds up between the three moments.
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32 }
+}
+
+/// The speed that turning alone gives to far points in the picture's middle, px/s.
+fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
+    let (Some(first), Some(last)) = (keys.poses.first(), keys.poses.last()) else { return 0.0 };
+    let turn = first.rotation.angle_between(last.rotation);
+    2.0 * geometry.intrinsics.fx_px * turn / (2.0 * keys.reach_s) + 500.0
+}

@@ -1,0 +1,215 @@
+//! Materials and textures on the GPU.
+
+use crate::gpu::{Gpu, uniform_buffer};
+use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Wrap};
+
+/// `Material` of shaders/raster.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct MaterialUniform {
+    pub base_color: [f32; 4],
+    pub emissive: [f32; 4],
+    pub factors: [f32; 4],
+    pub alpha: [f32; 4],
+    pub transforms: [[f32; 4]; 10],
+}
+
+impl MaterialUniform {
+    fn new(m: &Material) -> Self {
+        let mut transforms = [[0.0; 4]; 10];
+        for (i, slot) in slots(m).iter().enumerate() {
+            let rows = slot.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], |t| t.transform);
+            let set = slot.map_or(0.0, |t| t.uv_set as f32);
+            transforms[2 * i] = [rows[0][0], rows[0][1], rows[0][2], set];
+            transforms[2 * i + 1] = [rows[1][0], rows[1][1], rows[1][2], 0.0];
+        }
+        let (mode, cutoff) = match m.alpha {
+            Alpha::Opaque => (0.0, 0.0),
+            Alpha::Mask(cutoff) => (1.0, cutoff),
+            Alpha::Blend => (2.0, 0.0),
+        };
+        let has_normals = f32::from(u8::from(m.normal_texture.is_some()));
+        Self {
+            base_color: m.base_color,
+            emissive: [m.emissive[0], m.emissive[1], m.emissive[2], f32::from(u8::from(m.unlit))],
+            factors: [m.metallic, m.roughness, m.normal_scale, m.occlusion_strength],
+            alpha: [mode, cutoff, has_normals, 0.0],
+            transforms,
+        }
+    }
+}
+
+/// A material's textures in the shader's order.
+fn slots(m: &Material) -> [Option<TextureUse>; 5] {
+    [m.base_color_texture, m.metallic_roughness_texture, m.normal_texture, m.occlusion_texture, m.emissive_texture]
+}
+
+/// A bind group for each material of a scene.
+pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> Vec<wgpu::BindGroup> {
+    // White stands for no texture: factors then act alone.
+    let white = Texture {
+        width: 1,
+        height: 1,
+        rgba: std::sync::Arc::new(vec![255; 4]),
+        srgb: false,
+        wrap: [Wrap::Repeat; 2],
+        smooth: false,
+        mipmaps: false,
+    };
+    let white = upload(gpu, &white);
+    let textures: Vec<_> = scene.textures.iter().map(|t| upload(gpu, t)).collect();
+    scene
+        .materials
+        .iter()
+        .map(|material| {
+            let uniform = uniform_buffer(gpu, "material", bytemuck::bytes_of(&MaterialUniform::new(material)));
+            let mut entries = vec![wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }];
+            for (i, slot) in slots(material).iter().enumerate() {
+                let (view, sampler) = slot.and_then(|s| textures.get(s.texture)).unwrap_or(&white);
+                let binding = 1 + 2 * i as u32;
+                entries.push(wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) });
+                entries.push(wgpu::BindGroupEntry {
+                    binding: binding + 1,
+                    resource: wgpu::BindingResource::Sampler(sampler),
+                });
+            }
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(&material.name),
+                layout,
+                entries: &entries,
+            })
+        })
+        .collect()
+}
+
+fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
+    let format = if texture.srgb { wgpu::TextureFormat::Rgba8UnormSrgb } else { wgpu::TextureFormat::Rgba8Unorm };
+    let levels = if texture.mipmaps { mip_chain(texture) } else { Vec::new() };
+    let gpu_texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("scene texture"),
+        size: wgpu::Extent3d { width: texture.width, height: texture.height, depth_or_array_layers: 1 },
+        mip_level_count: 1 + levels.len() as u32,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let base = std::iter::once((texture.width, texture.height, texture.rgba.as_slice()));
+    let rest = levels.iter().map(|(w, h, rgba)| (*w, *h, rgba.as_slice()));
+    for (level, (width, height, rgba)) in base.chain(rest).enumerate() {
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &gpu_texture,
+                mip_level: level as u32,
+                origin: wgpu::Origin3d::ZERO,
+                aspect: wgpu::TextureAspect::All,
+            },
+            rgba,
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: None },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+    }
+    let address = texture.wrap.map(|w| match w {
+        Wrap::Repeat => wgpu::AddressMode::Repeat,
+        Wrap::Mirror => wgpu::AddressMode::MirrorRepeat,
+        Wrap::Clamp => wgpu::AddressMode::ClampToEdge,
+    });
+    let smooth = if texture.smooth { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest };
+    let trilinear = texture.smooth && texture.mipmaps;
+    let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+        label: Some("scene texture"),
+        address_mode_u: address[0],
+        address_mode_v: address[1],
+        mag_filter: smooth,
+        min_filter: smooth,
+        mipmap_filter: if trilinear { wgpu::MipmapFilterMode::Linear } else { wgpu::MipmapFilterMode::Nearest },
+        // Evidence lies on floors, seen at a slant.
+        anisotropy_clamp: if trilinear { 8 } else { 1 },
+        ..Default::default()
+    });
+    (gpu_texture.create_view(&Default::default()), sampler)
+}
+
+/// Each level the mean of 2×2 texels of the one before (3 wide where a side is odd), averaged
+/// in linear light for colours.
+fn mip_chain(texture: &Texture) -> Vec<(u32, u32, Vec<u8>)> {
+    let to_linear: Vec<f32> = (0..256u32)
+        .map(|v| {
+            let code = v as f32 / 255.0;
+            if !texture.srgb {
+                code
+            } else if code <= 0.04045 {
+                code / 12.92
+            } else {
+                ((code + 0.055) / 1.055).powf(2.4)
+            }
+        })
+        .collect();
+    let from_linear = |v: f32| {
+        let code = if !texture.srgb {
+            v
+        } else if v <= 0.003_130_8 {
+            12.92 * v
+        } else {
+            1.055 * v.powf(1.0 / 2.4) - 0.055
+        };
+        (code * 255.0).round().clamp(0.0, 255.0) as u8
+    };
+    let (mut w, mut h) = (texture.width as usize, texture.height as usize);
+    let mut level: Vec<[f32; 4]> = texture
+        .rgba
+        .chunks_exact(4)
+        .map(|t| {
+            let lin = |v: u8| to_linear[usize::from(v)];
+            [lin(t[0]), lin(t[1]), lin(t[2]), f32::from(t[3]) / 255.0]
+        })
+        .collect();
+    let mut out = Vec::new();
+    while w > 1 || h > 1 {
+        let (nw, nh) = ((w / 2).max(1), (h / 2).max(1));
+        let mut next = vec![[0.0f32; 4]; nw * nh];
+        for y in 0..nh {
+            let rows = y * h / nh..((y + 1) * h).div_ceil(nh);
+            for x in 0..nw {
+                let columns = x * w / nw..((x + 1) * w).div_ceil(nw);
+                let mut sum = [0.0f32; 4];
+                for row in rows.clone() {
+                    for column in columns.clone() {
+                        (0..4).for_each(|c| sum[c] += level[row * w + column][c]);
+                    }
+                }
+                let count = (rows.len() * columns.len()) as f32;
+                next[y * nw + x] = sum.map(|s| s / count);
+            }
+        }
+        let bytes = next
+            .iter()
+            .flat_map(|t| [from_linear(t[0]), from_linear(t[1]), from_linear(t[2]), (t[3] * 255.0).round() as u8])
+            .collect();
+        out.push((nw as u32, nh as u32, bytes));
+        (w, h, level) = (nw, nh, next);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mipmaps_average_light_not_codes() {
+        let rgba = vec![255, 255, 255, 255, 0, 0, 0, 255, 255, 255, 255, 255, 0, 0, 0, 255];
+        let texture = Texture {
+            width: 2,
+            height: 2,
+            rgba: std::sync::Arc::new(rgba),
+            srgb: true,
+            wrap: [Wrap::Repeat; 2],
+            smooth: true,
+            mipmaps: true,
+        };
+        // Half the light is sRGB code 188.
+        assert_eq!(mip_chain(&texture), vec![(1, 1, vec![188, 188, 188, 255])]);
+    }
+}

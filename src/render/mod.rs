@@ -1,0 +1,14 @@
+//! The scene and a sample plan to the virtual layer.
+
+mod bounds;
+mod dice;
+mod draw;
+mod light;
+mod material;
+mod plan;
+mod view;
+
+pub use bounds::Footprint;
+pub use draw::{Renderer, View};
+pub use plan::{Layer, LayerRun, Sample, SamplePlan};
+pub use view::{Shutter, ViewKeys};

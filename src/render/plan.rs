@@ -1,0 +1,43 @@
+//! What is drawn, and what comes of it.
+
+use crate::gpu::{Gpu, Texture, TexturePool};
+
+/// One drawing of the scene in a plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    pub weight: f32,
+    /// Relative to the middle of each row's exposure, seconds.
+    pub time_s: f64,
+    /// Shift of each object, px (raster axes); empty for none.
+    pub offsets_px: Vec<[f32; 2]>,
+}
+
+/// What the renderer draws and sums. The weights sum to 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SamplePlan {
+    pub samples: Vec<Sample>,
+}
+
+impl SamplePlan {
+    /// One plain rendering at the middle of the exposure.
+    pub fn single() -> Self {
+        Self { samples: vec![Sample { weight: 1.0, time_s: 0.0, offsets_px: Vec::new() }] }
+    }
+}
+
+/// The virtual layer on the GPU: premultiplied linear colour, and the geometry (depth in two
+/// halves, velocity in px/s) of the nearest sample. Only the upper left `size` is in use.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    pub color: Texture,
+    pub geometry: Texture,
+    pub size: (u32, u32),
+}
+
+/// What an effect of the layer stage records its passes with.
+#[derive(Debug)]
+pub struct LayerRun<'a> {
+    pub gpu: &'a Gpu,
+    pub encoder: &'a mut wgpu::CommandEncoder,
+    pub pool: &'a mut TexturePool,
+}

@@ -1,0 +1,119 @@
+//! The camera as the shader sees it: geometry, and poses around the frame's moment.
+
+use glam::{DQuat, DVec3};
+
+use crate::camera::Geometry;
+use crate::image::Rect;
+use crate::pose::Pose;
+
+/// As in shaders/raster.wgsl.
+pub const MAX_KEYS: usize = 33;
+/// Nothing nearer is drawn, metres.
+pub const NEAR_M: f64 = 0.01;
+
+/// The times that a frame's light spans.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shutter {
+    pub exposure_time_s: f64,
+    pub readout_time_s: f64,
+}
+
+impl Shutter {
+    /// Half the step over which velocity is measured: to the ends of the exposure, so that the
+    /// chord of a curved motion meets both of them; a millisecond where there is no exposure.
+    pub fn velocity_step_s(&self) -> f64 {
+        if self.exposure_time_s > 0.0 { 0.5 * self.exposure_time_s } else { 5e-4 }
+    }
+
+    /// From the frame's timestamp to the farthest moment that a vertex may ask for.
+    pub fn reach_s(&self) -> f64 {
+        self.velocity_step_s() + self.readout_time_s
+    }
+}
+
+/// Poses at even steps around a frame's timestamp, as `camera_from_local` in local axes: the
+/// world's, moved to the camera's position at the timestamp (so that 32-bit floats suffice
+/// wherever the world's origin lies).
+#[derive(Clone, Debug)]
+pub struct ViewKeys {
+    /// The camera's position at the timestamp, metres.
+    pub origin_in_world_m: DVec3,
+    /// `camera_from_world` at each step, first to last; the middle one is the frame's own pose.
+    pub poses: Vec<Pose>,
+    pub reach_s: f64,
+}
+
+impl ViewKeys {
+    /// Asks `pose_at(offset_s)` for the poses around the timestamp.
+    pub fn new(shutter: Shutter, mut pose_at: impl FnMut(f64) -> Pose) -> Self {
+        let reach_s = shutter.reach_s();
+        let half = (MAX_KEYS / 2) as f64;
+        let poses: Vec<_> = (0..MAX_KEYS).map(|i| pose_at((i as f64 - half) / half * reach_s)).collect();
+        Self { origin_in_world_m: poses[MAX_KEYS / 2].position_in_world_m(), poses, reach_s }
+    }
+
+    /// The frame's own pose.
+    pub fn middle(&self) -> Pose {
+        self.poses[MAX_KEYS / 2]
+    }
+}
+
+/// `View` of shaders/raster.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct ViewUniform {
+    pub rect_px: [f32; 4],
+    pub focal_px: [f32; 4],
+    pub distortion: [f32; 4],
+    pub lens: [f32; 4],
+    pub shutter: [f32; 4],
+    pub keys: [f32; 4],
+    pub key_rotation: [[f32; 4]; MAX_KEYS],
+    pub key_translation: [[f32; 4]; MAX_KEYS],
+}
+
+impl ViewUniform {
+    /// `tolerance_m` below 0 switches occlusion off.
+    pub fn new(
+        geometry: &Geometry,
+        keys: &ViewKeys,
+        shutter: Shutter,
+        rect: Rect,
+        time_s: f64,
+        tolerance_m: f32,
+    ) -> Self {
+        let i = &geometry.intrinsics;
+        let d = &geometry.distortion;
+        let valid = geometry.valid_radius();
+        // A large finite number stands for "everywhere".
+        let (valid, slope) = if valid.is_finite() { (valid, geometry.rim_slope()) } else { (1e9, 1.0) };
+        let count = keys.poses.len();
+        let mut key_rotation = [[0.0; 4]; MAX_KEYS];
+        let mut key_translation = [[0.0; 4]; MAX_KEYS];
+        let mut last = DQuat::IDENTITY;
+        for (n, pose) in keys.poses.iter().enumerate() {
+            // Neighbours on the same side, for the shader mixes them.
+            let q = if last.dot(pose.rotation) < 0.0 { -pose.rotation } else { pose.rotation };
+            last = q;
+            key_rotation[n] = [q.x as f32, q.y as f32, q.z as f32, q.w as f32];
+            let eye = (pose.position_in_world_m() - keys.origin_in_world_m).as_vec3();
+            key_translation[n] = [eye.x, eye.y, eye.z, 0.0];
+        }
+        let keys_per_s = (count - 1) as f64 / (2.0 * keys.reach_s);
+        Self {
+            rect_px: [rect.x0 as f32, rect.y0 as f32, rect.width() as f32, rect.height() as f32],
+            focal_px: [i.fx_px as f32, i.fy_px as f32, i.cx_px as f32, i.cy_px as f32],
+            distortion: [d.k1 as f32, d.k2 as f32, d.p1 as f32, d.p2 as f32],
+            lens: [d.k3 as f32, valid as f32, slope as f32, NEAR_M as f32],
+            shutter: [
+                time_s as f32,
+                shutter.velocity_step_s() as f32,
+                shutter.readout_time_s as f32,
+                i.height_px as f32,
+            ],
+            keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
+            key_rotation,
+            key_translation,
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Bytes from files, GLB containers and URIs, never more than is stated.
+
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use super::SceneError;
+
+/// No file of a scene may be longer.
+pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// A whole file; `needed_by` is the file that names it.
+pub(super) fn read(file: &Path, needed_by: Option<&Path>) -> Result<Vec<u8>, SceneError> {
+    let failed = |source| SceneError::Read { file: file.to_owned(), needed_by: needed_by.map(Path::to_owned), source };
+    let handle = File::open(file).map_err(failed)?;
+    let metadata = handle.metadata().map_err(failed)?;
+    if !metadata.is_file() {
+        return Err(SceneError::bad(file, "the file", "a folder or a device", "a plain file"));
+    }
+    let mut bytes = Vec::new();
+    handle.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(SceneError::bad(
+            file,
+            "the file's length",
+            format!("{} bytes", metadata.len()),
+            format!("up to {MAX_FILE_BYTES}"),
+        ));
+    }
+    Ok(bytes)
+}
+
+/// The JSON and the binary chunk of a GLB container (glTF 2.0, section 4.4), or the bytes
+/// themselves as JSON where they do not start with `glTF`.
+pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), SceneError> {
+    if !bytes.starts_with(b"glTF") {
+        return Ok((bytes, None));
+    }
+    let version = u32_at(bytes, 4).ok_or_else(|| truncated(file, "the header", bytes.len(), 12))?;
+    let length = u32_at(bytes, 8).ok_or_else(|| truncated(file, "the header", bytes.len(), 12))? as usize;
+    if version != 2 {
+        return Err(SceneError::bad(file, "the GLB version", version, "2"));
+    }
+    let bytes = bytes.get(..length).ok_or_else(|| truncated(file, "the file", bytes.len(), length))?;
+    let (mut json, mut binary) = (None, None);
+    let mut at = 12;
+    while let (Some(size), Some(kind)) = (u32_at(bytes, at), bytes.get(at + 4..at + 8)) {
+        let start = at + 8;
+        let end = start.saturating_add(size as usize);
+        let chunk = bytes
+            .get(start..end)
+            .ok_or_else(|| truncated(file, &format!("the chunk at byte {at}"), bytes.len() - start, size as usize))?;
+        match kind {
+            b"JSON" if json.is_none() => json = Some(chunk),
+            b"BIN\0" if binary.is_none() => binary = Some(chunk),
+            _ => {} // chunks of unknown kind are to be passed over
+        }
+        at = end;
+    }
+    let json = json.ok_or_else(|| SceneError::bad(file, "the GLB chunks", "no JSON", "a JSON chunk first"))?;
+    Ok((json, binary))
+}
+
+fn truncated(file: &Path, what: &str, found: usize, needed: usize) -> SceneError {
+    SceneError::bad(file, what, format!("{found} bytes"), format!("{needed} bytes (is the file cut off?)"))
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
+    let four = bytes.get(at..at.checked_add(4)?)?;
+    Some(u32::from_le_bytes(four.try_into().ok()?))
+}
+
+/// What a URI in `file` points to: a `data:` URI's content or a file beside it.
+pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, SceneError> {
+    let accepted = "a relative file name or a base64 data: URI";
+    if let Some(data) = uri.strip_prefix("data:") {
+        let (_, text) = data
+            .split_once(";base64,")
+            .ok_or_else(|| SceneError::bad(file, what, "a data: URI without base64", accepted))?;
+        return base64(text).ok_or_else(|| SceneError::bad(file, what, "text that is not base64", accepted));
+    }
+    let name = percent_decoded(uri);
+    if name.contains("://") || name.starts_with("file:") || Path::new(name.as_ref()).is_absolute() {
+        return Err(SceneError::bad(file, what, format!("{uri:?}"), accepted));
+    }
+    let folder = file.parent().unwrap_or(Path::new(""));
+    read(&folder.join(name.as_ref()), Some(file))
+}
+
+/// `%20` and its like as the bytes they stand for (RFC 3986, section 2.1).
+fn percent_decoded(uri: &str) -> Cow<'_, str> {
+    if !uri.contains('%') {
+        return Cow::Borrowed(uri);
+    }
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let hex = after.get(..2).and_then(|h| std::str::from_utf8(h).ok());
+        match hex.and_then(|h| u8::from_str_radix(h, 16).ok()) {
+            Some(byte) if first == b'%' => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(first);
+                rest = after;
+            }
+        }
+    }
+    Cow::Owned(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// RFC 4648, section 4; padding may be missing.
+fn base64(text: &str) -> Option<Vec<u8>> {
+    let text = text.trim_end_matches('=');
+    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 2);
+    let (mut bits, mut count) = (0u32, 0);
+    for c in text.bytes() {
+        let six = match c {
+            b'A'..=b'Z' => c - b'A',
+            b'a'..=b'z' => c - b'a' + 26,
+            b'0'..=b'9' => c - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => return None,
+        };
+        bits = (bits << 6) | u32::from(six);
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            bytes.push((bits >> count) as u8);
+        }
+    }
+    (count < 6).then_some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_gives_the_vectors_of_rfc_4648() {
+        for (text, bytes) in [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYmE=", "fooba")] {
+            assert_eq!(base64(text).unwrap(), bytes.as_bytes());
+        }
+        assert_eq!(base64("+/+/"), Some(vec![0xfb, 0xff, 0xbf]));
+        assert_eq!(base64("Zm9*"), None);
+        assert_eq!(base64("Z"), None);
+    }
+
+    #[test]
+    fn percent_signs_stand_for_bytes() {
+        assert_eq!(percent_decoded("my%20knife%2.png"), "my knife%2.png");
+        assert_eq!(percent_decoded("%C3%A4%"), "ä%");
+    }
+}

@@ -1,0 +1,107 @@
+//! What is in a scene, for people.
+
+use std::fmt;
+
+use glam::{DAffine3, DVec3};
+use serde::Serialize;
+
+use super::{Environment, Object, Scene, place};
+
+/// Beyond these extents a model is probably not in metres.
+const LARGE_M: f64 = 10.0;
+const SMALL_M: f64 = 0.001;
+
+/// A scene in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Description {
+    pub objects: Vec<ObjectDescription>,
+    pub triangles: usize,
+    pub materials: usize,
+    pub textures: Vec<TextureDescription>,
+    pub suns: usize,
+    pub points: usize,
+    /// The light from around, in words.
+    pub environment: String,
+    /// What the loader said, then what is odd about the sizes.
+    pub warnings: Vec<String>,
+}
+
+/// An object in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ObjectDescription {
+    pub name: String,
+    pub triangles: usize,
+    /// The corners of the box around it, world axes, metres; `None` where it has no points.
+    pub bounds_in_world_m: Option<[[f64; 3]; 2]>,
+}
+
+/// A texture in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TextureDescription {
+    pub width: u32,
+    pub height: u32,
+    pub srgb: bool,
+}
+
+/// Counts what is in a scene and looks for what is odd about it.
+pub fn describe(scene: &Scene) -> Description {
+    let mut warnings = scene.warnings.clone();
+    let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
+    let environment = match &scene.lighting.environment {
+        Environment::Uniform(color) => format!("the same from everywhere, {} {} {}", color.x, color.y, color.z),
+        Environment::Map(map) => format!("a panorama, {}×{}, times {}", map.width, map.height, map.intensity),
+    };
+    Description {
+        triangles: objects.iter().map(|o| o.triangles).sum(),
+        objects,
+        materials: scene.materials.len(),
+        textures: scene
+            .textures
+            .iter()
+            .map(|t| TextureDescription { width: t.width, height: t.height, srgb: t.srgb })
+            .collect(),
+        suns: scene.lighting.suns.len(),
+        points: scene.lighting.points.len(),
+        environment,
+        warnings,
+    }
+}
+
+fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -> ObjectDescription {
+    let bounds = place::bounds(scene, &object.parts, DAffine3::IDENTITY);
+    match bounds.map(|(low, high)| (high - low).max_element()) {
+        None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
+        Some(extent) if extent > LARGE_M => {
+            warnings.push(format!("{}: {extent:.1} m large; is it in metres? (scale, size_m)", object.name));
+        }
+        Some(extent) if extent < SMALL_M => {
+            warnings.push(format!("{}: {:.4} mm large; is it in metres? (scale, size_m)", object.name, extent * 1e3));
+        }
+        Some(_) => {}
+    }
+    ObjectDescription {
+        name: object.name.clone(),
+        triangles: object.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum(),
+        bounds_in_world_m: bounds.map(|(low, high)| [low.to_array(), high.to_array()]),
+    }
+}
+
+impl fmt::Display for Description {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for object in &self.objects {
+            write!(f, "object {}: {} triangles", object.name, object.triangles)?;
+            if let Some([low, high]) = object.bounds_in_world_m {
+                let [low, high] = [DVec3::from(low), DVec3::from(high)];
+                write!(f, ", from {low:.3} to {high:.3}, {:.3} m", high - low)?;
+            }
+            writeln!(f)?;
+        }
+        writeln!(f, "{} triangles, {} materials", self.triangles, self.materials)?;
+        for (i, texture) in self.textures.iter().enumerate() {
+            let kind = if texture.srgb { "colour" } else { "data" };
+            writeln!(f, "texture {i}: {}×{}, {kind}", texture.width, texture.height)?;
+        }
+        writeln!(f, "light: {} suns, {} lamps, from around {}", self.suns, self.points, self.environment)?;
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "odd: {warning}"))
+    }
+}

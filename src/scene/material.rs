@@ -1,0 +1,198 @@
+//! glTF materials and textures to ours.
+
+use super::model::Reader;
+use super::picture::{self, MAX_PIXELS, Rgba};
+use super::schema::{self, TextureInfo};
+use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
+
+/// What makes two uses of an image one [`Texture`].
+pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
+
+impl Reader<'_> {
+    /// The index of a material in the scene, read at its first use; none is glTF's default.
+    pub(super) fn material(&mut self, index: Option<usize>, what: &str) -> Result<usize, SceneError> {
+        if let Some(&known) = self.materials.get(&index) {
+            return Ok(known);
+        }
+        let material = match index {
+            None => Material::default(),
+            Some(i) => {
+                let document = self.document;
+                let json = document.get(&document.json.materials, "materials", i, what)?;
+                self.read_material(json, &format!("materials[{i}]"))?
+            }
+        };
+        self.loader.scene.materials.push(material);
+        let known = self.loader.scene.materials.len() - 1;
+        self.materials.insert(index, known);
+        Ok(known)
+    }
+
+    fn read_material(&mut self, json: &schema::Material, what: &str) -> Result<Material, SceneError> {
+        let pbr = &json.pbr_metallic_roughness;
+        let place = |key: &str| format!("{what}.{key}");
+        let pbr_place = |key: &str| format!("{what}.pbrMetallicRoughness.{key}");
+        let strength = json.extensions.emissive_strength.as_ref().and_then(|e| e.emissive_strength).unwrap_or(1.0);
+        let strength = self.factor(strength, f32::MAX, &place("extensions.KHR_materials_emissive_strength"))?;
+        let mut base_color = pbr.base_color_factor.unwrap_or([1.0; 4]);
+        for channel in &mut base_color {
+            *channel = self.factor(*channel, 1.0, &pbr_place("baseColorFactor"))?;
+        }
+        let mut emissive = json.emissive_factor.unwrap_or([0.0; 3]);
+        for channel in &mut emissive {
+            *channel = self.factor(*channel, 1.0, &place("emissiveFactor"))? * strength;
+        }
+        let normal_scale = json.normal_texture.as_ref().and_then(|t| t.scale).unwrap_or(1.0);
+        if !normal_scale.is_finite() {
+            return Err(self.document.bad(place("normalTexture.scale"), normal_scale, "a finite number"));
+        }
+        let occlusion = json.occlusion_texture.as_ref().and_then(|t| t.strength).unwrap_or(1.0);
+        Ok(Material {
+            name: json.name.clone().unwrap_or_else(|| what.to_owned()),
+            base_color,
+            metallic: self.factor(pbr.metallic_factor.unwrap_or(1.0), 1.0, &pbr_place("metallicFactor"))?,
+            roughness: self.factor(pbr.roughness_factor.unwrap_or(1.0), 1.0, &pbr_place("roughnessFactor"))?,
+            emissive,
+            normal_scale,
+            occlusion_strength: self.factor(occlusion, 1.0, &place("occlusionTexture.strength"))?,
+            alpha: self.alpha(json, what)?,
+            double_sided: json.double_sided,
+            unlit: json.extensions.unlit.is_some(),
+            base_color_texture: self.texture(&pbr.base_color_texture, true, &pbr_place("baseColorTexture"))?,
+            metallic_roughness_texture: self.texture(
+                &pbr.metallic_roughness_texture,
+                false,
+                &pbr_place("metallicRoughnessTexture"),
+            )?,
+            normal_texture: self.texture(&json.normal_texture, false, &place("normalTexture"))?,
+            occlusion_texture: self.texture(&json.occlusion_texture, false, &place("occlusionTexture"))?,
+            emissive_texture: self.texture(&json.emissive_texture, true, &place("emissiveTexture"))?,
+        })
+    }
+
+    /// A factor from 0 to `max`; one outside is set to the nearer end, and that is said.
+    fn factor(&mut self, value: f32, max: f32, what: &str) -> Result<f32, SceneError> {
+        if !value.is_finite() {
+            return Err(self.document.bad(what, value, "a finite number"));
+        }
+        let clamped = value.clamp(0.0, max);
+        if clamped != value {
+            self.warn(format!("{what} is {value}, outside 0 to {max}: {clamped} is used"));
+        }
+        Ok(clamped)
+    }
+
+    fn alpha(&mut self, json: &schema::Material, what: &str) -> Result<Alpha, SceneError> {
+        match json.alpha_mode.as_deref() {
+            None | Some("OPAQUE") => Ok(Alpha::Opaque),
+            Some("BLEND") => Ok(Alpha::Blend),
+            Some("MASK") => {
+                let cutoff = json.alpha_cutoff.unwrap_or(0.5);
+                // Above 1 all is cut off, which is what the file says.
+                Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{what}.alphaCutoff"))?))
+            }
+            Some(other) => Err(self.document.bad(format!("{what}.alphaMode"), other, "OPAQUE, MASK or BLEND")),
+        }
+    }
+
+    fn texture(
+        &mut self,
+        info: &Option<TextureInfo>,
+        srgb: bool,
+        what: &str,
+    ) -> Result<Option<TextureUse>, SceneError> {
+        let Some(info) = info else { return Ok(None) };
+        let document = self.document;
+        let place = format!("textures[{}]", info.index);
+        let texture = document.get(&document.json.textures, "textures", info.index, format!("{what}.index"))?;
+        let Some(image) = texture.source else {
+            self.warn(format!("{place} has no PNG or JPEG source: ignored"));
+            return Ok(None);
+        };
+        let transform = info.extensions.transform.as_ref();
+        let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
+        if uv_set > 1 {
+            self.warn(format!("{what} uses TEXCOORD_{uv_set}, only TEXCOORD_0 and _1 are supported: ignored"));
+            return Ok(None);
+        }
+        let rows = transform.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], transform_rows);
+        if !rows.as_flattened().iter().all(|v| v.is_finite()) {
+            let what = format!("{what}.extensions.KHR_texture_transform");
+            return Err(document.bad(what, "a number that is not finite", "finite numbers"));
+        }
+        let default = schema::Sampler::default();
+        let sampler = match texture.sampler {
+            Some(i) => document.get(&document.json.samplers, "samplers", i, format!("{place}.sampler"))?,
+            None => &default,
+        };
+        let (wrap, smooth, mipmaps) = self.sampling(sampler, &format!("{place}.sampler"))?;
+        let key = (image, srgb, wrap, smooth, mipmaps);
+        let texture = match self.textures.get(&key) {
+            Some(&known) => known,
+            None => {
+                let Rgba { width, height, rgba } = self.image(image, &format!("{place}.source"))?;
+                self.loader.scene.textures.push(Texture { width, height, rgba, srgb, wrap, smooth, mipmaps });
+                let known = self.loader.scene.textures.len() - 1;
+                self.textures.insert(key, known);
+                known
+            }
+        };
+        Ok(Some(TextureUse { texture, uv_set, transform: rows }))
+    }
+
+    /// Wrap modes, whether magnification is smooth, whether minification uses mipmaps.
+    fn sampling(&self, sampler: &schema::Sampler, what: &str) -> Result<([Wrap; 2], bool, bool), SceneError> {
+        let wrap = |code: Option<u32>| match code {
+            None | Some(10497) => Ok(Wrap::Repeat),
+            Some(33648) => Ok(Wrap::Mirror),
+            Some(33071) => Ok(Wrap::Clamp),
+            Some(other) => {
+                Err(self.document.bad(format!("{what}.wrap"), other, "10497 (repeat), 33648 (mirror) or 33071 (clamp)"))
+            }
+        };
+        let smooth = match sampler.mag_filter {
+            None | Some(9729) => true,
+            Some(9728) => false,
+            Some(other) => return Err(self.document.bad(format!("{what}.magFilter"), other, "9728 or 9729")),
+        };
+        let mipmaps = match sampler.min_filter {
+            None | Some(9984..=9987) => true,
+            Some(9728 | 9729) => false,
+            Some(other) => {
+                return Err(self.document.bad(format!("{what}.minFilter"), other, "9728, 9729 or 9984 to 9987"));
+            }
+        };
+        Ok(([wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?], smooth, mipmaps))
+    }
+
+    fn image(&mut self, index: usize, what: &str) -> Result<Rgba, SceneError> {
+        if let Some(known) = self.images.get(&index) {
+            return Ok(known.clone());
+        }
+        let document = self.document;
+        let image = document.get(&document.json.images, "images", index, what)?;
+        let what = format!("images[{index}]");
+        let outside;
+        let bytes = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => {
+                outside = bytes::resolve(&document.file, &format!("{what}.uri"), uri)?;
+                &outside[..]
+            }
+            (None, Some(view)) => document.view(view, &format!("{what}.bufferView"))?.0,
+            (None, None) => return Err(document.bad(what, "neither a uri nor a bufferView", "one of them")),
+        };
+        let decoded = picture::decode(&document.file, &what, bytes, MAX_PIXELS - self.loader.pixels)?;
+        self.loader.pixels += u64::from(decoded.width) * u64::from(decoded.height);
+        self.images.insert(index, decoded.clone());
+        Ok(decoded)
+    }
+}
+
+/// Offset · rotation · scale as two rows (KHR_texture_transform, "Overview"). The rotation is
+/// counter-clockwise as seen on the picture, whose v points down: u' = cos·u + sin·v.
+fn transform_rows(t: &schema::TextureTransform) -> [[f32; 3]; 2] {
+    let [x, y] = t.offset.unwrap_or([0.0; 2]);
+    let [scale_u, scale_v] = t.scale.unwrap_or([1.0; 2]);
+    let (sin, cos) = t.rotation.unwrap_or(0.0).sin_cos();
+    [[cos * scale_u, sin * scale_v, x], [-sin * scale_u, cos * scale_v, y]]
+}

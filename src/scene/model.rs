@@ -1,0 +1,312 @@
+//! One glTF file to meshes, materials, textures and lights, in the file's own coordinates.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use super::document::{Document, EXTENSIONS};
+use super::geometry::{self, Assembly};
+use super::load::{Loader, MAX_PARTS};
+use super::material::TextureKey;
+use super::picture::Rgba;
+use super::schema::{Light, Primitive};
+use super::{Mesh, Part, SceneError, Vertex, nodes};
+
+/// A model, read once however often it is placed.
+pub(super) struct Model {
+    /// Meshes of the scene at their places in the model.
+    pub parts: Vec<Part>,
+    pub lights: Vec<ModelLight>,
+}
+
+/// A light of KHR_lights_punctual, in photometric units.
+#[derive(Clone, Copy)]
+pub(super) struct ModelLight {
+    pub model_from_light: DAffine3,
+    /// Lux for a directional light, candela for the others.
+    pub color: Vec3,
+    pub kind: LightKind,
+}
+
+#[derive(Clone, Copy)]
+pub(super) enum LightKind {
+    Directional,
+    Point {
+        range_m: f32,
+        /// Inner and outer angle from the axis, radians.
+        spot: Option<[f32; 2]>,
+    },
+}
+
+/// Reads one file into the scene; remembers what of the file is there already.
+pub(super) struct Reader<'a> {
+    pub document: &'a Document,
+    pub loader: &'a mut Loader,
+    pub materials: HashMap<Option<usize>, usize>,
+    pub textures: HashMap<TextureKey, usize>,
+    pub images: HashMap<usize, Rgba>,
+    meshes: HashMap<usize, Vec<usize>>,
+}
+
+/// Reads a model; `needed_by` is the scene file that names it.
+pub(super) fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Model, SceneError> {
+    let document = &Document::open(file, needed_by)?;
+    let mut reader = Reader {
+        document,
+        loader,
+        materials: HashMap::new(),
+        textures: HashMap::new(),
+        images: HashMap::new(),
+        meshes: HashMap::new(),
+    };
+    reader.say_what_is_ignored();
+    reader.read()
+}
+
+impl Reader<'_> {
+    /// Says something once, with the file's name.
+    pub fn warn(&mut self, text: String) {
+        self.loader.warn(&self.document.file, text);
+    }
+
+    fn say_what_is_ignored(&mut self) {
+        let json = &self.document.json;
+        for (kind, count) in
+            [("animation", json.animations.len()), ("skinning", json.skins.len()), ("a camera", json.cameras.len())]
+        {
+            if count > 0 {
+                self.warn(format!("{kind} is not supported: ignored"));
+            }
+        }
+        for name in json.extensions_used.iter().filter(|name| !EXTENSIONS.contains(&name.as_str())) {
+            self.warn(format!("the extension {name} is not supported: ignored"));
+        }
+    }
+
+    fn read(mut self) -> Result<Model, SceneError> {
+        let document = self.document;
+        let (mut parts, mut lights) = (Vec::new(), Vec::new());
+        for (index, model_from_node) in nodes::placed(document)? {
+            let node = &document.json.nodes[index];
+            if let Some(mesh) = node.mesh {
+                if model_from_node.matrix3.determinant() == 0.0 {
+                    self.warn(format!("nodes[{index}] is scaled to nothing along an axis: its mesh is left out"));
+                } else {
+                    let meshes = self.mesh(mesh, &format!("nodes[{index}].mesh"))?;
+                    if parts.len() + meshes.len() > MAX_PARTS {
+                        return Err(document.bad("nodes", "more placed meshes", format!("up to {MAX_PARTS}")));
+                    }
+                    parts.extend(meshes.into_iter().map(|mesh| Part { mesh, world_from_mesh: model_from_node }));
+                }
+            }
+            if let Some(light) = &node.extensions.light {
+                let what = format!("nodes[{index}].extensions.KHR_lights_punctual.light");
+                let light = document.get(&document.json.extensions.lights.lights, "lights", light.light, &what)?;
+                lights.push(self.light(light, model_from_node, &what)?);
+            }
+        }
+        Ok(Model { parts, lights })
+    }
+
+    /// The scene's meshes for a mesh of the file, one a primitive.
+    fn mesh(&mut self, index: usize, what: &str) -> Result<Vec<usize>, SceneError> {
+        if let Some(known) = self.meshes.get(&index) {
+            return Ok(known.clone());
+        }
+        let document = self.document;
+        let mut meshes = Vec::new();
+        for (i, primitive) in document.get(&document.json.meshes, "meshes", index, what)?.primitives.iter().enumerate()
+        {
+            if let Some(mesh) = self.primitive(primitive, &format!("meshes[{index}].primitives[{i}]"))? {
+                self.loader.scene.meshes.push(mesh);
+                meshes.push(self.loader.scene.meshes.len() - 1);
+            }
+        }
+        self.meshes.insert(index, meshes.clone());
+        Ok(meshes)
+    }
+
+    fn primitive(&mut self, primitive: &Primitive, what: &str) -> Result<Option<Mesh>, SceneError> {
+        let document = self.document;
+        if !primitive.targets.is_empty() {
+            self.warn("morphing is not supported: ignored".to_owned());
+        }
+        let assembly = match primitive.mode.unwrap_or(4) {
+            4 => Assembly::List,
+            5 => Assembly::Strip,
+            6 => Assembly::Fan,
+            0..=3 => {
+                self.warn("points and lines are not supported: ignored".to_owned());
+                return Ok(None);
+            }
+            other => return Err(document.bad(format!("{what}.mode"), other, "0 to 6")),
+        };
+        let Some(position) = primitive.attributes.position else {
+            self.warn(format!("{what} has no POSITION: ignored"));
+            return Ok(None);
+        };
+        let vertices = document.count(position, &format!("{what}.attributes.POSITION"))?;
+        let corners = match primitive.indices {
+            Some(index) => document.count(index, &format!("{what}.indices"))?,
+            None => vertices,
+        };
+        if assembly == Assembly::List && corners % 3 != 0 {
+            return Err(document.bad(format!("{what}.indices"), format!("{corners} corners"), "three a triangle"));
+        }
+        let material = self.material(primitive.material, &format!("{what}.material"))?;
+        let unlit = self.loader.scene.materials[material].unlit;
+        // Without normals each triangle gets vertices of its own; nobody looks at them when unlit.
+        let flat = primitive.attributes.normal.is_none() && !unlit;
+        let triangles = if assembly == Assembly::List { corners } else { corners.saturating_mul(3) };
+        let made = vertices.max(if flat { triangles } else { 0 });
+        self.loader.count_geometry(&document.file, what, made, triangles)?;
+
+        let mut vertices = self.vertices(primitive, position, what)?;
+        let indices = match primitive.indices {
+            Some(index) => document.indices(index, &format!("{what}.indices"), vertices.len())?,
+            None => (0..vertices.len() as u32).collect(),
+        };
+        let mut indices = geometry::triangles(assembly, indices);
+        if indices.is_empty() {
+            self.warn(format!("{what} has no triangles: ignored"));
+            return Ok(None);
+        }
+        if flat {
+            (vertices, indices) = geometry::flat(&vertices, &indices);
+        } else {
+            let missing = vertices.iter().filter(|v| v.normal == [0.0; 3]).count();
+            if missing > 0 {
+                geometry::fill_normals(&mut vertices, &indices);
+                if primitive.attributes.normal.is_some() {
+                    self.warn(format!("{what}: {missing} normals have no length: computed from the triangles"));
+                }
+            }
+        }
+        self.tangents(primitive, material, &mut vertices, &mut indices, what);
+        self.say_missing_uv(primitive, material, what);
+        Ok(Some(Mesh { vertices, indices, material }))
+    }
+
+    /// The attributes of all vertices; normals of unit length or zero.
+    fn vertices(&self, primitive: &Primitive, position: usize, what: &str) -> Result<Vec<Vertex>, SceneError> {
+        let attributes = &primitive.attributes;
+        let positions = self.document.floats::<3>(position, &place(what, "POSITION"), &["VEC3"], 0.0)?;
+        let count = positions.len();
+        let normals = self.attribute::<3>(attributes.normal, what, "NORMAL", &["VEC3"], count)?;
+        // glTF 2.0, section 3.7.2.1: without normals, tangents are to be ignored.
+        let tangents = attributes.tangent.filter(|_| normals.is_some());
+        let tangents = self.attribute::<4>(tangents, what, "TANGENT", &["VEC4"], count)?;
+        let uv0 = self.attribute::<2>(attributes.uv0, what, "TEXCOORD_0", &["VEC2"], count)?;
+        let uv1 = self.attribute::<2>(attributes.uv1, what, "TEXCOORD_1", &["VEC2"], count)?;
+        let colors = self.attribute::<4>(attributes.color, what, "COLOR_0", &["VEC3", "VEC4"], count)?;
+        let vertex = |(i, position)| Vertex {
+            position,
+            normal: normals.as_ref().map_or(Vec3::ZERO, |n| Vec3::from(n[i]).normalize_or_zero()).to_array(),
+            tangent: tangents.as_ref().map_or([0.0; 4], |t| unit_tangent(t[i])),
+            uv0: uv0.as_ref().map_or([0.0; 2], |uv| uv[i]),
+            uv1: uv1.as_ref().map_or([0.0; 2], |uv| uv[i]),
+            color: colors.as_ref().map_or([1.0; 4], |c| c[i]),
+        };
+        Ok(positions.into_iter().enumerate().map(vertex).collect())
+    }
+
+    fn attribute<const N: usize>(
+        &self,
+        index: Option<usize>,
+        what: &str,
+        name: &str,
+        shapes: &[&str],
+        count: usize,
+    ) -> Result<Option<Vec<[f32; N]>>, SceneError> {
+        let Some(index) = index else { return Ok(None) };
+        let what = place(what, name);
+        let found = self.document.count(index, &what)?;
+        if found != count {
+            return Err(self.document.bad(what, format!("{found} elements"), format!("{count}, as POSITION")));
+        }
+        Ok(Some(self.document.floats(index, &what, shapes, 1.0)?))
+    }
+
+    /// Tangents where the material has a normal map, none elsewhere.
+    fn tangents(
+        &mut self,
+        primitive: &Primitive,
+        material: usize,
+        vertices: &mut Vec<Vertex>,
+        indices: &mut [u32],
+        what: &str,
+    ) {
+        let Some(map) = self.loader.scene.materials[material].normal_texture else {
+            vertices.iter_mut().for_each(|v| v.tangent = [0.0; 4]);
+            return;
+        };
+        let attributes = &primitive.attributes;
+        if attributes.tangent.is_some() && attributes.normal.is_some() {
+            if vertices.iter().all(|v| v.tangent != [0.0; 4]) {
+                return;
+            }
+            self.warn(format!("{what}: some tangents have no length: all are computed anew"));
+        }
+        geometry::tangents(vertices, indices, &map);
+    }
+
+    fn say_missing_uv(&mut self, primitive: &Primitive, material: usize, what: &str) {
+        let m = &self.loader.scene.materials[material];
+        let uses = [
+            m.base_color_texture,
+            m.metallic_roughness_texture,
+            m.normal_texture,
+            m.occlusion_texture,
+            m.emissive_texture,
+        ];
+        let there = [primitive.attributes.uv0.is_some(), primitive.attributes.uv1.is_some()];
+        if let Some(set) = uses.iter().flatten().map(|t| t.uv_set).find(|&set| !there[set as usize & 1]) {
+            self.warn(format!("{what} has no TEXCOORD_{set}, which its material uses: 0, 0 is used"));
+        }
+    }
+
+    fn light(&self, light: &Light, model_from_light: DAffine3, what: &str) -> Result<ModelLight, SceneError> {
+        let bad = |key: &str, found: &dyn std::fmt::Display, accepted: &str| {
+            self.document.bad(format!("{what} → {key}"), found, accepted)
+        };
+        let color = Vec3::from(light.color.unwrap_or([1.0; 3])) * light.intensity.unwrap_or(1.0);
+        if !color.is_finite() || color.min_element() < 0.0 {
+            return Err(bad("color · intensity", &color, "0 or more"));
+        }
+        let range_m = light.range.unwrap_or(f32::INFINITY);
+        if !(range_m > 0.0) {
+            return Err(bad("range", &range_m, "more than 0"));
+        }
+        let kind = match light.kind.as_str() {
+            "directional" => LightKind::Directional,
+            "point" => LightKind::Point { range_m, spot: None },
+            "spot" => {
+                let inner = light.spot.inner_cone_angle.unwrap_or(0.0);
+                let outer = light.spot.outer_cone_angle.unwrap_or(std::f32::consts::FRAC_PI_4);
+                if !(0.0 <= inner && inner < outer && outer <= std::f32::consts::FRAC_PI_2 + 1e-6) {
+                    return Err(bad("spot", &format!("inner {inner}, outer {outer}"), "0 ≤ inner < outer ≤ π/2"));
+                }
+                LightKind::Point { range_m, spot: Some([inner, outer]) }
+            }
+            other => return Err(bad("type", &other, "directional, point or spot")),
+        };
+        let backwards = model_from_light.transform_vector3(DVec3::Z);
+        if !(backwards.length() > 0.0) {
+            return Err(bad("its node", &"a scale of 0", "a light that has a direction"));
+        }
+        Ok(ModelLight { model_from_light, color, kind })
+    }
+}
+
+fn place(what: &str, attribute: &str) -> String {
+    format!("{what}.attributes.{attribute}")
+}
+
+/// Unit direction and a side of exactly ±1; zero where the file's has no length.
+fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
+    match Vec3::new(x, y, z).try_normalize() {
+        Some(direction) => direction.extend(if side < 0.0 { -1.0 } else { 1.0 }).to_array(),
+        None => [0.0; 4],
+    }
+}

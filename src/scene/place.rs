@@ -1,0 +1,130 @@
+//! Where a model stands in the world.
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
+use serde::Deserialize;
+
+use super::scene_file::Size;
+use super::{Part, Scene, SceneError};
+
+/// Which way is up: an axis by its name or any direction.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged, expecting = r#"expected "x", "y", "z", "-x", "-y", "-z" or [x, y, z]"#)]
+pub(super) enum Up {
+    Named(Axis),
+    Direction([f64; 3]),
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub(super) enum Axis {
+    #[serde(rename = "x")]
+    X,
+    #[serde(rename = "y")]
+    Y,
+    #[serde(rename = "z")]
+    Z,
+    #[serde(rename = "-x")]
+    NegX,
+    #[serde(rename = "-y")]
+    NegY,
+    #[serde(rename = "-z")]
+    NegZ,
+}
+
+impl Up {
+    /// The unit vector; `what` is the key that holds it.
+    pub fn axis(self, file: &Path, what: &str) -> Result<DVec3, SceneError> {
+        Ok(match self {
+            Self::Named(Axis::X) => DVec3::X,
+            Self::Named(Axis::Y) => DVec3::Y,
+            Self::Named(Axis::Z) => DVec3::Z,
+            Self::Named(Axis::NegX) => DVec3::NEG_X,
+            Self::Named(Axis::NegY) => DVec3::NEG_Y,
+            Self::Named(Axis::NegZ) => DVec3::NEG_Z,
+            Self::Direction(v) => DVec3::from(v)
+                .try_normalize()
+                .ok_or_else(|| SceneError::bad(file, what, DVec3::from(v), "a vector with a length"))?,
+        })
+    }
+}
+
+/// The shortest turn that takes one unit vector to another; between opposite ones, half a turn
+/// about x, or about z where they lie along x.
+pub(super) fn turn_up(from: DVec3, to: DVec3) -> DQuat {
+    if from.dot(to) > -1.0 + 1e-12 {
+        return DQuat::from_rotation_arc(from, to);
+    }
+    let axis = if from.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
+    DQuat::from_axis_angle(axis.reject_from_normalized(from).normalize(), std::f64::consts::PI)
+}
+
+/// Everything that decides a model's place but its size.
+pub(super) struct Placement {
+    pub world_up: DVec3,
+    pub model_up: DVec3,
+    pub position_m: DVec3,
+    pub rotation: DQuat,
+    /// Whether the position is where the model's lowest point stands.
+    pub ground: bool,
+}
+
+impl Placement {
+    /// position · rotation · turn of the model's up to the world's · scale. `None` where that
+    /// is not finite or the model has no extent to go by.
+    pub fn world_from_model(&self, scene: &Scene, parts: &[Part], size: Size) -> Option<DAffine3> {
+        let scale = match size {
+            Size::Scale(scale) => scale,
+            Size::LargestM(size_m) => {
+                let (low, high) = bounds(scene, parts, DAffine3::IDENTITY)?;
+                DVec3::splat(size_m / (high - low).max_element())
+            }
+        };
+        let turn = self.rotation * turn_up(self.model_up, self.world_up);
+        let matrix3 = DMat3::from_quat(turn) * DMat3::from_diagonal(scale);
+        let mut placed = DAffine3 { matrix3, translation: self.position_m };
+        if self.ground {
+            let lowest = lowest(scene, parts, matrix3.transpose() * self.world_up)?;
+            placed.translation -= self.world_up * lowest;
+        }
+        (placed.is_finite() && matrix3.determinant() != 0.0).then_some(placed)
+    }
+}
+
+/// The smallest product of a direction with the points of a model.
+fn lowest(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<f64> {
+    points(scene, parts).map(|p| p.dot(direction)).reduce(f64::min)
+}
+
+/// The corners of the box around `parts`, after a further transform of theirs; `None` without points.
+pub(super) fn bounds(scene: &Scene, parts: &[Part], world_from_parts: DAffine3) -> Option<(DVec3, DVec3)> {
+    let moved = points(scene, parts).map(|p| world_from_parts.transform_point3(p));
+    moved.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+}
+
+/// The corners of all triangles, where their parts put them.
+fn points<'a>(scene: &'a Scene, parts: &'a [Part]) -> impl Iterator<Item = DVec3> + 'a {
+    parts.iter().flat_map(|part| {
+        let mesh = &scene.meshes[part.mesh];
+        mesh.indices
+            .iter()
+            .map(|&i| part.world_from_mesh.transform_point3(Vec3::from(mesh.vertices[i as usize].position).as_dvec3()))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn up_turns_to_up_and_the_front_goes_where_the_page_says() {
+        for (from, to, front) in
+            [(DVec3::Y, DVec3::Z, DVec3::NEG_Y), (DVec3::Y, DVec3::Y, DVec3::Z), (DVec3::Y, DVec3::NEG_Y, DVec3::NEG_Z)]
+        {
+            let turn = turn_up(from, to);
+            assert!((turn * from).abs_diff_eq(to, 1e-12), "{from} to {to}: {}", turn * from);
+            assert!((turn * DVec3::Z).abs_diff_eq(front, 1e-12), "{from} to {to}: {}", turn * DVec3::Z);
+        }
+        assert!((turn_up(DVec3::X, DVec3::NEG_X) * DVec3::X).abs_diff_eq(DVec3::NEG_X, 1e-12));
+    }
+}

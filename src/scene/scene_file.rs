@@ -1,0 +1,299 @@
+//! Our scene files: `scene.toml`. docs/scenes.md describes every key.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3, Vec3};
+use serde::Deserialize;
+
+use super::load::{DEFAULT_WHITE_LX, Loader, default_lighting};
+use super::place::{Placement, Up};
+use super::{Environment, EnvironmentMap, SceneError, Sun, bytes, picture};
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    version: u32,
+    up: Option<Up>,
+    #[serde(default)]
+    objects: Vec<Object>,
+    #[serde(default)]
+    light: Light,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Object {
+    model: String,
+    name: Option<String>,
+    up: Option<Up>,
+    #[serde(default)]
+    ground: bool,
+    position_m: Option<[f64; 3]>,
+    rotation_deg: Option<[f64; 3]>,
+    quaternion: Option<[f64; 4]>,
+    scale: Option<Scale>,
+    size_m: Option<f64>,
+    #[serde(default)]
+    instances: Vec<Instance>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Instance {
+    name: Option<String>,
+    position_m: Option<[f64; 3]>,
+    rotation_deg: Option<[f64; 3]>,
+    quaternion: Option<[f64; 4]>,
+    scale: Option<Scale>,
+    size_m: Option<f64>,
+}
+
+/// A factor for all axes or one for each.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged, expecting = "expected a number or [x, y, z]")]
+enum Scale {
+    All(f64),
+    Each([f64; 3]),
+}
+
+/// A grey or a linear colour.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged, expecting = "expected a number or [r, g, b]")]
+enum Color {
+    Grey(f32),
+    Rgb([f32; 3]),
+}
+
+impl From<Color> for Vec3 {
+    fn from(color: Color) -> Self {
+        match color {
+            Color::Grey(v) => Vec3::splat(v),
+            Color::Rgb(c) => c.into(),
+        }
+    }
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Light {
+    environment: Option<String>,
+    environment_intensity: Option<f32>,
+    environment_rotation_deg: Option<f64>,
+    ambient: Option<Color>,
+    white_lx: Option<f64>,
+    sun: Vec<SunTable>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SunTable {
+    towards: [f64; 3],
+    color: Option<Color>,
+    intensity: Option<f32>,
+}
+
+/// Reads a scene file into the loader.
+pub(super) fn read(loader: &mut Loader, file: &Path, recording_up: Option<DVec3>) -> Result<(), SceneError> {
+    let scene = parse(file)?;
+    let world_up = match scene.up {
+        Some(up) => up.axis(file, "up")?,
+        None => recording_up.unwrap_or(DVec3::Z),
+    };
+    let white_lx = scene.light.white_lx.unwrap_or(DEFAULT_WHITE_LX);
+    if !(white_lx > 0.0 && white_lx.is_finite()) {
+        return Err(SceneError::bad(file, "light.white_lx", white_lx, "more than 0"));
+    }
+    for (i, object) in scene.objects.iter().enumerate() {
+        place(loader, file, object, &format!("objects[{i}] ({})", object.model), world_up, white_lx)?;
+    }
+    if scene.objects.is_empty() {
+        loader.warn(file, "it has no [[objects]]: there is nothing to see".to_owned());
+    }
+    let light = &scene.light;
+    for (i, sun) in light.sun.iter().enumerate() {
+        loader.scene.lighting.suns.push(read_sun(file, sun, &format!("light.sun[{i}]"))?);
+    }
+    match (environment(loader, file, light, world_up)?, loader.scene.lighting.is_dark()) {
+        (Some(environment), _) => loader.scene.lighting.environment = environment,
+        (None, true) => loader.scene.lighting = default_lighting(world_up),
+        (None, false) => loader.say_dark_ambient(file),
+    }
+    Ok(())
+}
+
+fn parse(file: &Path) -> Result<File, SceneError> {
+    let bytes = bytes::read(file, None)?;
+    let text =
+        str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
+    let scene: File = toml::from_str(text).map_err(|e| {
+        let before = e.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+        let what = format!("line {}", before.matches('\n').count() + 1);
+        SceneError::bad(file, what, e.message().replace('\n', " "), "the keys and values in docs/scenes.md")
+    })?;
+    if scene.version != 1 {
+        return Err(SceneError::bad(file, "version", scene.version, "1"));
+    }
+    Ok(scene)
+}
+
+fn place(
+    loader: &mut Loader,
+    file: &Path,
+    object: &Object,
+    what: &str,
+    world_up: DVec3,
+    white_lx: f64,
+) -> Result<(), SceneError> {
+    let path = file.parent().unwrap_or(Path::new("")).join(&object.model);
+    if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
+        return Err(SceneError::bad(file, format!("{what}.model"), &object.model, "a .glb or .gltf file"));
+    }
+    let model = loader.model(&path, Some(file))?;
+    let model_up = match object.up {
+        Some(up) => up.axis(file, &format!("{what}.up"))?,
+        None => DVec3::Y,
+    };
+    let placement = |instance: Option<&Instance>, what: &str| -> Result<DAffine3, SceneError> {
+        let turned = |rotation_deg, quaternion| rotation(file, what, rotation_deg, quaternion);
+        let sized = |scale, size_m| size(file, what, scale, size_m);
+        // What an instance does not say is as the object has it.
+        let own = instance.map(|i| Ok((turned(i.rotation_deg, i.quaternion)?, sized(i.scale, i.size_m)?)));
+        let (own_rotation, own_size) = own.transpose()?.unwrap_or_default();
+        let size = own_size.or(sized(object.scale, object.size_m)?).unwrap_or(Size::Scale(DVec3::ONE));
+        let position = instance.and_then(|i| i.position_m).or(object.position_m).unwrap_or([0.0; 3]);
+        let placement = Placement {
+            world_up,
+            model_up,
+            position_m: DVec3::from(position),
+            rotation: own_rotation.or(turned(object.rotation_deg, object.quaternion)?).unwrap_or(DQuat::IDENTITY),
+            ground: object.ground,
+        };
+        let transform = placement.world_from_model(&loader.scene, &model.parts, size);
+        transform.ok_or_else(|| {
+            let found = "numbers too large, or a model without extent";
+            SceneError::bad(file, what, found, "a place, a rotation and a size that fit the model")
+        })
+    };
+    let name = object.name.clone().unwrap_or_else(|| {
+        Path::new(&object.model).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+    });
+    let mut places = Vec::new();
+    for (i, instance) in object.instances.iter().enumerate() {
+        let own_name = instance.name.clone().unwrap_or_else(|| format!("{name} {}", i + 1));
+        places.push((own_name, placement(Some(instance), &format!("{what}.instances[{i}]"))?));
+    }
+    if object.instances.is_empty() {
+        places.push((name, placement(None, what)?));
+    }
+    for (name, world_from_model) in places {
+        loader.place(&path, &model, name, world_from_model, white_lx)?;
+    }
+    Ok(())
+}
+
+/// How large a model becomes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Size {
+    /// Factors along the model's own axes.
+    Scale(DVec3),
+    /// The model's largest extent, metres.
+    LargestM(f64),
+}
+
+fn size(file: &Path, what: &str, scale: Option<Scale>, size_m: Option<f64>) -> Result<Option<Size>, SceneError> {
+    let scale = scale.map(|scale| match scale {
+        Scale::All(s) => DVec3::splat(s),
+        Scale::Each(s) => s.into(),
+    });
+    match (scale, size_m) {
+        (None, None) => Ok(None),
+        (Some(_), Some(_)) => Err(SceneError::bad(file, what, "scale and size_m", "one of them")),
+        (Some(scale), None) if scale.is_finite() && scale.to_array().iter().all(|&s| s != 0.0) => {
+            Ok(Some(Size::Scale(scale)))
+        }
+        (Some(scale), None) => Err(SceneError::bad(file, format!("{what}.scale"), scale, "numbers other than 0")),
+        (None, Some(size_m)) if size_m > 0.0 && size_m.is_finite() => Ok(Some(Size::LargestM(size_m))),
+        (None, Some(size_m)) => Err(SceneError::bad(file, format!("{what}.size_m"), size_m, "more than 0")),
+    }
+}
+
+fn rotation(
+    file: &Path,
+    what: &str,
+    rotation_deg: Option<[f64; 3]>,
+    quaternion: Option<[f64; 4]>,
+) -> Result<Option<DQuat>, SceneError> {
+    match (rotation_deg.map(DVec3::from), quaternion.map(DQuat::from_array)) {
+        (None, None) => Ok(None),
+        (Some(_), Some(_)) => Err(SceneError::bad(file, what, "rotation_deg and quaternion", "one of them")),
+        (Some(angles), None) if angles.is_finite() => {
+            let angles = angles * std::f64::consts::PI / 180.0;
+            Ok(Some(
+                DQuat::from_rotation_z(angles.z) * DQuat::from_rotation_y(angles.y) * DQuat::from_rotation_x(angles.x),
+            ))
+        }
+        (Some(angles), None) => {
+            Err(SceneError::bad(file, format!("{what}.rotation_deg"), angles, "three finite numbers"))
+        }
+        (None, Some(q)) if (q.length() - 1.0).abs() < 0.01 => Ok(Some(q.normalize())),
+        (None, Some(q)) => {
+            Err(SceneError::bad(file, format!("{what}.quaternion"), format!("length {}", q.length()), "length 1"))
+        }
+    }
+}
+
+fn read_sun(file: &Path, sun: &SunTable, what: &str) -> Result<Sun, SceneError> {
+    let towards = DVec3::from(sun.towards);
+    let towards_light_in_world = towards
+        .try_normalize()
+        .ok_or_else(|| SceneError::bad(file, format!("{what}.towards"), towards, "a vector with a length"))?
+        .as_vec3();
+    let color = sun.color.map_or(Vec3::ONE, Vec3::from) * sun.intensity.unwrap_or(1.0);
+    Ok(Sun { towards_light_in_world, color: positive(file, &format!("{what}.color · intensity"), color)? })
+}
+
+fn positive(file: &Path, what: &str, color: Vec3) -> Result<Vec3, SceneError> {
+    if color.is_finite() && color.min_element() >= 0.0 {
+        return Ok(color);
+    }
+    Err(SceneError::bad(file, what, color, "0 or more"))
+}
+
+/// What the file says of the light from around, if anything.
+fn environment(
+    loader: &mut Loader,
+    file: &Path,
+    light: &Light,
+    world_up: DVec3,
+) -> Result<Option<Environment>, SceneError> {
+    let Some(name) = &light.environment else {
+        let unused = [
+            ("environment_intensity", light.environment_intensity.is_some()),
+            ("environment_rotation_deg", light.environment_rotation_deg.is_some()),
+        ];
+        if let Some((key, _)) = unused.iter().find(|(_, given)| *given) {
+            return Err(SceneError::bad(file, format!("light.{key}"), "no light.environment", "both or neither"));
+        }
+        let ambient = light.ambient.map(|color| positive(file, "light.ambient", color.into())).transpose()?;
+        return Ok(ambient.map(Environment::Uniform));
+    };
+    if light.ambient.is_some() {
+        return Err(SceneError::bad(file, "light", "environment and ambient", "one of them"));
+    }
+    let intensity = light.environment_intensity.unwrap_or(1.0);
+    positive(file, "light.environment_intensity", Vec3::splat(intensity))?;
+    let degrees = light.environment_rotation_deg.unwrap_or(0.0);
+    if !degrees.is_finite() {
+        return Err(SceneError::bad(file, "light.environment_rotation_deg", degrees, "a finite number"));
+    }
+    let path = file.parent().unwrap_or(Path::new("")).join(name);
+    let (width, height, rgb) = picture::decode_hdr(&path, file)?;
+    if width != 2 * height {
+        loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
+    }
+    let world_from_map =
+        DQuat::from_axis_angle(world_up, degrees.to_radians()) * super::place::turn_up(DVec3::Y, world_up);
+    let map_from_world = world_from_map.conjugate().as_quat().normalize();
+    Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb: Arc::new(rgb), map_from_world, intensity })))
+}

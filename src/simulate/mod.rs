@@ -1,0 +1,199 @@
+//! A simulated site: footage of which everything is known, to show and to judge the rest by.
+//!
+//! A small ray caster of its own takes the site through a lens with distortion, a rolling
+//! shutter and a noisy sensor, and writes a recording beside its ground truth. It shares no
+//! rendering, blur or noise code with what it is used to judge; only plain values.
+//!
+//! Not modelled: depth of field (a pinhole), vignetting, chromatic aberration, mosaic, exposure
+//! that changes, light that falls on the board or from it.
+
+mod board;
+mod finish;
+mod path;
+mod random;
+mod render;
+mod sensor;
+mod shapes;
+mod site;
+mod survey;
+mod threads;
+mod write;
+
+use std::path::PathBuf;
+
+use crate::camera::{Distortion, Geometry, Intrinsics, Response};
+use crate::tracking::{NotAscending, PoseTrack};
+
+pub use board::{Board, board};
+pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
+pub use render::{Picture, Shot};
+pub use sensor::Sensor;
+pub use site::Detail;
+pub use survey::{StaticScene, StaticScenes, static_scenes};
+pub use write::run;
+
+crate::choices! {
+    /// How the simulated camera moves.
+    pub enum Motion {
+        /// A walk around the evidence with a hand's tremor and two fast turns.
+        Handheld = "handheld",
+        Static = "static",
+        /// A turn to the right around the vertical at constant speed.
+        Pan = "pan",
+        /// A way to the right at constant speed, without turning.
+        Dolly = "dolly",
+    }
+}
+
+crate::choices! {
+    /// How frames are stored.
+    pub enum Format { Png = "png", Jpg = "jpg" }
+}
+
+crate::params! {
+    /// What to simulate. The defaults are the demonstration.
+    pub struct Options in "simulate" {
+        "width of the picture" width_px: u32 = 640, "px", 8.0..=4096.0;
+        "height of the picture" height_px: u32 = 480, "px", 8.0..=4096.0;
+        "number of frames" frames: u32 = 72, "1", 1.0..=10000.0;
+        "frames per second" fps: f64 = 30.0, "1/s", 1.0..=1000.0;
+        "how the camera moves" motion: Motion = Motion::Handheld;
+        "factor on turn, way or tremor of the motion" speed: f64 = 1.0, "1", 0.0..=20.0;
+        "how long each row gathers light" exposure_time_s: f64 = 1.0 / 60.0, "s", 0.0..=1.0;
+        "from the first row's exposure to the last row's" readout_time_s: f64 = 0.015, "s", 0.0..=1.0;
+        "focal length" focal_px: f64 = 520.0, "px", 1.0..=100000.0;
+        "radial distortion, r²" k1: f64 = -0.11, "1", -2.0..=2.0;
+        "radial distortion, r⁴" k2: f64 = 0.03, "1", -2.0..=2.0;
+        "tangential distortion" p1: f64 = 0.0006, "1", -0.1..=0.1;
+        "tangential distortion" p2: f64 = -0.0004, "1", -0.1..=0.1;
+        "factor on the light" gain: f64 = 1.0, "1", 0.0..=100.0;
+        "factor on the sensor's noise; 0 for none" noise_scale: f64 = 1.0, "1", 0.0..=20.0;
+        "correlation of noise between channels" channel_correlation: f64 = 0.45, "1", 0.0..=1.0;
+        "correlation of noise between neighbours" neighbour_correlation: f64 = 0.6, "1", 0.0..=0.7;
+        "seed of noise and samples" seed: u64 = 1, "1", 0.0..=9007199254740991.0;
+        "least light samples per pixel" samples: u32 = 16, "1", 1.0..=4096.0;
+        "how frames are stored" format: Format = Format::Jpg;
+        "quality of jpg, colours not subsampled" jpeg_quality: u32 = 88, "1", 1.0..=100.0;
+        "depth values per metre" depth_scale: f64 = 250.0, "1/m", 10.0..=10000.0;
+        "whether the known board stands in the site" board: bool = false;
+    }
+}
+
+/// Why nothing could be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulateError {
+    #[error("{0} exists already; choose another folder or allow to replace it")]
+    Exists(PathBuf),
+    #[error("{0} is not replaced: it is not empty and holds no recording.toml; choose another folder")]
+    NotARecording(PathBuf),
+    #[error("{path}: cannot be written: {source}; check that the disk has room and the folder is yours")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{what}: cannot be encoded: {source}")]
+    Encode { what: String, source: image::ImageError },
+    #[error(
+        "simulate.k1, k2, p1, p2: the lens has no ray for the corner of pixels at ({x}, {y}); \
+         choose weaker distortion or a larger simulate.focal_px"
+    )]
+    Lens { x: u32, y: u32 },
+    #[error("simulate.fps: the camera's path has no ascending times: {0}")]
+    Path(#[from] NotAscending),
+}
+
+/// A site, a camera and its path, ready to take pictures.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    options: Options,
+    site: site::Site,
+    lens: render::Lens,
+    geometry: Geometry,
+    track: PoseTrack,
+    pub sensor: Sensor,
+    /// How many threads work; no number hangs on it.
+    pub threads: usize,
+}
+
+impl Simulation {
+    /// With as many threads as there are cores, and a site as fine as the lens can see.
+    pub fn new(options: &Options) -> Result<Self, SimulateError> {
+        let threads = std::thread::available_parallelism().map_or(1, Into::into);
+        Self::with_detail(options, Detail::for_focal_px(options.focal_px), threads)
+    }
+
+    /// With a site as fine as asked; works its light out, which takes most of the time.
+    pub fn with_detail(options: &Options, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
+        let geometry = geometry(options);
+        let lens = render::Lens::new(geometry.clone())?;
+        let board = if options.board { board().shining() } else { None };
+        Ok(Self {
+            options: options.clone(),
+            site: site::Site::new(detail, board, threads),
+            lens,
+            geometry,
+            track: path::track(options)?,
+            sensor: Sensor {
+                response: Response::default(),
+                noise_scale: options.noise_scale,
+                channel_correlation: options.channel_correlation,
+                neighbour_correlation: options.neighbour_correlation,
+                seed: options.seed,
+            },
+            threads,
+        })
+    }
+
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// The camera's true path at 200 Hz; between its poses the camera moves as
+    /// [`PoseTrack::at`] says.
+    pub fn track(&self) -> &PoseTrack {
+        &self.track
+    }
+
+    /// The middle of the middle row's exposure of a frame, seconds.
+    pub fn timestamp_s(&self, frame: usize) -> f64 {
+        path::timestamp_s(&self.options, frame)
+    }
+
+    /// How a frame of the recording is taken.
+    pub fn shot(&self, frame: usize) -> Shot {
+        Shot {
+            timestamp_s: self.timestamp_s(frame),
+            exposure_time_s: self.options.exposure_time_s,
+            samples: self.options.samples,
+            seed: self.options.seed,
+            frame: frame as u64,
+        }
+    }
+
+    /// A frame in linear light, before the sensor.
+    pub fn picture(&self, frame: usize) -> Picture {
+        self.take(&self.shot(frame))
+    }
+
+    /// Any shot by this camera.
+    pub fn take(&self, shot: &Shot) -> Picture {
+        render::take(&self.site, &self.lens, &self.track, shot, self.threads)
+    }
+}
+
+fn geometry(options: &Options) -> Geometry {
+    let Options { width_px, height_px, focal_px, k1, k2, p1, p2, readout_time_s, .. } = *options;
+    let intrinsics = Intrinsics {
+        width_px,
+        height_px,
+        fx_px: focal_px,
+        fy_px: focal_px,
+        // Not quite in the middle, as in real cameras.
+        cx_px: 0.5 * f64::from(width_px) + 1.75,
+        cy_px: 0.5 * f64::from(height_px) - 1.5,
+        readout_time_s,
+        ..Intrinsics::default()
+    };
+    Geometry::new(intrinsics, Distortion { k1, k2, p1, p2, k3: 0.0 })
+}

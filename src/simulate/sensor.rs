@@ -1,0 +1,177 @@
+//! From linear light to whole code values: response, noise, rounding.
+//!
+//! σ is defined where cameras show it, in code values after the response: a table of sixteen
+//! bins for each channel with its hump in the mid-tones. The noise is Gaussian; channels share
+//! a part of it, and a small kernel spreads it over neighbours without changing its variance.
+//! A written σ holds the rounding's own 1/12. Near black and white clipping takes some away.
+
+use crate::camera::{NoiseBin, NoiseProfile, Response};
+
+use super::random::Stream;
+use super::render::Picture;
+use super::threads::over_rows;
+
+/// σ of the green channel at codes 8, 24, … 248 for a noise scale of 1, code values.
+const SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];
+/// The channels' σ over green's.
+const CHANNEL: [f64; 3] = [1.1, 1.0, 1.25];
+/// Variance of rounding to whole code values.
+const ROUNDING: f64 = 1.0 / 12.0;
+
+/// A sensor with known noise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensor {
+    pub response: Response,
+    /// Factor on the table of σ; 0 is a sensor without noise.
+    pub noise_scale: f64,
+    /// Share of the noise's variance that R, G and B have in common: their correlation.
+    pub channel_correlation: f64,
+    /// Correlation of a pixel with the one to its right and with the one below; at most 0.7.
+    pub neighbour_correlation: f64,
+    pub seed: u64,
+}
+
+impl Sensor {
+    /// The middle of a bin on the 8-bit scale.
+    fn bin_code(bin: usize) -> f64 {
+        16.0 * bin as f64 + 8.0
+    }
+
+    /// σ at a code value, rounding included: linear between the bins' middles, constant beyond.
+    pub fn sigma(&self, channel: usize, code: f64) -> f64 {
+        let at = ((code - 8.0) / 16.0).clamp(0.0, 15.0);
+        let (low, high) = (at as usize, (at as usize + 1).min(15));
+        let sigma = SIGMA[low] + (SIGMA[high] - SIGMA[low]) * at.fract();
+        self.noise_scale * CHANNEL[channel.min(2)] * sigma
+    }
+
+    /// The table, as a calibration should find it where no code is clipped.
+    pub fn profile(&self) -> NoiseProfile {
+        let bin = |channel, bin| {
+            let code = Self::bin_code(bin);
+            NoiseBin { code, sigma: self.sigma(channel, code) }
+        };
+        NoiseProfile {
+            bins: [0, 1, 2].map(|channel| (0..16).map(|b| bin(channel, b)).collect()),
+            channel_correlation: [self.channel_correlation; 3],
+            neighbour_correlation: [self.neighbour_correlation; 2],
+        }
+    }
+
+    /// The noise-free picture in code values 0..255, not rounded; three a pixel. `gain`: factor
+    /// on the light.
+    pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
+        let encode = |light: &f32| (255.0 * self.response.encode(gain * f64::from(*light))) as f32;
+        picture.light.iter().flatten().map(encode).collect()
+    }
+
+    /// Adds the noise of one frame to noise-free code values (three a pixel, `width` pixels a
+    /// row) and rounds. A frame's noise hangs on seed and frame alone.
+    pub fn sense(&self, clean: &[f32], width: usize, frame: u64, threads: usize) -> Vec<u8> {
+        let mut codes = vec![0; clean.len()];
+        over_rows(&mut codes, 3 * width, threads, |first, rows| {
+            for (row, out) in rows.chunks_mut(3 * width).enumerate() {
+                let y = first + row;
+                let noise = self.noise_row(width, y as u64, frame);
+                let clean = clean.get(3 * width * y..).unwrap_or_default();
+                for (i, ((out, code), n)) in out.iter_mut().zip(clean).zip(noise).enumerate() {
+                    let code = f64::from(*code);
+                    let sigma = self.sigma(i % 3, code);
+                    let drawn = (sigma * sigma - ROUNDING).max(0.0).sqrt();
+                    *out = (code + drawn * n).round().clamp(0.0, 255.0) as u8;
+                }
+            }
+        });
+        codes
+    }
+
+    /// One row of noise with variance 1, three a pixel.
+    fn noise_row(&self, width: usize, y: u64, frame: u64) -> Vec<f64> {
+        let [side, middle, _] = kernel(self.neighbour_correlation);
+        let mut row = vec![0.0; 3 * width];
+        for (weight, y) in [(side, y), (middle, y + 1), (side, y + 2)] {
+            let white: Vec<_> = (0..width as u64 + 2).map(|x| self.white(x, y, frame)).collect();
+            for (x, three) in white.windows(3).enumerate() {
+                for c in 0..3 {
+                    row[3 * x + c] += weight * (side * (three[0][c] + three[2][c]) + middle * three[1][c]);
+                }
+            }
+        }
+        row
+    }
+
+    /// Noise of one pixel, variance 1, independent of all other pixels.
+    fn white(&self, x: u64, y: u64, frame: u64) -> [f64; 3] {
+        let mut random = Stream::new([self.seed ^ 0x006e_6f69_7365, frame, x, y]);
+        let ([shared, a], [b, c]) = (random.normals(), random.normals());
+        let (common, own) = (self.channel_correlation.sqrt(), (1.0 - self.channel_correlation).sqrt());
+        [a, b, c].map(|n| common * shared + own * n)
+    }
+}
+
+/// The kernel [a, b, a] with 2a² + b² = 1 (the variance is kept) and 2ab = ρ (neighbours
+/// correlate so): 2a⁴ − a² + ρ²/4 = 0.
+fn kernel(rho: f64) -> [f64; 3] {
+    let a2 = (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / 4.0;
+    let (a, b) = (a2.sqrt(), (1.0 - 2.0 * a2).sqrt());
+    [a, b, a]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sensor() -> Sensor {
+        Sensor {
+            response: Response::default(),
+            noise_scale: 1.0,
+            channel_correlation: 0.4,
+            neighbour_correlation: 0.5,
+            seed: 3,
+        }
+    }
+
+    #[test]
+    fn the_kernel_keeps_variance_and_correlates_as_told() {
+        for rho in [0.0, 0.2, 0.4, 0.7] {
+            let [a, b, c] = kernel(rho);
+            assert!((a * a + b * b + c * c - 1.0).abs() < 1e-12);
+            assert!((a * b + b * c - rho).abs() < 1e-12);
+        }
+    }
+
+    /// 320×240 of one code, 4 frames: 307,200 values correlated by 0.5 both ways, worth some
+    /// 100,000 independent ones; their σ is known to 1/√200,000 = 0.22 %, a correlation to 0.003.
+    #[test]
+    fn noise_is_what_the_table_says() {
+        let sensor = sensor();
+        for code in [40.0f32, 104.0, 200.3] {
+            let clean = vec![code; 3 * 320 * 240];
+            let (mut square, mut right, mut below, mut red_green, mut n) = ([0.0; 3], 0.0, 0.0, 0.0, 0.0);
+            for frame in 0..4 {
+                let codes = sensor.sense(&clean, 320, frame, 2);
+                let at = |x: usize, y: usize, c: usize| f64::from(codes[3 * (320 * y + x) + c]) - f64::from(code);
+                for y in 0..239 {
+                    for x in 0..319 {
+                        for (c, square) in square.iter_mut().enumerate() {
+                            *square += at(x, y, c).powi(2);
+                        }
+                        right += at(x, y, 1) * at(x + 1, y, 1);
+                        below += at(x, y, 1) * at(x, y + 1, 1);
+                        red_green += at(x, y, 0) * at(x, y, 1);
+                        n += 1.0;
+                    }
+                }
+            }
+            for (c, square) in square.iter().enumerate() {
+                let sigma = (square / n).sqrt();
+                assert!((sigma / sensor.sigma(c, code.into()) - 1.0).abs() < 0.012, "{code} {c}: {sigma}");
+            }
+            // Rounding is independent: it lowers the correlation by up to 1/12 over σ².
+            assert!((right / square[1] - 0.5).abs() < 0.02, "{}", right / square[1]);
+            assert!((below / square[1] - 0.5).abs() < 0.02, "{}", below / square[1]);
+            let red_green = red_green / (square[0] * square[1]).sqrt();
+            assert!((red_green - 0.4).abs() < 0.02, "{red_green}");
+        }
+    }
+}

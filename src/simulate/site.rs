@@ -1,0 +1,308 @@
+//! The site: what stands where, how the lamp lights it, and what light comes along a ray.
+//!
+//! Everything is matt but for a soft mirror image of the lamp, so the light that leaves a
+//! surface is worked out once, on a chart per face, and a ray only looks it up. Light: the lamp
+//! in the ceiling with its soft shadows, and one bounce gathered over the hemisphere.
+
+use glam::{DVec2, DVec3};
+
+use super::finish::{Finish, gloss, surface};
+use super::shapes::{Hit, Shape};
+use super::threads::over_rows;
+
+/// The lamp: a rectangle in the ceiling that shines downwards.
+pub mod lamp {
+    use glam::DVec3;
+    /// Its middle in the world, metres.
+    pub const CENTRE_M: DVec3 = DVec3::new(-0.3, 0.4, 2.49);
+    /// Half of its extent along x and y, metres.
+    pub const HALF_M: [f64; 2] = [0.3, 0.15];
+    /// Radiance, linear; 1 is what a fully lit white matt surface shows at camera white.
+    pub const RADIANCE: DVec3 = DVec3::new(88.0, 83.0, 74.0);
+}
+
+/// Light besides lamp and bounce, from everywhere.
+const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
+
+/// A grid over a face's chart, sampled linearly between the middles of its cells.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    width: usize,
+    height: usize,
+    /// Linear R, G, B and the gloss there.
+    cells: Vec<[f32; 4]>,
+}
+
+impl Chart {
+    pub fn new(width: usize, height: usize, cells: Vec<[f32; 4]>) -> Option<Self> {
+        (width > 0 && cells.len() == width * height).then_some(Self { width, height, cells })
+    }
+
+    fn filled(width: usize, height: usize, threads: usize, value: impl Fn(DVec2) -> [f32; 4] + Sync) -> Self {
+        let mut cells = vec![[0.0; 4]; width * height];
+        over_rows(&mut cells, width, threads, |first, rows| {
+            for (i, cell) in rows.iter_mut().enumerate() {
+                let (x, y) = (i % width, first + i / width);
+                *cell = value(DVec2::new((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64));
+            }
+        });
+        Self { width, height, cells }
+    }
+
+    /// At `uv` in [0, 1]²; constant from the outermost cells' middles outwards.
+    pub fn at(&self, uv: DVec2) -> [f32; 4] {
+        let x = (uv.x * self.width as f64 - 0.5).clamp(0.0, (self.width - 1) as f64);
+        let y = (uv.y * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);
+        let (x0, y0) = (x as usize, y as usize);
+        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
+        let (x1, y1) = ((x0 + 1).min(self.width - 1), (y0 + 1).min(self.height - 1));
+        let cell = |x: usize, y: usize| self.cells[y * self.width + x];
+        let (a, b, c, d) = (cell(x0, y0), cell(x1, y0), cell(x0, y1), cell(x1, y1));
+        std::array::from_fn(|i| (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy)
+    }
+}
+
+/// A shape, its look, and the light that leaves each of its faces.
+#[derive(Clone, Debug)]
+struct Thing {
+    shape: Shape,
+    bounds: (DVec3, f64),
+    /// `None` for what shines by itself and lights nothing else.
+    finish: Option<Finish>,
+    /// Of each face.
+    mean_albedo: Vec<DVec3>,
+    light: Vec<Chart>,
+}
+
+/// How finely the light is worked out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detail {
+    /// Cell of the texture charts, metres.
+    pub texture_m: f64,
+    /// Cell of the light charts, metres.
+    pub light_m: f64,
+}
+
+impl Detail {
+    /// As fine as a pixel sees from one metre away.
+    pub fn for_focal_px(focal_px: f64) -> Self {
+        let texture_m = (1.04 / focal_px).clamp(0.001, 0.05);
+        Self { texture_m, light_m: 6.25 * texture_m }
+    }
+}
+
+/// The whole site with its light.
+#[derive(Clone, Debug)]
+pub struct Site {
+    things: Vec<Thing>,
+}
+
+/// What stands in the room: world axes, z up, metres; the floor within 0.5 m of the origin is
+/// free, but for the stool's legs from 0.38 m on.
+fn inventory() -> Vec<(Shape, Finish)> {
+    let v = DVec3::new;
+    let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
+    let mut all = vec![
+        (Shape::Room { min: v(-1.15, -2.5, 0.0), max: v(2.35, 1.0, 2.5) }, Finish::Room),
+        (block(v(0.6, 0.992, 0.045), v(3.5, 0.016, 0.09), 0.0), Finish::Paint),
+        (block(v(-1.142, -0.75, 0.045), v(0.016, 3.5, 0.09), 0.0), Finish::Paint),
+        (block(v(-0.78, 0.62, 0.15), v(0.42, 0.32, 0.3), 0.35), Finish::Cardboard),
+        (block(v(-0.74, 0.63, 0.4), v(0.27, 0.22, 0.2), -0.2), Finish::Cardboard),
+        (block(v(-0.86, -0.42, 0.004), v(0.52, 1.1, 0.008), 0.05), Finish::Carpet),
+        (Shape::Tub { base: v(0.2, 0.76, 0.0), bottom_radius: 0.1, top_radius: 0.135, height: 0.26 }, Finish::Plastic),
+        (Shape::Ball { centre: v(0.58, 0.62, 0.12), radius: 0.12 }, Finish::Rubber),
+        (
+            Shape::Panel { corner: v(-0.3, 0.5, 0.001), u: v(0.204, 0.051, 0.0), v: v(-0.072, 0.288, 0.0) },
+            Finish::Paper,
+        ),
+        (block(v(-0.28, 0.996, 0.3), v(0.08, 0.008, 0.08), 0.0), Finish::Socket),
+    ];
+    // The stool: a seat on four legs with four rungs, one leg near (0.36, -0.16).
+    let (x, y, leg) = (0.48, -0.28, 0.115);
+    all.push((block(v(x, y, 0.395), v(0.28, 0.28, 0.03), 0.0), Finish::Walnut));
+    for (dx, dy) in [(-leg, -leg), (-leg, leg), (leg, -leg), (leg, leg)] {
+        all.push((block(v(x + dx, y + dy, 0.19), v(0.034, 0.034, 0.38), 0.0), Finish::Walnut));
+    }
+    for side in [-leg, leg] {
+        all.push((block(v(x, y + side, 0.14), v(0.196, 0.018, 0.024), 0.0), Finish::Walnut));
+        all.push((block(v(x + side, y, 0.2), v(0.018, 0.196, 0.024), 0.0), Finish::Walnut));
+    }
+    all
+}
+
+impl Site {
+    /// Sets the site up and works out its light. `board`: a flat panel that shines by itself,
+    /// with the light on its chart; it lights and shades nothing.
+    pub fn new(detail: Detail, board: Option<(Shape, Chart)>, threads: usize) -> Self {
+        let things = inventory().into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
+        let mut site = Self { things: things.collect() };
+        let light: Vec<_> = site.things.iter().map(|thing| site.lit(thing, detail, threads)).collect();
+        for (thing, light) in site.things.iter_mut().zip(light) {
+            thing.light = light;
+        }
+        // Last, so that it takes no light from the site.
+        site.things.extend(board.map(|(shape, chart)| Thing::new(shape, None, vec![chart])));
+        site
+    }
+
+    /// The light that leaves a thing's faces.
+    fn lit(&self, thing: &Thing, detail: Detail, threads: usize) -> Vec<Chart> {
+        let Some(finish) = thing.finish else { return Vec::new() };
+        let cells = |length: f64, cell: f64| ((length / cell).ceil() as usize).clamp(4, 8192);
+        let chart = |face| {
+            let size = thing.shape.face_size_m(face);
+            // Walls and ceiling that no camera path sees need not be fine.
+            let coarse = if finish == Finish::Room && matches!(face, 1 | 2 | 5) { 8.0 } else { 1.0 };
+            let arriving = Chart::filled(
+                cells(size.x, detail.light_m * coarse),
+                cells(size.y, detail.light_m * coarse),
+                threads,
+                |uv| self.arriving(thing, face, uv),
+            );
+            let texture_m = detail.texture_m * coarse;
+            Chart::filled(cells(size.x, texture_m), cells(size.y, texture_m), threads, |uv| {
+                let (s, e) = (surface(finish, face, uv, size), arriving.at(uv));
+                let a = s.albedo.as_vec3().max(glam::Vec3::ZERO);
+                [a.x * e[0], a.y * e[1], a.z * e[2], s.gloss as f32 * e[3]]
+            })
+        };
+        (0..thing.shape.faces()).map(chart).collect()
+    }
+
+    /// Light that arrives at a surface, as what a white matt surface would show there, and the
+    /// share of the lamp that it sees.
+    fn arriving(&self, thing: &Thing, face: usize, uv: DVec2) -> [f32; 4] {
+        const SIDE: usize = 8;
+        const BOUNCES: usize = 64;
+        let (p, n) = thing.shape.point(face, uv);
+        let p = p + n * 2e-4;
+        let (mut direct, mut seen) = (0.0, 0.0);
+        for i in 0..SIDE * SIDE {
+            let place = |k: usize, half: f64| half * (2.0 * (k as f64 + 0.5) / SIDE as f64 - 1.0);
+            let on_lamp =
+                lamp::CENTRE_M + DVec3::new(place(i % SIDE, lamp::HALF_M[0]), place(i / SIDE, lamp::HALF_M[1]), 0.0);
+            let to = on_lamp - p;
+            let share = lamp_share(to, n) / (SIDE * SIDE) as f64;
+            if share > 0.0 && !self.blocked(p, to) {
+                direct += share;
+                seen += 1.0 / (SIDE * SIDE) as f64;
+            }
+        }
+        // Cosine-weighted directions on a fixed spiral: smooth from cell to cell.
+        let tangent = n.any_orthonormal_vector();
+        let bitangent = n.cross(tangent);
+        let mut bounced = DVec3::ZERO;
+        for i in 0..BOUNCES {
+            let r = ((i as f64 + 0.5) / BOUNCES as f64).sqrt();
+            let (s, c) = (2.399_963_229_728_653 * i as f64).sin_cos();
+            let direction = tangent * (r * c) + bitangent * (r * s) + n * (1.0 - r * r).sqrt();
+            if let Some((other, hit)) = self.nearest(p, direction) {
+                bounced += other.rough_light(&hit, p + direction * hit.t) / BOUNCES as f64;
+            }
+        }
+        let light = lamp::RADIANCE * direct + bounced;
+        [light.x as f32, light.y as f32, light.z as f32, seen as f32]
+    }
+
+    fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&Thing, Hit)> {
+        let squared = direction.length_squared();
+        let mut best: Option<(&Thing, Hit)> = None;
+        for thing in &self.things {
+            let to = thing.bounds.0 - origin;
+            let along = to.dot(direction);
+            let radius2 = thing.bounds.1 * thing.bounds.1;
+            let aside2 = to.length_squared() - along * along / squared;
+            if aside2 > radius2 || (along < 0.0 && to.length_squared() > radius2) {
+                continue;
+            }
+            if let Some(hit) = thing.shape.hit(origin, direction)
+                && best.as_ref().is_none_or(|(_, b)| hit.t < b.t)
+            {
+                best = Some((thing, hit));
+            }
+        }
+        best
+    }
+
+    /// Whether something that is no lamp of its own stands between `origin` and `origin + to`.
+    fn blocked(&self, origin: DVec3, to: DVec3) -> bool {
+        self.nearest(origin, to).is_some_and(|(_, hit)| hit.t < 1.0)
+    }
+
+    /// The linear light (1 is camera white) that comes along a ray, and how far along (in
+    /// lengths of `direction`) it starts; `None` outside the room.
+    pub fn light(&self, origin: DVec3, direction: DVec3) -> Option<([f32; 3], f64)> {
+        let (thing, hit) = self.nearest(origin, direction)?;
+        let [r, g, b, visible] = thing.light.get(hit.face)?.at(hit.uv);
+        let mut light = [r, g, b];
+        if let (Some(finish), true) = (thing.finish, visible > 0.0) {
+            let p = origin + direction * hit.t;
+            let shine = mirrored_lamp(finish, p, direction.normalize(), hit.normal) * f64::from(visible);
+            for (value, lamp) in light.iter_mut().zip(lamp::RADIANCE.to_array()) {
+                *value += (shine * lamp) as f32;
+            }
+        }
+        Some((light, hit.t))
+    }
+
+    /// What lights a thing that stands in the room: the light along a ray without mirror image,
+    /// the lamp itself where the ray meets it, and black for the board, which lights nothing.
+    pub fn surroundings(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+        let up = (lamp::CENTRE_M.z - origin.z) / direction.z;
+        let at = origin + direction * up - lamp::CENTRE_M;
+        let lamp_ahead = up > 0.0 && at.x.abs() < lamp::HALF_M[0] && at.y.abs() < lamp::HALF_M[1];
+        match self.nearest(origin, direction) {
+            Some((_, hit)) if lamp_ahead && hit.t >= up => lamp::RADIANCE,
+            None if lamp_ahead => lamp::RADIANCE,
+            Some((thing, hit)) if thing.finish.is_some() => {
+                let cell = thing.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
+                DVec3::new(cell[0].into(), cell[1].into(), cell[2].into())
+            }
+            _ => DVec3::ZERO,
+        }
+    }
+}
+
+/// What a white matt surface with normal `n` shows of a lamp of radiance 1 that stands at `to`:
+/// ∫ cos θ cos θ' / (π r²) dA, the integrand at the lamp's middle times its area.
+fn lamp_share(to: DVec3, n: DVec3) -> f64 {
+    let r2 = to.length_squared();
+    let area = 4.0 * lamp::HALF_M[0] * lamp::HALF_M[1];
+    (n.dot(to).max(0.0) * to.z.max(0.0)) / (std::f64::consts::PI * r2 * r2) * area
+}
+
+/// The lamp's blurred mirror image in a surface, as a share of its radiance. A look, not a
+/// measured reflection: Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
+fn mirrored_lamp(finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
+    let (head_on, width) = gloss(finish);
+    let mirrored = direction - 2.0 * direction.dot(n) * n;
+    if head_on == 0.0 || mirrored.z < 1e-3 {
+        return 0.0;
+    }
+    let at = p + mirrored * ((lamp::CENTRE_M.z - p.z) / mirrored.z) - lamp::CENTRE_M;
+    let beside = DVec2::new((at.x.abs() - lamp::HALF_M[0]).max(0.0), (at.y.abs() - lamp::HALF_M[1]).max(0.0));
+    let fresnel = head_on + (1.0 - head_on) * (1.0 - direction.dot(n).abs()).powi(5);
+    // The wider the blur, the fainter: the lamp's area over the blurred image's.
+    let spread = (2.0 * lamp::HALF_M[0] / (2.0 * lamp::HALF_M[0] + 2.0 * width))
+        * (2.0 * lamp::HALF_M[1] / (2.0 * lamp::HALF_M[1] + 2.0 * width));
+    fresnel * spread * (-beside.length_squared() / (width * width)).exp()
+}
+
+impl Thing {
+    fn new(shape: Shape, finish: Option<Finish>, light: Vec<Chart>) -> Self {
+        const SIDE: usize = 8;
+        let mean = |face| {
+            let place = |i: usize| DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5) / SIDE as f64;
+            let size = shape.face_size_m(face);
+            let albedo = |i| finish.map_or(DVec3::ZERO, |f| surface(f, face, place(i), size).albedo);
+            (0..SIDE * SIDE).map(albedo).sum::<DVec3>() / (SIDE * SIDE) as f64
+        };
+        Self { mean_albedo: (0..shape.faces()).map(mean).collect(), bounds: shape.bounds(), shape, finish, light }
+    }
+
+    /// What a place sends on to others: its face's mean colour under the unshadowed lamp.
+    fn rough_light(&self, hit: &Hit, p: DVec3) -> DVec3 {
+        let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
+        albedo * (lamp::RADIANCE * (0.8 * lamp_share(lamp::CENTRE_M - p, hit.normal)) + AMBIENT)
+    }
+}

@@ -1,0 +1,81 @@
+//! Our layers beside another renderer's (Cycles), on its scenes.
+
+mod common;
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use std::path::Path;
+
+use locard::camera::Geometry;
+use locard::image::LayerImage;
+use locard::params::Value;
+use locard::tracking::tum;
+
+fn reference(path: &Path) -> Vec<[f32; 4]> {
+    use exr::prelude::*;
+    let image = read_first_rgba_layer_from_file(
+        path,
+        |size, _| (size.width(), vec![[0f32; 4]; size.area()]),
+        |(width, pixels), at, (r, g, b, a): (f32, f32, f32, f32)| pixels[at.y() * *width + at.x()] = [r, g, b, a],
+    )
+    .expect("an RGBA EXR");
+    image.layer_data.channel_data.pixels.1
+}
+
+struct Case {
+    layer: LayerImage,
+    reference: Vec<[f32; 4]>,
+}
+
+fn case(name: &str, method: &str) -> Option<Case> {
+    let folder = common::data(&format!("cycles/{name}"))?;
+    let text = std::fs::read_to_string(folder.join("case.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let number = |key: &str| json[key].as_f64().unwrap();
+    let mut geometry = gpu::pinhole(640, 480, number("fx_px"));
+    geometry.intrinsics.readout_time_s = number("readout_time_s");
+    let geometry = Geometry::new(geometry.intrinsics, geometry.distortion);
+    let camera = gpu::camera(&geometry, number("exposure_time_s"));
+    let scene = locard::scene::load(&folder.join("scene.glb"), None).unwrap();
+    let track = tum::read_trajectory(&folder.join("groundtruth.txt"), None).unwrap();
+    let settings = gpu::settings(&[("motion_blur", "method", Value::Text(method.to_owned()))]);
+    let frame = gpu::frame(2, 2.0 / 30.0, gpu::grey(640, 480, 128));
+    let done = gpu::composite(&gpu::gpu(), &camera, settings, scene, &track, frame);
+    let layer = done.layer.unwrap();
+    let reference = reference(&folder.join("reference.exr"));
+    if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
+        let folder = Path::new(&folder);
+        gpu::write_layer_png(&folder.join(format!("{name}-{method}.png")), &layer.rgba, 640, 480);
+        gpu::write_layer_png(&folder.join(format!("{name}-reference.png")), &reference, 640, 480);
+        let difference: Vec<_> = layer
+            .rgba
+            .iter()
+            .zip(&reference)
+            .map(|(a, b)| {
+                [0, 1, 2, 3].map(|c| if c == 3 { 1.0 } else { (a[c] - b[c]).abs() * 4.0 + (a[3] - b[3]).abs() })
+            })
+            .collect();
+        gpu::write_layer_png(&folder.join(format!("{name}-{method}-difference.png")), &difference, 640, 480);
+    }
+    Some(Case { layer, reference })
+}
+
+#[test]
+fn translation_agrees_with_cycles() {
+    for method in ["velocity", "reference"] {
+        let Some(case) = case("motion-translate", method) else { return };
+        let error = gpu::mean_absolute_error(&case.layer, &case.reference);
+        println!("motion-translate, {method}: mean absolute error {error:.4}");
+        assert!(error <= 0.015, "{method}: {error}");
+    }
+}
+
+#[test]
+fn rolling_shutter_agrees_with_cycles() {
+    for method in ["velocity", "reference"] {
+        let Some(case) = case("rolling-shutter", method) else { return };
+        let error = gpu::mean_absolute_error(&case.layer, &case.reference);
+        println!("rolling-shutter, {method}: mean absolute error {error:.4}");
+        assert!(error <= 0.015, "{method}: {error}");
+    }
+}

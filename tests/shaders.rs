@@ -1,0 +1,83 @@
+//! All WGSL parses and validates, without a GPU; structs have the size that Rust gives them.
+
+use locard::camera::{Camera, NoiseProfile};
+use locard::compositor::mixed_shader;
+use locard::effects::{self, FrameContext};
+use locard::gpu::{assemble, sources};
+use wgpu::naga;
+
+fn validate(name: &str, text: &str) -> naga::Module {
+    let module = naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
+    let mut validator =
+        naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all());
+    validator.validate(&module).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
+    module
+}
+
+/// Files that hold functions for others and are no module of their own.
+fn is_part(text: &str) -> bool {
+    !text.contains("@fragment") && !text.contains("@compute")
+}
+
+#[test]
+fn every_module_validates() {
+    let mut count = 0;
+    for (name, text) in sources() {
+        if !is_part(text) {
+            validate(name, &assemble(name));
+            count += 1;
+        }
+    }
+    assert!(count >= 7, "{count}");
+}
+
+#[test]
+fn every_file_is_embedded() {
+    let mut on_disk = Vec::new();
+    for folder in ["shaders", "shaders/shared"] {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|e| e == "wgsl") {
+                let name = path.with_extension("").strip_prefix("shaders").unwrap().to_str().unwrap().to_owned();
+                on_disk.push(name);
+            }
+        }
+    }
+    on_disk.sort();
+    let mut embedded: Vec<_> = sources().iter().map(|(n, _)| (*n).to_owned()).collect();
+    embedded.sort();
+    assert_eq!(on_disk, embedded);
+}
+
+#[test]
+fn the_composite_validates_with_every_combination_of_mixed_effects() {
+    let camera = Camera {
+        noise: Some(NoiseProfile {
+            bins: Default::default(),
+            channel_correlation: [0.0; 3],
+            neighbour_correlation: [0.0; 2],
+        }),
+        ..Default::default()
+    };
+    let context = FrameContext {
+        camera: &camera,
+        frame: 0,
+        seed: 0,
+        exposure_time_s: 0.0,
+        interval_s: 1.0,
+        fastest_px_per_s: 0.0,
+        objects: &[],
+    };
+    let effects = effects::all();
+    let hooks: Vec<_> = effects.iter().filter_map(|e| e.mixed(&context).map(|h| (e.params().table(), h))).collect();
+    assert!(hooks.len() >= 2);
+    for bits in 0..1usize << hooks.len() {
+        let some: Vec<_> =
+            hooks.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, h)| h.clone()).collect();
+        let text = mixed_shader(&some);
+        validate(&format!("composite {bits:b}"), &text);
+        for (name, _) in &some {
+            assert!(text.contains(&format!("pixel = apply_{name}(p, pixel);")));
+        }
+    }
+}
