@@ -57,11 +57,13 @@ mod tests {
         let path = folder.path().join("frame_000002.exr");
         let count = 5 * 40;
         let layers = LayerImage {
+            width: 5,
+            height: 40,
             rgba: (0..count).map(|i| [i as f32 * 0.25, 0.5, -1.0, 1.0]).collect(),
             depth_m: (0..count).map(|i| 1.0 + i as f32 * 1e-5).collect(),
             velocity: (0..count).map(|i| [i as f32 * 1.1, -3.3e5]).collect(),
         };
-        write_layers(&path, 5, 40, &layers).unwrap();
+        write_layers(&path, &layers).unwrap();
         let image = read_first_flat_layer_from_file(&path).unwrap();
         assert_eq!((image.layer_data.size.0, image.layer_data.size.1), (5, 40));
         assert_eq!(image.layer_data.encoding.compression, Compression::ZIP16);
@@ -83,7 +85,7 @@ mod tests {
 
     #[test]
     fn lists_that_do_not_fit_are_refused() {
-        let error = write_layers(Path::new("a.exr"), 2, 2, &LayerImage::default()).unwrap_err().to_string();
-        assert_eq!(error, "a.exr: layers of [0, 0, 0] values do not make a picture of 2x2");
+        let error = write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }).unwrap_err();
+        assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4] values do not make a picture of 3x2");
     }
 }
