@@ -1,5 +1,7 @@
 //! Recordings in and frames out, on files: real data, ffmpeg, and what must be refused.
 
+#![allow(clippy::unwrap_used, clippy::type_complexity, reason = "tests")]
+
 mod common;
 
 use std::path::{Path, PathBuf};

@@ -69,6 +69,9 @@ impl std::fmt::Display for Kind {
     }
 }
 
+/// When a depth picture was measured, seconds, and its file.
+type DepthFile = (f64, PathBuf);
+
 /// An opened recording: everything but the pixels and depths, which [`Recording::frames`] streams.
 #[derive(Debug)]
 pub struct Recording {
@@ -100,8 +103,8 @@ pub struct Recording {
     pub warnings: Vec<String>,
     geometries: Vec<Option<Geometry>>,
     pictures: Arc<Pictures>,
-    /// One a frame: when the nearest depth was measured and its file.
-    depth: Option<Arc<[Option<(f64, PathBuf)>]>>,
+    /// The nearest in time, one a frame.
+    depth: Option<Arc<[Option<DepthFile>]>>,
     codes_per_metre: f64,
 }
 
