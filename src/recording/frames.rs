@@ -39,7 +39,7 @@ impl Frames {
         let (next, end) = (range.start, range.end);
         let (depth, codes_per_metre) = (recording.depth.clone(), recording.codes_per_metre);
         let read_depth = move |i: usize| -> MaybeDepth {
-            let entry: Option<&(f64, PathBuf)> = depth.as_ref().and_then(|depth| depth.get(i)?.as_ref());
+            let entry = depth.as_ref().and_then(|depth| depth.get(i)?.as_ref());
             entry.map(|(time_s, file)| still::read_depth(file, codes_per_metre, *time_s)).transpose()
         };
         let stream = match &*recording.pictures {

@@ -45,6 +45,10 @@ impl Default for OpenOptions {
     }
 }
 
+/// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s; a pose at the very time
+/// of the first or last frame must not be missed for that.
+const ROUNDING_S: f64 = 1e-6;
+
 /// The format that a recording was opened from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -64,6 +68,9 @@ impl std::fmt::Display for Kind {
         })
     }
 }
+
+/// When a depth picture was measured, seconds, and its file.
+type DepthFile = (f64, PathBuf);
 
 /// An opened recording: everything but the pixels and depths, which [`Recording::frames`] streams.
 #[derive(Debug)]
@@ -96,8 +103,8 @@ pub struct Recording {
     pub warnings: Vec<String>,
     geometries: Vec<Option<Geometry>>,
     pictures: Arc<Pictures>,
-    /// One a frame: when the nearest depth was measured and its file.
-    depth: Option<Arc<[Option<(f64, PathBuf)>]>>,
+    /// The nearest in time, one a frame.
+    depth: Option<Arc<[Option<DepthFile>]>>,
     codes_per_metre: f64,
 }
 
@@ -124,7 +131,12 @@ impl Recording {
 
     /// The camera's pose at a frame's timestamp. A frame that there is not lies after the last pose.
     pub fn pose_at_frame(&self, index: usize) -> Result<Pose, NoPose> {
-        self.track.at(self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s))
+        let time_s = self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s);
+        match self.track.at(time_s) {
+            Err(NoPose::Before { first_s, .. }) if first_s - time_s < ROUNDING_S => self.track.at(first_s),
+            Err(NoPose::After { last_s, .. }) if time_s - last_s < ROUNDING_S => self.track.at(last_s),
+            found => found,
+        }
     }
 
     /// The camera of a frame, also where frames differ; `None` where the format does not know it.

@@ -85,9 +85,7 @@ mod tests {
 
     #[test]
     fn lists_that_do_not_fit_are_refused() {
-        let error = write_layers(Path::new("a.exr"), &LayerImage { width: 2, height: 2, ..Default::default() })
-            .unwrap_err()
-            .to_string();
-        assert_eq!(error, "a.exr: layers of [0, 0, 0] values do not make a picture of 2x2");
+        let error = write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }).unwrap_err();
+        assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4] values do not make a picture of 3x2");
     }
 }

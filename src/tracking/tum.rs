@@ -67,8 +67,7 @@ fn parse_pose(record: &str) -> Result<(f64, Pose, f64), String> {
 /// The quaternion at unit length and how far it was from that; refused beyond [`LARGEST_NORM_ERROR`].
 pub fn unit_quaternion(q: DQuat) -> Result<(DQuat, f64), String> {
     let error = (q.length() - 1.0).abs();
-    // Not `>`: NaN must be refused too.
-    if !(error <= LARGEST_NORM_ERROR) {
+    if error.is_nan() || error > LARGEST_NORM_ERROR {
         return Err(format!("the quaternion has length {}; 1 is needed (within {LARGEST_NORM_ERROR})", q.length()));
     }
     Ok((q.normalize(), error))
