@@ -141,13 +141,13 @@ mod tests {
         // 0-2-4
         let strip = triangles(Assembly::Strip, vec![0, 2, 1, 3, 3]);
         assert_eq!(strip, [0, 2, 1, 2, 3, 1]);
-        assert_eq!(triangles(Assembly::Strip, vec![7, 8]), []);
+        assert!(triangles(Assembly::Strip, vec![7, 8]).is_empty());
     }
 
     #[test]
     fn a_fan_turns_about_its_first_vertex() {
         assert_eq!(triangles(Assembly::Fan, vec![9, 1, 2, 3]), [1, 2, 9, 2, 3, 9]);
-        assert_eq!(triangles(Assembly::Fan, vec![]), []);
+        assert!(triangles(Assembly::Fan, vec![]).is_empty());
     }
 
     #[test]
