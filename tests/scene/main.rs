@@ -1,5 +1,7 @@
 //! Scenes: what they accept, what they refuse, and what becomes of real files.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 #[path = "../common/mod.rs"]
 mod common;
 
