@@ -198,6 +198,15 @@ fn tangents_are_there_where_a_normal_map_is() {
     let scene = model.load().unwrap();
     assert_eq!(scene.meshes[0].vertices[0].tangent, [1.0, 0.0, 0.0, 1.0]);
     assert_eq!(scene.materials[0].normal_scale, 0.5);
+    // The file's own are taken, made unit, where it has normals too and the map is there.
+    let tangent = model.floats("VEC4", &[0.0, 3.0, 0.0, -1.0].repeat(3));
+    model.primitive()["attributes"]["TANGENT"] = json!(tangent);
+    assert_eq!(model.load().unwrap().meshes[0].vertices[0].tangent, [1.0, 0.0, 0.0, 1.0]);
+    let normal = model.floats("VEC3", &[0.0, 0.0, 1.0].repeat(3));
+    model.primitive()["attributes"]["NORMAL"] = json!(normal);
+    assert_eq!(model.load().unwrap().meshes[0].vertices[0].tangent, [0.0, 1.0, 0.0, -1.0]);
+    model.json["materials"][0].as_object_mut().unwrap().remove("normalTexture");
+    assert_eq!(model.load().unwrap().meshes[0].vertices[0].tangent, [0.0; 4]);
 }
 
 #[test]

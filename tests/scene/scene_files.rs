@@ -40,6 +40,8 @@ fn rotations_are_about_the_world_s_x_then_y_then_z() {
     assert_eq!(placed("rotation_deg = [90, 0, 90]\nposition_m = [5, 0, 0]"), expected);
     assert_eq!(placed("quaternion = [0.5, 0.5, 0.5, 0.5]\nposition_m = [5, 0, 0]"), expected);
     assert_eq!(placed("rotation_deg = [0, 90, 0]")[1], [0.0, 0.0, -2.0]);
+    // y before z: (2, 0, 0) goes to (0, 0, -2) and stays there; (0, 0, 1) to (0, -1, 0) to (1, 0, 0).
+    assert_eq!(placed("rotation_deg = [90, 90, 90]")[1..], [[0.0, 0.0, -2.0], [1.0, 0.0, 0.0]]);
 }
 
 #[test]
