@@ -169,6 +169,9 @@ impl Loader {
             let towards = world_from_light.transform_vector3(DVec3::Z).normalize().as_vec3();
             // A white matt surface reflects what it receives: E lux show as E / white_lx.
             let color = light.color / white_lx as f32;
+            if !(world_from_light.is_finite() && towards.is_finite() && color.is_finite()) {
+                return Err(SceneError::bad(file, "a light", "numbers too large", "a finite place and brightness"));
+            }
             let lighting = &mut self.scene.lighting;
             match light.kind {
                 LightKind::Directional => lighting.suns.push(Sun { towards_light_in_world: towards, color }),

@@ -275,7 +275,7 @@ impl Reader<'_> {
             return Err(bad("color · intensity", &color, "0 or more"));
         }
         let range_m = light.range.unwrap_or(f32::INFINITY);
-        if !(range_m > 0.0) {
+        if range_m.is_nan() || range_m <= 0.0 {
             return Err(bad("range", &range_m, "more than 0"));
         }
         let kind = match light.kind.as_str() {
@@ -291,8 +291,7 @@ impl Reader<'_> {
             }
             other => return Err(bad("type", &other, "directional, point or spot")),
         };
-        let backwards = model_from_light.transform_vector3(DVec3::Z);
-        if !(backwards.length() > 0.0) {
+        if model_from_light.transform_vector3(DVec3::Z).try_normalize().is_none() {
             return Err(bad("its node", &"a scale of 0", "a light that has a direction"));
         }
         Ok(ModelLight { model_from_light, color, kind })

@@ -110,8 +110,9 @@ fn local(document: &Document, node: &Node, index: usize) -> Result<DAffine3, Sce
         return Err(not_finite("scale"));
     }
     // Exporters round: a length off by a percent is taken as meant and made 1.
-    if !((rotation.length() - 1.0).abs() < 0.01) {
-        let found = format!("a quaternion of length {}", rotation.length());
+    let length = rotation.length();
+    if length.is_nan() || (length - 1.0).abs() >= 0.01 {
+        let found = format!("a quaternion of length {length}");
         return Err(document.bad(format!("nodes[{index}].rotation"), found, "length 1"));
     }
     let matrix3 = DMat3::from_quat(rotation.normalize()) * DMat3::from_diagonal(scale);

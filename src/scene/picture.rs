@@ -69,3 +69,20 @@ pub(super) fn decode_hdr(file: &Path, named_in: &Path) -> Result<(u32, u32, Vec<
     decoder.read_image(bytemuck::cast_slice_mut(&mut samples)).map_err(failed)?;
     Ok((width, height, samples.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()))
 }
+
+#[cfg(test)]
+mod tests {
+    use image::ImageEncoder;
+
+    use super::*;
+
+    #[test]
+    fn the_pixels_of_all_textures_are_counted_together() {
+        let mut png = Vec::new();
+        let encoder = image::codecs::png::PngEncoder::new(&mut png);
+        encoder.write_image(&[9; 64], 4, 4, image::ExtendedColorType::Rgba8).unwrap();
+        assert_eq!(*decode(Path::new("a.glb"), "images[0]", &png, 16).unwrap().rgba, [9; 64]);
+        let error = decode(Path::new("a.glb"), "images[0]", &png, 15).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("4×4 pixels, with 15 left"), "{error}");
+    }
+}

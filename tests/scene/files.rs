@@ -1,0 +1,155 @@
+//! Real files, compared with what the gltf crate reads, and our own props.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Mat4, Vec3};
+use locard::scene::{Description, Scene, describe, load};
+
+use crate::common::data;
+
+/// Corners and bounds of a file as the gltf crate has them, for files without strips and fans.
+fn as_the_gltf_crate_has_it(path: &Path) -> (usize, DVec3, DVec3) {
+    let (document, buffers, _) = gltf::import(path).unwrap();
+    let (mut corners, mut low, mut high) = (0, DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let mut open: Vec<_> = document.default_scene().unwrap().nodes().map(|n| (n, Mat4::IDENTITY)).collect();
+    while let Some((node, parent)) = open.pop() {
+        let world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+        for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
+            let reader = primitive.reader(|buffer| Some(&buffers[buffer.index()]));
+            let positions: Vec<_> = reader.read_positions().unwrap().collect();
+            for i in reader.read_indices().unwrap().into_u32() {
+                let point = world.transform_point3(Vec3::from(positions[i as usize])).as_dvec3();
+                (low, high, corners) = (low.min(point), high.max(point), corners + 1);
+            }
+        }
+        open.extend(node.children().map(|child| (child, world)));
+    }
+    (corners, low, high)
+}
+
+fn gltf_files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<_> = entries.filter(|p| p.extension().is_some_and(|e| e == "glb" || e == "gltf")).collect();
+    files.sort();
+    files
+}
+
+#[track_caller]
+fn compare(path: &Path) -> (Scene, Description) {
+    let scene = load(path, None).unwrap();
+    let description = describe(&scene);
+    let (corners, low, high) = as_the_gltf_crate_has_it(path);
+    assert_eq!(description.triangles * 3, corners, "{}", path.display());
+    let bounds = description.objects[0].bounds_in_world_m.unwrap().map(DVec3::from);
+    // The other side multiplies matrices in single precision.
+    assert!(bounds[0].abs_diff_eq(low, 2e-6) && bounds[1].abs_diff_eq(high, 2e-6), "{}: {bounds:?}", path.display());
+    for vertex in scene.meshes.iter().flat_map(|m| &m.vertices) {
+        assert!((Vec3::from(vertex.normal).length() - 1.0).abs() < 1e-4, "{}: {vertex:?}", path.display());
+    }
+    (scene, description)
+}
+
+#[test]
+fn all_real_props_load_and_are_where_the_gltf_crate_has_them() {
+    let Some(folder) = data("props") else { return };
+    let files = gltf_files(&folder);
+    assert!(files.len() == 12, "{files:?}");
+    for path in files {
+        let (scene, _) = compare(&path);
+        assert!(!scene.textures.is_empty(), "{}", path.display());
+        let mapped = |m: &locard::scene::Mesh| scene.materials[m.material].normal_texture.is_some();
+        for vertex in scene.meshes.iter().filter(|m| mapped(m)).flat_map(|m| &m.vertices) {
+            let [x, y, z, side] = vertex.tangent;
+            let tangent = Vec3::new(x, y, z);
+            assert!((tangent.length() - 1.0).abs() < 1e-4 && side.abs() == 1.0, "{}: {vertex:?}", path.display());
+            assert!(tangent.dot(vertex.normal.into()).abs() < 1e-3, "{}: {vertex:?}", path.display());
+        }
+    }
+}
+
+#[test]
+fn what_real_props_use_in_vain_is_said() {
+    let Some(path) = data("props/SunglassesKhronos.glb") else { return };
+    let warnings = load(&path, None).unwrap().warnings;
+    assert_eq!(warnings.iter().filter(|w| w.contains("KHR_materials_transmission")).count(), 1, "{warnings:?}");
+}
+
+#[test]
+fn twins_keep_their_vertices() {
+    for name in ["twins/tum-fr1-rpy-020.glb", "twins/tum-fr1-rpy-020-rows.glb"] {
+        let Some(path) = data(name) else { return };
+        let (scene, _) = compare(&path);
+        assert_eq!((scene.meshes[0].vertices.len(), scene.meshes[0].indices.len()), (26229, 146_220));
+        assert!(scene.materials[0].unlit);
+        assert_eq!((scene.textures[0].width, scene.textures[0].height), (640, 480));
+    }
+}
+
+#[test]
+fn scenes_of_the_other_renderer_load() {
+    for (name, triangles) in [("defocus-behind", 4), ("motion-translate", 4), ("rolling-shutter", 2)] {
+        let Some(path) = data(&format!("cycles/{name}/scene.glb")) else { return };
+        let (scene, description) = compare(&path);
+        assert_eq!(description.triangles, triangles);
+        assert!(scene.materials.iter().all(|m| m.unlit));
+        assert_eq!(description.warnings, [""; 0]);
+    }
+}
+
+#[test]
+fn a_real_panorama_loads() {
+    let Some(hdr) = data("hdri/st_fagans_interior_1k.hdr") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, format!("version = 1\n[light]\nenvironment = {:?}", hdr.to_str().unwrap())).unwrap();
+    let scene = load(&path, None).unwrap();
+    let locard::scene::Environment::Map(map) = &scene.lighting.environment else { panic!("no map") };
+    assert_eq!((map.width, map.height, map.rgb.len()), (1024, 512, 1024 * 512));
+    assert!(map.rgb.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0));
+}
+
+fn our(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+}
+
+#[test]
+fn our_props_are_true_to_size_small_and_wound_outwards() {
+    let mut props = vec![
+        ("l-scale.glb".to_owned(), [105.0, 0.8, 105.0]),
+        ("cartridge-case-9mm.glb".to_owned(), [9.93, 19.15, 9.93]),
+    ];
+    props.extend((1..=9).map(|n| (format!("marker-{n}.glb"), [110.0, 106.64, 90.0])));
+    for (name, size_mm) in props {
+        let path = our(&name);
+        assert!(path.metadata().unwrap().len() < 300_000, "{name}");
+        let (scene, description) = compare(&path);
+        let [low, high] = description.objects[0].bounds_in_world_m.unwrap().map(DVec3::from);
+        let size = (high - low) * 1e3;
+        assert!(size.abs_diff_eq(size_mm.into(), 0.05), "{name}: {size}");
+        assert!(low.y.abs() < 1e-6, "{name} does not stand on y = 0");
+        assert!(description.warnings.is_empty(), "{name}: {:?}", description.warnings);
+        // Normals point out of the front of every triangle.
+        for mesh in &scene.meshes {
+            for t in mesh.indices.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|i| mesh.vertices[t[i] as usize]);
+                let front = (Vec3::from(b.position) - Vec3::from(a.position))
+                    .cross(Vec3::from(c.position) - Vec3::from(a.position));
+                let out: Vec3 = [a, b, c].iter().map(|v| Vec3::from(v.normal)).sum();
+                assert!(front.dot(out) > 0.0, "{name}: {a:?} {b:?} {c:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_demo_scene_stands_on_the_floor() {
+    let scene = load(&our("demo.toml"), None).unwrap();
+    let description = describe(&scene);
+    assert_eq!(description.objects.len(), 4);
+    assert_eq!(description.warnings, [""; 0]);
+    for object in &description.objects {
+        let [low, high] = object.bounds_in_world_m.unwrap();
+        assert!(low[2].abs() < 1e-6 && high[2] < 0.12, "{object:?}");
+        assert!(low[..2].iter().chain(&high[..2]).all(|v| v.abs() < 0.2), "{object:?}");
+    }
+}
