@@ -8,8 +8,8 @@ use super::scene_sums::{PixelSums, SceneSums, UNIT};
 /// Variances are kept apart at every quarter of an 8-bit code, so that clipping can be told by the mean.
 const PER_CODE: f64 = 4.0;
 const LEVELS: usize = 255 * 4 + 1;
-/// Means within this many levels of an end are of no use: where σ is below a code, the quiet middle of the last
-/// code would be cut from its lively edge. The level itself counts half, so that whole codes remain.
+/// Means nearer to an end than this many levels are of no use: where σ is below a code, the quiet middle of the last
+/// code would otherwise be cut from its lively edge.
 const OUTERMOST: usize = 4;
 /// Normal quantile of a two-sided 95 % interval.
 const Z95: f64 = 1.959_964;
@@ -112,18 +112,16 @@ impl Pool {
         let level = &mut self.levels[channel][place];
         level.seen += u64::from(scene.frames);
         level.touched += u64::from(pixel.touched) * u64::from(scene.frames);
-        let weight = match place.min(LEVELS - 1 - place) {
-            inside if inside > OUTERMOST => 1.0,
-            OUTERMOST => 0.5,
-            _ => return,
-        };
-        let freedom = weight * scene.freedom();
-        level.samples += weight * f64::from(scene.frames);
+        if place.min(LEVELS - 1 - place) < OUTERMOST {
+            return;
+        }
+        let freedom = scene.freedom();
+        level.samples += f64::from(scene.frames);
         level.freedom += freedom;
         level.mean_noise += freedom * scene.mean_noise();
         level.codes += freedom * pixel.mean;
-        level.squares += weight * pixel.squares;
-        level.sum += weight * pixel.sum;
+        level.squares += pixel.squares;
+        level.sum += pixel.sum;
     }
 
     fn add_block(&mut self, scene: &SceneSums, block: usize, scale: &[f64; 3], rounding: &Rounding) {
