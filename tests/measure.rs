@@ -1,5 +1,7 @@
 //! Displacement against shifts that are known because the picture is a formula.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 

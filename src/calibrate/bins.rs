@@ -351,7 +351,7 @@ fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
         let factor = (1.0 + slope * (bin.report.code - here.0) / here.1).clamp(0.5, 2.0);
         let moved = |sigma: f64| rounding.sigma(rounding.variance(sigma) * factor);
         bin.report.sigma = moved(bin.report.sigma);
-        bin.report.sigma_ci95 = bin.report.sigma_ci95.map(|ci| ci.map(moved));
+        bin.report.sigma_ci95 = bin.report.sigma_ci95.map(|ci| ci.map(&moved));
     }
 }
 

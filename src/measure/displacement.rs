@@ -73,7 +73,7 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let half = values.len() / 2;
     let upper = values.get(half)?;
-    Some(if values.len() % 2 == 0 { 0.5 * (values[half - 1] + upper) } else { *upper })
+    Some(if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + upper) } else { *upper })
 }
 
 /// Measures how far the content of `b` lies from that of `a`, patch by patch where `mask` is true (in `a`'s place).
@@ -141,7 +141,8 @@ impl Correlator {
     fn measure(&self, a: &Grey, b: &Grey, x: usize, y: usize, options: &DisplacementOptions) -> Told {
         let (spectrum_a, contrast_a) = self.patch(a, x as f64, y as f64);
         let (_, contrast_b) = self.patch(b, x as f64, y as f64);
-        if !(contrast_a.min(contrast_b) >= options.min_contrast) {
+        let contrast = contrast_a.min(contrast_b);
+        if contrast.is_nan() || contrast < options.min_contrast {
             return Told::Flat;
         }
         let mut shift = [0.0; 2];
