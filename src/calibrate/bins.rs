@@ -350,8 +350,9 @@ fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
         let slope = (after.1 - before.1) / (after.0 - before.0);
         let factor = (1.0 + slope * (bin.report.code - here.0) / here.1).clamp(0.5, 2.0);
         let moved = |sigma: f64| rounding.sigma(rounding.variance(sigma) * factor);
-        bin.report.sigma = moved(bin.report.sigma);
-        bin.report.sigma_ci95 = bin.report.sigma_ci95.map(|ci| ci.map(&moved));
+        let report = &mut bin.report;
+        report.sigma = moved(report.sigma);
+        report.sigma_ci95 = report.sigma_ci95.map(|ci| ci.map(moved));
     }
 }
 
