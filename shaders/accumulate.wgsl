@@ -1,7 +1,7 @@
 // Adds one sample of a plan to the running sum in 32-bit floats.
 // @import shared/layer
 struct Step { size: vec2<u32>, stride: u32, first: u32, weight: vec4<f32> }
-@group(0) @binding(0) var<uniform> sample_step: Step;
+@group(0) @binding(0) var<storage, read> sample_step: Step;
 @group(0) @binding(1) var color: texture_2d<f32>;
 @group(0) @binding(2) var geometry: texture_2d<f32>;
 @group(0) @binding(3) var<storage, read_write> sum: array<vec4<f32>>;

@@ -12,7 +12,7 @@ struct Composite {
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
-@group(0) @binding(2) var<uniform> composite: Composite;
+@group(0) @binding(2) var<storage, read> composite: Composite;
 // σ of the camera's noise at 256 code values, 8-bit codes.
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
 

@@ -6,7 +6,7 @@ struct Blur {
     size: vec4<i32>,      // layer width, height, tile side, unused
     shutter: vec4<f32>,   // exposure time (s), shortest blur that is drawn (px)
 }
-@group(0) @binding(0) var<uniform> blur: Blur;
+@group(0) @binding(0) var<storage, read> blur: Blur;
 @group(0) @binding(1) var color: texture_2d<f32>;
 @group(0) @binding(2) var geometry: texture_2d<f32>;
 @group(0) @binding(3) var fastest: texture_2d<f32>;

@@ -15,7 +15,7 @@ struct Noise {
     mix_a: vec4<f32>,
     mix_b: vec4<f32>,
 }
-@group(0) @binding(4) var<uniform> noise: Noise;
+@group(0) @binding(4) var<storage, read> noise: Noise;
 // 4096 quantiles of the normal distribution, 64 × 64, in 1/4096 σ.
 @group(0) @binding(5) var normal_table: texture_2d<i32>;
 

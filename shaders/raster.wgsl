@@ -60,7 +60,7 @@ struct Material {
     transforms: array<vec4<f32>, 10>,
 }
 
-@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(0) var<storage, read> view: View;
 @group(0) @binding(1) var<storage, read> parts: array<Part>;
 @group(0) @binding(2) var<uniform> light: Light;
 @group(0) @binding(3) var environment: texture_2d<f32>;

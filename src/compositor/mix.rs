@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use crate::camera::{Camera, Curve};
 use crate::effects::{MixedHook, Table};
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, uniform_buffer};
+use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
 
@@ -45,7 +45,7 @@ impl Mixer {
         Self {
             passes: HashMap::new(),
             tables: HashMap::new(),
-            sigma: uniform_buffer(gpu, "sigma", bytemuck::cast_slice(&sigma)),
+            sigma: constants(gpu, "sigma", bytemuck::cast_slice(&sigma)),
             curve,
             gamma: camera.response.gamma as f32,
         }
@@ -79,8 +79,8 @@ impl Mixer {
             layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0, drawn.width() as i32, drawn.height() as i32],
             scale: [pixels.max_code() as f32, self.curve, self.gamma, 0.0],
         };
-        let uniform = uniform_buffer(gpu, "composite", bytemuck::bytes_of(&uniform));
-        let uniforms: Vec<_> = hooks.iter().map(|(name, hook)| uniform_buffer(gpu, name, &hook.uniform)).collect();
+        let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
+        let uniforms: Vec<_> = hooks.iter().map(|(name, hook)| constants(gpu, name, &hook.uniform)).collect();
         for table in hooks.iter().flat_map(|(_, hook)| &hook.tables) {
             self.tables.entry(table.name).or_insert_with(|| upload(gpu, table));
         }

@@ -13,7 +13,7 @@
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
 use super::{Effect, FrameContext, Stage};
-use crate::gpu::{FullscreenPass, Slot, assemble, uniform_buffer};
+use crate::gpu::{FullscreenPass, Slot, assemble, constants};
 use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, Sample, SamplePlan};
 
@@ -159,10 +159,10 @@ impl Effect for MotionBlurEffect {
         let out = [target("blurred colour", layer.size), target("blurred geometry", layer.size)];
 
         let size = |last| [width as i32, height as i32, side as i32, last];
-        let uniform = |last| uniform_buffer(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size: size(last) }));
+        let uniform = |last| constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size: size(last) }));
         let (over_pixels, over_tiles) = (uniform(0), uniform(1));
         let blur = BlurUniform { size: size(0), shutter: [exposure_s, self.params.threshold_px, 0.0, 0.0] };
-        let blur = uniform_buffer(gpu, "motion_blur", bytemuck::bytes_of(&blur));
+        let blur = constants(gpu, "motion_blur", bytemuck::bytes_of(&blur));
 
         let view = |t: &crate::gpu::Texture| t.view.clone();
         let [c, g] = [view(&layer.color), view(&layer.geometry)];

@@ -10,4 +10,4 @@ pub use device::{AdapterReport, Gpu, GpuError, adapters};
 pub use pass::{FullscreenPass, Slot};
 pub use readback::{Readback, ReadbackSet};
 pub use shader::{assemble, sources};
-pub use texture::{Texture, TexturePool, half_texels, uniform_buffer};
+pub use texture::{Texture, TexturePool, constants, half_texels};

@@ -96,15 +96,19 @@ impl TexturePool {
     }
 }
 
-/// A uniform buffer that holds `bytes`, padded to 16.
-pub fn uniform_buffer(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
+/// A buffer that holds `bytes`, padded to 16, for `var<uniform>` or `var<storage, read>`.
+///
+/// What changes from frame to frame is bound as storage: a software driver (lavapipe) writes
+/// uniforms that decide a branch into the shader itself, and compiles it anew, a second each
+/// time, whenever one of them changes.
+pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     use wgpu::util::DeviceExt;
     let mut padded = bytes.to_vec();
     padded.resize(bytes.len().div_ceil(16).max(1) * 16, 0);
     gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
         label: Some(label),
         contents: &padded,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
     })
 }
 

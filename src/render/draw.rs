@@ -11,7 +11,7 @@ use super::material::bind_groups;
 use super::plan::{Layer, LayerRun, Sample, SamplePlan};
 use super::view::{Shutter, ViewKeys, ViewUniform};
 use crate::camera::Geometry;
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, uniform_buffer};
+use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::scene::{Alpha, Scene, Vertex};
 
@@ -197,7 +197,7 @@ impl Renderer {
             self.draw_sample(run, view, sample, &draws, diced.as_ref(), &one);
             let first = u32::from(i == 0);
             let step: [u32; 8] = [size.0, size.1, stride, first, sample.weight.to_bits(), 0, 0, 0];
-            let step = uniform_buffer(gpu, "accumulate", bytemuck::cast_slice(&step));
+            let step = constants(gpu, "accumulate", bytemuck::cast_slice(&step));
             self.add(run, &step, &one, &sum, &nearest);
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
@@ -206,7 +206,7 @@ impl Renderer {
                 gpu.queue.submit([done]);
             }
         }
-        let uniform = uniform_buffer(gpu, "accumulated", bytemuck::cast_slice(&[stride, 0, 0, 0]));
+        let uniform = constants(gpu, "accumulated", bytemuck::cast_slice(&[stride, 0, 0, 0]));
         self.accumulated.run(
             gpu,
             run.encoder,
@@ -326,14 +326,14 @@ impl Renderer {
         let size = out.size;
         let tolerance = view.occlusion.map_or(-1.0, |(_, tolerance)| tolerance);
         let uniform = ViewUniform::new(view.geometry, view.keys, view.shutter, view.rect, sample.time_s, tolerance);
-        let uniform = uniform_buffer(gpu, "view", bytemuck::bytes_of(&uniform));
+        let uniform = constants(gpu, "view", bytemuck::bytes_of(&uniform));
         let parts = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("parts"),
             contents: bytemuck::cast_slice(&self.part_uniforms(view, sample)),
             usage: wgpu::BufferUsages::STORAGE,
         });
         let light = LightUniform::new(&self.scene.lighting, &self.environment, view.keys.origin_in_world_m);
-        let light = uniform_buffer(gpu, "light", bytemuck::bytes_of(&light));
+        let light = constants(gpu, "light", bytemuck::bytes_of(&light));
         let depth_view = view.occlusion.map_or(&self.no_depth.view, |(t, _)| &t.view);
         let frame = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
@@ -435,7 +435,7 @@ fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
     let frame = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("frame"),
         entries: &[
-            entry(0, both, buffer(BufferBindingType::Uniform)),
+            entry(0, both, buffer(BufferBindingType::Storage { read_only: true })),
             entry(1, ShaderStages::VERTEX, buffer(BufferBindingType::Storage { read_only: true })),
             entry(2, ShaderStages::FRAGMENT, buffer(BufferBindingType::Uniform)),
             entry(3, ShaderStages::FRAGMENT, texture(true)),

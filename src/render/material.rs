@@ -1,6 +1,6 @@
 //! Materials and textures on the GPU.
 
-use crate::gpu::{Gpu, uniform_buffer};
+use crate::gpu::{Gpu, constants};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Wrap};
 
 /// `Material` of shaders/raster.wgsl.
@@ -71,7 +71,7 @@ pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> 
         .materials
         .iter()
         .map(|material| {
-            let uniform = uniform_buffer(gpu, "material", bytemuck::bytes_of(&MaterialUniform::new(material)));
+            let uniform = constants(gpu, "material", bytemuck::bytes_of(&MaterialUniform::new(material)));
             let mut entries = vec![wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }];
             for (i, slot) in slots(material).iter().enumerate() {
                 let (view, sampler) = slot.and_then(|s| textures.get(s.texture)).unwrap_or(&white);
