@@ -1,117 +1,187 @@
-//! The table `[camera.noise]` of a profile, read and written.
-//!
-//! `code` holds the bins' middles, ascending, and `sigma_r`, `sigma_g`, `sigma_b` one standard
-//! deviation for each, all in 8-bit code values; `channel_correlation` is that of R-G, R-B and
-//! G-B, `neighbour_correlation` that with the pixel to the right and with the one below.
+//! The table `[camera.noise]`: what a calibration measured, as text and back.
 
 use crate::camera::{NoiseBin, NoiseProfile};
+use toml::{Table, Value};
 
-/// What is wrong with a noise table.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("camera.noise.{key}: found {found}; accepted is {accepted}")]
-pub struct NoiseTableError {
-    pub key: String,
-    pub found: String,
-    pub accepted: String,
-}
-
+const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];
 const KEYS: [&str; 6] = ["code", "sigma_r", "sigma_g", "sigma_b", "channel_correlation", "neighbour_correlation"];
 
-fn error(key: &str, found: impl ToString, accepted: impl ToString) -> NoiseTableError {
-    NoiseTableError { key: key.to_owned(), found: found.to_string(), accepted: accepted.to_string() }
+/// Why a noise table was refused.
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
+pub enum NoiseTableError {
+    #[error("[camera.noise] has no key {key}; it needs {}", KEYS.join(", "))]
+    Missing { key: &'static str },
+    #[error("[camera.noise] does not know the key {found}; it has {}", KEYS.join(", "))]
+    Unknown { found: String },
+    #[error("[camera.noise] {key} = {found} is refused: accepted is a list of numbers")]
+    NotNumbers { key: &'static str, found: String },
+    #[error("[camera.noise] {key} has {found} values where {expected} are expected ({why})")]
+    Length { key: &'static str, found: usize, expected: usize, why: &'static str },
+    #[error("[camera.noise] code is empty; accepted is one code or more")]
+    Empty,
+    #[error("[camera.noise] {key}, value {place}: {found} is refused: accepted is {accepted}")]
+    Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
 }
 
-/// The numbers at a key, each in the closed range; `None` where the key is missing.
-fn numbers(table: &toml::Table, key: &str, low: f64, high: f64) -> Result<Option<Vec<f64>>, NoiseTableError> {
-    let accepted = format!("a list of numbers from {low} to {high}");
-    let Some(value) = table.get(key) else { return Ok(None) };
-    let list = value.as_array().ok_or_else(|| error(key, value, &accepted))?;
-    list.iter()
-        .map(|entry| {
-            let number = entry.as_float().or_else(|| entry.as_integer().map(|i| i as f64));
-            number.filter(|n| *n >= low && *n <= high).ok_or_else(|| error(key, entry, &accepted))
-        })
-        .collect::<Result<_, _>>()
-        .map(Some)
-}
-
-fn fixed<const N: usize>(table: &toml::Table, key: &str, low: f64) -> Result<[f64; N], NoiseTableError> {
-    let Some(list) = numbers(table, key, low, 1.0)? else { return Ok([0.0; N]) };
-    let found = format!("{} numbers", list.len());
-    list.try_into().map_err(|_| error(key, found, format!("{N} numbers")))
-}
-
-/// Reads the table. Correlations that are missing are 0.
-pub fn noise_profile_from_toml(table: &toml::Table) -> Result<NoiseProfile, NoiseTableError> {
-    if let Some(unknown) = table.keys().find(|k| !KEYS.contains(&k.as_str())) {
-        return Err(error(unknown, "an unknown key", KEYS.join(", ")));
+/// The table of a profile's noise. Channels that were measured at different codes are written at the codes of all.
+pub fn noise_table_toml(profile: &NoiseProfile) -> Table {
+    let mut codes: Vec<f64> = profile.bins.iter().flatten().map(|b| b.code).collect();
+    codes.sort_by(f64::total_cmp);
+    codes.dedup();
+    let list = |values: &[f64]| Value::Array(values.iter().map(|&v| Value::Float(v)).collect());
+    let mut table = Table::new();
+    table.insert("code".to_owned(), list(&codes));
+    for (channel, key) in SIGMAS.into_iter().enumerate() {
+        let sigma: Vec<f64> = codes.iter().map(|&c| profile.sigma(channel, c)).collect();
+        table.insert(key.to_owned(), list(&sigma));
     }
-    let codes = numbers(table, "code", 0.0, 255.0)?.unwrap_or_default();
-    if codes.is_empty() || codes.windows(2).any(|w| w[0] >= w[1]) {
-        return Err(error("code", format!("{codes:?}"), "at least one code value, ascending"));
-    }
-    let bins = |key: &str| {
-        let sigmas = numbers(table, key, 0.0, 255.0)?.unwrap_or_default();
-        if sigmas.len() != codes.len() {
-            let accepted = format!("{} of them, one for each code", codes.len());
-            return Err(error(key, format!("{} values", sigmas.len()), accepted));
-        }
-        Ok(codes.iter().zip(sigmas).map(|(&code, sigma)| NoiseBin { code, sigma }).collect())
-    };
-    Ok(NoiseProfile {
-        bins: [bins("sigma_r")?, bins("sigma_g")?, bins("sigma_b")?],
-        channel_correlation: fixed(table, "channel_correlation", -1.0)?,
-        neighbour_correlation: fixed(table, "neighbour_correlation", -1.0)?,
-    })
-}
-
-/// Writes the table, rounded to thousandths. All channels must have the first one's codes.
-pub fn noise_table_toml(noise: &NoiseProfile) -> toml::Table {
-    let list = |values: Vec<f64>| {
-        toml::Value::Array(values.iter().map(|v| toml::Value::Float((v * 1000.0).round() / 1000.0)).collect())
-    };
-    let mut table = toml::Table::new();
-    table.insert("code".to_owned(), list(noise.bins[0].iter().map(|b| b.code).collect()));
-    for (bins, key) in noise.bins.iter().zip(["sigma_r", "sigma_g", "sigma_b"]) {
-        table.insert(key.to_owned(), list(bins.iter().map(|b| b.sigma).collect()));
-    }
-    table.insert("channel_correlation".to_owned(), list(noise.channel_correlation.to_vec()));
-    table.insert("neighbour_correlation".to_owned(), list(noise.neighbour_correlation.to_vec()));
+    table.insert("channel_correlation".to_owned(), list(&profile.channel_correlation));
+    table.insert("neighbour_correlation".to_owned(), list(&profile.neighbour_correlation));
     table
+}
+
+/// Reads and checks the table `[camera.noise]`.
+pub fn noise_profile_from_toml(table: &Table) -> Result<NoiseProfile, NoiseTableError> {
+    if let Some(found) = table.keys().find(|k| !KEYS.contains(&k.as_str())) {
+        return Err(NoiseTableError::Unknown { found: found.clone() });
+    }
+    let codes = numbers(table, "code", "an 8-bit code value, 0 to 255", |v| (0.0..=255.0).contains(&v))?;
+    if codes.is_empty() {
+        return Err(NoiseTableError::Empty);
+    }
+    if let Some(i) = (1..codes.len()).find(|&i| codes[i] <= codes[i - 1]) {
+        let accepted = "more than the one before";
+        return Err(NoiseTableError::Value { key: "code", place: i + 1, found: codes[i], accepted });
+    }
+    let mut bins: [Vec<NoiseBin>; 3] = Default::default();
+    for (bins, key) in bins.iter_mut().zip(SIGMAS) {
+        let sigmas = numbers(table, key, "a standard deviation in 8-bit codes, 0 or more", |v| v >= 0.0)?;
+        let why = "one for each code";
+        check_length(key, sigmas.len(), codes.len(), why)?;
+        *bins = codes.iter().zip(sigmas).map(|(&code, sigma)| NoiseBin { code, sigma }).collect();
+    }
+    let channel = numbers(table, "channel_correlation", "-1 to 1", |v| (-1.0..=1.0).contains(&v))?;
+    let neighbour = numbers(table, "neighbour_correlation", "0 to 1", |v| (0.0..=1.0).contains(&v))?;
+    let [rg, rb, gb] = fixed(&channel, "channel_correlation", "R-G, R-B, G-B")?;
+    let neighbour_correlation = fixed(&neighbour, "neighbour_correlation", "to the right, below")?;
+    if 1.0 + 2.0 * rg * rb * gb - rg * rg - rb * rb - gb * gb < -1e-3 {
+        let accepted = "one that three channels can have together (1 + 2·rg·rb·gb ≥ rg² + rb² + gb²)";
+        return Err(NoiseTableError::Value { key: "channel_correlation", place: 3, found: gb, accepted });
+    }
+    Ok(NoiseProfile { bins, channel_correlation: [rg, rb, gb], neighbour_correlation })
+}
+
+fn numbers(
+    table: &Table,
+    key: &'static str,
+    accepted: &'static str,
+    accepts: impl Fn(f64) -> bool,
+) -> Result<Vec<f64>, NoiseTableError> {
+    let value = table.get(key).ok_or(NoiseTableError::Missing { key })?;
+    let refused = || NoiseTableError::NotNumbers { key, found: value.to_string() };
+    let mut numbers = Vec::new();
+    for (i, item) in value.as_array().ok_or_else(refused)?.iter().enumerate() {
+        let number = match item {
+            Value::Float(f) => *f,
+            Value::Integer(n) => *n as f64,
+            _ => return Err(refused()),
+        };
+        if !number.is_finite() || !accepts(number) {
+            return Err(NoiseTableError::Value { key, place: i + 1, found: number, accepted });
+        }
+        numbers.push(number);
+    }
+    Ok(numbers)
+}
+
+fn check_length(key: &'static str, found: usize, expected: usize, why: &'static str) -> Result<(), NoiseTableError> {
+    if found == expected { Ok(()) } else { Err(NoiseTableError::Length { key, found, expected, why }) }
+}
+
+fn fixed<const N: usize>(values: &[f64], key: &'static str, why: &'static str) -> Result<[f64; N], NoiseTableError> {
+    values.try_into().map_err(|_| NoiseTableError::Length { key, found: values.len(), expected: N, why })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
-    fn read(text: &str) -> Result<NoiseProfile, NoiseTableError> {
+    const GOOD: &str = "code = [8, 24.5]\nsigma_r = [1, 2]\nsigma_g = [1.0, 2.0]\nsigma_b = [0.0, 2.0]\n\
+        channel_correlation = [0.1, -0.2, 0.3]\nneighbour_correlation = [0.5, 0]";
+
+    fn parse(text: &str) -> Result<NoiseProfile, NoiseTableError> {
         noise_profile_from_toml(&text.parse().unwrap())
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
-        let bins = |s: f64| vec![NoiseBin { code: 16.0, sigma: s }, NoiseBin { code: 200.0, sigma: 2.0 * s }];
-        let noise = NoiseProfile {
-            bins: [bins(1.0), bins(1.5), bins(0.125)],
-            channel_correlation: [0.5, -0.25, 0.0],
-            neighbour_correlation: [0.4, 0.3],
-        };
-        assert_eq!(noise_profile_from_toml(&noise_table_toml(&noise)), Ok(noise));
+    fn a_table_reads_as_written() {
+        let profile = parse(GOOD).unwrap();
+        assert_eq!(profile.bins[0][1], NoiseBin { code: 24.5, sigma: 2.0 });
+        assert_eq!(profile.bins[2][0].sigma, 0.0);
+        assert_eq!((profile.channel_correlation, profile.neighbour_correlation), ([0.1, -0.2, 0.3], [0.5, 0.0]));
+        let text = toml::to_string(&noise_table_toml(&profile)).unwrap();
+        assert_eq!(parse(&text).unwrap(), profile);
     }
 
     #[test]
-    fn errors_name_the_key() {
-        let rest = "sigma_r = [1]\nsigma_g = [1]\nsigma_b = [1]\n";
-        for (text, key) in [
-            (rest.to_owned(), "code"),
-            (format!("code = [9, 3]\n{rest}"), "code"),
-            (format!("code = [300]\n{rest}"), "code"),
-            ("code = [3]\nsigma_r = [-1]\n".to_owned(), "sigma_r"),
-            ("code = [3]\nsigma_r = [1]\nsigma_g = [1, 2]\nsigma_b = [1]".to_owned(), "sigma_g"),
-            (format!("code = [3]\n{rest}channel_correlation = [0.1]"), "channel_correlation"),
-            (format!("code = [3]\n{rest}sigma_x = [1]"), "sigma_x"),
+    fn what_is_wrong_is_named() {
+        for (from, to, told) in [
+            ("8, 24.5", "24.5, 8", "code, value 2: 8 is refused: accepted is more than the one before"),
+            ("8, 24.5", "8, 256", "code, value 2: 256 is refused"),
+            ("code = [8, 24.5]", "code = []", "code is empty"),
+            ("sigma_r = [1, 2]", "sigma_r = [1, -2]", "sigma_r, value 2: -2 is refused"),
+            ("sigma_r = [1, 2]", "sigma_r = [1, inf]", "sigma_r, value 2: inf"),
+            ("sigma_r = [1, 2]", "sigma_r = [1, nan]", "sigma_r, value 2: NaN"),
+            ("sigma_r = [1, 2]", "sigma_r = [1]", "sigma_r has 1 values where 2 are expected (one for each code)"),
+            ("sigma_r = [1, 2]", "sigma_r = 'low'", "accepted is a list of numbers"),
+            ("sigma_r = [1, 2]", "", "has no key sigma_r"),
+            ("sigma_r", "sigma_x", "does not know the key sigma_x"),
+            ("0.1, -0.2, 0.3", "0.1, -0.2", "channel_correlation has 2 values where 3"),
+            ("0.1, -0.2, 0.3", "0.1, -0.2, 1.3", "value 3: 1.3 is refused: accepted is -1 to 1"),
+            ("0.1, -0.2, 0.3", "0.9, 0.9, -0.9", "three channels can have together"),
+            ("[0.5, 0]", "[0.5, -0.1]", "neighbour_correlation, value 2: -0.1 is refused: accepted is 0 to 1"),
         ] {
-            assert_eq!(read(&text).unwrap_err().key, key, "{text}");
+            let error = parse(&GOOD.replace(from, to)).unwrap_err().to_string();
+            assert!(error.contains(told), "{error}\n{told}");
+        }
+    }
+
+    #[test]
+    fn channels_at_different_codes_keep_their_lines() {
+        let bins = |list: &[(f64, f64)]| list.iter().map(|&(code, sigma)| NoiseBin { code, sigma }).collect::<Vec<_>>();
+        let profile = NoiseProfile {
+            bins: [bins(&[(0.0, 1.0), (100.0, 3.0)]), bins(&[(50.0, 4.0)]), bins(&[(0.0, 1.0), (200.0, 2.0)])],
+            channel_correlation: [0.0; 3],
+            neighbour_correlation: [0.0; 2],
+        };
+        let read = noise_profile_from_toml(&noise_table_toml(&profile)).unwrap();
+        for c in 0..3 {
+            for code in 0..256 {
+                let code = f64::from(code);
+                assert!((read.sigma(c, code) - profile.sigma(c, code)).abs() < 1e-12);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_table_is_read_or_refused(
+            codes in prop::collection::vec(prop_oneof![Just(f64::NAN), -10.0..300.0f64], 0..5),
+            sigmas in prop::collection::vec(prop_oneof![Just(f64::INFINITY), -1.0..9.0f64], 0..5),
+            pair in prop::collection::vec(-1.5..1.5f64, 0..4),
+        ) {
+            let list = |values: &[f64]| Value::Array(values.iter().map(|&v| Value::Float(v)).collect());
+            let mut table = Table::new();
+            table.insert("code".to_owned(), list(&codes));
+            for key in SIGMAS {
+                table.insert(key.to_owned(), list(&sigmas));
+            }
+            table.insert("channel_correlation".to_owned(), list(&pair));
+            table.insert("neighbour_correlation".to_owned(), list(&pair[..pair.len().min(2)]));
+            if let Ok(profile) = noise_profile_from_toml(&table) {
+                prop_assert_eq!(noise_profile_from_toml(&noise_table_toml(&profile)).unwrap(), profile);
+            }
         }
     }
 }

@@ -8,8 +8,8 @@ use super::scene_sums::{PixelSums, SceneSums, UNIT};
 /// Variances are kept apart at every quarter of an 8-bit code, so that clipping can be told by the mean.
 const PER_CODE: f64 = 4.0;
 const LEVELS: usize = 255 * 4 + 1;
-/// Means within this many levels of an end are of no use: where σ is below a code, the quiet middle of the last
-/// code would be cut from its lively edge. The level itself counts half, so that whole codes remain.
+/// Means nearer to an end than this many levels are of no use: where σ is below a code, the quiet middle of the last
+/// code would otherwise be cut from its lively edge.
 const OUTERMOST: usize = 4;
 /// Normal quantile of a two-sided 95 % interval.
 const Z95: f64 = 1.959_964;
@@ -112,18 +112,16 @@ impl Pool {
         let level = &mut self.levels[channel][place];
         level.seen += u64::from(scene.frames);
         level.touched += u64::from(pixel.touched) * u64::from(scene.frames);
-        let weight = match place.min(LEVELS - 1 - place) {
-            inside if inside > OUTERMOST => 1.0,
-            OUTERMOST => 0.5,
-            _ => return,
-        };
-        let freedom = weight * scene.freedom();
-        level.samples += weight * f64::from(scene.frames);
+        if place.min(LEVELS - 1 - place) < OUTERMOST {
+            return;
+        }
+        let freedom = scene.freedom();
+        level.samples += f64::from(scene.frames);
         level.freedom += freedom;
         level.mean_noise += freedom * scene.mean_noise();
         level.codes += freedom * pixel.mean;
-        level.squares += weight * pixel.squares;
-        level.sum += weight * pixel.sum;
+        level.squares += pixel.squares;
+        level.sum += pixel.sum;
     }
 
     fn add_block(&mut self, scene: &SceneSums, block: usize, scale: &[f64; 3], rounding: &Rounding) {
@@ -204,33 +202,38 @@ impl Estimate {
 }
 
 /// The scenes' estimates as one, and how many independent samples it is worth. Scenes of one camera may differ by more
-/// than chance; then a large scene must not outvote the others. Each weighs 1/(2/ν + τ²), ν its degrees of freedom
-/// and τ² the relative variance between scenes (DerSimonian and Laird 1986; 0 where they agree).
+/// than chance; then a large scene must not outvote the others. The mean of σ, in which each scene weighs
+/// 1/(1/(2ν) + τ²): ν its degrees of freedom, τ² the relative variance of σ between scenes (DerSimonian and Laird
+/// 1986; 0 where they agree). A single σ is low by 1/(4ν) on average; that is put back.
 fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
-    let mean = |weights: &[f64], of: fn(&Estimate) -> f64| -> f64 {
+    if let [only] = estimates {
+        return Some((*only, only.independent));
+    }
+    let mean = |weights: &[f64], of: &dyn Fn(&Estimate) -> f64| -> f64 {
         let total: f64 = weights.iter().sum();
         weights.iter().zip(estimates).map(|(w, e)| w * of(e)).sum::<f64>() / total
     };
-    let by_size: Vec<f64> = estimates.iter().map(|e| 0.5 * e.independent).collect();
+    let sigma = |e: &Estimate| e.variance.sqrt() * (1.0 + 0.25 / e.independent.max(1.0));
+    let by_size: Vec<f64> = estimates.iter().map(|e| 2.0 * e.independent).collect();
     let total: f64 = by_size.iter().sum();
     if total <= 0.0 {
         return None;
     }
-    let middle = mean(&by_size, |e| e.variance);
+    let middle = mean(&by_size, &sigma);
     let mut between = 0.0;
-    if middle > 0.0 && estimates.len() > 1 {
-        let spread: f64 = by_size.iter().zip(estimates).map(|(w, e)| w * (e.variance / middle - 1.0).powi(2)).sum();
+    if middle > 0.0 {
+        let spread: f64 = by_size.iter().zip(estimates).map(|(w, e)| w * (sigma(e) / middle - 1.0).powi(2)).sum();
         let divisor = total - by_size.iter().map(|w| w * w).sum::<f64>() / total;
         between = ((spread - (estimates.len() as f64 - 1.0)) / divisor).max(0.0);
     }
     let weights: Vec<f64> = by_size.iter().map(|w| 1.0 / (1.0 / w + between)).collect();
     let estimate = Estimate {
-        mu: mean(&weights, |e| e.mu),
-        variance: mean(&weights, |e| e.variance),
-        code: mean(&weights, |e| e.code),
-        independent: 2.0 * total,
+        mu: mean(&weights, &|e| e.mu),
+        variance: mean(&weights, &sigma).powi(2),
+        code: mean(&weights, &|e| e.code),
+        independent: 0.5 * total,
     };
-    Some((estimate, 2.0 * weights.iter().sum::<f64>()))
+    Some((estimate, 0.5 * weights.iter().sum::<f64>()))
 }
 
 /// A bin's estimate on its way: the variance at its pixels' own mean code, where there is one.
@@ -347,8 +350,9 @@ fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
         let slope = (after.1 - before.1) / (after.0 - before.0);
         let factor = (1.0 + slope * (bin.report.code - here.0) / here.1).clamp(0.5, 2.0);
         let moved = |sigma: f64| rounding.sigma(rounding.variance(sigma) * factor);
-        bin.report.sigma = moved(bin.report.sigma);
-        bin.report.sigma_ci95 = bin.report.sigma_ci95.map(|ci| ci.map(moved));
+        let report = &mut bin.report;
+        report.sigma = moved(report.sigma);
+        report.sigma_ci95 = report.sigma_ci95.map(|ci| ci.map(moved));
     }
 }
 
@@ -383,10 +387,10 @@ mod tests {
     #[test]
     fn scenes_that_agree_weigh_by_size_and_others_alike() {
         let scene = |variance: f64, independent: f64| Estimate { mu: 0.0, variance, code: 8.0, independent };
-        let (agreed, worth) = combined(&[scene(1.0, 9000.0), scene(1.01, 1000.0)]).unwrap();
-        assert!((agreed.variance - 1.001).abs() < 1e-9 && (worth - 10000.0).abs() < 1e-6);
-        let (apart, worth) = combined(&[scene(1.0, 9_000_000.0), scene(2.0, 1_000_000.0)]).unwrap();
-        assert!((apart.variance - 1.5).abs() < 0.01 && worth < 20.0, "{apart:?} {worth}");
+        let (agreed, worth) = combined(&[scene(1.0, 9000.0), scene(1.02, 1000.0)]).unwrap();
+        assert!((agreed.variance - 1.002).abs() < 1e-4 && (worth - 10000.0).abs() < 1e-6, "{agreed:?} {worth}");
+        let (apart, worth) = combined(&[scene(1.0, 9_000_000.0), scene(4.0, 1_000_000.0)]).unwrap();
+        assert!((apart.variance.sqrt() - 1.5).abs() < 0.01 && worth < 20.0, "{apart:?} {worth}");
         assert!(combined(&[]).is_none());
     }
 

@@ -2,14 +2,14 @@
 //!
 //! Judged are whole blocks, so that leaving some out does not cut the tails of the kept pixels'
 //! noise. Two statistics of each block, both compared with the scene's own median and median
-//! absolute deviation (so that correlated noise does not count as motion):
+//! spread below it (so that correlated noise does not count as motion):
 //!
 //! - *excess*: mean of s²/V(a), V the scene's robust variance at that code; its cube root is
 //!   nearly normal (Wilson and Hilferty). Finds what moves, and a known mean that does not fit.
 //! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance
 //!   that consecutive frames do not show. Finds what creeps. Four frames or more.
 
-use super::scene_sums::SceneSums;
+use super::scene_sums::{BLOCK, SceneSums, UNIT};
 
 /// Blocks whose statistic lies this many standard deviations above the median: one in a million by chance.
 const SIGNIFICANT_Z: f64 = 4.75;
@@ -21,7 +21,7 @@ const RELEVANT_DRIFT: f64 = 0.10;
 const MAD: f64 = 1.4826;
 /// Fewer pixels than this tell nothing about a block's variance in a bin.
 const CELL_PIXELS: usize = 8;
-/// σ² of a camera does not grow more than this from one sixteenth of the code range to the next.
+/// σ² of a camera does not grow by more than this factor, times the distance in bins, from one bin to another.
 const STEEPEST: f64 = 8.0;
 
 /// What was found in a scene.
@@ -43,12 +43,40 @@ fn median(values: &mut [f64]) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-/// Median and standard deviation from the median absolute deviation; `None` for no values.
-fn robust(values: &[f64]) -> Option<(f64, f64)> {
-    let mut sorted = values.to_vec();
-    let middle = median(&mut sorted)?;
-    let mut deviations: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
-    Some((middle, MAD * median(&mut deviations)?))
+/// A block's statistic and how many values went into it; `None` where it tells nothing.
+type Statistic = Option<(f64, usize)>;
+
+/// Which blocks stand out above the others: beyond what chance explains and by more than `relevant(statistic, median)`
+/// accepts. Motion only adds, so the spread is that below the median; what stands out is left out and the rest judged
+/// anew. Also the median of the rest.
+fn outliers(
+    statistics: &[Statistic],
+    chance: impl Fn(f64) -> f64,
+    relevant: impl Fn(f64, f64) -> bool,
+) -> (Vec<bool>, f64) {
+    let mut out = vec![false; statistics.len()];
+    let most = statistics.iter().flatten().map(|s| s.1).max().unwrap_or(0) as f64;
+    let mut middle = 0.0;
+    for _ in 0..5 {
+        let whole = |s: &Statistic| s.filter(|s| s.1 as f64 >= 0.75 * most).map(|s| s.0);
+        let mut rest: Vec<f64> =
+            statistics.iter().zip(&out).filter(|(_, out)| !**out).filter_map(|(s, _)| whole(s)).collect();
+        let Some(found) = median(&mut rest) else { break };
+        middle = found;
+        let mut below: Vec<f64> = rest.iter().filter(|v| **v <= middle).map(|v| middle - v).collect();
+        let spread = (MAD * median(&mut below).unwrap_or(0.0)).max(chance(middle));
+        let stands_out = |s: &Statistic| {
+            s.is_some_and(|(value, n)| {
+                value - middle > SIGNIFICANT_Z * spread * (most / n as f64).sqrt() && relevant(value, middle)
+            })
+        };
+        let now: Vec<bool> = statistics.iter().map(stands_out).collect();
+        if now == out {
+            break;
+        }
+        out = now;
+    }
+    (out, middle)
 }
 
 /// A scene's variance by code, from the median over blocks: half of a bin may move.
@@ -102,7 +130,7 @@ impl RobustVariance {
         for (_, bin, code, variance) in bins {
             let bound = trusted
                 .iter()
-                .map(|t| t.2.max(floor) * STEEPEST.powi(t.0.abs_diff(bin) as i32))
+                .map(|t| t.2.max(floor) * STEEPEST * t.0.abs_diff(bin) as f64)
                 .fold(f64::INFINITY, f64::min);
             trusted.push((bin, code, variance.min(bound)));
         }
@@ -127,28 +155,22 @@ impl RobustVariance {
 pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
     let floor = 0.01 * frame_step * frame_step;
     let variance = [0, 1, 2].map(|c| RobustVariance::new(scene, c, floor));
-    let excess = flag(&excesses(scene, &variance), RELEVANT_EXCESS, scene.freedom());
-    let drifts = drifts(scene);
-    let mut verdict = Verdict { still: vec![true; scene.blocks.len()], ..Verdict::default() };
-    let usable: Vec<f64> = drifts.iter().flatten().copied().collect();
-    let drift = robust(&usable);
-    verdict.scales = (0..scene.blocks.len()).map(|block| scales(scene, block, &variance)).collect();
-    verdict.median_drift = drift.map_or(0.0, |d| d.0);
-    for block in 0..scene.blocks.len() {
+    let freedom = scene.freedom();
+    // standard deviation of the cube root of χ²/ν
+    let chance = |middle: f64| middle * (2.0 / (3.0 * (BLOCK * BLOCK) as f64 * freedom)).sqrt() / 3.0;
+    let matters = |root: f64, middle: f64| root.powi(3) > middle.powi(3).max(1.0) * (1.0 + RELEVANT_EXCESS);
+    let (moves, _) = outliers(&excesses(scene, &variance), chance, matters);
+    let (drifts, median_drift) = outliers(&drifts(scene), |_| 0.0, |drift, middle| drift - middle > RELEVANT_DRIFT);
+    let mut verdict = Verdict { median_drift, ..Verdict::default() };
+    for (block, (moves, drifts)) in moves.into_iter().zip(drifts).enumerate() {
         let pixels = scene.area(block).pixels() as u64;
-        let drifting = match (drift, drifts[block]) {
-            (Some((middle, spread)), Some(value)) => {
-                let scale = (64.0 / pixels as f64).sqrt();
-                value - middle > (SIGNIFICANT_Z * spread * scale).max(RELEVANT_DRIFT)
-            }
-            _ => false,
-        };
-        if excess[block] {
+        if moves {
             verdict.moving_pixels += pixels;
-        } else if drifting {
+        } else if drifts {
             verdict.drifting_pixels += pixels;
         }
-        verdict.still[block] = !(excess[block] || drifting);
+        verdict.still.push(!moves && !drifts);
+        verdict.scales.push(scales(scene, block, &variance));
     }
     verdict
 }
@@ -161,8 +183,8 @@ fn scales(scene: &SceneSums, block: usize, variance: &[RobustVariance; 3]) -> [f
     })
 }
 
-/// For each block, the mean of s²/V and how many values went into it.
-fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<(f64, usize)> {
+/// For each block, the cube root of the mean of s²/V over the pixels that are not clipped.
+fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<Statistic> {
     let freedom = scene.freedom();
     (0..scene.blocks.len())
         .map(|block| {
@@ -176,41 +198,23 @@ fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<(f64, usiz
                     }
                 }
             }
-            (if n == 0 { 0.0 } else { total / n as f64 }, n)
-        })
-        .collect()
-}
-
-/// Which of (statistic, values in it) stand out above the others.
-fn flag(statistics: &[(f64, usize)], relevant: f64, freedom: f64) -> Vec<bool> {
-    let most = statistics.iter().map(|s| s.1).max().unwrap_or(0);
-    let roots: Vec<f64> = statistics.iter().filter(|s| 4 * s.1 >= 3 * most && s.1 > 0).map(|s| s.0.cbrt()).collect();
-    let Some((middle, spread)) = robust(&roots) else { return vec![false; statistics.len()] };
-    let by_chance = middle * (2.0 / (most as f64 * freedom)).sqrt() / 3.0;
-    let spread = spread.max(by_chance);
-    statistics
-        .iter()
-        .map(|&(value, n)| {
-            let scale = (most as f64 / n.max(1) as f64).sqrt();
-            n >= CELL_PIXELS
-                && value.cbrt() - middle > SIGNIFICANT_Z * spread * scale
-                && value > middle.powi(3).max(1.0) * (1.0 + relevant)
+            (n >= CELL_PIXELS).then(|| ((total / n as f64).cbrt(), n))
         })
         .collect()
 }
 
 /// For each block, the share of its variance that consecutive frames do not show.
-fn drifts(scene: &SceneSums) -> Vec<Option<f64>> {
+fn drifts(scene: &SceneSums) -> Vec<Statistic> {
     if scene.known_mean || scene.frames < 4 {
         return vec![None; scene.blocks.len()];
     }
     (0..scene.blocks.len())
         .map(|block| {
-            let unit = super::scene_sums::UNIT as f64;
+            let unit = UNIT as f64;
             let squares: f64 =
                 (0..3).flat_map(|c| scene.places(scene.area(block), c)).map(|i| scene.pixel(i).squares).sum();
             let differences: f64 = scene.blocks[block].squares.iter().map(|&d| d as f64 / (unit * unit)).sum();
-            (squares > 0.0).then(|| 1.0 - 0.5 * differences / squares)
+            (squares > 0.0).then(|| (1.0 - 0.5 * differences / squares, scene.area(block).pixels()))
         })
         .collect()
 }

@@ -59,9 +59,13 @@ impl Texture {
     }
 }
 
+/// No multiple of it is a power of two: software drivers compile a shader anew for each mixture
+/// of sides that are powers of two and sides that are not, a second each time.
+const STEP_PX: u32 = 96;
+
 /// Lends textures by purpose; one is made anew only when the size class changes.
 ///
-/// Sizes are rounded up to 64 px, so that a moving object's rectangle does not make new
+/// Sizes are rounded up to [`STEP_PX`], so that a moving object's rectangle does not make new
 /// textures each frame; what lies beyond the asked size is never read.
 #[derive(Debug, Default)]
 pub struct TexturePool {
@@ -80,7 +84,7 @@ impl TexturePool {
         format: wgpu::TextureFormat,
         samples: u32,
     ) -> Texture {
-        let (w, h) = (width.div_ceil(64) * 64, height.div_ceil(64) * 64);
+        let (w, h) = (width.div_ceil(STEP_PX) * STEP_PX, height.div_ceil(STEP_PX) * STEP_PX);
         if let Some(t) = self.lent.get(&(purpose, slot))
             && (t.width, t.height, t.format) == (w, h, format)
         {

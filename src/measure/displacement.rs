@@ -1,0 +1,280 @@
+//! How far one picture's content lies from another's, by phase correlation of patches (Kuglin and Hines 1975).
+//!
+//! Each patch is weighted with a Hann window; its cross-power spectrum, whitened and transformed back, peaks at the
+//! whole-pixel shift. The fraction is the slope of the phase plane: the d that maximises Σ W(k)·cos(arg C(k) − k·d) over
+//! the low frequencies, W = |C| (noise-weighted least squares of the phases, for small errors). The second picture's
+//! patch is then taken anew at that shift (bicubic), so that the window does not pull towards 0, until nothing is left.
+
+use super::{Grey, MeasureError, check_mask};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlanner};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// Which patches are looked at, and which are believed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DisplacementOptions {
+    /// Side of a patch, pixels, 8 to 512.
+    pub patch_px: usize,
+    /// From patch to patch, pixels.
+    pub step_px: usize,
+    /// A patch whose windowed standard deviation is less tells nothing, in the pictures' unit.
+    pub min_contrast: f64,
+    /// A patch whose phases agree less is not believed, 0 to 1.
+    pub min_confidence: f64,
+    /// Share of a patch that must lie in the mask, 0 to 1.
+    pub min_mask_share: f64,
+}
+
+impl Default for DisplacementOptions {
+    fn default() -> Self {
+        Self { patch_px: 32, step_px: 16, min_contrast: 2.0, min_confidence: 0.75, min_mask_share: 0.95 }
+    }
+}
+
+/// What one patch told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PatchDisplacement {
+    /// The patch's middle in the first picture, raster coordinates.
+    pub centre_px: [f64; 2],
+    /// What lies at x in the first picture lies at x + this in the second.
+    pub displacement_px: [f64; 2],
+    /// How well the phases agree, weighted: 0 to 1.
+    pub confidence: f64,
+}
+
+/// What all patches told.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Displacements {
+    pub patches: Vec<PatchDisplacement>,
+    /// Patches left out: outside the mask, without contrast, not believed.
+    pub masked: usize,
+    pub flat: usize,
+    pub doubtful: usize,
+}
+
+impl Displacements {
+    /// Median length of the displacements, pixels; `None` without patches.
+    pub fn median_length_px(&self) -> Option<f64> {
+        median(self.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])))
+    }
+
+    /// Median along x and along y, pixels; `None` without patches.
+    pub fn median_px(&self) -> Option<[f64; 2]> {
+        Some([
+            median(self.patches.iter().map(|p| p.displacement_px[0]))?,
+            median(self.patches.iter().map(|p| p.displacement_px[1]))?,
+        ])
+    }
+}
+
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let half = values.len() / 2;
+    let upper = values.get(half)?;
+    Some(if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + upper) } else { *upper })
+}
+
+/// Measures how far the content of `b` lies from that of `a`, patch by patch where `mask` is true (in `a`'s place).
+pub fn displacements(
+    a: &Grey,
+    b: &Grey,
+    mask: Option<&[bool]>,
+    options: &DisplacementOptions,
+) -> Result<Displacements, MeasureError> {
+    if (a.width, a.height) != (b.width, b.height) {
+        return Err(MeasureError::Sizes { a: a.size(), b: b.size() });
+    }
+    check_mask(mask, a.width * a.height)?;
+    let side = options.patch_px;
+    if !(8..=512).contains(&side) {
+        return Err(MeasureError::Option { what: "patch_px", found: side as f64, accepted: "8 to 512" });
+    }
+    if options.step_px == 0 {
+        return Err(MeasureError::Option { what: "step_px", found: 0.0, accepted: "1 or more" });
+    }
+    let correlator = Correlator::new(side);
+    let mut found = Displacements::default();
+    for y in (0..(a.height + 1).saturating_sub(side)).step_by(options.step_px) {
+        for x in (0..(a.width + 1).saturating_sub(side)).step_by(options.step_px) {
+            if let Some(mask) = mask {
+                let inside: usize =
+                    (y..y + side).map(|row| mask[row * a.width + x..][..side].iter().filter(|m| **m).count()).sum();
+                if (inside as f64) < options.min_mask_share * (side * side) as f64 {
+                    found.masked += 1;
+                    continue;
+                }
+            }
+            match correlator.measure(a, b, x, y, options) {
+                Told::Flat => found.flat += 1,
+                Told::Doubtful => found.doubtful += 1,
+                Told::Displaced(patch) => found.patches.push(patch),
+            }
+        }
+    }
+    Ok(found)
+}
+
+enum Told {
+    Flat,
+    Doubtful,
+    Displaced(PatchDisplacement),
+}
+
+type Spectrum = Vec<Complex<f64>>;
+
+struct Correlator {
+    side: usize,
+    window: Vec<f64>,
+    fft: Arc<dyn Fft<f64>>,
+}
+
+impl Correlator {
+    fn new(side: usize) -> Self {
+        let mut planner = FftPlanner::new();
+        let hann = |i: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / side as f64).cos();
+        let window = (0..side * side).map(|i| hann(i % side) * hann(i / side)).collect();
+        Self { side, window, fft: planner.plan_fft_forward(side) }
+    }
+
+    fn measure(&self, a: &Grey, b: &Grey, x: usize, y: usize, options: &DisplacementOptions) -> Told {
+        let (spectrum_a, contrast_a) = self.patch(a, x as f64, y as f64);
+        let (_, contrast_b) = self.patch(b, x as f64, y as f64);
+        let contrast = contrast_a.min(contrast_b);
+        if contrast.is_nan() || contrast < options.min_contrast {
+            return Told::Flat;
+        }
+        let mut shift = [0.0; 2];
+        for _ in 0..4 {
+            // the nearer the windows, the more they share: until the peak stays
+            let (moved, _) = self.patch(b, x as f64 + shift[0], y as f64 + shift[1]);
+            let rest = self.peak(&cross(&spectrum_a, &moved));
+            shift = [shift[0] + rest[0], shift[1] + rest[1]];
+            if rest == [0.0; 2] {
+                break;
+            }
+        }
+        let mut confidence = 0.0;
+        for _ in 0..6 {
+            let (moved, contrast) = self.patch(b, x as f64 + shift[0], y as f64 + shift[1]);
+            if contrast <= 0.0 {
+                return Told::Doubtful;
+            }
+            let (rest, agreement) = self.slope(&cross(&spectrum_a, &moved));
+            confidence = agreement;
+            shift = [shift[0] + rest[0], shift[1] + rest[1]];
+            if rest[0].hypot(rest[1]) < 1e-3 {
+                break;
+            }
+        }
+        // farther than half a patch, both windows see different things
+        if confidence < options.min_confidence || shift[0].hypot(shift[1]) > 0.5 * self.side as f64 {
+            return Told::Doubtful;
+        }
+        let half = 0.5 * self.side as f64;
+        let centre_px = [x as f64 + half, y as f64 + half];
+        Told::Displaced(PatchDisplacement { centre_px, displacement_px: shift, confidence })
+    }
+
+    /// The windowed patch's spectrum, and its weighted standard deviation.
+    fn patch(&self, picture: &Grey, x: f64, y: f64) -> (Spectrum, f64) {
+        let values = resampled(picture, x, y, self.side);
+        let weight: f64 = self.window.iter().sum();
+        let mean = values.iter().zip(&self.window).map(|(v, w)| v * w).sum::<f64>() / weight;
+        let variance = values.iter().zip(&self.window).map(|(v, w)| w * (v - mean).powi(2)).sum::<f64>() / weight;
+        let mut spectrum: Spectrum =
+            values.iter().zip(&self.window).map(|(v, w)| Complex::new((v - mean) * w, 0.0)).collect();
+        self.both_ways(&mut spectrum);
+        (spectrum, variance.sqrt())
+    }
+
+    fn both_ways(&self, data: &mut [Complex<f64>]) {
+        self.fft.process(data);
+        for row in 0..self.side {
+            for column in 0..row {
+                data.swap(row * self.side + column, column * self.side + row);
+            }
+        }
+        // the transpose stays: frequency (kx, ky) lies at kx * side + ky
+        self.fft.process(data);
+    }
+
+    /// The whole-pixel shift at which the phases of `cross` agree best.
+    fn peak(&self, cross: &Spectrum) -> [f64; 2] {
+        // half-way between pure phases, which frequencies without content spoil, and plain correlation, whose peak is wide
+        let mut phases: Spectrum =
+            cross.iter().map(|c| if c.norm() > 0.0 { c / c.norm().sqrt() } else { *c }).collect();
+        // its phase rises with frequency times shift: the forward transform is what peaks at the shift
+        self.both_ways(&mut phases);
+        // transposed twice: back in rows
+        let best = (0..phases.len()).max_by(|&i, &j| phases[i].re.total_cmp(&phases[j].re)).unwrap_or(0);
+        let signed = |i: usize| if 2 * i > self.side { i as f64 - self.side as f64 } else { i as f64 };
+        [signed(best % self.side), signed(best / self.side)]
+    }
+
+    /// The shift that the phases' slope tells, and how well they agree with it, 0 to 1.
+    fn slope(&self, cross: &Spectrum) -> ([f64; 2], f64) {
+        let n = self.side as i64;
+        // above half of Nyquist aliasing and interpolation spoil the phases
+        let reach = n / 4;
+        let mut terms = Vec::new();
+        for kx in -reach..=reach {
+            for ky in -reach..=reach {
+                if (kx, ky) > (0, 0) && kx * kx + ky * ky <= reach * reach {
+                    let c = cross[(kx.rem_euclid(n) * n + ky.rem_euclid(n)) as usize];
+                    terms.push((TAU * kx as f64 / n as f64, TAU * ky as f64 / n as f64, c.arg(), c.norm()));
+                }
+            }
+        }
+        let total: f64 = terms.iter().map(|t| t.3).sum();
+        if total <= 0.0 {
+            return ([0.0; 2], 0.0);
+        }
+        let mut d = [0.0f64; 2];
+        for _ in 0..20 {
+            // Newton on Σ w cos(φ − ω·d), with cos kept at 0.1 or more so that it climbs
+            let (mut g, mut h) = ([0.0; 2], [0.0; 3]);
+            for &(wx, wy, phase, weight) in &terms {
+                let rest = phase - wx * d[0] - wy * d[1];
+                let (sin, cos) = (weight * rest.sin(), weight * rest.cos().max(0.1));
+                g = [g[0] + sin * wx, g[1] + sin * wy];
+                h = [h[0] + cos * wx * wx, h[1] + cos * wx * wy, h[2] + cos * wy * wy];
+            }
+            let determinant = h[0] * h[2] - h[1] * h[1];
+            if determinant <= 1e-12 * h[0] * h[2] {
+                break;
+            }
+            let step = [(h[2] * g[0] - h[1] * g[1]) / determinant, (h[0] * g[1] - h[1] * g[0]) / determinant];
+            d = [d[0] + step[0].clamp(-0.5, 0.5), d[1] + step[1].clamp(-0.5, 0.5)];
+            if step[0].hypot(step[1]) < 1e-5 {
+                break;
+            }
+        }
+        let agreement = terms.iter().map(|&(wx, wy, phase, w)| w * (phase - wx * d[0] - wy * d[1]).cos()).sum::<f64>();
+        (d, agreement / total)
+    }
+}
+
+/// Spectrum of `a` times the conjugate of `b`'s: its phase rises with the frequency times the shift from a to b.
+fn cross(a: &Spectrum, b: &Spectrum) -> Spectrum {
+    a.iter().zip(b).map(|(a, b)| a * b.conj()).collect()
+}
+
+/// A square of `side` pixels whose corner lies at (x, y) pixels, bicubic (Catmull and Rom) between pixels.
+fn resampled(picture: &Grey, x: f64, y: f64, side: usize) -> Vec<f64> {
+    let (i, j) = (x.floor(), y.floor());
+    let (wx, wy) = (cubic(x - i), cubic(y - j));
+    let (i, j) = (i as i64 - 1, j as i64 - 1);
+    // rows first: side + 3 of them
+    let rows: Vec<f64> = (0..side as i64 + 3)
+        .flat_map(|row| (0..side as i64).map(move |column| (row, column)))
+        .map(|(row, column)| (0..4).map(|k| wx[k as usize] * picture.at(i + column + k, j + row)).sum())
+        .collect();
+    (0..side * side).map(|p| (0..4).map(|k| wy[k] * rows[p + k * side]).sum()).collect()
+}
+
+fn cubic(t: f64) -> [f64; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, -0.5 * t2 + 0.5 * t3]
+}

@@ -1,0 +1,115 @@
+//! Differences counted: mean absolute error, PSNR, how many pixels differ.
+
+use super::{MeasureError, check_mask, comparable};
+use crate::image::{Codes, Pixels};
+
+/// How two pictures differ, over the pixels looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// Pixels looked at.
+    pub pixels: usize,
+    /// Pixels of which any channel differs.
+    pub differing: usize,
+    /// Largest difference of a code value.
+    pub largest: u32,
+    /// Mean absolute difference of code values.
+    pub mean_absolute: f64,
+    /// Mean squared difference of code values.
+    pub mean_squared: f64,
+    /// Peak signal to noise ratio, dB; infinite for equal pictures.
+    pub psnr_db: f64,
+}
+
+/// Compares code values where `mask` is true; everywhere without one.
+pub fn difference(a: &Pixels, b: &Pixels, mask: Option<&[bool]>) -> Result<Difference, MeasureError> {
+    comparable(a, b)?;
+    check_mask(mask, a.width as usize * a.height as usize)?;
+    let peak = a.max_code();
+    match (&a.codes, &b.codes) {
+        (Codes::U8(a), Codes::U8(b)) => summed(a, b, mask, peak),
+        (Codes::U16(a), Codes::U16(b)) => summed(a, b, mask, peak),
+        _ => Err(MeasureError::Depths),
+    }
+}
+
+fn summed<T: Copy + Into<u32>>(a: &[T], b: &[T], mask: Option<&[bool]>, peak: u32) -> Result<Difference, MeasureError> {
+    let (mut pixels, mut differing, mut largest, mut absolute, mut squared) = (0usize, 0usize, 0u32, 0u64, 0.0f64);
+    for (i, (a, b)) in a.chunks_exact(3).zip(b.chunks_exact(3)).enumerate() {
+        if mask.is_some_and(|m| !m[i]) {
+            continue;
+        }
+        pixels += 1;
+        let before = absolute;
+        for (&a, &b) in a.iter().zip(b) {
+            let d = a.into().abs_diff(b.into());
+            largest = largest.max(d);
+            absolute += u64::from(d);
+            squared += f64::from(d) * f64::from(d);
+        }
+        differing += usize::from(absolute != before);
+    }
+    if pixels == 0 {
+        return Err(MeasureError::Nothing("no pixel is looked at"));
+    }
+    let values = 3.0 * pixels as f64;
+    let mean_squared = squared / values;
+    let psnr_db = 10.0 * (f64::from(peak).powi(2) / mean_squared).log10();
+    Ok(Difference { pixels, differing, largest, mean_absolute: absolute as f64 / values, mean_squared, psnr_db })
+}
+
+/// Mean absolute difference of R, G, B, A over the pixels where either layer is not 0. Linear premultiplied layers of
+/// the same length.
+pub fn layer_error(a: &[[f32; 4]], b: &[[f32; 4]]) -> Result<f64, MeasureError> {
+    if a.len() != b.len() {
+        return Err(MeasureError::Length { what: "the second layer", found: b.len(), expected: a.len() });
+    }
+    let (mut sum, mut values) = (0.0, 0usize);
+    for (a, b) in a.iter().zip(b) {
+        if a.iter().chain(b).any(|&v| v != 0.0) {
+            sum += a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>();
+            values += 4;
+        }
+    }
+    if values == 0 {
+        return Err(MeasureError::Nothing("both layers are 0 everywhere"));
+    }
+    Ok(sum / values as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_by_hand() {
+        let a = Pixels::from_u8(2, 1, vec![10, 20, 30, 40, 50, 60]).unwrap();
+        let b = Pixels::from_u8(2, 1, vec![10, 20, 33, 36, 50, 60]).unwrap();
+        let all = difference(&a, &b, None).unwrap();
+        assert_eq!((all.pixels, all.differing, all.largest), (2, 2, 4));
+        assert!((all.mean_absolute - 7.0 / 6.0).abs() < 1e-12 && (all.mean_squared - 25.0 / 6.0).abs() < 1e-12);
+        // 10 log10(65025 · 6/25) = 41.933
+        assert!((all.psnr_db - 41.933).abs() < 1e-3, "{}", all.psnr_db);
+        let first = difference(&a, &b, Some(&[true, false])).unwrap();
+        assert_eq!((first.pixels, first.largest), (1, 3));
+        assert_eq!(difference(&a, &a, None).unwrap().psnr_db, f64::INFINITY);
+    }
+
+    #[test]
+    fn what_cannot_be_compared_says_why() {
+        let a = Pixels::from_u8(2, 1, vec![0; 6]).unwrap();
+        let tall = Pixels::from_u8(1, 2, vec![0; 6]).unwrap();
+        let deep = Pixels::from_u16(2, 1, vec![0; 6]).unwrap();
+        assert!(difference(&a, &tall, None).unwrap_err().to_string().contains("2x1 and 1x2"));
+        assert_eq!(difference(&a, &deep, None), Err(MeasureError::Depths));
+        assert!(matches!(difference(&a, &a, Some(&[true])), Err(MeasureError::Length { .. })));
+        assert!(matches!(difference(&a, &a, Some(&[false; 2])), Err(MeasureError::Nothing(_))));
+    }
+
+    #[test]
+    fn a_layers_error_counts_the_union_only() {
+        let (none, red, dim) = ([0.0; 4], [1.0, 0.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0]);
+        // red against dim: 0.5; dim against none: 1.5; the third pixel does not count
+        assert_eq!(layer_error(&[red, dim, none], &[dim, none, none]), Ok(2.0 / 8.0));
+        assert!(layer_error(&[none], &[none]).is_err() && layer_error(&[none], &[]).is_err());
+    }
+}
