@@ -1,0 +1,208 @@
+//! The house as ARCHITECTURE.md and src/lib.rs describe it.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Every Rust file below a folder.
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display())) {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    assert!(!found.is_empty(), "no Rust file below {}", folder.display());
+    found
+}
+
+/// The lines of a file that are no comments, numbered from 1.
+fn code(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().map(|(i, l)| (i + 1, l)).filter(|(_, l)| !l.trim_start().starts_with("//"))
+}
+
+fn is_word(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// Each room of src/lib.rs with the floor of the comment `// N: ...` that it stands under.
+fn floors() -> BTreeMap<String, u32> {
+    let text = read(&root().join("src/lib.rs"));
+    let mut floor = None;
+    let mut rooms = BTreeMap::new();
+    for line in text.lines() {
+        if let Some(number) = line.strip_prefix("// ").and_then(|l| l.split_once(':')).and_then(|(n, _)| n.parse().ok())
+        {
+            floor = Some(number);
+        }
+        if let Some(room) = line.strip_prefix("pub mod ").and_then(|l| l.strip_suffix(';')) {
+            let floor =
+                floor.unwrap_or_else(|| panic!("src/lib.rs: {room} stands under no floor, as in `// 3: the scene`"));
+            rooms.insert(room.to_owned(), floor);
+        }
+    }
+    assert!(rooms.len() > 10, "src/lib.rs: found only {rooms:?}");
+    rooms
+}
+
+/// The room that a file below src/ belongs to; none for the crate's own lib.rs and main.rs.
+fn room_of(file: &Path) -> Option<String> {
+    let first = file.strip_prefix(root().join("src")).unwrap().components().next().unwrap();
+    let name = Path::new(first.as_os_str()).file_stem().unwrap().to_str().unwrap().to_owned();
+    (name != "lib" && name != "main").then_some(name)
+}
+
+/// What stands after each `crate::` of a file: (line, name). A group `crate::{a, b}` gives each of its names.
+fn crate_paths(text: &str) -> Vec<(usize, String)> {
+    // Positions stay, comments go.
+    let bare: String = text
+        .lines()
+        .map(|l| if l.trim_start().starts_with("//") { "\n".to_owned() } else { format!("{l}\n") })
+        .collect();
+    let mut found = Vec::new();
+    for (at, matched) in bare.match_indices("crate::") {
+        if bare[..at].ends_with(is_word) || bare[..at].ends_with('$') {
+            continue;
+        }
+        let line = 1 + bare[..at].matches('\n').count();
+        let rest = &bare[at + matched.len()..];
+        let Some(group) = rest.strip_prefix('{') else {
+            found.push((line, rest.chars().take_while(|&c| is_word(c)).collect()));
+            continue;
+        };
+        let (mut depth, mut name) = (0, String::new());
+        let mut names = Vec::new();
+        for c in group.chars() {
+            match c {
+                '{' => depth += 1,
+                '}' if depth == 0 => break,
+                '}' => depth -= 1,
+                ',' if depth == 0 => names.push(std::mem::take(&mut name)),
+                _ if depth == 0 => name.push(c),
+                _ => {}
+            }
+        }
+        names.push(name);
+        for name in names {
+            let name: String = name.trim().chars().take_while(|&c| is_word(c)).collect();
+            if !name.is_empty() {
+                found.push((line, name));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn paths_are_found_in_every_form() {
+    let text =
+        "// use crate::cli;\nuse crate::a::{self, b};\nuse crate::{c::{d, e}, f};\nlet x = crate::g::h(); $crate::i!()";
+    let found = crate_paths(text);
+    let names: Vec<_> = found.iter().map(|(line, name)| (*line, name.as_str())).collect();
+    assert_eq!(names, [(2, "a"), (3, "c"), (3, "f"), (4, "g")]);
+}
+
+#[test]
+fn a_room_uses_only_rooms_on_its_floor_or_below() {
+    let floors = floors();
+    // Macros of src/params.rs stand at the crate's root.
+    let macros = ["params", "choices"];
+    let mut wrong = Vec::new();
+    for file in rust_files(&root().join("src")) {
+        let Some(room) = room_of(&file) else { continue };
+        let shown = file.strip_prefix(root()).unwrap().display();
+        let own = *floors.get(&room).unwrap_or_else(|| panic!("{shown}: src/lib.rs has no room {room}"));
+        for (line, used) in crate_paths(&read(&file)) {
+            match floors.get(&used) {
+                Some(&floor) if floor > own => {
+                    wrong.push(format!("{shown}:{line}: {room} (floor {own}) uses {used} (floor {floor})"));
+                }
+                None if !macros.contains(&used.as_str()) => {
+                    wrong.push(format!("{shown}:{line}: {used} is no room of src/lib.rs"));
+                }
+                _ => {}
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "a room uses only rooms on its floor or below:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_face_names_no_effect() {
+    let effects: Vec<String> = locard::effects::all().iter().map(|e| e.params().table().to_owned()).collect();
+    assert!(effects.contains(&"motion_blur".to_owned()));
+    let mut wrong = Vec::new();
+    for file in rust_files(&root().join("src/cli")) {
+        for (line, text) in code(&read(&file)) {
+            // The noise that was measured of a camera is a table of the camera's, not an effect's.
+            let of_camera = text.contains("camera.");
+            let named = effects.iter().any(|effect| {
+                (effect.contains('_') && text.contains(effect.as_str()))
+                    || text.contains(&format!("\"{effect}."))
+                    || (text.contains(&format!("\"{effect}\"")) && !of_camera)
+            });
+            if named || text.contains("effects::") {
+                wrong.push(format!("{}:{line}: {}", file.display(), text.trim()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "the command line takes effects from their list:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_camera_is_physics_alone() {
+    for file in rust_files(&root().join("src/camera")) {
+        for (line, text) in code(&read(&file)) {
+            for word in ["wgpu", "std::fs", "std::io", "std::path", "File::"] {
+                assert!(!text.contains(word), "{}:{line}: the camera knows no GPU and no file: {word}", file.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn an_effect_opens_nothing_and_reads_no_clock() {
+    for file in rust_files(&root().join("src/effects")) {
+        for (line, text) in code(&read(&file)) {
+            for word in ["std::fs", "std::io", "std::env", "std::net", "Instant", "SystemTime"] {
+                assert!(!text.contains(word), "{}:{line}: an effect reads only its frame: {word}", file.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn every_room_stands_in_architecture_md() {
+    let page = read(&root().join("ARCHITECTURE.md"));
+    for (room, _) in floors() {
+        let (folder, file) = (root().join("src").join(&room), root().join(format!("src/{room}.rs")));
+        let name = if folder.is_dir() { format!("`{room}/`") } else { format!("`{room}`") };
+        assert!(folder.is_dir() || file.is_file(), "src/lib.rs: {room} has no file");
+        assert!(page.contains(&name), "ARCHITECTURE.md does not mention {name}");
+    }
+    for entry in std::fs::read_dir(root().join("src")).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        if entry.path().is_dir() {
+            assert!(page.contains(&format!("`{name}/`")), "ARCHITECTURE.md does not mention `{name}/`");
+        }
+    }
+    for effect in locard::effects::all() {
+        let name = effect.params().table().to_owned();
+        assert!(page.contains(&format!("`{name}`")), "ARCHITECTURE.md does not mention the effect `{name}`");
+    }
+}
