@@ -1,5 +1,7 @@
 //! Drawing single frames, for tests.
 
+#![allow(dead_code, reason = "each test file uses some of it")]
+
 use std::path::Path;
 use std::sync::{LazyLock, Mutex, MutexGuard};
 
@@ -74,7 +76,6 @@ pub fn composite(
 }
 
 /// Writes a layer over mid-grey as a PNG, to look at.
-#[allow(dead_code)]
 pub fn write_layer_png(path: &Path, rgba: &[[f32; 4]], width: u32, height: u32) {
     let encode = |v: f32| (255.0 * v.clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8;
     let bytes = rgba.iter().flat_map(|p| [0, 1, 2].map(|c| encode(p[c] + (1.0 - p[3]) * 0.2))).collect();
@@ -82,7 +83,6 @@ pub fn write_layer_png(path: &Path, rgba: &[[f32; 4]], width: u32, height: u32) 
 }
 
 /// Mean absolute difference of two layers over the pixels where either is not 0.
-#[allow(dead_code)]
 pub fn mean_absolute_error(a: &LayerImage, b: &[[f32; 4]]) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
     for (p, q) in a.rgba.iter().zip(b) {
