@@ -1,0 +1,268 @@
+//! Effects on the GPU against their formulas: blur lengths, the noise's variance, the twins.
+
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use glam::{DAffine3, DQuat, DVec3};
+use locard::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
+use locard::compositor::{Composited, Settings};
+use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
+use locard::image::Codes;
+use locard::measure::edge::box_blur;
+use locard::params::Value;
+use locard::pose::Pose;
+use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
+use locard::tracking::PoseTrack;
+
+const DEPTH_M: f64 = 2.0;
+const FOCAL_PX: f64 = 500.0;
+
+/// An unlit board of one grey, `half_px` around the middle of the picture, facing the camera.
+fn board(half_px: [f64; 2], grey: f32) -> Scene {
+    let corner = |x: f64, y: f64| Vertex {
+        position: [
+            (x * half_px[0] * DEPTH_M / FOCAL_PX) as f32,
+            (y * half_px[1] * DEPTH_M / FOCAL_PX) as f32,
+            DEPTH_M as f32,
+        ],
+        normal: [0.0, 0.0, -1.0],
+        tangent: [0.0; 4],
+        uv0: [0.0; 2],
+        uv1: [0.0; 2],
+        color: [1.0; 4],
+    };
+    Scene {
+        meshes: vec![Mesh {
+            vertices: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+            indices: vec![0, 1, 2, 0, 2, 3],
+            material: 0,
+        }],
+        materials: vec![Material {
+            base_color: [grey, grey, grey, 1.0],
+            unlit: true,
+            double_sided: true,
+            ..Material::default()
+        }],
+        objects: vec![Object {
+            name: "board".to_owned(),
+            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+        }],
+        lighting: Lighting { environment: Environment::Uniform(glam::Vec3::ONE), ..Lighting::default() },
+        ..Scene::default()
+    }
+}
+
+/// A camera that moves sideways so that the board moves by these many px a second.
+fn sideways(px_per_s: [f64; 2]) -> PoseTrack {
+    let at = |t: f64| {
+        let m = [px_per_s[0] * t, px_per_s[1] * t].map(|px| px * DEPTH_M / FOCAL_PX);
+        Pose::from_camera_in_world(DVec3::new(-m[0], -m[1], 0.0), DQuat::IDENTITY)
+    };
+    PoseTrack::new((-50..=50).map(|i| (f64::from(i) * 0.01, at(f64::from(i) * 0.01))).collect(), 1.0).unwrap()
+}
+
+const EXPOSURE_S: f64 = 0.02;
+
+fn blurred(geometry: &Geometry, blur_px: [f64; 2], method: &str) -> Composited {
+    let camera = gpu::camera(geometry, EXPOSURE_S);
+    let sets = [
+        ("motion_blur", "method", Value::Text(method.to_owned())),
+        ("motion_blur", "threshold_px", Value::Number(0.0)),
+        ("motion_blur", "copies", Value::Number(64.0)),
+    ];
+    let track = sideways(blur_px.map(|px| px / EXPOSURE_S));
+    let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 0));
+    gpu::composite(&gpu::gpu(), &camera, gpu::settings(&sets), board([60.0, 50.0], 0.8), &track, frame)
+}
+
+#[test]
+fn silhouettes_blur_over_the_analytic_length() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for method in ["velocity", "copies", "reference"] {
+        for length in [2.0, 3.5, 8.0, 13.0, 20.0, 40.0] {
+            let layer = blurred(&geometry, [length, 0.0], method).layer.unwrap();
+            // The left silhouette at x = 100, from outside to inside.
+            let profile: Vec<f64> = (60..140).map(|x| f64::from(layer.rgba[120 * 320 + x][3])).collect();
+            let found = box_blur(&profile, 1.0, 1.0).unwrap();
+            assert!((found.length_px - length).abs() <= 0.5, "{method} {length}: {found:?}");
+            assert!((found.position_px - 40.0).abs() <= 0.75, "{method} {length}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn a_diagonal_blur_is_the_mean_over_the_shutter() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let still = blurred(&geometry, [0.0, 0.0], "velocity").layer.unwrap();
+    let sharp: Vec<[f64; 4]> = still.rgba.iter().map(|p| p.map(f64::from)).collect();
+    for motion in [[9.0, 6.0], [-4.0, 11.0]] {
+        let twin = motion_blur::twin(&sharp, 320, 240, motion);
+        let layer = blurred(&geometry, motion, "velocity").layer.unwrap();
+        let mut worst = 0.0f64;
+        let mut sum = 0.0;
+        for (a, b) in layer.rgba.iter().zip(&twin) {
+            let error = (f64::from(a[3]) - b[3]).abs();
+            worst = worst.max(error);
+            sum += error;
+        }
+        // The filter takes one tap a pixel with whole weights, the twin interpolates in both
+        // axes: at an edge they differ by at most a pixel's share of the line.
+        let longest = motion[0].abs().max(motion[1].abs());
+        assert!(worst < 1.0 / longest, "{motion:?}: {worst}");
+        let area = twin.iter().map(|p| p[3]).sum::<f64>();
+        assert!(sum / area < 0.01, "{motion:?}: {}", sum / area);
+    }
+}
+
+fn noisy_camera(geometry: &Geometry, correlation: f64) -> Camera {
+    let mut camera = gpu::camera(geometry, 0.0);
+    let bins = vec![NoiseBin { code: 0.0, sigma: 1.0 }, NoiseBin { code: 255.0, sigma: 6.1 }];
+    camera.noise = Some(NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.5, 0.2, 0.3],
+        neighbour_correlation: [correlation; 2],
+    });
+    camera
+}
+
+fn codes(done: &Composited) -> &[u8] {
+    match &done.pixels.codes {
+        Codes::U8(codes) => codes,
+        Codes::U16(_) => panic!("8 bits expected"),
+    }
+}
+
+fn noisy(camera: &Camera, settings: Settings, grey: f32, frame: usize) -> Composited {
+    let frame = gpu::frame(frame, 0.0, gpu::grey(320, 240, 90));
+    gpu::composite(&gpu::gpu(), camera, settings, board([200.0, 150.0], grey), &sideways([0.0, 0.0]), frame)
+}
+
+/// Mean, σ, correlation with the right neighbour and of R with G, over the board.
+fn statistics(codes: &[u8], width: usize) -> [f64; 4] {
+    let at = |i: usize, c: usize| f64::from(codes[3 * i + c]);
+    let n = (codes.len() / 3) as f64;
+    let mean = |c: usize| (0..codes.len() / 3).map(|i| at(i, c)).sum::<f64>() / n;
+    let (m, g) = (mean(0), mean(1));
+    let variance = (0..codes.len() / 3).map(|i| (at(i, 0) - m).powi(2)).sum::<f64>() / n;
+    let green = (0..codes.len() / 3).map(|i| (at(i, 1) - g).powi(2)).sum::<f64>() / n;
+    let right =
+        (0..codes.len() / 3 - 1).filter(|i| i % width != width - 1).map(|i| (at(i, 0) - m) * (at(i + 1, 0) - m));
+    let both = (0..codes.len() / 3).map(|i| (at(i, 0) - m) * (at(i, 1) - g)).sum::<f64>() / n;
+    [m, variance.sqrt(), right.sum::<f64>() / n / variance, both / (variance * green).sqrt()]
+}
+
+#[test]
+fn virtual_pixels_have_the_cameras_noise() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for (correlation, magnification) in [(0.0, 1.0), (0.5, 1.0), (0.0, 3.0), (0.4, 2.5)] {
+        let camera = noisy_camera(&geometry, correlation);
+        let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification))]);
+        let done = noisy(&camera, settings, 0.2, 3);
+        let [mean, sigma, right, channels] = statistics(codes(&done), 320);
+        // 0.2 in linear light is sRGB code 123.5, where σ = 1 + 5.1 · 123.5/255 = 3.47; whole
+        // numbers add 1/12 to the variance. 76,800 pixels, fewer independent ones where
+        // patches are large: 0.3 to 2 % for σ at three standard errors, 2 % here.
+        let expected = (3.47f64.powi(2) + 1.0 / 12.0).sqrt();
+        assert!((mean - 123.5).abs() < 0.2, "{mean}");
+        assert!((sigma / expected - 1.0).abs() < 0.02 * magnification, "{correlation} {magnification}: {sigma}");
+        assert!((channels - 0.5).abs() < 0.03 * magnification, "{channels}");
+        if magnification == 1.0 {
+            assert!((right - correlation).abs() < 0.02, "{right}");
+        } else {
+            assert!(right > 0.6, "{right}");
+        }
+    }
+}
+
+#[test]
+fn the_noise_is_its_twin() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for magnification in [1.0, 2.5] {
+        let camera = noisy_camera(&geometry, 0.4);
+        let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification))]);
+        let done = noisy(&camera, settings, 0.2, 7);
+        let plain = noisy(&camera, gpu::settings(&[("noise", "scale", Value::Number(0.0))]), 0.2, 7);
+        let params = noise::Noise { magnification: magnification as f32, ..Default::default() };
+        let context = FrameContext {
+            camera: &camera,
+            frame: 7,
+            seed: 0,
+            exposure_time_s: 0.0,
+            interval_s: 1.0 / 30.0,
+            fastest_px_per_s: 0.0,
+            objects: &[],
+        };
+        // The unrounded value that the noise is added to; the layer holds 16-bit floats.
+        let mean = 255.0 * camera.response.encode(half::f16::from_f32(0.2).to_f64());
+        assert_eq!(f64::from(codes(&plain)[0]), mean.round());
+        let sigma = camera.noise.as_ref().unwrap().sigma(0, mean);
+        let mut differ = 0;
+        for y in 0..240 {
+            for x in 0..320 {
+                let pattern = noise::twin_pattern(&params, &context, x, y);
+                for c in 0..3 {
+                    let twin = noise::twin(mean, sigma, 1.0, 0.0, pattern[c]);
+                    let got = f64::from(codes(&done)[3 * (y as usize * 320 + x as usize) + c]);
+                    // Rounding may fall to the other side for values within 32-bit error of a half.
+                    assert!((got - twin).abs() < 0.51, "({x}, {y}) {c}: {got} {twin}");
+                    differ += usize::from(got != twin.round());
+                }
+            }
+        }
+        assert!(differ < 200, "{differ} of 230,400 codes round to the other side");
+    }
+}
+
+#[test]
+fn a_mixed_pixel_gets_only_the_variance_that_it_lacks() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = noisy_camera(&geometry, 0.0);
+    camera.response = locard::camera::Response { curve: locard::camera::Curve::Linear, gamma: 1.0 };
+    // A half-transparent board of the camera's own grey: mean 90; the camera's half brings
+    // (0.5 σ)², so (1 − 0.25) σ² is missing. The camera's frame here is without noise.
+    let mut scene = board([200.0, 150.0], 90.0 / 255.0);
+    scene.materials[0].base_color[3] = 0.5;
+    scene.materials[0].alpha = locard::scene::Alpha::Blend;
+    let frame = gpu::frame(3, 0.0, gpu::grey(320, 240, 90));
+    let done = gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &sideways([0.0, 0.0]), frame);
+    let [mean, sigma, ..] = statistics(codes(&done), 320);
+    let expected = (0.75 * (1.0f64 + 5.1 * 90.0 / 255.0).powi(2) + 1.0 / 12.0).sqrt();
+    assert!((mean - 90.0).abs() < 0.1, "{mean}");
+    assert!((sigma / expected - 1.0).abs() < 0.02, "{sigma} {expected}");
+}
+
+#[test]
+fn edge_blend_is_the_papers_rule() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = gpu::camera(&geometry, 0.0);
+    let settings = gpu::settings(&[("edge_blend", "impact", Value::Number(0.75))]);
+    let track = sideways([0.0, 0.0]);
+    let frame = || gpu::frame(0, 0.0, gpu::grey(320, 240, 40));
+    let plain = gpu::composite(&gpu::gpu(), &camera, Settings::default(), board([60.0, 50.0], 0.5), &track, frame());
+    let done = gpu::composite(&gpu::gpu(), &camera, settings, board([60.0, 50.0], 0.5), &track, frame());
+    let layer = plain.layer.as_ref().unwrap();
+    let mut edges = 0;
+    for y in 1..239usize {
+        for x in 1..319usize {
+            let i = y * 320 + x;
+            if layer.rgba[i][3] == 0.0 {
+                continue;
+            }
+            let neighbours: Vec<f64> = (0..9)
+                .map(|k| (y + k / 3 - 1) * 320 + x + k % 3 - 1)
+                .filter(|&j| layer.rgba[j][3] == 0.0)
+                .map(|_| 40.0)
+                .collect();
+            edges += usize::from(!neighbours.is_empty());
+            let current = 255.0
+                * camera.response.encode(
+                    f64::from(layer.rgba[i][0])
+                        + (1.0 - f64::from(layer.rgba[i][3])) * camera.response.decode(40.0 / 255.0),
+                );
+            let twin = edge_blend::twin(current, &neighbours, 0.75);
+            let got = f64::from(codes(&done)[3 * i]);
+            assert!((got - twin).abs() < 0.55, "({x}, {y}): {got} {twin}");
+        }
+    }
+    assert!(edges > 300, "{edges}");
+}
