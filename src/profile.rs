@@ -30,7 +30,7 @@ pub enum ProfileError {
     #[error("{path}: not TOML: {source}")]
     Syntax { path: PathBuf, source: Box<toml::de::Error> },
     #[error("{path}: {source}")]
-    Param { path: PathBuf, source: ParamError },
+    Param { path: PathBuf, source: Box<ParamError> },
     #[error("{path}: {table}.{key} = {found} is not a number, a switch or a word")]
     Type { path: PathBuf, table: String, key: String, found: String },
     #[error("{path}: there is no table [{table}]; there are: {known}")]
@@ -51,7 +51,7 @@ pub enum SetError {
     #[error("--set {text}: there is no table {table}; there are: {known}")]
     UnknownTable { text: String, table: String, known: String },
     #[error("--set {text}: {source}")]
-    Param { text: String, source: ParamError },
+    Param { text: String, source: Box<ParamError> },
 }
 
 impl Rig {
@@ -172,7 +172,9 @@ impl Rig {
             };
             match self.set(settings, table, &key, &as_value) {
                 Some(Ok(())) => {}
-                Some(Err(source)) => return Err(ProfileError::Param { path: path.to_owned(), source }),
+                Some(Err(source)) => {
+                    return Err(ProfileError::Param { path: path.to_owned(), source: Box::new(source) });
+                }
                 None => return Err(unknown(self, settings)),
             }
         }
@@ -188,7 +190,7 @@ impl Rig {
             settings.overrule_recorded_exposure = true;
         }
         match self.set(settings, table, name, &Value::parse(value)) {
-            Some(done) => done.map_err(|source| SetError::Param { text: text.to_owned(), source }),
+            Some(done) => done.map_err(|source| SetError::Param { text: text.to_owned(), source: Box::new(source) }),
             None => Err(SetError::UnknownTable {
                 text: text.to_owned(),
                 table: table.to_owned(),

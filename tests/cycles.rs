@@ -1,5 +1,7 @@
 //! Our layers beside another renderer's (Cycles), on its scenes.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;

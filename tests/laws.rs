@@ -1,5 +1,7 @@
 //! The laws of ARCHITECTURE.md, on real frames where they need them.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;

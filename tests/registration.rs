@@ -1,5 +1,7 @@
 //! The real desk as a virtual object, in the recording that it was made from.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;

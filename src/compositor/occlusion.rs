@@ -63,7 +63,7 @@ impl Rays {
             for x in source.x0..source.x1 {
                 let index = y as usize * depth.width as usize + x as usize;
                 let d = depth.depth_m[index];
-                if !(d > 0.0) {
+                if d.is_nan() || d <= 0.0 {
                     continue;
                 }
                 if still {

@@ -196,7 +196,7 @@ fn blurred_levels(map: &EnvironmentMap) -> Vec<Level> {
     let coarse = resampled(map, (width / 4).max(1), (width / 8).max(1));
     let mut levels = vec![sharp];
     for level in 1..ENVIRONMENT_LEVELS {
-        let (w, h) = ((width >> level).max(1), (width / 2 >> level).max(1));
+        let (w, h) = ((width >> level).max(1), ((width / 2) >> level).max(1));
         let roughness = level as f32 / (ENVIRONMENT_LEVELS - 1) as f32;
         let a2 = roughness.powi(4);
         let source = if roughness < 0.35 { &levels[0] } else { &coarse };

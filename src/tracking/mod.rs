@@ -53,8 +53,8 @@ impl PoseTrack {
     /// From (timestamp in seconds, pose), which must strictly ascend in time.
     pub fn new(poses: Vec<(f64, Pose)>, max_gap_s: f64) -> Result<Self, NotAscending> {
         for (i, pair) in poses.windows(2).enumerate() {
-            // Not `<=`: NaN must be refused too.
-            if !(pair[1].0 > pair[0].0) {
+            // NaN is refused too: it does not compare.
+            if pair[1].0.partial_cmp(&pair[0].0) != Some(std::cmp::Ordering::Greater) {
                 return Err(NotAscending { index: i + 1, time_s: pair[1].0, before_s: pair[0].0 });
             }
         }
@@ -124,7 +124,7 @@ mod tests {
         assert!(matches!(t.at(0.5), Err(NoPose::Before { .. })));
         assert!(matches!(t.at(9.5), Err(NoPose::After { .. })));
         assert!(matches!(t.at(3.0), Err(NoPose::Gap { .. })));
-        assert!(matches!(t.at(f64::NAN), Err(_)));
+        assert!(t.at(f64::NAN).is_err());
         assert_eq!(t.at_or_nearest(8.0).unwrap().position_in_world_m().x, 2.0);
     }
 
