@@ -271,7 +271,7 @@ pub fn unknown_name(table: &str, name: &str, specs: &[Spec]) -> ParamError {
 
 #[doc(hidden)]
 pub fn refused(table: &str, spec: &Spec, value: &Value) -> ParamError {
-    let unit = if spec.unit.is_empty() { String::new() } else { format!(" ({})", spec.unit) };
+    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" ({})", spec.unit) };
     let accepted = if spec.optional { format!("{} or none", spec.kind) } else { spec.kind.to_string() };
     ParamError::Refused {
         table: table.to_owned(),

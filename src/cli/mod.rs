@@ -9,7 +9,7 @@ mod inspect;
 mod params;
 mod simulate;
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -62,7 +62,7 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("locard: {error:#}");
+            say(&message(&error));
             ExitCode::from(2)
         }
     }
@@ -73,10 +73,28 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.chain().filter_map(|e| e.downcast_ref::<std::io::Error>()).any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
+/// An error and its causes on one line. A cause that the text before it quotes is left out.
+fn message(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+        if text.is_empty() {
+            cause
+        } else if text.contains(&cause) {
+            text
+        } else {
+            format!("{text}: {cause}")
+        }
+    })
+}
+
+/// A line on stderr; that it may be closed is no reason to fail.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "locard: {text}");
+}
+
 /// A line on stderr that is no error.
 fn warn(quiet: bool, text: &str) {
     if !quiet {
-        eprintln!("locard: {text}");
+        say(text);
     }
 }
 
@@ -90,5 +108,18 @@ fn progress(quiet: bool, length: usize) -> indicatif::ProgressBar {
     match style {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context;
+
+    #[test]
+    fn a_message_says_each_thing_once() {
+        let quoting = anyhow::anyhow!("disk full").context("a.png: cannot be written: disk full");
+        assert_eq!(super::message(&quoting), "a.png: cannot be written: disk full");
+        let adding = Err::<(), _>(anyhow::anyhow!("no pose")).context("frame 3").unwrap_err();
+        assert_eq!(super::message(&adding), "frame 3: no pose");
     }
 }

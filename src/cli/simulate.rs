@@ -1,5 +1,6 @@
 //! `locard simulate`.
 
+use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
@@ -11,8 +12,8 @@ use crate::simulate::{self, Options};
 #[derive(clap::Args)]
 pub struct Args {
     /// The folder of the recording
-    #[arg(short = 'o', long = "output", value_name = "DIR")]
-    output: PathBuf,
+    #[arg(short = 'o', long = "output", value_name = "DIR", required_unless_present = "list")]
+    output: Option<PathBuf>,
     /// Set an option, as in --set frames=30; without any, the demo is made
     #[arg(long = "set", value_name = "NAME=VALUE")]
     sets: Vec<String>,
@@ -30,8 +31,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let mut options = Options::default();
     if args.list {
+        let mut out = std::io::stdout().lock();
         for s in options.specs() {
-            println!("{} = {} {}    ({})\n      {}", s.name, s.default, s.unit, s.kind, s.help);
+            writeln!(out, "{} = {} {}    ({})\n      {}", s.name, s.default, s.unit, s.kind, s.help)?;
         }
         return Ok(());
     }
@@ -39,8 +41,9 @@ pub fn run(args: &Args) -> Result<()> {
         let Some((name, value)) = set.split_once('=') else { bail!("--set {set}: expected name=value") };
         options.set(name.trim().trim_start_matches("simulate."), &Value::parse(value))?;
     }
+    let Some(output) = &args.output else { bail!("-o DIR is missing") };
     let bar = progress(args.quiet, options.frames as usize);
-    simulate::run(&args.output, &options, args.force, &mut |done, _| bar.set_position(done as u64))?;
+    simulate::run(output, &options, args.force, &mut |done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     Ok(())
 }
