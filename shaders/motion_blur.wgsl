@@ -1,6 +1,5 @@
 // Motion blur by velocity: each pixel gathers, for each moment of the shutter, the surface that
 // is there at that moment. Silhouettes dissolve because moments without a surface are empty.
-// @import shared/fullscreen
 // @import shared/layer
 struct Blur {
     size: vec4<i32>,      // layer width, height, tile side, unused
@@ -92,61 +91,125 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     return color_at(vec2<i32>(round(x - dominant * moment)));
 }
 
-@fragment
-fn main(@builtin(position) at: vec4<f32>) -> Out {
-    let p = vec2<i32>(at.xy);
-    let tile = p / blur.size.z;
+// What is to be done in a tile.
+const NOTHING: u32 = 0u;
+const ONE_MOTION: u32 = 1u;
+const MANY_MOTIONS: u32 = 2u;
+
+fn kind_of(tile: vec2<i32>) -> u32 {
     let near = textureLoad(fastest, tile, 0);
     if near.z == 0.0 {
-        return Out(vec4<f32>(0.0), vec4<f32>(0.0));
+        return NOTHING;
     }
-    let spread = textureLoad(range, tile, 0);
-    let own = textureLoad(geometry, p, 0);
-    let dominant = near.xy * blur.shutter.x;
     // Motions that end within a pixel of each other are one motion: at a pixel its own.
+    let spread = textureLoad(range, tile, 0);
     let span = (spread.zw - spread.xy) * blur.shutter.x;
-    let uniform_motion = max(span.x, span.y) < 1.0;
-    var motion = dominant;
-    if uniform_motion && own.x > 0.0 {
-        motion = own.zw * blur.shutter.x;
+    return select(MANY_MOTIONS, ONE_MOTION, max(span.x, span.y) < 1.0);
+}
+
+// A corner of a tile's quad; all corners in one point where the tile is of another kind.
+// A branch in the fragment shader would do the same, but software drivers work through both
+// sides of a branch, and the one for many motions costs several times the other.
+fn tile_corner(vertex: u32, instance: u32, kind: u32) -> vec4<f32> {
+    let columns = u32((blur.size.x + blur.size.z - 1) / blur.size.z);
+    let tile = vec2<i32>(vec2<u32>(instance % columns, instance / columns));
+    if kind_of(tile) != kind {
+        return vec4<f32>(0.0, 0.0, 0.0, 1.0);
     }
-    let major = max(abs(motion.x), abs(motion.y));
-    if length(dominant) <= blur.shutter.y || major < 0.25 {
-        return Out(textureLoad(color, p, 0), own);
-    }
-    // The box of the shutter along the motion, one tap for each pixel of the major axis, the
-    // two at the ends by the part of them that the box covers.
-    let x_major = abs(motion.x) >= abs(motion.y);
-    let step = motion / major;
+    // Corners 0 1 2 and 2 1 3 of a Z.
+    var corners = array<u32, 6>(0u, 1u, 2u, 2u, 1u, 3u);
+    let z = corners[vertex];
+    let at = (tile + vec2<i32>(i32(z & 1u), i32(z >> 1u))) * blur.size.z;
+    let fraction = vec2<f32>(min(at, blur.size.xy)) / vec2<f32>(blur.size.xy);
+    return vec4<f32>(fraction * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+}
+
+@vertex
+fn one_motion_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
+    return tile_corner(vertex, instance, ONE_MOTION);
+}
+
+@vertex
+fn many_motions_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
+    return tile_corner(vertex, instance, MANY_MOTIONS);
+}
+
+// The box of the shutter along a motion: one tap for each pixel of the major axis, the two at
+// the ends by the part of them that the box covers.
+struct Line { step: vec2<f32>, half: f32, taps: i32, x_major: bool }
+
+fn line_along(motion: vec2<f32>) -> Line {
+    let major = max(max(abs(motion.x), abs(motion.y)), 1e-6);
     let half = 0.5 * major;
-    let taps = i32(ceil(half - 0.5));
-    let x = vec2<f32>(p);
-    var sum = vec4<f32>(0.0);
-    var weight = 0.0;
-    for (var k = -taps; k <= taps; k++) {
-        let w = clamp(half - abs(f32(k)) + 0.5, 0.0, 1.0);
-        weight += w;
-        if uniform_motion {
-            sum += w * line_color(x - f32(k) * step, x_major);
-        } else {
-            sum += w * surface_at(x, own, motion, f32(k) / major, x_major);
-        }
+    return Line(motion / major, half, i32(ceil(half - 0.5)), abs(motion.x) >= abs(motion.y));
+}
+
+fn tap_weight(line: Line, k: i32) -> f32 {
+    return clamp(line.half - abs(f32(k)) + 0.5, 0.0, 1.0);
+}
+
+fn is_still(motion: vec2<f32>, dominant: vec2<f32>) -> bool {
+    return length(dominant) <= blur.shutter.y || max(abs(motion.x), abs(motion.y)) < 0.25;
+}
+
+// The geometry of a newly covered pixel: of the nearest surface that passes.
+fn passing(x: vec2<f32>, line: Line) -> vec4<f32> {
+    var nearest = vec4<f32>(0.0);
+    for (var k = -line.taps; k <= line.taps; k++) {
+        let q = x - f32(k) * line.step;
+        let low = geometry_at(vec2<i32>(floor(q)));
+        if low.x > 0.0 && (nearest.x == 0.0 || depth_m(low) < depth_m(nearest)) { nearest = low; }
+        let high = geometry_at(vec2<i32>(ceil(q)));
+        if high.x > 0.0 && (nearest.x == 0.0 || depth_m(high) < depth_m(nearest)) { nearest = high; }
     }
-    let out = sum / weight;
+    return nearest;
+}
+
+fn finish(p: vec2<i32>, out: vec4<f32>, own: vec4<f32>, line: Line) -> Out {
     if out.a == 0.0 {
         return Out(vec4<f32>(0.0), vec4<f32>(0.0));
     }
     if own.x > 0.0 {
         return Out(out, own);
     }
-    // Newly covered: the geometry of the nearest surface that passes.
-    var nearest = vec4<f32>(0.0);
-    for (var k = -taps; k <= taps; k++) {
-        let q = x - f32(k) * step;
-        let low = geometry_at(vec2<i32>(floor(q)));
-        if low.x > 0.0 && (nearest.x == 0.0 || depth_m(low) < depth_m(nearest)) { nearest = low; }
-        let high = geometry_at(vec2<i32>(ceil(q)));
-        if high.x > 0.0 && (nearest.x == 0.0 || depth_m(high) < depth_m(nearest)) { nearest = high; }
+    return Out(out, passing(vec2<f32>(p), line));
+}
+
+@fragment
+fn one_motion(@builtin(position) at: vec4<f32>) -> Out {
+    let p = vec2<i32>(at.xy);
+    let own = textureLoad(geometry, p, 0);
+    let dominant = textureLoad(fastest, p / blur.size.z, 0).xy * blur.shutter.x;
+    let motion = select(dominant, own.zw * blur.shutter.x, own.x > 0.0);
+    if is_still(motion, dominant) {
+        return Out(textureLoad(color, p, 0), own);
     }
-    return Out(out, nearest);
+    let line = line_along(motion);
+    var sum = vec4<f32>(0.0);
+    var weight = 0.0;
+    for (var k = -line.taps; k <= line.taps; k++) {
+        let w = tap_weight(line, k);
+        weight += w;
+        sum += w * line_color(vec2<f32>(p) - f32(k) * line.step, line.x_major);
+    }
+    return finish(p, sum / weight, own, line);
+}
+
+@fragment
+fn many_motions(@builtin(position) at: vec4<f32>) -> Out {
+    let p = vec2<i32>(at.xy);
+    let own = textureLoad(geometry, p, 0);
+    let dominant = textureLoad(fastest, p / blur.size.z, 0).xy * blur.shutter.x;
+    if is_still(dominant, dominant) {
+        return Out(textureLoad(color, p, 0), own);
+    }
+    let line = line_along(dominant);
+    var sum = vec4<f32>(0.0);
+    var weight = 0.0;
+    for (var k = -line.taps; k <= line.taps; k++) {
+        let w = tap_weight(line, k);
+        weight += w;
+        sum += w * surface_at(vec2<f32>(p), own, dominant, f32(k) / (2.0 * line.half), line.x_major);
+    }
+    return finish(p, sum / weight, own, line);
 }

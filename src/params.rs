@@ -139,9 +139,9 @@ macro_rules! number_field {
                 let (min, max) = range.unwrap_or((f64::MIN, f64::MAX));
                 Kind::$kind { min, max }
             }
-            #[allow(clippy::cast_lossless, reason = "one body for every width")]
             fn to_value(&self) -> Value {
-                Value::Number(*self as f64)
+                // By its shortest text: 0.02 stays 0.02 when it grows from 32 to 64 bits.
+                Value::Number(self.to_string().parse().unwrap_or(f64::NAN))
             }
             fn from_value(value: &Value, kind: &Kind) -> Option<Self> {
                 number_in(value, kind).map(|n| n as $type)

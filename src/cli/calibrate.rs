@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-use super::warn;
 use crate::calibrate::{NoiseOptions, noise_from_paths};
 use crate::profile_noise::noise_table_toml;
 
@@ -35,9 +34,6 @@ struct NoiseArgs {
     /// Replace the table [camera.noise] of a profile that exists
     #[arg(long)]
     force: bool,
-    /// No warnings
-    #[arg(long, short)]
-    quiet: bool,
 }
 
 pub fn run(args: Args) -> Result<()> {
@@ -57,9 +53,6 @@ pub fn run(args: Args) -> Result<()> {
         bail!("{}: has a table [camera.noise] already; it is kept unless --force is given", args.output.display());
     }
     let calibration = noise_from_paths(&args.frames, &args.mean, &NoiseOptions::default())?;
-    for text in &calibration.warnings {
-        warn(args.quiet, text);
-    }
     camera.insert("noise".to_owned(), toml::Value::Table(noise_table_toml(&calibration.profile)));
     let text = toml::to_string(&profile)?;
     let partial = args.output.with_extension("toml.partial");

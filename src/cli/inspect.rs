@@ -91,14 +91,8 @@ fn profile(path: &Path) -> Result<()> {
     for table in tables {
         let changed = table.specs().into_iter().filter_map(|s| {
             let value = table.get(s.name)?;
-            (value != s.default).then(|| {
-                format!(
-                    "{} = {value}{}{}",
-                    s.name,
-                    if s.unit.len() > 1 { " " } else { "" },
-                    if s.unit == "1" { "" } else { s.unit }
-                )
-            })
+            let unit = if matches!(s.unit, "" | "1") { String::new() } else { format!(" {}", s.unit) };
+            (value != s.default).then(|| format!("{} = {value}{unit}", s.name))
         });
         let changed: Vec<_> = changed.collect();
         if !changed.is_empty() {

@@ -47,7 +47,11 @@ pub fn run(args: &Args) -> Result<()> {
             None => writeln!(out, "[{}]", table.table())?,
         }
         for s in table.specs() {
-            let unit = if s.unit.is_empty() || s.unit == "1" { String::new() } else { format!(" {}", s.unit) };
+            let unit = if matches!(s.unit, "" | "1") || s.default == Value::None {
+                String::new()
+            } else {
+                format!(" {}", s.unit)
+            };
             let or_none = if s.optional { ", or none" } else { "" };
             writeln!(out, "  {} = {}{unit}    ({}{or_none})", s.name, s.default, s.kind)?;
             writeln!(out, "      {}", s.help)?;

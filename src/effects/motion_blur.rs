@@ -43,7 +43,8 @@ pub struct MotionBlurEffect {
 #[derive(Debug)]
 struct Passes {
     tiles: FullscreenPass,
-    blur: FullscreenPass,
+    /// For tiles in whose neighbourhood all moves alike, and for the others.
+    blur: [FullscreenPass; 2],
 }
 
 #[repr(C)]
@@ -145,7 +146,9 @@ impl Effect for MotionBlurEffect {
         let gpu = run.gpu;
         let passes = self.passes.get_or_insert_with(|| Passes {
             tiles: FullscreenPass::new(gpu, "motion_blur_tiles", &assemble("motion_blur_tiles"), &[FORMAT, FORMAT]),
-            blur: FullscreenPass::new(gpu, "motion_blur", &assemble("motion_blur"), &[FORMAT, FORMAT]),
+            blur: [["one_motion_tiles", "one_motion"], ["many_motions_tiles", "many_motions"]].map(|entries| {
+                FullscreenPass::with_entries(gpu, "motion_blur", &assemble("motion_blur"), entries, &[FORMAT, FORMAT])
+            }),
         });
         let (width, height) = layer.size;
         // 3×3 tiles must reach half the longest blur.
@@ -180,19 +183,18 @@ impl Effect for MotionBlurEffect {
             &[&near[0], &near[1]],
             tiles,
         );
-        passes.blur.run(
-            gpu,
-            run.encoder,
-            &[
-                Slot::Buffer(&blur),
-                Slot::Texture(&c),
-                Slot::Texture(&g),
-                Slot::Texture(&near[0].view),
-                Slot::Texture(&near[1].view),
-            ],
-            &[&out[0], &out[1]],
-            layer.size,
-        );
+        let slots = [
+            Slot::Buffer(&blur),
+            Slot::Texture(&c),
+            Slot::Texture(&g),
+            Slot::Texture(&near[0].view),
+            Slot::Texture(&near[1].view),
+        ];
+        let targets = [&out[0], &out[1]];
+        let loads = [wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), wgpu::LoadOp::Load];
+        for (pass, load) in passes.blur.iter().zip(loads) {
+            pass.run_tiles(gpu, run.encoder, &slots, &targets, layer.size, load, tiles.0 * tiles.1);
+        }
         let [color, geometry] = out;
         Layer { color, geometry, size: layer.size }
     }

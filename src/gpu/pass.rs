@@ -21,6 +21,17 @@ pub struct FullscreenPass {
 
 impl FullscreenPass {
     pub fn new(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat]) -> Self {
+        Self::with_entries(gpu, label, wgsl, ["fullscreen_vertex", "main"], formats)
+    }
+
+    /// As [`FullscreenPass::new`], with a vertex and a fragment entry of the module's own.
+    pub fn with_entries(
+        gpu: &Gpu,
+        label: &str,
+        wgsl: &str,
+        [vertex, fragment]: [&str; 2],
+        formats: &[wgpu::TextureFormat],
+    ) -> Self {
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(wgsl.into()),
@@ -31,7 +42,7 @@ impl FullscreenPass {
             layout: None,
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some("fullscreen_vertex"),
+                entry_point: Some(vertex),
                 compilation_options: Default::default(),
                 buffers: &[],
             },
@@ -40,7 +51,7 @@ impl FullscreenPass {
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
                 module: &module,
-                entry_point: Some("main"),
+                entry_point: Some(fragment),
                 compilation_options: Default::default(),
                 targets: &targets,
             }),
@@ -58,7 +69,36 @@ impl FullscreenPass {
         encoder: &mut wgpu::CommandEncoder,
         slots: &[Slot<'_>],
         targets: &[&Texture],
+        size: (u32, u32),
+    ) {
+        self.draw(gpu, encoder, slots, targets, size, wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), (3, 1));
+    }
+
+    /// Draws one quad (two triangles) for each of `tiles`, over what `load` leaves there.
+    #[expect(clippy::too_many_arguments, reason = "what a pass is made of")]
+    pub fn run_tiles(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        slots: &[Slot<'_>],
+        targets: &[&Texture],
+        size: (u32, u32),
+        load: wgpu::LoadOp<wgpu::Color>,
+        tiles: u32,
+    ) {
+        self.draw(gpu, encoder, slots, targets, size, load, (6, tiles));
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "what a pass is made of")]
+    fn draw(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        slots: &[Slot<'_>],
+        targets: &[&Texture],
         (width, height): (u32, u32),
+        load: wgpu::LoadOp<wgpu::Color>,
+        (vertices, instances): (u32, u32),
     ) {
         let entries: Vec<_> = slots
             .iter()
@@ -84,12 +124,7 @@ impl FullscreenPass {
                     view: &target.view,
                     depth_slice: None,
                     resolve_target: None,
-                    ops: wgpu::Operations {
-                        // Every pixel that is read later is written here, so nothing is cleared;
-                        // clearing is only the cheapest way of not loading.
-                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                        store: wgpu::StoreOp::Store,
-                    },
+                    ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
                 })
             })
             .collect();
@@ -105,6 +140,6 @@ impl FullscreenPass {
         pass.set_scissor_rect(0, 0, width, height);
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &bind_group, &[]);
-        pass.draw(0..3, 0..1);
+        pass.draw(0..vertices, 0..instances);
     }
 }
