@@ -186,3 +186,42 @@ fn occlusion_hides_what_lies_behind_the_desks_things() {
     assert!(open > 300, "{open}");
     assert!(hidden * 10 < open, "{hidden} of {open} pixels still show through the desk");
 }
+
+#[test]
+fn law_7_what_is_missing_is_said_in_one_line() {
+    let temp = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str], variables: &[(&str, &str)]| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_locard"))
+            .args(arguments)
+            .envs(variables.iter().copied())
+            .output()
+            .unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        let lines: Vec<_> = text.lines().filter(|l| l.starts_with("locard: ")).map(str::to_owned).collect();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert_eq!(lines.len(), 1, "{text}");
+        lines[0].clone()
+    };
+    let out = temp.path().join("out");
+    let video = temp.path().join("out.mp4");
+    let demo = |out: &Path| {
+        let out = out.to_str().unwrap().to_owned();
+        ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "0..1", "-o"]
+            .map(str::to_owned)
+            .into_iter()
+            .chain([out])
+            .collect::<Vec<_>>()
+    };
+    let arguments = demo(&out);
+    let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
+    let no_driver = [("VK_ICD_FILENAMES", "/nowhere"), ("VK_DRIVER_FILES", "/nowhere"), ("WGPU_BACKEND", "vulkan")];
+    let line = run(&arguments, &no_driver);
+    assert!(line.contains("no graphics adapter") && line.contains("apt-get install"), "{line}");
+    assert!(!out.exists());
+
+    let arguments = demo(&video);
+    let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
+    let line = run(&arguments, &[("PATH", "/nowhere")]);
+    assert!(line.contains("ffmpeg"), "{line}");
+    assert!(!video.exists());
+}
