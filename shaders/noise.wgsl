@@ -5,7 +5,7 @@
 // channel correlation, and scaled to the variance that the pixel lacks.
 // @import shared/hash
 struct Noise {
-    // seed, pattern number, and the two taps' weights are below
+    // xyz: where in the endless hash this frame's pattern lies
     key: vec4<u32>,
     // x, y: side weight of the three-tap filters; z: magnification; w: scale
     filter_shape: vec4<f32>,

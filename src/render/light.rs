@@ -292,9 +292,8 @@ mod tests {
 
     #[test]
     fn a_clamped_cosine_by_quadrature() {
-        // Radiance max(0, y): irradiance over π for a surface that looks up is
-        // (1/π) ∫ cos² over the half sphere = 2/3; sideways it is
-        // (1/π) ∫ max(0, y) max(0, x) = (1/π) · 1/3 · ∫... worked by quadrature below.
+        // Radiance max(0, y). For a surface that looks up irradiance over π is
+        // (1/π) ∫ cos² over the half sphere = 2/3; for the others the sum below.
         let m = map(|d| d.y.max(0.0));
         let l = harmonics(&m, Mat3::IDENTITY);
         for n in [Vec3::Y, Vec3::X, -Vec3::Y, Vec3::new(0.6, 0.8, 0.0)] {
