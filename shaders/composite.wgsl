@@ -12,7 +12,7 @@ struct Composite {
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
-@group(0) @binding(2) var<storage, read> composite: Composite;
+@group(0) @binding(2) var<uniform> composite: Composite;
 // σ of the camera's noise at 256 code values, 8-bit codes.
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
 
@@ -48,14 +48,13 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
 fn mixed_at(p: vec2<i32>, virtual_light: vec4<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
     let w = 1.0 - virtual_light.a;
-    let light = virtual_light.rgb + w * decode(code, composite.scale.y, composite.scale.z);
+    let real_light = decode(code, composite.scale.y, composite.scale.z);
+    let light = clamp(virtual_light.rgb + w * real_light, vec3<f32>(0.0), vec3<f32>(1.0));
     let mixed = encode(light, composite.scale.y, composite.scale.z);
-    var variance = vec3<f32>(0.0);
-    if w > 0.0 {
-        let g = slope_at_code(mixed, composite.scale.y, composite.scale.z) / slope_at_code(code, composite.scale.y, composite.scale.z);
-        let s = w * g * sigma_at(code);
-        variance = s * s;
-    }
+    let before = slope_at(code, real_light, composite.scale.y, composite.scale.z);
+    let after = slope_at(mixed, light, composite.scale.y, composite.scale.z);
+    let s = w * after / before * sigma_at(code);
+    let variance = s * s;
     return Mixed(mixed, variance);
 }
 

@@ -1,8 +1,8 @@
 // The fastest motion and the range of motions of each tile, then of each 3×3 tiles.
 // @import shared/fullscreen
 struct Tiles { size: vec4<i32> } // layer width, height, tile side, 0 over pixels | 1 over tiles
-@group(0) @binding(0) var<storage, read> tiles: Tiles;
-// Pass 0: colour and geometry of the layer. Pass 1: fastest and range of the tiles.
+@group(0) @binding(0) var<uniform> tiles: Tiles;
+// Over pixels: the layer's geometry, twice. Over tiles: their fastest and range.
 @group(0) @binding(1) var first: texture_2d<f32>;
 @group(0) @binding(2) var second: texture_2d<f32>;
 

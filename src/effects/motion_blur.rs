@@ -13,7 +13,7 @@
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
 use super::{Effect, FrameContext, Stage};
-use crate::gpu::{FullscreenPass, Slot, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Slot, assemble, constants};
 use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, Sample, SamplePlan};
 
@@ -45,6 +45,8 @@ struct Passes {
     tiles: FullscreenPass,
     /// For tiles in whose neighbourhood all moves alike, and for the others.
     blur: [FullscreenPass; 2],
+    passing: FullscreenPass,
+    between: wgpu::Sampler,
 }
 
 #[repr(C)]
@@ -121,10 +123,13 @@ impl Effect for MotionBlurEffect {
         context.exposure_time_s == 0.0 || Self::longest_px(context) <= self.params.threshold_px
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
+        0.5 * Self::longest_px(context) + 2.0
+    }
+    fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
         match self.params.method {
             // The renderer's rectangle spans the exposure already.
             Method::Velocity | Method::Reference => 1.0,
-            Method::Copies => 0.5 * Self::longest_px(context) + 1.0,
+            Method::Copies => self.reach_px(context),
         }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
@@ -144,12 +149,7 @@ impl Effect for MotionBlurEffect {
             return layer;
         }
         let gpu = run.gpu;
-        let passes = self.passes.get_or_insert_with(|| Passes {
-            tiles: FullscreenPass::new(gpu, "motion_blur_tiles", &assemble("motion_blur_tiles"), &[FORMAT, FORMAT]),
-            blur: [["one_motion_tiles", "one_motion"], ["many_motions_tiles", "many_motions"]].map(|entries| {
-                FullscreenPass::with_entries(gpu, "motion_blur", &assemble("motion_blur"), entries, &[FORMAT, FORMAT])
-            }),
-        });
+        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
         let (width, height) = layer.size;
         // 3×3 tiles must reach half the longest blur.
         let side = ((0.5 * Self::longest_px(context)).ceil() as u32 + 1).clamp(8, 1 << 14);
@@ -159,20 +159,19 @@ impl Effect for MotionBlurEffect {
         let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, FORMAT, 1);
         let first = [target("tile fastest", tiles), target("tile range", tiles)];
         let near = [target("near fastest", tiles), target("near range", tiles)];
-        let out = [target("blurred colour", layer.size), target("blurred geometry", layer.size)];
+        let color = target("blurred colour", layer.size);
 
         let size = |last| [width as i32, height as i32, side as i32, last];
         let uniform = |last| constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size: size(last) }));
         let (over_pixels, over_tiles) = (uniform(0), uniform(1));
-        let blur = BlurUniform { size: size(0), shutter: [exposure_s, self.params.threshold_px, 0.0, 0.0] };
+        let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
+        let blur = BlurUniform { size: size(0), shutter: [exposure_s, self.params.threshold_px, texel[0], texel[1]] };
         let blur = constants(gpu, "motion_blur", bytemuck::bytes_of(&blur));
 
-        let view = |t: &crate::gpu::Texture| t.view.clone();
-        let [c, g] = [view(&layer.color), view(&layer.geometry)];
         passes.tiles.run(
             gpu,
             run.encoder,
-            &[Slot::Buffer(&over_pixels), Slot::Texture(&c), Slot::Texture(&g)],
+            &[Slot::Buffer(&over_pixels), Slot::Texture(&layer.geometry.view), Slot::Texture(&layer.geometry.view)],
             &[&first[0], &first[1]],
             tiles,
         );
@@ -185,18 +184,41 @@ impl Effect for MotionBlurEffect {
         );
         let slots = [
             Slot::Buffer(&blur),
-            Slot::Texture(&c),
-            Slot::Texture(&g),
             Slot::Texture(&near[0].view),
             Slot::Texture(&near[1].view),
+            Slot::Texture(&layer.geometry.view),
+            Slot::Texture(&layer.color.view),
+            Slot::Sampler(&passes.between),
         ];
-        let targets = [&out[0], &out[1]];
-        let loads = [wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), wgpu::LoadOp::Load];
-        for (pass, load) in passes.blur.iter().zip(loads) {
-            pass.run_tiles(gpu, run.encoder, &slots, &targets, layer.size, load, tiles.0 * tiles.1);
+        let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+        let count = tiles.0 * tiles.1;
+        for (pass, load) in passes.blur.iter().zip([clear, wgpu::LoadOp::Load]) {
+            pass.run_tiles(gpu, run.encoder, &slots, &[&color], layer.size, load, count);
         }
-        let [color, geometry] = out;
+        if !run.geometry_is_read {
+            return Layer { color, ..layer };
+        }
+        let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, FORMAT, 1);
+        passes.passing.run_tiles(gpu, run.encoder, &slots[..4], &[&geometry], layer.size, clear, count);
         Layer { color, geometry, size: layer.size }
+    }
+}
+
+impl Passes {
+    fn new(gpu: &Gpu) -> Self {
+        let shader = assemble("motion_blur");
+        let pass = |entries| FullscreenPass::with_entries(gpu, "motion_blur", &shader, entries, &[FORMAT]);
+        Self {
+            tiles: FullscreenPass::new(gpu, "motion_blur_tiles", &assemble("motion_blur_tiles"), &[FORMAT, FORMAT]),
+            blur: [pass(["one_motion_tiles", "one_motion"]), pass(["many_motions_tiles", "many_motions"])],
+            passing: pass(["all_tiles", "passing"]),
+            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("between pixels"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+        }
     }
 }
 

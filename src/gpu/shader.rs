@@ -21,6 +21,8 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "motion_blur",
         "motion_blur_tiles",
         "noise",
+        "noise_pattern",
+        "noise_white",
         "raster",
         "resolve",
     ]

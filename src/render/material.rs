@@ -23,17 +23,12 @@ impl MaterialUniform {
             transforms[2 * i] = [rows[0][0], rows[0][1], rows[0][2], set];
             transforms[2 * i + 1] = [rows[1][0], rows[1][1], rows[1][2], 0.0];
         }
-        let (mode, cutoff) = match m.alpha {
-            Alpha::Opaque => (0.0, 0.0),
-            Alpha::Mask(cutoff) => (1.0, cutoff),
-            Alpha::Blend => (2.0, 0.0),
-        };
-        let has_normals = f32::from(u8::from(m.normal_texture.is_some()));
+        let cutoff = if let Alpha::Mask(cutoff) = m.alpha { cutoff } else { 0.0 };
         Self {
             base_color: m.base_color,
-            emissive: [m.emissive[0], m.emissive[1], m.emissive[2], f32::from(u8::from(m.unlit))],
+            emissive: [m.emissive[0], m.emissive[1], m.emissive[2], 0.0],
             factors: [m.metallic, m.roughness, m.normal_scale, m.occlusion_strength],
-            alpha: [mode, cutoff, has_normals, 0.0],
+            alpha: [cutoff, 0.0, 0.0, 0.0],
             transforms,
         }
     }

@@ -1,10 +1,12 @@
 //! The scene and a sample plan to the virtual layer.
 
+mod accumulate;
 mod bounds;
 mod dice;
 mod draw;
 mod light;
 mod material;
+mod pipeline;
 mod plan;
 mod view;
 

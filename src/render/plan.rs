@@ -40,4 +40,6 @@ pub struct LayerRun<'a> {
     pub gpu: &'a Gpu,
     pub encoder: &'a mut wgpu::CommandEncoder,
     pub pool: &'a mut TexturePool,
+    /// Whether anything still reads the geometry of the layer that is made.
+    pub geometry_is_read: bool,
 }
