@@ -20,20 +20,23 @@ fn row(p: vec2<i32>) -> vec3<f32> {
     return white_at(p + vec2<i32>(1, 0)) + pattern.filter_shape.x * (white_at(p) + white_at(p + vec2<i32>(2, 0)));
 }
 
-@fragment
-fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
-    let p = vec2<i32>(at.xy);
-    var n: vec3<f32>;
-    if pattern.filter_shape.x == 0.0 && pattern.filter_shape.y == 0.0 {
-        n = white_at(p + 1);
-    } else {
-        n = row(p + vec2<i32>(0, 1)) + pattern.filter_shape.y * (row(p) + row(p + vec2<i32>(0, 2)));
-    }
-    n *= pattern.filter_shape.z;
+fn finish(white: vec3<f32>) -> vec4<i32> {
+    let n = white * pattern.filter_shape.z;
     let mixed = vec3<f32>(
         n.x,
         pattern.mix_a.x * n.x + pattern.mix_a.y * n.y,
         pattern.mix_a.z * n.x + pattern.mix_a.w * n.y + pattern.mix_b.x * n.z,
     );
     return vec4<i32>(vec3<i32>(clamp(round(mixed), vec3<f32>(-32767.0), vec3<f32>(32767.0))), 0);
+}
+
+@fragment
+fn unfiltered(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
+    return finish(white_at(vec2<i32>(at.xy) + 1));
+}
+
+@fragment
+fn filtered(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
+    let p = vec2<i32>(at.xy);
+    return finish(row(p + vec2<i32>(0, 1)) + pattern.filter_shape.y * (row(p) + row(p + vec2<i32>(0, 2))));
 }

@@ -16,7 +16,8 @@ override unlit: bool = false;
 override masked: bool = false;
 override blended: bool = false;
 override hidden_by_depth: bool = false;        // the real scene's depth is known
-override has_points: bool = false;             // lights
+override suns: u32 = 0u;                       // lights
+override points: u32 = 0u;
 override has_map: bool = false;                // the environment is a picture
 
 const MAX_KEYS: u32 = 33u;
@@ -46,7 +47,7 @@ struct PointLight {
 }
 
 struct Light {
-    counts: vec4<u32>,     // suns, points, levels of the environment
+    environment: vec4<f32>, // x: levels of the picture
     sun_towards: array<vec4<f32>, MAX_SUNS>,
     sun_color: array<vec4<f32>, MAX_SUNS>,
     points: array<PointLight, MAX_POINTS>,
@@ -256,7 +257,7 @@ fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     // y up, −z in the middle.
     let u = atan2(d.x, -d.z) / (2.0 * PI) + 0.5;
     let v = acos(clamp(d.y, -1.0, 1.0)) / PI;
-    return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * f32(light.counts.z - 1u)).rgb;
+    return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * (light.environment.x - 1.0)).rgb;
 }
 
 // Scale and bias of F0 under uniform light: Karis 2014's fit of the split sum.
@@ -299,10 +300,10 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let s = Surface(base * (1.0 - metallic), mix(vec3<f32>(0.04), base, metallic), roughness, n, towards_eye, n_v);
 
     var sum = vec3<f32>(0.0);
-    for (var i = 0u; i < light.counts.x; i++) {
+    for (var i = 0u; i < suns; i++) {
         sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz);
     }
-    for (var i = 0u; has_points && i < light.counts.y; i++) {
+    for (var i = 0u; i < points; i++) {
         let point = light.points[i];
         let to = point.position.xyz - in.position;
         let d2 = max(dot(to, to), 1e-6);

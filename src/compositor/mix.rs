@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use crate::camera::{Camera, Curve};
 use crate::effects::MixedInputs;
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
 
@@ -32,10 +32,10 @@ struct CompositeUniform {
 /// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
 #[derive(Debug)]
 pub struct Mixer {
-    passes: HashMap<(Vec<&'static str>, wgpu::TextureFormat), FullscreenPass>,
+    passes: HashMap<(Vec<(&'static str, &'static str)>, wgpu::TextureFormat), FullscreenPass>,
     sigma: wgpu::Buffer,
-    curve: f32,
-    gamma: f32,
+    /// The response, for the shader.
+    constants: [(&'static str, f64); 2],
 }
 
 impl Mixer {
@@ -52,8 +52,7 @@ impl Mixer {
         Self {
             passes: HashMap::new(),
             sigma: constants(gpu, "sigma", bytemuck::cast_slice(&sigma)),
-            curve,
-            gamma: camera.response.gamma as f32,
+            constants: [("curve", curve), ("gamma", camera.response.gamma)],
         }
     }
 
@@ -83,15 +82,15 @@ impl Mixer {
             origin: [shown.x0, shown.y0, shown.x0 - sent.x0, shown.y0 - sent.y0],
             size: [size.0 as i32, size.1 as i32, sent.width() as i32, sent.height() as i32],
             layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0, drawn.width() as i32, drawn.height() as i32],
-            scale: [pixels.max_code() as f32, self.curve, self.gamma, 0.0],
+            scale: [pixels.max_code() as f32, 0.0, 0.0, 0.0],
         };
         let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
         let uniforms: Vec<_> = effects.iter().map(|e| constants(gpu, e.name, &e.inputs.uniform)).collect();
         let names: Vec<_> = effects.iter().map(|e| (e.name, e.wgsl)).collect();
-        let pass = self
-            .passes
-            .entry((effects.iter().map(|e| e.name).collect(), format))
-            .or_insert_with(|| FullscreenPass::new(gpu, "composite", &shader(&names), &[format]));
+        let pass = self.passes.entry((names.clone(), format)).or_insert_with(|| {
+            let options = Options { constants: &self.constants, ..Options::default() };
+            FullscreenPass::with(gpu, "composite", &shader(&names), &[format], &options)
+        });
         let mut slots = vec![
             Slot::Texture(&camera.view),
             Slot::Texture(&layer.color.view),
@@ -114,8 +113,8 @@ pub fn shader(effects: &[(&str, &str)]) -> String {
     let mut calls = String::new();
     let mut shift = 0;
     for (name, wgsl) in effects {
+        let mut wgsl = assemble(wgsl);
         let count = wgsl.matches("@binding(").count();
-        let mut wgsl = (*wgsl).to_owned();
         for own in (FIRST_EFFECT_BINDING..FIRST_EFFECT_BINDING + count).rev() {
             wgsl = wgsl.replace(&format!("@binding({own})"), &format!("@binding({})", own + shift));
         }

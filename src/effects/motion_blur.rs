@@ -13,7 +13,7 @@
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
 use super::{Effect, FrameContext, Stage};
-use crate::gpu::{FullscreenPass, Gpu, Slot, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
 use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, Sample, SamplePlan};
 
@@ -42,7 +42,8 @@ pub struct MotionBlurEffect {
 
 #[derive(Debug)]
 struct Passes {
-    tiles: FullscreenPass,
+    /// From pixels to tiles, and from tiles to their neighbourhoods.
+    tiles: [FullscreenPass; 2],
     /// For tiles in whose neighbourhood all moves alike, and for the others.
     blur: [FullscreenPass; 2],
     passing: FullscreenPass,
@@ -161,27 +162,16 @@ impl Effect for MotionBlurEffect {
         let near = [target("near fastest", tiles), target("near range", tiles)];
         let color = target("blurred colour", layer.size);
 
-        let size = |last| [width as i32, height as i32, side as i32, last];
-        let uniform = |last| constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size: size(last) }));
-        let (over_pixels, over_tiles) = (uniform(0), uniform(1));
+        let size = [width as i32, height as i32, side as i32, 0];
+        let tiles_uniform = constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size }));
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
-        let blur = BlurUniform { size: size(0), shutter: [exposure_s, self.params.threshold_px, texel[0], texel[1]] };
+        let blur = BlurUniform { size, shutter: [exposure_s, self.params.threshold_px, texel[0], texel[1]] };
         let blur = constants(gpu, "motion_blur", bytemuck::bytes_of(&blur));
 
-        passes.tiles.run(
-            gpu,
-            run.encoder,
-            &[Slot::Buffer(&over_pixels), Slot::Texture(&layer.geometry.view), Slot::Texture(&layer.geometry.view)],
-            &[&first[0], &first[1]],
-            tiles,
-        );
-        passes.tiles.run(
-            gpu,
-            run.encoder,
-            &[Slot::Buffer(&over_tiles), Slot::Texture(&first[0].view), Slot::Texture(&first[1].view)],
-            &[&near[0], &near[1]],
-            tiles,
-        );
+        let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&layer.geometry.view)];
+        passes.tiles[0].run(gpu, run.encoder, &slots, &[&first[0], &first[1]], tiles);
+        let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&first[1].view), Slot::Texture(&first[0].view)];
+        passes.tiles[1].run(gpu, run.encoder, &slots, &[&near[0], &near[1]], tiles);
         let slots = [
             Slot::Buffer(&blur),
             Slot::Texture(&near[0].view),
@@ -207,11 +197,18 @@ impl Effect for MotionBlurEffect {
 impl Passes {
     fn new(gpu: &Gpu) -> Self {
         let shader = assemble("motion_blur");
-        let pass = |entries| FullscreenPass::with_entries(gpu, "motion_blur", &shader, entries, &[FORMAT]);
+        let pass = |vertex, fragment| {
+            let options = Options { vertex, fragment, ..Options::default() };
+            FullscreenPass::with(gpu, "motion_blur", &shader, &[FORMAT], &options)
+        };
         Self {
-            tiles: FullscreenPass::new(gpu, "motion_blur_tiles", &assemble("motion_blur_tiles"), &[FORMAT, FORMAT]),
-            blur: [pass(["one_motion_tiles", "one_motion"]), pass(["many_motions_tiles", "many_motions"])],
-            passing: pass(["all_tiles", "passing"]),
+            tiles: ["over_pixels", "over_tiles"].map(|fragment| {
+                let options = Options { fragment, ..Options::default() };
+                let shader = assemble("motion_blur_tiles");
+                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[FORMAT, FORMAT], &options)
+            }),
+            blur: [pass("one_motion_tiles", "one_motion"), pass("many_motions_tiles", "many_motions")],
+            passing: pass("all_tiles", "passing"),
             between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("between pixels"),
                 mag_filter: wgpu::FilterMode::Linear,

@@ -17,7 +17,7 @@ use std::sync::LazyLock;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::{Effect, FrameContext, MixedInputs, Stage};
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::params::{Params, Value};
 use crate::render::LayerRun;
@@ -44,7 +44,8 @@ pub struct NoiseEffect {
 struct Passes {
     normal_table: Texture,
     white: FullscreenPass,
-    pattern: FullscreenPass,
+    /// Without and with correlation of neighbours.
+    pattern: [FullscreenPass; 2],
 }
 
 /// Side of the square table of quantiles.
@@ -131,11 +132,14 @@ impl Passes {
     fn new(gpu: &Gpu) -> Self {
         let table = Texture::new(gpu, "normal quantiles", TABLE_SIDE, TABLE_SIDE, wgpu::TextureFormat::R16Sint, 1);
         table.write(gpu, TABLE_SIDE, TABLE_SIDE, &NORMAL_TABLE);
-        let pass = |name, format| FullscreenPass::new(gpu, name, &assemble(name), &[format]);
+        let pass = |name, fragment| {
+            let options = Options { fragment, ..Options::default() };
+            FullscreenPass::with(gpu, name, &assemble(name), &[wgpu::TextureFormat::Rgba16Sint], &options)
+        };
         Self {
             normal_table: table,
-            white: pass("noise_white", wgpu::TextureFormat::Rgba16Sint),
-            pattern: pass("noise_pattern", wgpu::TextureFormat::Rgba16Sint),
+            white: pass("noise_white", "main"),
+            pattern: ["unfiltered", "filtered"].map(|fragment| pass("noise_pattern", fragment)),
         }
     }
 }
@@ -182,7 +186,11 @@ impl Effect for NoiseEffect {
         vec![("", Vec::new()), ("magnified", vec![("magnification", Value::Number(2.0))])]
     }
     fn mixed_wgsl(&self) -> Option<&'static str> {
-        Some(include_str!("../../shaders/noise.wgsl"))
+        Some(if self.params.magnification <= 1.0 {
+            include_str!("../../shaders/noise.wgsl")
+        } else {
+            include_str!("../../shaders/noise_magnified.wgsl")
+        })
     }
 
     fn mixed_inputs(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, shown: Rect) -> MixedInputs {
@@ -204,6 +212,7 @@ impl Effect for NoiseEffect {
         let slots = [Slot::Buffer(&white), Slot::Texture(&passes.normal_table.view)];
         passes.white.run(gpu, run.encoder, &slots, &[&lattice_noise], around);
 
+        let pattern_pass = &passes.pattern[usize::from(taps != [0.0; 2])];
         let norm = taps.iter().map(|a| 1.0 + 2.0 * a * a).product::<f64>().sqrt().recip();
         let l = cholesky(channels).map(|v| v as f32);
         let uniform = PatternUniform {
@@ -215,7 +224,7 @@ impl Effect for NoiseEffect {
         let size = (lattice.width(), lattice.height());
         let pattern = run.pool.get(gpu, "noise pattern", 0, size, wgpu::TextureFormat::Rgba16Sint, 1);
         let slots = [Slot::Buffer(&uniform), Slot::Texture(&lattice_noise.view)];
-        passes.pattern.run(gpu, run.encoder, &slots, &[&pattern], size);
+        pattern_pass.run(gpu, run.encoder, &slots, &[&pattern], size);
 
         // What the filter really gives, where the wish lies beyond its reach.
         let given = taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32);

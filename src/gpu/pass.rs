@@ -10,8 +10,22 @@ pub enum Slot<'a> {
     Sampler(&'a wgpu::Sampler),
 }
 
-/// A pipeline that draws one triangle over the targets. The module must define the fragment
-/// entry `main` and import `shared/fullscreen`.
+/// What a module holds, where it is not one fragment entry `main` with `shared/fullscreen`.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    pub vertex: &'a str,
+    pub fragment: &'a str,
+    /// Values of the module's `override`s.
+    pub constants: &'a [(&'a str, f64)],
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[] }
+    }
+}
+
+/// A pipeline that draws over all of its targets, or over tiles of them.
 #[derive(Debug)]
 pub struct FullscreenPass {
     pipeline: wgpu::RenderPipeline,
@@ -21,29 +35,24 @@ pub struct FullscreenPass {
 
 impl FullscreenPass {
     pub fn new(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat]) -> Self {
-        Self::with_entries(gpu, label, wgsl, ["fullscreen_vertex", "main"], formats)
+        Self::with(gpu, label, wgsl, formats, &Options::default())
     }
 
-    /// As [`FullscreenPass::new`], with a vertex and a fragment entry of the module's own.
-    pub fn with_entries(
-        gpu: &Gpu,
-        label: &str,
-        wgsl: &str,
-        [vertex, fragment]: [&str; 2],
-        formats: &[wgpu::TextureFormat],
-    ) -> Self {
+    pub fn with(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat], options: &Options<'_>) -> Self {
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(wgsl.into()),
         });
+        let compilation_options =
+            wgpu::PipelineCompilationOptions { constants: options.constants, ..Default::default() };
         let targets: Vec<_> = formats.iter().map(|&f| Some(wgpu::ColorTargetState::from(f))).collect();
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
             layout: None,
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some(vertex),
-                compilation_options: Default::default(),
+                entry_point: Some(options.vertex),
+                compilation_options: compilation_options.clone(),
                 buffers: &[],
             },
             primitive: Default::default(),
@@ -51,8 +60,8 @@ impl FullscreenPass {
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
                 module: &module,
-                entry_point: Some(fragment),
-                compilation_options: Default::default(),
+                entry_point: Some(options.fragment),
+                compilation_options,
                 targets: &targets,
             }),
             multiview_mask: None,

@@ -16,7 +16,6 @@ pub struct Sum {
     stride: u32,
     color: wgpu::Buffer,
     nearest: wgpu::Buffer,
-    empty: bool,
 }
 
 impl Accumulate {
@@ -38,7 +37,7 @@ impl Accumulate {
         }
     }
 
-    /// An empty sum of layers of this size.
+    /// An empty sum of layers of this size. New buffers are zero.
     pub fn begin(&self, gpu: &Gpu, size: (u32, u32)) -> Sum {
         let buffer = || {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -48,13 +47,12 @@ impl Accumulate {
                 mapped_at_creation: false,
             })
         };
-        Sum { stride: size.0, color: buffer(), nearest: buffer(), empty: true }
+        Sum { stride: size.0, color: buffer(), nearest: buffer() }
     }
 
     /// Adds `weight` times a layer.
-    pub fn add(&self, run: &mut LayerRun<'_>, sum: &mut Sum, layer: &Layer, weight: f32) {
-        let first = u32::from(std::mem::take(&mut sum.empty));
-        let step: [u32; 8] = [layer.size.0, layer.size.1, sum.stride, first, weight.to_bits(), 0, 0, 0];
+    pub fn add(&self, run: &mut LayerRun<'_>, sum: &Sum, layer: &Layer, weight: f32) {
+        let step: [u32; 8] = [layer.size.0, layer.size.1, sum.stride, 0, weight.to_bits(), 0, 0, 0];
         let step = constants(run.gpu, "accumulate", bytemuck::cast_slice(&step));
         let entries = [
             wgpu::BindGroupEntry { binding: 0, resource: step.as_entire_binding() },

@@ -155,10 +155,10 @@ impl Renderer {
             return out;
         }
         let one = layer(1);
-        let mut sum = self.accumulate.begin(gpu, size);
+        let sum = self.accumulate.begin(gpu, size);
         for (i, sample) in plan.samples.iter().enumerate() {
             self.draw_sample(run, view, sample, &draws, diced.as_ref(), &one);
-            self.accumulate.add(run, &mut sum, &one, sample.weight);
+            self.accumulate.add(run, &sum, &one, sample.weight);
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
                 let next = gpu.device.create_command_encoder(&Default::default());

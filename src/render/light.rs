@@ -26,7 +26,7 @@ pub struct PointUniform {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct LightUniform {
-    counts: [u32; 4],
+    environment: [f32; 4],
     sun_towards: [[f32; 4]; MAX_SUNS],
     sun_color: [[f32; 4]; MAX_SUNS],
     points: [PointUniform; MAX_POINTS],
@@ -53,12 +53,7 @@ impl LightUniform {
     /// are left out; [`unsupported`] says so.
     pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3) -> Self {
         let mut uniform = Self {
-            counts: [
-                lighting.suns.len().min(MAX_SUNS) as u32,
-                lighting.points.len().min(MAX_POINTS) as u32,
-                environment.levels,
-                0,
-            ],
+            environment: [environment.levels as f32, 0.0, 0.0, 0.0],
             sun_towards: Default::default(),
             sun_color: Default::default(),
             points: Default::default(),

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::light::{MAX_POINTS, MAX_SUNS};
 use crate::gpu::{Gpu, assemble};
 use crate::scene::{Alpha, Environment, Lighting, Material, Vertex};
 
@@ -21,7 +22,9 @@ pub struct Variant {
     pub unlit: bool,
     /// Base colour, metallic-roughness, normals, occlusion, emissive.
     pub textures: [bool; 5],
-    pub points: bool,
+    /// Lights.
+    pub suns: u8,
+    pub points: u8,
     pub environment_map: bool,
     /// Rows are read one after another.
     pub rolling: bool,
@@ -46,7 +49,8 @@ impl Variant {
                 lit(material.occlusion_texture.is_some()),
                 lit(material.emissive_texture.is_some()),
             ],
-            points: !unlit && !lighting.points.is_empty(),
+            suns: if unlit { 0 } else { lighting.suns.len().min(MAX_SUNS) as u8 },
+            points: if unlit { 0 } else { lighting.points.len().min(MAX_POINTS) as u8 },
             environment_map: !unlit && matches!(lighting.environment, Environment::Map(_)),
             ..Self::default()
         }
@@ -55,7 +59,7 @@ impl Variant {
     /// The values of the shader's `override`s.
     fn constants(&self) -> Vec<(&'static str, f64)> {
         let [base_color, metallic_roughness, normals, occlusion, emissive] = self.textures;
-        [
+        let features = [
             ("rolling", self.rolling),
             ("has_base_color", base_color),
             ("has_metallic_roughness", metallic_roughness),
@@ -66,11 +70,11 @@ impl Variant {
             ("masked", self.masked),
             ("blended", self.blended),
             ("hidden_by_depth", self.hidden_by_depth),
-            ("has_points", self.points),
             ("has_map", self.environment_map),
         ]
-        .map(|(name, on)| (name, f64::from(u8::from(on))))
-        .to_vec()
+        .map(|(name, on)| (name, u8::from(on)));
+        let counts = [("suns", self.suns), ("points", self.points)];
+        features.into_iter().chain(counts).map(|(name, value)| (name, f64::from(value))).collect()
     }
 }
 
