@@ -7,10 +7,9 @@ struct Blur {
 }
 @group(0) @binding(0) var<uniform> blur: Blur;
 @group(0) @binding(1) var fastest: texture_2d<f32>;
-@group(0) @binding(2) var range: texture_2d<f32>;
-@group(0) @binding(3) var geometry: texture_2d<f32>;
-@group(0) @binding(4) var color: texture_2d<f32>;
-@group(0) @binding(5) var between: sampler;
+@group(0) @binding(2) var geometry: texture_2d<f32>;
+@group(0) @binding(3) var color: texture_2d<f32>;
+@group(0) @binding(4) var between: sampler;
 
 // Beyond the layer's border its border stands: empty, or too far from the picture to be seen.
 fn geometry_at(p: vec2<i32>) -> vec4<f32> {
@@ -22,53 +21,37 @@ fn color_between(p: vec2<f32>) -> vec4<f32> {
     return textureSampleLevel(color, between, (p + 0.5) * blur.shutter.zw, 0.0);
 }
 
-// What is to be done in a tile.
-const NOTHING: u32 = 0u;
-const ONE_MOTION: u32 = 1u;
-const MANY_MOTIONS: u32 = 2u;
-
-fn kind_of(tile: vec2<i32>) -> u32 {
-    let near = textureLoad(fastest, tile, 0);
-    if near.z == 0.0 {
-        return NOTHING;
-    }
-    // Motions that end within a pixel of each other are one motion: at a pixel its own.
-    let spread = textureLoad(range, tile, 0);
-    let span = (spread.zw - spread.xy) * blur.shutter.x;
-    return select(MANY_MOTIONS, ONE_MOTION, max(span.x, span.y) < 1.0);
-}
-
-// A corner of a tile's quad; all corners in one point where nothing is to be drawn.
-// A branch in the fragment shader would do the same, but software drivers work through both
-// sides of a branch, and the one for many motions costs several times the other.
-fn tile_corner(vertex: u32, instance: u32, one: bool, many: bool) -> vec4<f32> {
-    let columns = u32((blur.size.x + blur.size.z - 1) / blur.size.z);
-    let tile = vec2<i32>(vec2<u32>(instance % columns, instance / columns));
-    let kind = kind_of(tile);
-    if !(one && kind == ONE_MOTION || many && kind == MANY_MOTIONS) {
-        return vec4<f32>(0.0, 0.0, 0.0, 1.0);
-    }
-    // Corners 0 1 2 and 2 1 3 of a Z.
-    var corners = array<u32, 6>(0u, 1u, 2u, 2u, 1u, 3u);
-    let z = corners[vertex];
-    let at = (tile + vec2<i32>(i32(z & 1u), i32(z >> 1u))) * blur.size.z;
-    let fraction = vec2<f32>(min(at, blur.size.xy)) / vec2<f32>(blur.size.xy);
-    return vec4<f32>(fraction * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+// A corner of a tile's quad; all corners in one point where a tile is not of a kind from
+// `first` to `last` (shaders/motion_blur_tiles.wgsl). A branch in the fragment shader would do
+// the same, but software drivers work through both sides of a branch, and the one for many
+// motions costs several times the other.
+fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32) -> vec4<f32> {
+    let columns = f32((blur.size.x + blur.size.z - 1) / blur.size.z);
+    // Floats: whole numbers are divided one by one on software drivers.
+    let row = floor((f32(instance) + 0.5) / columns);
+    let tile = vec2<f32>(f32(instance) - row * columns, row);
+    let kind = textureLoad(fastest, vec2<i32>(tile), 0).w;
+    // The corners of a Z.
+    let at = (tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) * f32(blur.size.z);
+    let size = vec2<f32>(blur.size.xy);
+    let device = min(at, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    let drawn = kind >= first && kind <= last;
+    return vec4<f32>(select(vec2<f32>(0.0), device, drawn), 0.0, 1.0);
 }
 
 @vertex
 fn one_motion_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(vertex, instance, true, false);
+    return tile_corner(vertex, instance, 1.0, 1.0);
 }
 
 @vertex
 fn many_motions_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(vertex, instance, false, true);
+    return tile_corner(vertex, instance, 2.0, 2.0);
 }
 
 @vertex
 fn all_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(vertex, instance, true, true);
+    return tile_corner(vertex, instance, 1.0, 2.0);
 }
 
 fn dominant_motion(p: vec2<i32>) -> vec2<f32> {

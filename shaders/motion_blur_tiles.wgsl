@@ -1,6 +1,9 @@
-// The fastest motion and the range of motions of each tile, then of each 3×3 tiles.
+// The fastest motion and the range of motions of each tile, then the same of each 3×3 tiles.
 // @import shared/fullscreen
-struct Tiles { size: vec4<i32> } // layer width, height, tile side, unused
+struct Tiles {
+    size: vec4<i32>,      // layer width, height, tile side, unused
+    shutter: vec4<f32>,   // x: exposure time (s)
+}
 @group(0) @binding(0) var<uniform> tiles: Tiles;
 // Over tiles: their ranges. Over pixels: the layer's geometry.
 @group(0) @binding(1) var second: texture_2d<f32>;
@@ -37,8 +40,10 @@ fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
     return sum;
 }
 
+// Of each tile's neighbourhood the fastest motion, and what is to be done in the tile
+// (shaders/motion_blur.wgsl): 0 nothing, 1 one motion, 2 many motions.
 @fragment
-fn over_tiles(@builtin(position) at: vec4<f32>) -> Out {
+fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
     let p = vec2<i32>(at.xy);
     let last = (tiles.size.xy - 1) / tiles.size.z;
@@ -50,5 +55,8 @@ fn over_tiles(@builtin(position) at: vec4<f32>) -> Out {
             }
         }
     }
-    return sum;
+    // Motions that end within a pixel of each other are one motion: at a pixel its own.
+    let span = (sum.range.zw - sum.range.xy) * tiles.shutter.x;
+    let kind = select(2.0, 1.0, max(span.x, span.y) < 1.0);
+    return vec4<f32>(sum.fastest.xyz, kind * sum.fastest.z);
 }

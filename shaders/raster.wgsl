@@ -32,6 +32,7 @@ struct View {
     lens: vec4<f32>,          // k3, valid radius, slope at it, near plane (m)
     shutter: vec4<f32>,       // sample time (s), half step for velocity (s), readout (s), picture height (px)
     keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
+    mean_velocity: vec4<f32>, // of the objects on the whole (px/s)
     // Rotation, and the camera's position, at the sample time and a half step before and after.
     moment_rotation: array<vec4<f32>, 3>,
     moment_eye: array<vec4<f32>, 3>,
@@ -108,7 +109,7 @@ struct Fragment {
     @location(2) tangent: vec4<f32>,
     @location(3) uv: vec4<f32>,
     @location(4) color: vec4<f32>,
-    @location(5) @interpolate(perspective, centroid) seen: vec3<f32>, // depth (m), velocity (px/s)
+    @location(5) @interpolate(perspective, centroid) seen: vec3<f32>, // depth (m), velocity less the mean (px/s)
 }
 
 fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
@@ -204,7 +205,9 @@ fn vertex(corner: Corner) -> Fragment {
     out.tangent = vec4<f32>(t, corner.tangent.w * mirror);
     out.uv = vec4<f32>(corner.uv0, corner.uv1);
     out.color = corner.color;
-    out.seen = vec3<f32>(here.depth_m, (after.at_px - before.at_px) / (2.0 * view.shutter.y));
+    // Less the mean: interpolating in slivers loses digits of large values.
+    let velocity = (after.at_px - before.at_px) / (2.0 * view.shutter.y);
+    out.seen = vec3<f32>(here.depth_m, velocity - view.mean_velocity.xy);
     return out;
 }
 
@@ -349,10 +352,11 @@ fn surface(in: Fragment, front: bool, base: vec4<f32>) -> Out {
         color = shade(in, front, base.rgb) + emitted;
     }
     let alpha = select(1.0, clamp(base.a, 0.0, 1.0), blended);
+    let velocity = in.seen.yz + view.mean_velocity.xy;
     var out: Out;
     // Within the range of 16-bit floats.
     out.color = vec4<f32>(min(color * alpha, vec3<f32>(60000.0)), alpha);
-    out.geometry = vec4<f32>(pack_depth(in.seen.x), clamp(in.seen.yz, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
+    out.geometry = vec4<f32>(pack_depth(in.seen.x), clamp(velocity, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
     return out;
 }
 

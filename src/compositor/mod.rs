@@ -199,6 +199,7 @@ impl Compositor {
             geometry: job.geometry,
             keys: &keys,
             shutter,
+            mean_px_per_s: footprint.mean_px_per_s,
             rect: drawn,
             occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
         };

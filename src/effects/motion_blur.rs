@@ -54,6 +54,7 @@ struct Passes {
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct TilesUniform {
     size: [i32; 4],
+    shutter: [f32; 4],
 }
 
 #[repr(C)]
@@ -159,11 +160,12 @@ impl Effect for MotionBlurEffect {
 
         let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, FORMAT, 1);
         let first = [target("tile fastest", tiles), target("tile range", tiles)];
-        let near = [target("near fastest", tiles), target("near range", tiles)];
+        let near = target("near fastest", tiles);
         let color = target("blurred colour", layer.size);
 
         let size = [width as i32, height as i32, side as i32, 0];
-        let tiles_uniform = constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size }));
+        let tiles_uniform =
+            constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size, shutter: [exposure_s, 0.0, 0.0, 0.0] }));
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
         let blur = BlurUniform { size, shutter: [exposure_s, self.params.threshold_px, texel[0], texel[1]] };
         let blur = constants(gpu, "motion_blur", bytemuck::bytes_of(&blur));
@@ -171,11 +173,10 @@ impl Effect for MotionBlurEffect {
         let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&layer.geometry.view)];
         passes.tiles[0].run(gpu, run.encoder, &slots, &[&first[0], &first[1]], tiles);
         let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&first[1].view), Slot::Texture(&first[0].view)];
-        passes.tiles[1].run(gpu, run.encoder, &slots, &[&near[0], &near[1]], tiles);
+        passes.tiles[1].run(gpu, run.encoder, &slots, &[&near], tiles);
         let slots = [
             Slot::Buffer(&blur),
-            Slot::Texture(&near[0].view),
-            Slot::Texture(&near[1].view),
+            Slot::Texture(&near.view),
             Slot::Texture(&layer.geometry.view),
             Slot::Texture(&layer.color.view),
             Slot::Sampler(&passes.between),
@@ -189,7 +190,7 @@ impl Effect for MotionBlurEffect {
             return Layer { color, ..layer };
         }
         let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, FORMAT, 1);
-        passes.passing.run_tiles(gpu, run.encoder, &slots[..4], &[&geometry], layer.size, clear, count);
+        passes.passing.run_tiles(gpu, run.encoder, &slots[..3], &[&geometry], layer.size, clear, count);
         Layer { color, geometry, size: layer.size }
     }
 }
@@ -202,10 +203,10 @@ impl Passes {
             FullscreenPass::with(gpu, "motion_blur", &shader, &[FORMAT], &options)
         };
         Self {
-            tiles: ["over_pixels", "over_tiles"].map(|fragment| {
+            tiles: [("over_pixels", 2), ("over_tiles", 1)].map(|(fragment, targets)| {
                 let options = Options { fragment, ..Options::default() };
                 let shader = assemble("motion_blur_tiles");
-                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[FORMAT, FORMAT], &options)
+                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[FORMAT; 2][..targets], &options)
             }),
             blur: [pass("one_motion_tiles", "one_motion"), pass("many_motions_tiles", "many_motions")],
             passing: pass("all_tiles", "passing"),

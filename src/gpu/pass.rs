@@ -55,7 +55,7 @@ impl FullscreenPass {
                 compilation_options: compilation_options.clone(),
                 buffers: &[],
             },
-            primitive: Default::default(),
+            primitive: wgpu::PrimitiveState { topology: wgpu::PrimitiveTopology::TriangleStrip, ..Default::default() },
             depth_stencil: None,
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
@@ -83,7 +83,7 @@ impl FullscreenPass {
         self.draw(gpu, encoder, slots, targets, size, wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), (3, 1));
     }
 
-    /// Draws one quad (two triangles) for each of `tiles`, over what `load` leaves there.
+    /// Draws one quad (a strip of four corners) for each of `tiles`, over what `load` leaves there.
     #[expect(clippy::too_many_arguments, reason = "what a pass is made of")]
     pub fn run_tiles(
         &self,
@@ -95,7 +95,7 @@ impl FullscreenPass {
         load: wgpu::LoadOp<wgpu::Color>,
         tiles: u32,
     ) {
-        self.draw(gpu, encoder, slots, targets, size, load, (6, tiles));
+        self.draw(gpu, encoder, slots, targets, size, load, (4, tiles));
     }
 
     #[expect(clippy::too_many_arguments, reason = "what a pass is made of")]

@@ -61,7 +61,7 @@ impl Texture {
 
 /// No multiple of it is a power of two: software drivers compile a shader anew for each mixture
 /// of sides that are powers of two and sides that are not, a second each time.
-const STEP_PX: u32 = 96;
+const STEP_PX: u32 = 48;
 
 /// Lends textures by purpose; one is made anew only when the size class changes.
 ///

@@ -47,6 +47,8 @@ pub struct View<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
+    /// Of the objects on the whole, px/s.
+    pub mean_px_per_s: [f32; 2],
     /// What is drawn, in raster axes; may reach beyond the picture.
     pub rect: Rect,
     /// The real scene's depth over `rect` (metres, 0 unknown), and how much nearer it must be.
@@ -253,7 +255,7 @@ impl Renderer {
         let gpu = run.gpu;
         let size = out.size;
         let tolerance = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
-        let uniform = ViewUniform::new(view.geometry, view.keys, view.shutter, view.rect, sample.time_s, tolerance);
+        let uniform = ViewUniform::new(view, sample.time_s, tolerance);
         let uniform = constants(gpu, "view", bytemuck::bytes_of(&uniform));
         let instances = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("instances"),

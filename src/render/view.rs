@@ -2,8 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::camera::Geometry;
-use crate::image::Rect;
+use super::draw::View;
 use crate::pose::Pose;
 
 /// As in shaders/raster.wgsl.
@@ -79,6 +78,7 @@ pub struct ViewUniform {
     pub lens: [f32; 4],
     pub shutter: [f32; 4],
     pub keys: [f32; 4],
+    pub mean_velocity: [f32; 4],
     pub moment_rotation: [[f32; 4]; 3],
     pub moment_eye: [[f32; 4]; 3],
     pub key_rotation: [[f32; 4]; MAX_KEYS],
@@ -86,14 +86,8 @@ pub struct ViewUniform {
 }
 
 impl ViewUniform {
-    pub fn new(
-        geometry: &Geometry,
-        keys: &ViewKeys,
-        shutter: Shutter,
-        rect: Rect,
-        time_s: f64,
-        tolerance_m: f32,
-    ) -> Self {
+    pub fn new(view: &View<'_>, time_s: f64, tolerance_m: f32) -> Self {
+        let View { geometry, keys, shutter, rect, mean_px_per_s, .. } = *view;
         let i = &geometry.intrinsics;
         let d = &geometry.distortion;
         let valid = geometry.valid_radius();
@@ -126,6 +120,7 @@ impl ViewUniform {
                 i.height_px as f32,
             ],
             keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
+            mean_velocity: [mean_px_per_s[0], mean_px_per_s[1], 0.0, 0.0],
             moment_rotation: moments.map(|(q, _)| q.as_quat().to_array()),
             moment_eye: moments.map(|(_, eye)| eye.as_vec3().extend(0.0).to_array()),
             key_rotation,
