@@ -124,25 +124,32 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     let met_met = geometry_at(vec2<i32>(round(by_met)));
 
     // Where nothing holds true. Where the ways back meet nothing, nothing is there; where they
-    // meet another surface, what was here is hidden behind it, and its neighbourhood stands
-    // for it; of an edge pixel whose surface has left, only its share of coverage is known.
-    let uncovers = met.x > 0.0 && (own.x == 0.0 || depth_m(met) > depth_m(own));
-    var source = select(select(round(by_dominant), x, own.x > 0.0 && own_met.x > 0.0), by_dominant, uncovers);
+    // meet another surface, what was here is hidden behind it, and its neighbourhood stands for
+    // it, unless that surface itself has come from elsewhere.
+    let met_is_near = met.x > 0.0 && met_met.x > 0.0;
+    let uncovers = met_is_near && (own.x == 0.0 || depth_m(met) > depth_m(own));
+    let stays = own.x > 0.0 && own_met.x > 0.0;
+    var source = select(select(round(by_dominant), x, stays), by_dominant, uncovers);
+    var there = met_is_near || stays;
 
     var nearest = 1e30;
     if comes_from(met, dominant, moment) {
         source = by_dominant;
         nearest = depth_m(met);
+        there = true;
     }
     if own.x > 0.0 && comes_from(own_met, own.zw * blur.shutter.x, moment) && depth_m(own_met) < nearest {
         source = by_own;
         nearest = depth_m(own_met);
+        there = true;
     }
     if met.x > 0.0 && comes_from(met_met, met_motion, moment) && depth_m(met_met) < nearest {
         source = by_met;
+        there = true;
     }
     // Whole pixels of the major axis: what lies between them is another tap's.
-    return color_between(select(vec2<f32>(source.x, round(source.y)), vec2<f32>(round(source.x), source.y), x_major));
+    let color = color_between(select(vec2<f32>(source.x, round(source.y)), vec2<f32>(round(source.x), source.y), x_major));
+    return select(vec4<f32>(0.0), color, there);
 }
 
 @fragment
