@@ -7,13 +7,13 @@ struct Blur {
 }
 @group(0) @binding(0) var<uniform> blur: Blur;
 @group(0) @binding(1) var fastest: texture_2d<f32>;
-@group(0) @binding(2) var geometry: texture_2d<f32>;
+@group(0) @binding(2) var geometry: texture_2d<u32>;
 @group(0) @binding(3) var color: texture_2d<f32>;
 @group(0) @binding(4) var between: sampler;
 
 // Beyond the layer's border its border stands: empty, or too far from the picture to be seen.
 fn geometry_at(p: vec2<i32>) -> vec4<f32> {
-    return textureLoad(geometry, clamp(p, vec2<i32>(0), blur.size.xy - 1), 0);
+    return unpack_geometry(textureLoad(geometry, clamp(p, vec2<i32>(0), blur.size.xy - 1), 0));
 }
 
 // Between the four pixels around a point; whole numbers are pixels.
@@ -87,7 +87,7 @@ fn mean_of(sum: vec4<f32>, weight: f32) -> vec4<f32> {
 fn one_motion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
     let x = vec2<f32>(p);
-    let own = textureLoad(geometry, p, 0);
+    let own = unpack_geometry(textureLoad(geometry, p, 0));
     let dominant = dominant_motion(p);
     let line = line_along(drawn_motion(select(dominant, own.zw * blur.shutter.x, own.x > 0.0), dominant));
     let center = tap_weight(line, 0.0);
@@ -155,7 +155,7 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
 @fragment
 fn many_motions(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
-    let own = textureLoad(geometry, p, 0);
+    let own = unpack_geometry(textureLoad(geometry, p, 0));
     let dominant = dominant_motion(p);
     let motion = drawn_motion(dominant, dominant);
     let line = line_along(motion);
@@ -172,12 +172,13 @@ fn many_motions(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 
 // The geometry of what is newly covered: of the nearest surface that passes.
 @fragment
-fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
-    var nearest = textureLoad(geometry, p, 0);
-    if nearest.x > 0.0 {
-        return nearest;
+    let own = textureLoad(geometry, p, 0);
+    if unpack_geometry(own).x > 0.0 {
+        return own;
     }
+    var nearest = vec4<f32>(0.0);
     let dominant = dominant_motion(p);
     let line = line_along(drawn_motion(dominant, dominant));
     // All that a look between pixels can touch: of each column (row) of the major axis four
@@ -190,5 +191,5 @@ fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             if g.x > 0.0 && (nearest.x == 0.0 || depth_m(g) < depth_m(nearest)) { nearest = g; }
         }
     }
-    return nearest;
+    return pack_geometry(nearest.x, nearest.zw);
 }

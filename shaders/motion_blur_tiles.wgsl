@@ -1,5 +1,6 @@
 // The fastest motion and the range of motions of each tile, then the same of each 3×3 tiles.
 // @import shared/fullscreen
+// @import shared/layer
 struct Tiles {
     size: vec4<i32>,      // layer width, height, tile side, unused
     shutter: vec4<f32>,   // x: exposure time (s)
@@ -7,6 +8,7 @@ struct Tiles {
 @group(0) @binding(0) var<uniform> tiles: Tiles;
 // Over tiles: their ranges. Over pixels: the layer's geometry.
 @group(0) @binding(1) var second: texture_2d<f32>;
+@group(0) @binding(1) var geometry: texture_2d<u32>;
 // Over tiles: their fastest.
 @group(0) @binding(2) var first: texture_2d<f32>;
 
@@ -31,7 +33,7 @@ fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
     let high = min(low + tiles.size.z, tiles.size.xy);
     for (var y = low.y; y < high.y; y++) {
         for (var x = low.x; x < high.x; x++) {
-            let g = textureLoad(second, vec2<i32>(x, y), 0);
+            let g = unpack_geometry(textureLoad(geometry, vec2<i32>(x, y), 0));
             if g.x > 0.0 {
                 sum = merge(sum, g.zwzw, g.zwzw);
             }

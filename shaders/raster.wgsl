@@ -7,6 +7,7 @@
 // What a draw call is made for: each mixture is a pipeline of its own, so that an untextured
 // thing does not pay for five textures (software drivers work through both sides of an `if`).
 override rolling: bool = false;                // rows have times of their own
+override has_colors: bool = false;             // of vertices
 override has_base_color: bool = false;         // textures
 override has_metallic_roughness: bool = false;
 override has_normals: bool = false;
@@ -331,13 +332,16 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
 
 struct Out {
     @location(0) color: vec4<f32>,
-    @location(1) geometry: vec4<f32>,
+    @location(1) geometry: vec4<u32>,
 }
 
 fn base_of(in: Fragment) -> vec4<f32> {
-    let base = material.base_color * in.color;
+    var base = material.base_color;
+    if has_colors {
+        base *= in.color;
+    }
     if has_base_color {
-        return base * textureSample(base_color_texture, base_color_sampler, texture_uv(in, 0u));
+        base *= textureSample(base_color_texture, base_color_sampler, texture_uv(in, 0u));
     }
     return base;
 }
@@ -356,7 +360,7 @@ fn surface(in: Fragment, front: bool, base: vec4<f32>) -> Out {
     var out: Out;
     // Within the range of 16-bit floats.
     out.color = vec4<f32>(min(color * alpha, vec3<f32>(60000.0)), alpha);
-    out.geometry = vec4<f32>(pack_depth(in.seen.x), clamp(velocity, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
+    out.geometry = pack_geometry(in.seen.x, velocity);
     return out;
 }
 
@@ -367,7 +371,7 @@ fn whole(in: Fragment, @builtin(front_facing) front: bool) -> Out {
 
 struct PartlyOut {
     @location(0) color: vec4<f32>,
-    @location(1) geometry: vec4<f32>,
+    @location(1) geometry: vec4<u32>,
     @builtin(sample_mask) mask: u32,
 }
 

@@ -314,9 +314,8 @@ fn paste_layer(
     geometry.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column).filter(|&i| out.rgba[i][3] > 0.0) {
-                let [high, low, vx, vy] = texel(t);
-                out.depth_m[i] = high + low;
-                out.velocity[i] = [vx, vy];
+                out.depth_m[i] = f32::from_le_bytes([t[0], t[1], t[2], t[3]]);
+                out.velocity[i] = [half(&t[4..]), half(&t[6..])];
             }
         }
     })

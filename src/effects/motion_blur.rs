@@ -13,9 +13,9 @@
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
 use super::{Effect, FrameContext, Stage};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
 use crate::params::{Params, Value};
-use crate::render::{Layer, LayerRun, Sample, SamplePlan};
+use crate::render::{COLOR, GEOMETRY, Layer, LayerRun, Sample, SamplePlan};
 
 crate::choices! {
     /// How motion blur is made.
@@ -63,8 +63,6 @@ struct BlurUniform {
     size: [i32; 4],
     shutter: [f32; 4],
 }
-
-const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 impl MotionBlurEffect {
     /// The longest blur of this frame, px.
@@ -158,7 +156,7 @@ impl Effect for MotionBlurEffect {
         let tiles = (width.div_ceil(side), height.div_ceil(side));
         let exposure_s = context.exposure_time_s as f32;
 
-        let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, FORMAT, 1);
+        let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, COLOR, 1);
         let first = [target("tile fastest", tiles), target("tile range", tiles)];
         let near = target("near fastest", tiles);
         let color = target("blurred colour", layer.size);
@@ -181,16 +179,14 @@ impl Effect for MotionBlurEffect {
             Slot::Texture(&layer.color.view),
             Slot::Sampler(&passes.between),
         ];
-        let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
         let count = tiles.0 * tiles.1;
-        for (pass, load) in passes.blur.iter().zip([clear, wgpu::LoadOp::Load]) {
-            pass.run_tiles(gpu, run.encoder, &slots, &[&color], layer.size, load, count);
-        }
+        let [one, many] = &passes.blur;
+        run_tiles(gpu, run.encoder, &[one, many], &slots, &color, layer.size, count);
         if !run.geometry_is_read {
             return Layer { color, ..layer };
         }
-        let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, FORMAT, 1);
-        passes.passing.run_tiles(gpu, run.encoder, &slots[..3], &[&geometry], layer.size, clear, count);
+        let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, GEOMETRY, 1);
+        run_tiles(gpu, run.encoder, &[&passes.passing], &slots[..3], &geometry, layer.size, count);
         Layer { color, geometry, size: layer.size }
     }
 }
@@ -198,18 +194,18 @@ impl Effect for MotionBlurEffect {
 impl Passes {
     fn new(gpu: &Gpu) -> Self {
         let shader = assemble("motion_blur");
-        let pass = |vertex, fragment| {
+        let pass = |vertex, fragment, format| {
             let options = Options { vertex, fragment, ..Options::default() };
-            FullscreenPass::with(gpu, "motion_blur", &shader, &[FORMAT], &options)
+            FullscreenPass::with(gpu, "motion_blur", &shader, &[format], &options)
         };
         Self {
             tiles: [("over_pixels", 2), ("over_tiles", 1)].map(|(fragment, targets)| {
                 let options = Options { fragment, ..Options::default() };
                 let shader = assemble("motion_blur_tiles");
-                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[FORMAT; 2][..targets], &options)
+                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[COLOR; 2][..targets], &options)
             }),
-            blur: [pass("one_motion_tiles", "one_motion"), pass("many_motions_tiles", "many_motions")],
-            passing: pass("all_tiles", "passing"),
+            blur: [pass("one_motion_tiles", "one_motion", COLOR), pass("many_motions_tiles", "many_motions", COLOR)],
+            passing: pass("all_tiles", "passing", GEOMETRY),
             between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("between pixels"),
                 mag_filter: wgpu::FilterMode::Linear,

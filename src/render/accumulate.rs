@@ -1,6 +1,6 @@
 //! The weighted sum of a plan's samples, in 32-bit floats.
 
-use super::pipeline::COLOR;
+use super::pipeline::{COLOR, GEOMETRY};
 use super::plan::{Layer, LayerRun};
 use crate::gpu::{FullscreenPass, Gpu, Slot, assemble, constants};
 
@@ -33,7 +33,7 @@ impl Accumulate {
                 compilation_options: Default::default(),
                 cache: None,
             }),
-            finish: FullscreenPass::new(gpu, "accumulated", &assemble("accumulated"), &[COLOR, COLOR]),
+            finish: FullscreenPass::new(gpu, "accumulated", &assemble("accumulated"), &[COLOR, GEOMETRY]),
         }
     }
 

@@ -9,7 +9,7 @@ use super::bounds::{Bounds, Footprint, footprint};
 use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::material::bind_groups;
-use super::pipeline::{COLOR, DEPTH, Instance, Pipelines, SAMPLES, Variant};
+use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant};
 use super::plan::{Layer, LayerRun, Sample, SamplePlan};
 use super::view::{Shutter, ViewKeys, ViewUniform};
 use crate::camera::Geometry;
@@ -23,6 +23,7 @@ struct GpuMesh {
     base_vertex: i32,
     indices: Range<u32>,
     longest: f64,
+    has_colors: bool,
     bounds: Option<Bounds>,
 }
 
@@ -83,6 +84,7 @@ impl Renderer {
                     base_vertex,
                     indices: start..indices.len() as u32,
                     longest: longest_edge(mesh),
+                    has_colors: mesh.vertices.iter().any(|v| v.color != [1.0; 4]),
                     bounds: Bounds::of(mesh.vertices.iter().map(|v| v.position)),
                 }
             })
@@ -101,7 +103,7 @@ impl Renderer {
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
             pipelines,
-            resolve: FullscreenPass::new(gpu, "resolve", &assemble("resolve"), &[COLOR, COLOR]),
+            resolve: FullscreenPass::new(gpu, "resolve", &assemble("resolve"), &[COLOR, GEOMETRY]),
             accumulate: Accumulate::new(gpu),
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
@@ -146,7 +148,7 @@ impl Renderer {
         let size = (view.rect.width(), view.rect.height());
         let mut layer = |slot| Layer {
             color: run.pool.get(gpu, "layer colour", slot, size, COLOR, 1),
-            geometry: run.pool.get(gpu, "layer geometry", slot, size, COLOR, 1),
+            geometry: run.pool.get(gpu, "layer geometry", slot, size, GEOMETRY, 1),
             size,
         };
         let out = layer(0);
@@ -193,6 +195,7 @@ impl Renderer {
                 });
             let centre = 0.5 * (corners[0] + corners[7]);
             let variant = Variant {
+                colors: gpu_mesh.has_colors,
                 mirrored: part.world_from_mesh.matrix3.determinant() < 0.0,
                 rolling: view.shutter.readout_time_s > 0.0,
                 hidden_by_depth: view.occlusion.is_some(),
@@ -283,7 +286,7 @@ impl Renderer {
             ],
         });
         let color = run.pool.get(gpu, "samples colour", 0, size, COLOR, SAMPLES);
-        let geometry = run.pool.get(gpu, "samples geometry", 0, size, COLOR, SAMPLES);
+        let geometry = run.pool.get(gpu, "samples geometry", 0, size, GEOMETRY, SAMPLES);
         let depth = run.pool.get(gpu, "samples depth", 0, size, DEPTH, SAMPLES);
         {
             let attach = |view| {

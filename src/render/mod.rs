@@ -12,5 +12,6 @@ mod view;
 
 pub use bounds::Footprint;
 pub use draw::{Renderer, View};
+pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, LayerRun, Sample, SamplePlan};
 pub use view::{Shutter, ViewKeys};

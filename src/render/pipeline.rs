@@ -7,6 +7,8 @@ use crate::gpu::{Gpu, assemble};
 use crate::scene::{Alpha, Environment, Lighting, Material, Vertex};
 
 pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Of shaders/shared/layer.wgsl.
+pub const GEOMETRY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Uint;
 pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// For each pixel.
 pub const SAMPLES: u32 = 4;
@@ -20,6 +22,8 @@ pub struct Variant {
     pub blended: bool,
     pub masked: bool,
     pub unlit: bool,
+    /// Vertices have colours of their own.
+    pub colors: bool,
     /// Base colour, metallic-roughness, normals, occlusion, emissive.
     pub textures: [bool; 5],
     /// Lights.
@@ -61,6 +65,7 @@ impl Variant {
         let [base_color, metallic_roughness, normals, occlusion, emissive] = self.textures;
         let features = [
             ("rolling", self.rolling),
+            ("has_colors", self.colors),
             ("has_base_color", base_color),
             ("has_metallic_roughness", metallic_roughness),
             ("has_normals", normals),
@@ -182,7 +187,7 @@ impl Pipelines {
                         blend: variant.blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
                         write_mask: wgpu::ColorWrites::ALL,
                     }),
-                    Some(COLOR.into()),
+                    Some(GEOMETRY.into()),
                 ],
             }),
             multiview_mask: None,
