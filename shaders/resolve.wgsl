@@ -13,11 +13,12 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     var nearest = vec4<u32>(0u);
     var nearest_m = 1e30;
     for (var i = 0; i < 4; i++) {
-        // Empty samples are 0 in all channels.
-        sum += textureLoad(color, p, i);
+        let c = textureLoad(color, p, i);
+        sum += c;
+        // Geometry is not cleared: it tells something where there is colour.
         let g = textureLoad(geometry, p, i);
         let depth = unpack_geometry(g).x;
-        if depth > 0.0 && depth < nearest_m {
+        if c.a > 0.0 && depth < nearest_m {
             nearest = g;
             nearest_m = depth;
         }

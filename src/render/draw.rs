@@ -289,20 +289,15 @@ impl Renderer {
         let geometry = run.pool.get(gpu, "samples geometry", 0, size, GEOMETRY, SAMPLES);
         let depth = run.pool.get(gpu, "samples depth", 0, size, DEPTH, SAMPLES);
         {
-            let attach = |view| {
-                Some(wgpu::RenderPassColorAttachment {
-                    view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                        store: wgpu::StoreOp::Store,
-                    },
-                })
+            let attach = |view, load| {
+                let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
+                Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
             };
+            let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
             let mut pass = run.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("raster"),
-                color_attachments: &[attach(&color.view), attach(&geometry.view)],
+                // What geometry holds is read only where colour was drawn: it need not be cleared.
+                color_attachments: &[attach(&color.view, clear), attach(&geometry.view, wgpu::LoadOp::Load)],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &depth.view,
                     depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
