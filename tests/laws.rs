@@ -360,6 +360,89 @@ fn occlusion_hides_what_lies_behind_the_desks_things() {
     assert!(hidden * 10 < open, "{hidden} of {open} pixels still show through the desk");
 }
 
+/// A recording of so many frames: ten pictures and a depth map over and over, before them a marker that sways.
+fn long_recording(folder: &Path, frames: usize) {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    let mut uniform = uniform_numbers();
+    for i in 0..10 {
+        let pixels =
+            image::RgbImage::from_fn(LONG_PX.0, LONG_PX.1, |_, _| image::Rgb([(60.0 + 120.0 * uniform()) as u8; 3]));
+        pixels.save(folder.join(format!("{i}.png"))).unwrap();
+    }
+    image::ImageBuffer::from_pixel(LONG_PX.0, LONG_PX.1, image::Luma([1000u16]))
+        .save(folder.join("depth.png"))
+        .unwrap();
+    let list = |name: &dyn Fn(usize) -> String| -> String {
+        (0..frames).map(|i| format!("{:.6} {}\n", i as f64 / 30.0, name(i))).collect()
+    };
+    write("rgb.txt", &list(&|i| format!("{}.png", i % 10)));
+    write("depth.txt", &list(&|_| "depth.png".to_owned()));
+    let sway = |i: usize| 0.05 * (i as f64 / 7.0).sin();
+    let poses = (0..2 * frames + 9).map(|i| format!("{:.6} {:.6} 0 0 0 0 0 1\n", (i as f64 - 4.0) / 60.0, sway(i)));
+    write("poses.txt", &poses.collect::<String>());
+    write(
+        "recording.toml",
+        "version = 1\nup = [0, -1, 0]\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\n\
+         [depth]\nlist = \"depth.txt\"\nscale = 1000\n[camera]\nprofile = \"camera.toml\"\n",
+    );
+    let (width, height) = LONG_PX;
+    write(
+        "camera.toml",
+        &format!(
+            "{NOISE}[camera]\nwidth_px = {width}\nheight_px = {height}\nfx_px = 150\nfy_px = 150\ncx_px = 80\ncy_px = 70\n"
+        ),
+    );
+    let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();
+    write(
+        "scene.toml",
+        &format!(
+            "version = 1\n[[objects]]\nmodel = {:?}\nposition_m = [0, 0.05, 0.5]\n[light]\nambient = 1\n",
+            marker.to_str().unwrap()
+        ),
+    );
+}
+
+/// A frame must be larger than a pipe holds (64 KiB).
+const LONG_PX: (u32, u32) = (160, 140);
+
+#[cfg(target_os = "linux")]
+#[test]
+fn law_5_memory_does_not_grow_with_the_recording() {
+    use std::io::Read;
+    let peak_kib = |frames: usize| -> u64 {
+        let temp = tempfile::tempdir().unwrap();
+        long_recording(temp.path(), frames);
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_locard"))
+            .arg("composite")
+            .arg(temp.path())
+            .arg("--scene")
+            .arg(temp.path().join("scene.toml"))
+            .args(["--output", "-"])
+            .stdout(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        // While the last frame is not read, the program waits for us, with all its work behind it.
+        let mut out = child.stdout.take().unwrap();
+        let mut frame = vec![0; 3 * (LONG_PX.0 * LONG_PX.1) as usize];
+        let mut seen = std::collections::HashSet::new();
+        for _ in 1..frames {
+            out.read_exact(&mut frame).unwrap();
+            seen.insert(frame[3 * 160 * 70..][..3 * 160].to_vec());
+        }
+        assert_eq!(seen.len(), frames - 1, "every frame has its own object and noise");
+        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+        let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap();
+        let peak = line.trim().trim_end_matches(" kB").parse().unwrap();
+        out.read_exact(&mut frame).unwrap();
+        assert_eq!(out.read(&mut [0]).unwrap(), 0);
+        assert!(child.wait().unwrap().success());
+        peak
+    };
+    let (short, long) = (peak_kib(90), peak_kib(900));
+    println!("peak memory: {short} KiB of 90 frames, {long} KiB of 900");
+    assert!(long as f64 <= 1.05 * short as f64, "{short} KiB of 90 frames, {long} KiB of 900");
+}
+
 #[test]
 fn law_7_what_is_missing_is_said_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
