@@ -11,7 +11,7 @@ use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
 use locard::image::{Codes, Pixels};
 use locard::profile::Rig;
-use locard::simulate::{Motion, Options, StaticScenes, static_scenes};
+use locard::simulate::{Detail, Motion, Options, Simulation, StaticScenes, static_scenes};
 
 /// From almost dark to overexposed, so that every bin is met in some scene.
 const GAINS: [f64; 4] = [0.1, 0.35, 1.0, 2.2];
@@ -81,4 +81,21 @@ fn the_program_recovers_it_from_folders() {
     let worst = worst(rig.noise.as_ref().unwrap(), &found, &truth.noise);
     assert!(worst < 0.05, "{worst}\n{table}");
     assert!(locard(&["inspect"], &[&profile]).contains("16 bins"));
+}
+
+#[test]
+fn the_profile_of_the_simulated_camera_is_the_simulated_camera() {
+    let mut rig = Rig::default();
+    rig.read(Path::new("profiles/simulated.toml"), &mut Settings::default()).unwrap();
+    let simulation = Simulation::with_detail(&Options::default(), Detail { texture_m: 0.05, light_m: 0.4 }, 2).unwrap();
+    let camera = rig.camera();
+    assert_eq!(camera.geometry.as_ref(), Some(simulation.geometry()));
+    assert_eq!(camera.exposure.time_s, Some(simulation.options().exposure_time_s));
+    let (noise, truth) = (camera.noise.unwrap(), simulation.sensor.profile());
+    for (channel, bins) in noise.bins.iter().enumerate() {
+        for bin in bins {
+            let error = bin.sigma / truth.sigma(channel, bin.code) - 1.0;
+            assert!(error.abs() < 0.05, "{channel} {bin:?}: {error}");
+        }
+    }
 }

@@ -64,10 +64,14 @@ impl Sensor {
         }
     }
 
-    /// The noise-free picture in code values 0..255, not rounded; three a pixel. `gain`: factor
-    /// on the light.
+    /// The noise-free picture in code values, not rounded; three a pixel. `gain`: factor on the light. Beyond white the
+    /// curve goes on straight, for it is the noisy value that clips: saturated pixels are quiet.
     pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
-        let encode = |light: &f32| (255.0 * self.response.encode(gain * f64::from(*light))) as f32;
+        let steepness = self.response.slope_at_code(1.0);
+        let encode = |light: &f32| {
+            let light = gain * f64::from(*light);
+            (255.0 * (self.response.encode(light) + steepness * (light - 1.0).max(0.0))) as f32
+        };
         picture.light.iter().flatten().map(encode).collect()
     }
 

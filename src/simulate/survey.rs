@@ -17,7 +17,7 @@ const LEAST_VALUES: f64 = 2000.0;
 pub struct StaticScene {
     /// Factor on the light.
     pub gain: f64,
-    /// Noise-free code values 0..255, not rounded, three a pixel.
+    /// Noise-free code values, not rounded, three a pixel; above 255 where the light is too bright.
     pub clean: Vec<f32>,
     pub frames: Vec<Pixels>,
 }
