@@ -62,5 +62,9 @@ need_rust() {
     fi
 }
 
+# Mesa's device selection looks for a Wayland display and complains on stderr where XDG_RUNTIME_DIR is unset. Locard
+# chooses among all adapters itself.
+export NODEVICE_SELECT="${NODEVICE_SELECT:-1}"
+
 need_packages
 need_rust

@@ -1,6 +1,7 @@
 //! The table `[camera.noise]`: what a calibration measured, as text and back.
 
 use crate::camera::{NoiseBin, NoiseProfile};
+use crate::words::count;
 use toml::{Table, Value};
 
 const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];
@@ -15,7 +16,7 @@ pub enum NoiseTableError {
     Unknown { found: String },
     #[error("[camera.noise] {key} = {found} is refused: accepted is a list of numbers")]
     NotNumbers { key: &'static str, found: String },
-    #[error("[camera.noise] {key} has {found} values where {expected} are expected ({why})")]
+    #[error("[camera.noise] {key} has {} where {expected} are expected ({why})", count(*found, "value"))]
     Length { key: &'static str, found: usize, expected: usize, why: &'static str },
     #[error("[camera.noise] code is empty; accepted is one code or more")]
     Empty,
@@ -133,7 +134,7 @@ mod tests {
             ("sigma_r = [1, 2]", "sigma_r = [1, -2]", "sigma_r, value 2: -2 is refused"),
             ("sigma_r = [1, 2]", "sigma_r = [1, inf]", "sigma_r, value 2: inf"),
             ("sigma_r = [1, 2]", "sigma_r = [1, nan]", "sigma_r, value 2: NaN"),
-            ("sigma_r = [1, 2]", "sigma_r = [1]", "sigma_r has 1 values where 2 are expected (one for each code)"),
+            ("sigma_r = [1, 2]", "sigma_r = [1]", "sigma_r has 1 value where 2 are expected (one for each code)"),
             ("sigma_r = [1, 2]", "sigma_r = 'low'", "accepted is a list of numbers"),
             ("sigma_r = [1, 2]", "", "has no key sigma_r"),
             ("sigma_r", "sigma_x", "does not know the key sigma_x"),

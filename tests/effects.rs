@@ -2,66 +2,18 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "common/board.rs"]
+mod board;
 #[path = "common/gpu.rs"]
 mod gpu;
 
-use glam::{DAffine3, DQuat, DVec3};
+use board::{FOCAL_PX, board, sideways};
 use locard::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Settings};
 use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
 use locard::image::Codes;
 use locard::measure::edge::box_blur;
 use locard::params::Value;
-use locard::pose::Pose;
-use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
-use locard::tracking::PoseTrack;
-
-const DEPTH_M: f64 = 2.0;
-const FOCAL_PX: f64 = 500.0;
-
-/// An unlit board of one grey, `half_px` around the middle of the picture, facing the camera.
-fn board(half_px: [f64; 2], grey: f32) -> Scene {
-    let corner = |x: f64, y: f64| Vertex {
-        position: [
-            (x * half_px[0] * DEPTH_M / FOCAL_PX) as f32,
-            (y * half_px[1] * DEPTH_M / FOCAL_PX) as f32,
-            DEPTH_M as f32,
-        ],
-        normal: [0.0, 0.0, -1.0],
-        tangent: [0.0; 4],
-        uv0: [0.0; 2],
-        uv1: [0.0; 2],
-        color: [1.0; 4],
-    };
-    Scene {
-        meshes: vec![Mesh {
-            vertices: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
-            indices: vec![0, 1, 2, 0, 2, 3],
-            material: 0,
-        }],
-        materials: vec![Material {
-            base_color: [grey, grey, grey, 1.0],
-            unlit: true,
-            double_sided: true,
-            ..Material::default()
-        }],
-        objects: vec![Object {
-            name: "board".to_owned(),
-            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
-        }],
-        lighting: Lighting { environment: Environment::Uniform(glam::Vec3::ONE), ..Lighting::default() },
-        ..Scene::default()
-    }
-}
-
-/// A camera that moves sideways so that the board moves by these many px a second.
-fn sideways(px_per_s: [f64; 2]) -> PoseTrack {
-    let at = |t: f64| {
-        let m = [px_per_s[0] * t, px_per_s[1] * t].map(|px| px * DEPTH_M / FOCAL_PX);
-        Pose::from_camera_in_world(DVec3::new(-m[0], -m[1], 0.0), DQuat::IDENTITY)
-    };
-    PoseTrack::new((-50..=50).map(|i| (f64::from(i) * 0.01, at(f64::from(i) * 0.01))).collect(), 1.0).unwrap()
-}
 
 const EXPOSURE_S: f64 = 0.02;
 

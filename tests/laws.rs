@@ -2,19 +2,24 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "common/board.rs"]
+mod board;
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;
 
 use std::path::Path;
+use std::sync::Arc;
 
+use board::{FOCAL_PX, board, both, panel, sideways};
+use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings};
 use locard::gpu::Gpu;
-use locard::image::Codes;
+use locard::image::{Codes, Pixels};
 use locard::params::Value;
 use locard::profile::Rig;
 use locard::recording::{OpenOptions, Recording};
-use locard::scene::Scene;
+use locard::scene::{Alpha, Scene, Texture, TextureUse, Wrap};
 
 /// The knife and the dagger on the desk of tum-fr1-rpy, real size.
 const DESK: &str = r#"
@@ -163,6 +168,174 @@ fn law_3_neutral_is_identity() {
     }
 }
 
+/// The curves that a camera may encode light with.
+fn curves() -> [Response; 3] {
+    [Curve::Srgb, Curve::Linear, Curve::Gamma].map(|curve| Response { curve, gamma: 2.2 })
+}
+
+/// What is tested of law 4 hangs on the camera's curve alone, so everything else stays the same.
+fn under_curve(
+    response: &Response,
+    settings: Settings,
+    blur_px: f64,
+    scene: Scene,
+    camera_pixels: Pixels,
+) -> Composited {
+    const EXPOSURE_S: f64 = 0.02;
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = gpu::camera(&geometry, EXPOSURE_S);
+    camera.response = response.clone();
+    let bins = vec![NoiseBin { code: 0.0, sigma: 6.1 }, NoiseBin { code: 255.0, sigma: 1.0 }];
+    camera.noise = Some(NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.0; 3],
+        neighbour_correlation: [0.0; 2],
+    });
+    let frame = gpu::frame(0, 0.0, camera_pixels);
+    gpu::composite(&gpu::gpu(), &camera, settings, scene, &sideways([blur_px / EXPOSURE_S, 0.0]), frame)
+}
+
+/// Silhouettes and the seam between a dark and a bright board run through the middles of pixels.
+fn dark_and_bright() -> Scene {
+    both(panel([-59.5, -50.5], [0.5, 50.5], 0.05), panel([0.5, -50.5], [60.5, 50.5], 0.8))
+}
+
+#[test]
+fn law_4_optics_work_on_linear_light() {
+    for (method, blur_px) in [("velocity", 0.0), ("velocity", 12.0), ("copies", 12.0), ("reference", 12.0)] {
+        let settings = || {
+            gpu::settings(&[
+                ("motion_blur", "method", Value::Text(method.to_owned())),
+                ("motion_blur", "copies", Value::Number(48.0)),
+                ("noise", "scale", Value::Number(0.0)),
+            ])
+        };
+        let layers = curves().map(|response| {
+            let done = under_curve(&response, settings(), blur_px, dark_and_bright(), gpu::grey(320, 240, 60));
+            let layer = done.layer.unwrap();
+            let behind = response.decode(60.0 / 255.0);
+            let mut mixed = 0;
+            for (i, (out, rgba)) in codes(&done.pixels.codes).chunks_exact(3).zip(&layer.rgba).enumerate() {
+                let [r, _, _, a] = rgba.map(f64::from);
+                let code = 255.0 * response.encode(r + (1.0 - a) * behind);
+                // Rounding, and a little for the shader's 32 bits.
+                assert!((f64::from(out[0]) - code).abs() < 0.52, "{method} {response:?} pixel {i}: {} {code}", out[0]);
+                mixed += usize::from(a > 0.1 && a < 0.9);
+            }
+            assert!(mixed > 200, "{mixed} pixels are part camera, part layer");
+            layer
+        });
+        // The lens knows no curve.
+        assert!(layers.iter().all(|layer| *layer == layers[0]), "{method}");
+        // Both lights meet in the middle of column 160: coverage and blur take their mean. The mean of their sRGB
+        // codes would be a light of 0.29.
+        let row = &layers[0].rgba[120 * 320..][..320];
+        let middle = f64::from(row[160][0]);
+        // A tap or a sample may fall to either side: a twelfth of the blur's ramp.
+        let tolerance = if blur_px > 0.0 { 0.75 / 12.0 } else { 1e-3 };
+        assert!((middle - 0.425).abs() < tolerance, "{method} {blur_px}: {middle}");
+        let flat = if blur_px > 0.0 { 12 } else { 1 };
+        assert!((row[160 - flat][0] - 0.05).abs() < 1e-3 && (row[160 + flat][0] - 0.8).abs() < 1e-3);
+        // The silhouette at column 100: half of it is board.
+        assert!((row[100][3] - 0.5).abs() < 1.0 / 12.0 && (row[100][0] - 0.5 * 0.05).abs() < 0.1, "{:?}", row[100]);
+    }
+}
+
+#[test]
+fn law_4_textures_are_filtered_as_light() {
+    // Black and white texels, nearly four a pixel each way: what is seen is their mean light, not their mean code (0.21).
+    let side = 450;
+    let texel = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255, 255, 255, 255] } else { [0, 0, 0, 255] };
+    let mut scene = board([60.0, 60.0], 1.0);
+    scene.textures.push(Texture {
+        width: side,
+        height: side,
+        rgba: Arc::new((0..side * side).flat_map(texel).collect()),
+        srgb: true,
+        wrap: [Wrap::Clamp; 2],
+        smooth: true,
+        mipmaps: true,
+    });
+    let whole = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    scene.materials[0].base_color_texture = Some(TextureUse { texture: 0, uv_set: 0, transform: whole });
+    let done = under_curve(&Response::default(), Settings::default(), 0.0, scene, gpu::grey(320, 240, 60));
+    let layer = done.layer.unwrap();
+    let inside: Vec<f64> = (80..160)
+        .flat_map(|y| (120..200).map(move |x| (y, x)))
+        .map(|(y, x): (usize, usize)| f64::from(layer.rgba[y * 320 + x][0]))
+        .collect();
+    let mean = inside.iter().sum::<f64>() / inside.len() as f64;
+    assert!((mean - 0.5).abs() < 0.03, "{mean}");
+}
+
+#[test]
+fn law_4_the_sensor_works_on_code_values() {
+    // Noise: of one code value, whatever light that stands for under the camera's curve.
+    let noisy = curves().map(|response| {
+        let light = response.decode(123.5 / 255.0) as f32;
+        let scene = board([200.0, 150.0], light);
+        under_curve(&response, Settings::default(), 0.0, scene, gpu::grey(320, 240, 90)).pixels
+    });
+    for other in &noisy[1..] {
+        let pairs = || codes(&noisy[0].codes).iter().zip(codes(&other.codes));
+        // The layer holds light in 16-bit floats, half a unit of which is up to 0.04 codes here.
+        assert!(pairs().all(|(a, b)| a.abs_diff(*b) <= 1));
+        let differ = pairs().filter(|(a, b)| a != b).count();
+        assert!(differ < 230_400 / 20, "{differ} of 230,400 codes differ");
+    }
+    let [mean, sigma] = mean_and_sigma(&noisy[0]);
+    let expected = (6.1 - 5.1 * 123.5 / 255.0f64).hypot((1.0f64 / 12.0).sqrt());
+    assert!((mean - 123.5).abs() < 0.1 && (sigma / expected - 1.0).abs() < 0.02, "{mean} {sigma} {expected}");
+
+    // Edge blend: the paper's mean of code values.
+    for response in curves() {
+        let settings =
+            gpu::settings(&[("edge_blend", "impact", Value::Number(1.0)), ("noise", "scale", Value::Number(0.0))]);
+        let scene = board([60.0, 50.0], response.decode(200.0 / 255.0) as f32);
+        let done = under_curve(&response, settings, 0.0, scene, gpu::grey(320, 240, 40)).pixels;
+        // On a straight edge three of eight neighbours are the camera's, in a corner five; inside none.
+        for (x, y, code) in [(100, 120, 80), (160, 70, 80), (219, 120, 80), (100, 70, 67), (130, 120, 200)] {
+            assert_eq!(done.at(x, y), [code; 3], "{response:?} ({x}, {y})");
+        }
+    }
+
+    // What a mixed pixel's camera part brings of noise came through the optics: its σ times the curve's slope there
+    // over the slope here. With what is added, the pixel has the σ of its own code.
+    let (behind, code) = (30.0, 150.0);
+    let sigma_at = |code: f64| 6.1 - 5.1 * code / 255.0;
+    let mut uniform = uniform_numbers();
+    // The sum of twelve uniform numbers has variance 1.
+    let mut normal = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+    let camera: Vec<u8> = (0..3 * 320 * 240).map(|_| (behind + sigma_at(behind) * normal()).round() as u8).collect();
+    for response in curves() {
+        let light = 2.0 * response.decode(code / 255.0) - response.decode(behind / 255.0);
+        let mut scene = board([200.0, 150.0], light as f32);
+        scene.materials[0].base_color[3] = 0.5;
+        scene.materials[0].alpha = Alpha::Blend;
+        let pixels = Pixels::from_u8(320, 240, camera.clone()).unwrap();
+        let done = under_curve(&response, Settings::default(), 0.0, scene, pixels).pixels;
+        let [_, sigma] = mean_and_sigma(&done);
+        let expected = sigma_at(code).hypot((1.0f64 / 12.0).sqrt());
+        assert!((sigma / expected - 1.0).abs() < 0.03, "{response:?}: {sigma} {expected}");
+    }
+}
+
+fn mean_and_sigma(pixels: &Pixels) -> [f64; 2] {
+    let values = || codes(&pixels.codes).iter().map(|&c| f64::from(c));
+    let n = values().count() as f64;
+    let mean = values().sum::<f64>() / n;
+    [mean, (values().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()]
+}
+
+/// Numbers from 0 to 1: a linear congruence (Knuth's MMIX), its upper bits.
+fn uniform_numbers() -> impl FnMut() -> f64 {
+    let mut state = 1u64;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
 #[test]
 fn occlusion_hides_what_lies_behind_the_desks_things() {
     let Some(site) = desk() else { return };
@@ -185,6 +358,89 @@ fn occlusion_hides_what_lies_behind_the_desks_things() {
     let (hidden, open) = (covered(true), covered(false));
     assert!(open > 300, "{open}");
     assert!(hidden * 10 < open, "{hidden} of {open} pixels still show through the desk");
+}
+
+/// A recording of so many frames: ten pictures and a depth map over and over, before them a marker that sways.
+fn long_recording(folder: &Path, frames: usize) {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    let mut uniform = uniform_numbers();
+    for i in 0..10 {
+        let pixels =
+            image::RgbImage::from_fn(LONG_PX.0, LONG_PX.1, |_, _| image::Rgb([(60.0 + 120.0 * uniform()) as u8; 3]));
+        pixels.save(folder.join(format!("{i}.png"))).unwrap();
+    }
+    image::ImageBuffer::from_pixel(LONG_PX.0, LONG_PX.1, image::Luma([1000u16]))
+        .save(folder.join("depth.png"))
+        .unwrap();
+    let list = |name: &dyn Fn(usize) -> String| -> String {
+        (0..frames).map(|i| format!("{:.6} {}\n", i as f64 / 30.0, name(i))).collect()
+    };
+    write("rgb.txt", &list(&|i| format!("{}.png", i % 10)));
+    write("depth.txt", &list(&|_| "depth.png".to_owned()));
+    let sway = |i: usize| 0.05 * (i as f64 / 7.0).sin();
+    let poses = (0..2 * frames + 9).map(|i| format!("{:.6} {:.6} 0 0 0 0 0 1\n", (i as f64 - 4.0) / 60.0, sway(i)));
+    write("poses.txt", &poses.collect::<String>());
+    write(
+        "recording.toml",
+        "version = 1\nup = [0, -1, 0]\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\n\
+         [depth]\nlist = \"depth.txt\"\nscale = 1000\n[camera]\nprofile = \"camera.toml\"\n",
+    );
+    let (width, height) = LONG_PX;
+    write(
+        "camera.toml",
+        &format!(
+            "{NOISE}[camera]\nwidth_px = {width}\nheight_px = {height}\nfx_px = 150\nfy_px = 150\ncx_px = 80\ncy_px = 70\n"
+        ),
+    );
+    let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();
+    write(
+        "scene.toml",
+        &format!(
+            "version = 1\n[[objects]]\nmodel = {:?}\nposition_m = [0, 0.05, 0.5]\n[light]\nambient = 1\n",
+            marker.to_str().unwrap()
+        ),
+    );
+}
+
+/// A frame must be larger than a pipe holds (64 KiB).
+const LONG_PX: (u32, u32) = (160, 140);
+
+#[cfg(target_os = "linux")]
+#[test]
+fn law_5_memory_does_not_grow_with_the_recording() {
+    use std::io::Read;
+    let peak_kib = |frames: usize| -> u64 {
+        let temp = tempfile::tempdir().unwrap();
+        long_recording(temp.path(), frames);
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_locard"))
+            .arg("composite")
+            .arg(temp.path())
+            .arg("--scene")
+            .arg(temp.path().join("scene.toml"))
+            .args(["--output", "-"])
+            .stdout(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        // While the last frame is not read, the program waits for us, with all its work behind it.
+        let mut out = child.stdout.take().unwrap();
+        let mut frame = vec![0; 3 * (LONG_PX.0 * LONG_PX.1) as usize];
+        let mut seen = std::collections::HashSet::new();
+        for _ in 1..frames {
+            out.read_exact(&mut frame).unwrap();
+            seen.insert(frame[3 * 160 * 70..][..3 * 160].to_vec());
+        }
+        assert_eq!(seen.len(), frames - 1, "every frame has its own object and noise");
+        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+        let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap();
+        let peak = line.trim().trim_end_matches(" kB").parse().unwrap();
+        out.read_exact(&mut frame).unwrap();
+        assert_eq!(out.read(&mut [0]).unwrap(), 0);
+        assert!(child.wait().unwrap().success());
+        peak
+    };
+    let (short, long) = (peak_kib(90), peak_kib(900));
+    println!("peak memory: {short} KiB of 90 frames, {long} KiB of 900");
+    assert!(long as f64 <= 1.05 * short as f64, "{short} KiB of 90 frames, {long} KiB of 900");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use locard::recording::Recording;
+use locard::recording::{OpenOptions, Recording};
 
 /// The files that the formats are told by. The input is split at zero bytes, one piece a file;
 /// the first byte of a piece says which.
@@ -26,5 +26,5 @@ fuzz_target!(|bytes: &[u8]| {
             std::fs::write(path, content).expect("a temporary file");
         }
     }
-    drop(Recording::open(folder.path()));
+    drop(Recording::open(folder.path(), &OpenOptions::default()));
 });

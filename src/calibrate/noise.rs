@@ -15,6 +15,7 @@ use super::rounding::Rounding;
 use super::scene_sums::{MAX_FRAMES, SceneSums, UNIT};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::image::Pixels;
+use crate::words::count;
 use std::path::PathBuf;
 
 /// How to calibrate.
@@ -94,7 +95,11 @@ pub enum CalibrateError {
     Bins { found: usize },
     #[error("either all scenes have a known mean or none has")]
     MeansMixed,
-    #[error("{means} means for {entries} entries of frames; give one mean for all, or one for each, in the same order")]
+    #[error(
+        "{} for {} of frames; give one mean for all, or one for each, in the same order",
+        count(*means, "mean"),
+        count(*entries, "argument")
+    )]
     MeansCount { means: usize, entries: usize },
     #[error(
         "channel {channel} has no bin with {needed} independent samples (the fullest has {best:.0}); give more frames, larger pictures or more scenes"
@@ -296,7 +301,10 @@ fn check(
         return Err(CalibrateError::TooFew { channel, needed, best });
     }
     if filled > 0 {
-        warnings.push(format!("{channel}: {filled} of {} bins have fewer than {needed} independent samples and are filled from their neighbours", bins.len()));
+        warnings.push(format!(
+            "{channel}: fewer than {needed} independent samples in {filled} of {}; filled from the neighbours",
+            count(bins.len(), "bin")
+        ));
     }
     if let Some(bin) = bins.iter().find(|b| !b.filled_from_neighbours && b.mu.abs() > 0.5 && b.mu.abs() > 0.2 * b.sigma)
     {

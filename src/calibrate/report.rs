@@ -1,6 +1,7 @@
 //! The table that a person reads after a calibration.
 
 use super::noise::{BinReport, NoiseCalibration};
+use crate::words::count;
 use std::fmt;
 
 fn cell(bin: &BinReport) -> String {
@@ -15,9 +16,9 @@ impl fmt::Display for NoiseCalibration {
         let [red, green, blue] = &self.bins;
         writeln!(
             f,
-            "{} scenes, {} frames; {:.2} % of the pixels moved or drifted and are left out",
-            self.scenes,
-            self.frames,
+            "{}, {}; {:.2} % of the pixels moved or drifted and are left out",
+            count(self.scenes, "scene"),
+            count(self.frames, "frame"),
             100.0 * self.excluded_share
         )?;
         writeln!(f, "sigma in 8-bit codes [95 % interval] and independent samples, for each channel")?;

@@ -6,7 +6,7 @@
 pub struct NoiseBin {
     /// Middle of the bin, in 8-bit code values (0 to 255).
     pub code: f64,
-    /// Standard deviation in 8-bit code values.
+    /// Standard deviation in 8-bit code values, before rounding to whole ones.
     pub sigma: f64,
 }
 

@@ -3,15 +3,17 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
-use super::{progress, warn};
+use super::{progress, tell, warn};
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
 use crate::gpu::Gpu;
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
 use crate::sink::{self, OutPath, SinkOptions};
+use crate::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -108,6 +110,7 @@ fn layer_path(folder: &Path, frame: usize) -> PathBuf {
 }
 
 pub fn run(args: Args) -> Result<()> {
+    let start = Instant::now();
     let options = OpenOptions {
         metres_per_unit: args.metres_per_unit,
         time_offset_s: args.time_offset_s,
@@ -189,10 +192,6 @@ pub fn run(args: Args) -> Result<()> {
     })?;
     bar.finish_and_clear();
 
-    let unseen = stats.iter().filter(|s| s.no_pose.is_some()).count();
-    if unseen > 0 {
-        warn(args.quiet, &format!("{unseen} of {} frames have no pose and passed through untouched", stats.len()));
-    }
     if let Some(path) = &args.report {
         let report = serde_json::json!({
             "adapter": adapter.name,
@@ -203,6 +202,9 @@ pub fn run(args: Args) -> Result<()> {
         let text = serde_json::to_string_pretty(&report)?;
         std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
+    let place =
+        if args.output.as_os_str() == "-" { "standard output".to_owned() } else { args.output.display().to_string() };
+    tell(args.quiet, &format!("{} in {:.1} s: {place}", count(stats.len(), "frame"), start.elapsed().as_secs_f64()));
     Ok(())
 }
 

@@ -7,6 +7,15 @@ use anyhow::{Result, bail};
 use crate::gpu::{Gpu, adapters};
 use crate::source::ffmpeg;
 
+/// What steers the choice of an adapter.
+pub const HELP: &str = "\
+Environment variables:
+  WGPU_ADAPTER_NAME=TEXT  use the first adapter whose name contains TEXT
+  WGPU_BACKEND=NAME       look at this kind of driver only: vulkan, gl, metal, dx12
+  VK_DRIVER_FILES=FILE    use this Vulkan driver (its .json; VK_ICD_FILENAMES for older loaders)
+  NODEVICE_SELECT=1       leave out Mesa's device selection, which complains on stderr where
+                          XDG_RUNTIME_DIR is unset; Locard makes its own choice";
+
 pub fn run() -> Result<()> {
     let mut out = std::io::stdout().lock();
     let mut missing = 0;
@@ -38,7 +47,7 @@ pub fn run() -> Result<()> {
         }
     }
     if missing > 0 {
-        bail!("{missing} of the things above are missing");
+        bail!("something is missing, see above");
     }
     Ok(())
 }

@@ -8,9 +8,10 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::Geometry;
 use crate::compositor::Settings;
-use crate::params::Params;
+use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
+use crate::words::{count, short};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -87,12 +88,19 @@ fn profile(path: &Path) -> Result<()> {
     rig.read(path, &mut settings)?;
     let mut out = std::io::stdout().lock();
     writeln!(out, "profile    {}", path.display())?;
+    if let Some(Geometry { intrinsics: i, .. }) = rig.camera().geometry {
+        writeln!(out, "picture    {}x{} px", i.width_px, i.height_px)?;
+    }
     let tables: Vec<&dyn Params> = rig.tables().into_iter().chain(settings.tables()).collect();
     for table in tables {
         let changed = table.specs().into_iter().filter_map(|s| {
             let value = table.get(s.name)?;
             let unit = if matches!(s.unit, "" | "1") { String::new() } else { format!(" {}", s.unit) };
-            (value != s.default).then(|| format!("{} = {value}{unit}", s.name))
+            let text = match value {
+                Value::Number(n) => short(n),
+                _ => value.to_string(),
+            };
+            (value != s.default).then(|| format!("{} = {text}{unit}", s.name))
         });
         let changed: Vec<_> = changed.collect();
         if !changed.is_empty() {
@@ -105,8 +113,8 @@ fn profile(path: &Path) -> Result<()> {
             let (low, high) = sigmas.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));
             writeln!(
                 out,
-                "noise      {} bins, σ {low:.2} to {high:.2} code values; channels {:.2?}, neighbours {:.2?}",
-                noise.bins[0].len(),
+                "noise      {}, σ {low:.2} to {high:.2} 8-bit codes; correlation of channels {:.2?}, of neighbours {:.2?}",
+                count(noise.bins[0].len(), "bin"),
                 noise.channel_correlation,
                 noise.neighbour_correlation
             )?;
@@ -132,17 +140,21 @@ fn recording(args: &Args) -> Result<()> {
     writeln!(out, "recording  {} ({})", recording.name, recording.kind)?;
     writeln!(
         out,
-        "frames     {} of {}x{} px, {} bits; {duration:.3} s, every {:.4} s",
+        "frames     {} of {}x{} px, {} bits; {duration:.3} s, one every {:.4} s",
         recording.frame_count(),
         recording.width,
         recording.height,
         recording.bits,
         recording.frame_interval_s
     )?;
-    writeln!(out, "poses      {}; {posed} frames have one", recording.track.poses().len())?;
+    let frames = recording.frame_count();
+    writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
     writeln!(out, "depth      {}", if recording.has_depth() { "yes" } else { "none" })?;
     let exposed = recording.exposure.iter().filter(|e| e.time_s.is_some()).count();
-    writeln!(out, "exposure   known for {exposed} frames")?;
+    match exposed {
+        0 => writeln!(out, "exposure   unknown")?,
+        _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
+    }
     match recording.geometry_at_frame(0) {
         Some(g) => writeln!(
             out,

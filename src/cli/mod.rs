@@ -32,6 +32,7 @@ enum Command {
     /// List every parameter: unit, range, default, help
     Params(params::Args),
     /// Say what this machine has, what is missing and how to get it
+    #[command(after_help = doctor::HELP)]
     Doctor,
     /// Measure what each effect costs on this machine
     Bench(bench::Args),
@@ -98,9 +99,21 @@ fn warn(quiet: bool, text: &str) {
     }
 }
 
+/// Whether there is a person to tell how it goes: at a terminal, not behind a pipe.
+fn watched(quiet: bool) -> bool {
+    !quiet && std::io::stderr().is_terminal()
+}
+
+/// A closing line for whoever watches.
+fn tell(quiet: bool, text: &str) {
+    if watched(quiet) {
+        say(text);
+    }
+}
+
 /// A bar on a terminal, nothing in a pipe.
 fn progress(quiet: bool, length: usize) -> indicatif::ProgressBar {
-    if quiet || !std::io::stderr().is_terminal() {
+    if !watched(quiet) {
         return indicatif::ProgressBar::hidden();
     }
     let style = indicatif::ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left");

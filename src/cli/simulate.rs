@@ -5,9 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use super::progress;
+use super::{progress, tell};
 use crate::params::{Params, Value};
 use crate::simulate::{self, Options};
+use crate::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -45,5 +46,6 @@ pub fn run(args: &Args) -> Result<()> {
     let bar = progress(args.quiet, options.frames as usize);
     simulate::run(output, &options, args.force, &mut |done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
+    tell(args.quiet, &format!("{}: {}", count(options.frames as usize, "frame"), output.display()));
     Ok(())
 }

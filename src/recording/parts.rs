@@ -13,6 +13,7 @@ use crate::pose::Pose;
 use crate::source::still::{self, Header};
 use crate::source::video::Video;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
+use crate::words;
 
 /// A rate for what has no clock of its own.
 pub const NOMINAL_FPS: f64 = 30.0;
@@ -98,7 +99,7 @@ impl Parts {
         let count = self.timestamps_s.len();
         let mut associated = |what: &str, missing: usize| {
             if missing > 0 {
-                warnings.push(format!("{missing} of {count} frames have no {what} within {reach_s:.4} s"));
+                warnings.push(format!("no {what} within {reach_s:.4} s for {missing} of {count} frames"));
             }
         };
         let exposure: Vec<Option<FrameExposure>> =
@@ -221,8 +222,9 @@ fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {
     let count = timestamps_s.windows(2).filter(|pair| odd(pair)).count();
     let interval_s = timestamps_s[first + 1] - timestamps_s[first];
     Some(format!(
-        "{count} intervals between frames are far from the usual {usual_s:.4} s (first: {interval_s:.4} s between \
-         frames {first} and {})",
+        "time from frame to frame far from the usual {usual_s:.4} s: {} (first: {interval_s:.4} s between frames \
+         {first} and {})",
+        words::count(count, "interval"),
         first + 1
     ))
 }
@@ -232,5 +234,5 @@ fn missing_poses(recording: &Recording) -> Option<String> {
     let mut missing = (0..count).filter_map(|i| recording.pose_at_frame(i).err().map(|why| (i, why)));
     let (first, why) = missing.next()?;
     let number = 1 + missing.count();
-    Some(format!("{number} of {count} frames have no pose (frame {first}: {why}); they pass through untouched"))
+    Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
 }

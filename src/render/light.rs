@@ -4,6 +4,7 @@ use glam::{DVec3, Mat3, Vec3};
 
 use crate::gpu::{Gpu, half_texels};
 use crate::scene::{Environment, EnvironmentMap, Lighting};
+use crate::words::count;
 
 pub const MAX_SUNS: usize = 4;
 pub const MAX_POINTS: usize = 8;
@@ -83,9 +84,9 @@ impl LightUniform {
 pub fn unsupported(lighting: &Lighting) -> Option<String> {
     (lighting.suns.len() > MAX_SUNS || lighting.points.len() > MAX_POINTS).then(|| {
         format!(
-            "the scene has {} suns and {} point lights; the first {MAX_SUNS} and {MAX_POINTS} are drawn",
-            lighting.suns.len(),
-            lighting.points.len()
+            "the scene has {} and {}; the first {MAX_SUNS} and {MAX_POINTS} are drawn",
+            count(lighting.suns.len(), "sun"),
+            count(lighting.points.len(), "lamp")
         )
     })
 }

@@ -2,10 +2,11 @@
 
 use std::fmt;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, Vec3};
 use serde::Serialize;
 
 use super::{Environment, Object, Scene, place};
+use crate::words::count;
 
 /// Beyond these extents a model is probably not in metres.
 const LARGE_M: f64 = 10.0;
@@ -48,8 +49,13 @@ pub fn describe(scene: &Scene) -> Description {
     let mut warnings = scene.warnings.clone();
     let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
     let environment = match &scene.lighting.environment {
-        Environment::Uniform(color) => format!("the same from everywhere, {} {} {}", color.x, color.y, color.z),
-        Environment::Map(map) => format!("a panorama, {}×{}, times {}", map.width, map.height, map.intensity),
+        Environment::Uniform(c) if *c == Vec3::ZERO => "none from around".to_owned(),
+        Environment::Uniform(c) if c.x == c.y && c.y == c.z => format!("{} from everywhere", c.x),
+        Environment::Uniform(c) => format!("{} {} {} from everywhere", c.x, c.y, c.z),
+        Environment::Map(map) => {
+            let factor = if map.intensity == 1.0 { String::new() } else { format!(", times {}", map.intensity) };
+            format!("a panorama of {}x{} px{factor}", map.width, map.height)
+        }
     };
     Description {
         triangles: objects.iter().map(|o| o.triangles).sum(),
@@ -86,22 +92,28 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
 }
 
+/// To the millimetre, without a minus before zero.
+fn metres(value: f64) -> String {
+    format!("{:.3}", (value * 1e3).round() / 1e3 + 0.0)
+}
+
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for object in &self.objects {
-            write!(f, "object {}: {} triangles", object.name, object.triangles)?;
+            write!(f, "object     {}: {}", object.name, count(object.triangles, "triangle"))?;
             if let Some([low, high]) = object.bounds_in_world_m {
-                let [low, high] = [DVec3::from(low), DVec3::from(high)];
-                write!(f, ", from {low:.3} to {high:.3}, {:.3} m", high - low)?;
+                let extent = [0, 1, 2].map(|i| metres(high[i] - low[i])).join(" x ");
+                let [low, high] = [low, high].map(|corner| corner.map(metres).join(" "));
+                write!(f, ", {extent} m, from {low} to {high}")?;
             }
             writeln!(f)?;
         }
-        writeln!(f, "{} triangles, {} materials", self.triangles, self.materials)?;
+        writeln!(f, "in all     {}, {}", count(self.triangles, "triangle"), count(self.materials, "material"))?;
         for (i, texture) in self.textures.iter().enumerate() {
             let kind = if texture.srgb { "colour" } else { "data" };
-            writeln!(f, "texture {i}: {}×{}, {kind}", texture.width, texture.height)?;
+            writeln!(f, "texture {i:<2} {}x{} px, {kind}", texture.width, texture.height)?;
         }
-        writeln!(f, "light: {} suns, {} lamps, from around {}", self.suns, self.points, self.environment)?;
-        self.warnings.iter().try_for_each(|warning| writeln!(f, "odd: {warning}"))
+        writeln!(f, "light      {}, {}, {}", count(self.suns, "sun"), count(self.points, "lamp"), self.environment)?;
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "odd        {warning}"))
     }
 }

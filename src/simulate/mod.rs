@@ -167,7 +167,8 @@ impl Simulation {
             exposure_time_s: self.options.exposure_time_s,
             samples: self.options.samples,
             seed: self.options.seed,
-            frame: frame as u64,
+            // A resting camera sees the same light in every frame; samples elsewhere would look like noise.
+            frame: if self.options.motion == Motion::Static { 0 } else { frame as u64 },
         }
     }
 

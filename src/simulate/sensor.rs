@@ -3,7 +3,8 @@
 //! σ is defined where cameras show it, in code values after the response: a table of sixteen
 //! bins for each channel with its hump in the mid-tones. The noise is Gaussian; channels share
 //! a part of it, and a small kernel spreads it over neighbours without changing its variance.
-//! A written σ holds the rounding's own 1/12. Near black and white clipping takes some away.
+//! The table's σ is that of the whole codes and holds the rounding's own 1/12; a profile's is before rounding, as a
+//! calibration finds it. Near black and white clipping takes some away.
 
 use crate::camera::{NoiseBin, NoiseProfile, Response};
 
@@ -11,12 +12,12 @@ use super::random::Stream;
 use super::render::Picture;
 use super::threads::over_rows;
 
-/// σ of the green channel at codes 8, 24, … 248 for a noise scale of 1, code values.
+/// σ of the green channel's whole codes at 8, 24, … 248 for a noise scale of 1.
 const SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];
 /// The channels' σ over green's.
 const CHANNEL: [f64; 3] = [1.1, 1.0, 1.25];
-/// Variance of rounding to whole code values.
-const ROUNDING: f64 = 1.0 / 12.0;
+/// Variance of rounding to whole code values (Sheppard 1898).
+pub(super) const ROUNDING: f64 = 1.0 / 12.0;
 
 /// A sensor with known noise.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,15 +38,20 @@ impl Sensor {
         16.0 * bin as f64 + 8.0
     }
 
-    /// σ at a code value, rounding included: linear between the bins' middles, constant beyond.
-    pub fn sigma(&self, channel: usize, code: f64) -> f64 {
+    /// σ of whole codes, rounding included: linear between the bins' middles, constant beyond.
+    pub fn rounded_sigma(&self, channel: usize, code: f64) -> f64 {
         let at = ((code - 8.0) / 16.0).clamp(0.0, 15.0);
         let (low, high) = (at as usize, (at as usize + 1).min(15));
         let sigma = SIGMA[low] + (SIGMA[high] - SIGMA[low]) * at.fract();
         self.noise_scale * CHANNEL[channel.min(2)] * sigma
     }
 
-    /// The table, as a calibration should find it where no code is clipped.
+    /// σ before rounding.
+    pub fn sigma(&self, channel: usize, code: f64) -> f64 {
+        (self.rounded_sigma(channel, code).powi(2) - ROUNDING).max(0.0).sqrt()
+    }
+
+    /// σ before rounding, as a calibration should find it.
     pub fn profile(&self) -> NoiseProfile {
         let bin = |channel, bin| {
             let code = Self::bin_code(bin);
@@ -58,10 +64,14 @@ impl Sensor {
         }
     }
 
-    /// The noise-free picture in code values 0..255, not rounded; three a pixel. `gain`: factor
-    /// on the light.
+    /// The noise-free picture in code values, not rounded; three a pixel. `gain`: factor on the light. Beyond white the
+    /// curve goes on straight, for it is the noisy value that clips: saturated pixels are quiet.
     pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
-        let encode = |light: &f32| (255.0 * self.response.encode(gain * f64::from(*light))) as f32;
+        let steepness = self.response.slope_at_code(1.0);
+        let encode = |light: &f32| {
+            let light = gain * f64::from(*light);
+            (255.0 * (self.response.encode(light) + steepness * (light - 1.0).max(0.0))) as f32
+        };
         picture.light.iter().flatten().map(encode).collect()
     }
 
@@ -76,9 +86,7 @@ impl Sensor {
                 let clean = clean.get(3 * width * y..).unwrap_or_default();
                 for (i, ((out, code), n)) in out.iter_mut().zip(clean).zip(noise).enumerate() {
                     let code = f64::from(*code);
-                    let sigma = self.sigma(i % 3, code);
-                    let drawn = (sigma * sigma - ROUNDING).max(0.0).sqrt();
-                    *out = (code + drawn * n).round().clamp(0.0, 255.0) as u8;
+                    *out = (code + self.sigma(i % 3, code) * n).round().clamp(0.0, 255.0) as u8;
                 }
             }
         });
@@ -165,7 +173,7 @@ mod tests {
             }
             for (c, square) in square.iter().enumerate() {
                 let sigma = (square / n).sqrt();
-                assert!((sigma / sensor.sigma(c, code.into()) - 1.0).abs() < 0.012, "{code} {c}: {sigma}");
+                assert!((sigma / sensor.rounded_sigma(c, code.into()) - 1.0).abs() < 0.012, "{code} {c}: {sigma}");
             }
             // Rounding is independent: it lowers the correlation by up to 1/12 over σ².
             assert!((right / square[1] - 0.5).abs() < 0.02, "{}", right / square[1]);

@@ -3,6 +3,7 @@
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::image::Pixels;
 
+use super::sensor::ROUNDING;
 use super::{Motion, Options, SimulateError, Simulation};
 
 /// Frames of noise for measuring after a lossy file, and their keys: far from any recording's.
@@ -16,7 +17,7 @@ const LEAST_VALUES: f64 = 2000.0;
 pub struct StaticScene {
     /// Factor on the light.
     pub gain: f64,
-    /// Noise-free code values 0..255, not rounded, three a pixel.
+    /// Noise-free code values, not rounded, three a pixel; above 255 where the light is too bright.
     pub clean: Vec<f32>,
     pub frames: Vec<Pixels>,
 }
@@ -24,7 +25,7 @@ pub struct StaticScene {
 /// Static scenes of one sensor and its exact noise.
 #[derive(Clone, Debug)]
 pub struct StaticScenes {
-    /// True where the noise-free code lies three σ or more inside 0..255.
+    /// Before rounding and clipping.
     pub noise: NoiseProfile,
     pub scenes: Vec<StaticScene>,
 }
@@ -114,9 +115,11 @@ pub(super) fn noise_through_file<E>(
             }
         }
     }
+    let before_rounding = |variance: f64| (variance - ROUNDING).max(0.0).sqrt();
     let measured = |channel: &[(f64, f64, f64); 16]| {
         let full = channel.iter().filter(|bin| bin.0 >= LEAST_VALUES);
-        let list: Vec<_> = full.map(|bin| NoiseBin { code: bin.1 / bin.0, sigma: (bin.2 / bin.0).sqrt() }).collect();
+        let list: Vec<_> =
+            full.map(|bin| NoiseBin { code: bin.1 / bin.0, sigma: before_rounding(bin.2 / bin.0) }).collect();
         if list.is_empty() { vec![NoiseBin { code: 128.0, sigma: 0.0 }] } else { list }
     };
     let bins = [0, 1, 2].map(|c| resampled(&measured(&bins[c])));

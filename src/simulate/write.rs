@@ -309,6 +309,7 @@ fn truth_toml(simulation: &Simulation, blur: &[f64]) -> String {
         numbers(lamp::HALF_M, 3),
         numbers(lamp::RADIANCE.to_array(), 3),
     );
+    text += "\n# σ before rounding and compression.";
     text += &noise_tables("noise_before_file", &simulation.sensor.profile());
     if simulation.options().board {
         let corners = board().corners_in_world_m.map(|c| numbers(c.to_array(), 4)).join(", ");

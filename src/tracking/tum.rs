@@ -97,7 +97,7 @@ impl NormNotes {
         (self.count > 0).then(|| {
             let Self { count, worst, first } = self;
             format!(
-                "{}: {count} of {of} quaternions are off unit length by up to {worst:.4} (first at {first}); normalised",
+                "{}: not of unit length are {count} of {of} quaternions, by up to {worst:.4} (first at {first}): normalised",
                 file.display()
             )
         })

@@ -1,0 +1,33 @@
+//! Numbers in messages.
+
+/// How many there are of a thing, as in "1 sun", "2 suns".
+pub fn count(number: usize, thing: &str) -> String {
+    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
+}
+
+/// At most six significant digits, no zeros behind them.
+pub fn short(number: f64) -> String {
+    let whole_digits = number.abs().max(1e-9).log10().floor() as i32 + 1;
+    let rounded = format!("{number:.*}", (6 - whole_digits).clamp(0, 12) as usize);
+    match rounded.contains('.') {
+        true => rounded.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => rounded,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn one_is_not_many() {
+        assert_eq!([0, 1, 2].map(|n| super::count(n, "sun")), ["0 suns", "1 sun", "2 suns"]);
+    }
+
+    #[test]
+    fn short_numbers() {
+        let cases =
+            [(1.0 / 60.0, "0.0166667"), (525.0, "525"), (0.0, "0"), (-0.0004, "-0.0004"), (1234567.0, "1234567")];
+        for (number, text) in cases {
+            assert_eq!(super::short(number), text);
+        }
+    }
+}

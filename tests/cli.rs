@@ -1,0 +1,83 @@
+//! What the program says.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn locard(arguments: &[&str]) -> Output {
+    // Without it Mesa's device selection complains where there is no XDG_RUNTIME_DIR.
+    Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).env("NODEVICE_SELECT", "1").output().unwrap()
+}
+
+fn said(arguments: &[&str]) -> String {
+    let output = locard(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let (frames, layers, report) = (path("frames"), path("layers"), path("report.json"));
+    let scene = ["--scene", "scenes/demo.toml", "--frames", "5..7"];
+    let arguments =
+        [&["composite", "recordings/demo"], &scene[..], &["-o", &frames, "--layers", &layers, "--report", &report]]
+            .concat();
+    let output = locard(&arguments);
+    assert!(output.status.success() && output.stdout.is_empty() && output.stderr.is_empty(), "{output:?}");
+    let files = |folder: &str| {
+        let mut names: Vec<_> =
+            std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    assert_eq!(
+        (files(&frames).len(), files(&layers)),
+        (2, vec!["layer_000005.exr".to_owned(), "layer_000006.exr".to_owned()])
+    );
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    assert_eq!(report["frames"].as_array().unwrap().len(), 2);
+
+    // Once more: what is there is kept, and that is all there is to say.
+    let again = locard(&arguments);
+    let text = String::from_utf8(again.stderr).unwrap();
+    assert_eq!((again.status.code(), text.lines().count()), (Some(2), 1), "{text}");
+    assert!(text.contains("exists already"), "{text}");
+
+    // The same frames as raw values: only they are on the standard output.
+    let raw = locard(&[&["composite", "recordings/demo"], &scene[..], &["-o", "-"]].concat());
+    assert_eq!((raw.stdout.len(), raw.stderr.len()), (2 * 3 * 640 * 480, 0));
+    let first = image::open(Path::new(&frames).join(&files(&frames)[0])).unwrap().into_rgb8();
+    assert!(first.as_raw()[..] == raw.stdout[..3 * 640 * 480]);
+}
+
+#[test]
+fn inspect_tells_what_is_there() {
+    let text = said(&["inspect", "scenes/demo.toml"]);
+    assert!(text.contains("light      1 sun, 0 lamps, 0.5 from everywhere"), "{text}");
+    assert!(text.contains("object     marker 1: ") && !text.contains("-0.000"), "{text}");
+    let text = said(&["inspect", "scenes/l-scale.glb"]);
+    assert!(text.contains("triangles, 1 material\n"), "{text}");
+    let text = said(&["inspect", "profiles/simulated.toml"]);
+    assert!(text.contains("picture    640x480 px") && text.contains("time_s = 0.0166667 s, iso = 400\n"), "{text}");
+    let text = said(&["inspect", "recordings/demo"]);
+    assert!(text.contains("exposure   known for 72 of 72 frames"), "{text}");
+}
+
+#[test]
+fn one_scene_is_one_scene() {
+    let temp = tempfile::tempdir().unwrap();
+    for i in 0..3u32 {
+        // Every level, with one code up or down.
+        let picture = image::GrayImage::from_fn(256, 256, |x, y| {
+            let up = (x * 7 + y * 13 + i * 5).wrapping_mul(2_654_435_761) >> 30;
+            image::Luma([(x + up).min(255) as u8])
+        });
+        picture.save(temp.path().join(format!("{i}.png"))).unwrap();
+    }
+    let profile = temp.path().join("p.toml");
+    let text = said(&["calibrate", "noise", temp.path().to_str().unwrap(), "-o", profile.to_str().unwrap()]);
+    assert!(text.starts_with("1 scene, 3 frames; "), "{text}");
+}

@@ -1,0 +1,73 @@
+//! A flat board before the camera, whose every pixel can be worked out by hand.
+
+#![allow(dead_code, reason = "each test file uses some of it")]
+
+use glam::{DAffine3, DQuat, DVec3};
+use locard::pose::Pose;
+use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
+use locard::tracking::PoseTrack;
+
+pub const DEPTH_M: f64 = 2.0;
+pub const FOCAL_PX: f64 = 500.0;
+
+/// An unlit board of one grey (linear light) between two corners, px from the middle of the picture, facing the camera.
+pub fn panel(from_px: [f64; 2], to_px: [f64; 2], grey: f32) -> Scene {
+    let corner = |x: f64, y: f64, uv0: [f32; 2]| Vertex {
+        position: [(x * DEPTH_M / FOCAL_PX) as f32, (y * DEPTH_M / FOCAL_PX) as f32, DEPTH_M as f32],
+        normal: [0.0, 0.0, -1.0],
+        tangent: [0.0; 4],
+        uv0,
+        uv1: [0.0; 2],
+        color: [1.0; 4],
+    };
+    Scene {
+        meshes: vec![Mesh {
+            vertices: vec![
+                corner(from_px[0], from_px[1], [0.0, 0.0]),
+                corner(to_px[0], from_px[1], [1.0, 0.0]),
+                corner(to_px[0], to_px[1], [1.0, 1.0]),
+                corner(from_px[0], to_px[1], [0.0, 1.0]),
+            ],
+            indices: vec![0, 1, 2, 0, 2, 3],
+            material: 0,
+        }],
+        materials: vec![Material {
+            base_color: [grey, grey, grey, 1.0],
+            unlit: true,
+            double_sided: true,
+            ..Material::default()
+        }],
+        objects: vec![Object {
+            name: "board".to_owned(),
+            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+        }],
+        lighting: Lighting { environment: Environment::Uniform(glam::Vec3::ONE), ..Lighting::default() },
+        ..Scene::default()
+    }
+}
+
+/// A board of one grey, `half_px` around the middle of the picture.
+pub fn board(half_px: [f64; 2], grey: f32) -> Scene {
+    panel(half_px.map(|h| -h), half_px, grey)
+}
+
+/// Both scenes' objects.
+pub fn both(mut a: Scene, b: Scene) -> Scene {
+    let (meshes, materials) = (a.meshes.len(), a.materials.len());
+    a.meshes.extend(b.meshes.into_iter().map(|m| Mesh { material: m.material + materials, ..m }));
+    a.materials.extend(b.materials);
+    a.objects.extend(b.objects.into_iter().map(|mut object| {
+        object.parts.iter_mut().for_each(|part| part.mesh += meshes);
+        object
+    }));
+    a
+}
+
+/// A camera that moves sideways so that the board moves by these many px a second.
+pub fn sideways(px_per_s: [f64; 2]) -> PoseTrack {
+    let at = |t: f64| {
+        let m = [px_per_s[0] * t, px_per_s[1] * t].map(|px| px * DEPTH_M / FOCAL_PX);
+        Pose::from_camera_in_world(DVec3::new(-m[0], -m[1], 0.0), DQuat::IDENTITY)
+    };
+    PoseTrack::new((-50..=50).map(|i| (f64::from(i) * 0.01, at(f64::from(i) * 0.01))).collect(), 1.0).unwrap()
+}
