@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn the_table_is_normal() {
-        let t: Vec<f64> = NORMAL_TABLE.texels.iter().map(|&v| f64::from(v) * TABLE_UNIT).collect();
+        let t: Vec<f64> = NORMAL_TABLE.iter().map(|&v| f64::from(v) * TABLE_UNIT).collect();
         let n = t.len() as f64;
         let moment = |p: i32| t.iter().map(|v| v.powi(p)).sum::<f64>() / n;
         assert!(moment(1).abs() < 1e-3);
