@@ -1,17 +1,7 @@
-//! `cargo +nightly fuzz run gltf scenes`: any bytes as a model. Nothing may panic, hang or take much memory.
+//! `cargo +nightly fuzz run gltf fuzz/corpus/gltf fuzz/seeds/gltf`
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use locard::scene::{self, SceneError};
+#[path = "../bodies.rs"]
+mod bodies;
 
-fuzz_target!(|bytes: &[u8]| {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join(if bytes.starts_with(b"glTF") { "model.glb" } else { "model.gltf" });
-    std::fs::write(&path, bytes).expect("a temporary file");
-    match scene::load(&path, None) {
-        Ok(scene) => drop(scene::describe(&scene)),
-        // A panic that the loader caught is still a mistake of ours.
-        Err(SceneError::Inside { message, .. }) => panic!("caught inside: {message}"),
-        Err(error) => drop(error.to_string()),
-    }
-});
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| bodies::gltf(bytes));

@@ -1,0 +1,64 @@
+//! What the fuzz targets do with any bytes. Nothing may panic, hang or take much memory.
+
+use locard::recording::{OpenOptions, Recording};
+use locard::scene::{self, SceneError};
+
+/// The bytes as a model.
+#[allow(dead_code, reason = "each target uses one")]
+pub fn gltf(bytes: &[u8]) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join(if bytes.starts_with(b"glTF") { "model.glb" } else { "model.gltf" });
+    std::fs::write(&path, bytes).expect("a temporary file");
+    match scene::load(&path, None) {
+        Ok(scene) => drop(scene::describe(&scene).to_string()),
+        // A panic that the loader caught is still a mistake of ours.
+        Err(SceneError::Inside { message, .. }) => panic!("caught inside: {message}"),
+        Err(error) => drop(error.to_string()),
+    }
+}
+
+/// The files that the formats of recordings are told by. The input is split at zero bytes, one piece a file; the first
+/// byte of a piece says which (2 is the first, 3 the next).
+const FILES: [&str; 10] = [
+    "recording.toml",
+    "trajectory.txt",
+    "rgb.txt",
+    "depth.txt",
+    "groundtruth.txt",
+    "transforms.json",
+    "cameras.txt",
+    "images.txt",
+    "points3D.txt",
+    "exposure.txt",
+];
+
+/// What the files may name: pictures of 4×3 px and a depth map.
+const PICTURES: [(&str, &[u8]); 5] = [
+    ("a.png", include_bytes!("picture.png")),
+    ("b.png", include_bytes!("picture.png")),
+    ("d.png", include_bytes!("depth.png")),
+    ("images/a.png", include_bytes!("picture.png")),
+    ("images/b.png", include_bytes!("picture.png")),
+];
+
+/// The bytes as each of the files that describe a recording; how many of its frames could be read.
+#[allow(dead_code, reason = "each target uses one")]
+pub fn recording(bytes: &[u8]) -> usize {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    std::fs::create_dir(folder.path().join("images")).expect("a temporary folder");
+    for (name, content) in PICTURES {
+        std::fs::write(folder.path().join(name), content).expect("a temporary file");
+    }
+    for piece in bytes.split(|&byte| byte == 0) {
+        if let Some((&which, content)) = piece.split_first() {
+            let path = folder.path().join(FILES[usize::from(which) % FILES.len()]);
+            std::fs::write(path, content).expect("a temporary file");
+        }
+    }
+    let Ok(recording) = Recording::open(folder.path(), &OpenOptions::default()) else { return 0 };
+    let count = recording.frame_count().min(8);
+    for frame in 0..count {
+        let _ = (recording.pose_at_frame(frame), recording.geometry_at_frame(frame));
+    }
+    recording.frames(0..count).map_or(0, |frames| frames.filter(Result::is_ok).count())
+}
