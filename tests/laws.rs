@@ -336,30 +336,6 @@ fn uniform_numbers() -> impl FnMut() -> f64 {
     }
 }
 
-#[test]
-fn occlusion_hides_what_lies_behind_the_desks_things() {
-    let Some(site) = desk() else { return };
-    let gpu = gpu::gpu();
-    let covered = |on: bool| {
-        let settings = gpu::settings(&[("depth", "occlusion", Value::Bool(on))]);
-        let mut scene = site.scene.clone();
-        // A metre below the desk's top.
-        for part in scene.objects.iter_mut().flat_map(|o| &mut o.parts) {
-            part.world_from_mesh.translation.z -= 1.0;
-        }
-        let site = Site {
-            recording: Recording::open(&common::data("tum-fr1-rpy").unwrap(), &OpenOptions::default()).unwrap(),
-            rig: site.rig.clone(),
-            scene,
-        };
-        let done = composite(&gpu, &site, settings, 20..21, true);
-        done[0].layer.as_ref().unwrap().rgba.iter().filter(|p| p[3] > 0.0).count()
-    };
-    let (hidden, open) = (covered(true), covered(false));
-    assert!(open > 300, "{open}");
-    assert!(hidden * 10 < open, "{hidden} of {open} pixels still show through the desk");
-}
-
 /// A recording of so many frames: ten pictures and a depth map over and over, before them a marker that sways.
 fn long_recording(folder: &Path, frames: usize) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
