@@ -64,6 +64,8 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     let own_motion = own.zw * blur.shutter.x;
     var best = go_back(x, dominant, moment);
     let met = best.geometry;
+    // Whether a surface is where what was met would come from by its own motion: it, or what hides it.
+    var met_is_near = false;
     if own.x > 0.0 {
         let candidate = go_back(x, own_motion, moment);
         if candidate.hit && (!best.hit || depth_m(candidate.geometry) < depth_m(best.geometry)) {
@@ -72,6 +74,7 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     }
     if met.x > 0.0 {
         let candidate = go_back(x, met.zw * blur.shutter.x, moment);
+        met_is_near = candidate.geometry.x > 0.0;
         if candidate.hit && (!best.hit || depth_m(candidate.geometry) < depth_m(best.geometry)) {
             best = candidate;
         }
@@ -81,13 +84,16 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     }
     // Nothing holds true. Where the ways back meet nothing, nothing is there; where they meet
     // another surface, what was here is hidden behind it, and its neighbourhood stands for it.
-    if met.x > 0.0 && (own.x == 0.0 || depth_m(met) > depth_m(own)) {
+    if met_is_near && (own.x == 0.0 || depth_m(met) > depth_m(own)) {
         return line_color(x - dominant * moment, x_major);
     }
     if own.x > 0.0 && geometry_at(vec2<i32>(round(x - own_motion * moment))).x > 0.0 {
         return color_at(vec2<i32>(x));
     }
-    // An edge pixel whose surface has left: only its share of coverage is known.
+    // Where the way back met something that has itself come from elsewhere, nothing is here.
+    if !met_is_near {
+        return vec4<f32>(0.0);
+    }
     return color_at(vec2<i32>(round(x - dominant * moment)));
 }
 
