@@ -1,5 +1,6 @@
 //! The scene and a sample plan to the virtual layer.
 
+mod albedo;
 mod bounds;
 mod dice;
 mod draw;
