@@ -208,6 +208,7 @@ struct Surface {
     gain: vec3<f32>,
     a2: f32,           // roughness⁴
     normal: vec3<f32>,
+    smooth_normal: vec3<f32>, // without the normal map
     towards_eye: vec3<f32>,
     n_v: f32,
 }
@@ -225,13 +226,16 @@ fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
 // What the surface sends to the eye from one light whose matt white would be `color`.
 fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     let n_l = dot(s.normal, towards);
-    if n_l <= 0.0 {
+    // A bump gets no light where the surface that bears it turns away, and little close to there: at most ten times
+    // what that surface gets. Without a normal map this is n_l.
+    let reached = min(n_l, 10.0 * dot(s.smooth_normal, towards));
+    if reached <= 0.0 {
         return vec3<f32>(0.0);
     }
     let h = normalize(towards + s.towards_eye);
     let away = 1.0 - clamp(dot(s.towards_eye, h), 0.0, 1.0);
     let f = s.f0 + (1.0 - s.f0) * (away * away * away * away * away);
-    return color * n_l * (s.matt + f * s.gain * specular_pi(s, n_l, h));
+    return color * reached * (s.matt + f * s.gain * specular_pi(s, n_l, h));
 }
 
 // Ramamoorthi and Hanrahan 2001 (13); the cosine's factors are in the coefficients.
@@ -272,6 +276,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let metallic = material.factors.x * mr.b;
     let roughness = clamp(material.factors.y * mr.g, 0.045, 1.0);
 
+    let smooth_normal = select(-1.0, 1.0, front) * normalize(in.normal);
     var n = normalize(in.normal);
     if material.alpha.z > 0.5 && dot(in.tangent.xyz, in.tangent.xyz) > 0.0 {
         let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
@@ -293,7 +298,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let gain = 1.0 + more * base * metallic / max(f0, vec3<f32>(1e-4));
     // Below a dielectric's shine lies what the shine lets through; a metal has nothing below it.
     let matt = base * (1.0 - metallic) * (1.0 - 0.04 * once.x - once.y);
-    let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, towards_eye, n_v);
+    let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
     var sum = vec3<f32>(0.0);
     for (var i = 0u; i < light.counts.x; i++) {
@@ -315,8 +320,10 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
         sum += lit(s, towards, point.color.xyz * falloff);
     }
     let shadowed = 1.0 + material.factors.w * (occlusion - 1.0);
+    // A bump sees its own surface where it does not see the sky.
+    let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
     let specular = (f0 * once.x + once.y) * gain;
-    return sum + shadowed * (irradiance_over_pi(n) * matt + radiance(reflect(-towards_eye, n), roughness) * specular);
+    return sum + shadowed * (irradiance_over_pi(n) * sky * matt + radiance(reflect(-towards_eye, n), roughness) * specular);
 }
 
 struct Out {
