@@ -24,6 +24,7 @@ override has_map: bool = false;                // the environment is a picture
 const MAX_KEYS: u32 = 33u;
 const MAX_SUNS: u32 = 4u;
 const MAX_POINTS: u32 = 8u;
+const ALBEDO_STEPS: u32 = 16u;
 const PI: f32 = 3.14159265;
 
 struct View {
@@ -59,6 +60,7 @@ struct Light {
     map_row0: vec4<f32>,
     map_row1: vec4<f32>,
     map_row2: vec4<f32>,
+    albedo: array<vec4<f32>, 256>,
 }
 
 struct Material {
@@ -219,28 +221,41 @@ fn texture_uv(in: Fragment, index: u32) -> vec2<f32> {
     return vec2<f32>(dot(row0.xyz, uv), dot(row1.xyz, uv));
 }
 
-// GGX with Smith's height-correlated visibility, as glTF 2.0 appendix B; times π.
-fn specular_pi(n_l: f32, n_v: f32, n_h: f32, roughness: f32) -> f32 {
-    let a = roughness * roughness;
-    let a2 = a * a;
-    let f = n_h * n_h * (a2 - 1.0) + 1.0;
-    let visibility = 0.5 / (n_l * sqrt(n_v * n_v * (1.0 - a2) + a2) + n_v * sqrt(n_l * n_l * (1.0 - a2) + a2) + 1e-6);
-    return a2 / (f * f + 1e-9) * visibility;
+struct Surface {
+    matt: vec3<f32>,   // reflected in all directions
+    f0: vec3<f32>,
+    // What light that leaves after several bounces between facets adds to that of one bounce.
+    gain: vec3<f32>,
+    a2: f32,           // roughness⁴
+    normal: vec3<f32>,
+    smooth_normal: vec3<f32>, // without the normal map
+    towards_eye: vec3<f32>,
+    n_v: f32,
 }
 
-struct Surface { albedo: vec3<f32>, f0: vec3<f32>, roughness: f32, normal: vec3<f32>, towards_eye: vec3<f32>, n_v: f32 }
+// GGX with Smith's height-correlated visibility, as glTF 2.0 appendix B; times π.
+fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
+    // 1 − (n·h)² as the square of a sine: beside 1, the peak of a smooth surface would drown in rounding.
+    let n_h = dot(s.normal, h);
+    let sine = cross(s.normal, h);
+    let f = dot(sine, sine) + n_h * n_h * s.a2;
+    let visibility = 0.5 / (n_l * sqrt(s.n_v * s.n_v * (1.0 - s.a2) + s.a2) + s.n_v * sqrt(n_l * n_l * (1.0 - s.a2) + s.a2));
+    return s.a2 / (f * f) * visibility;
+}
 
 // What the surface sends to the eye from one light whose matt white would be `color`.
 fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     let n_l = dot(s.normal, towards);
-    if n_l <= 0.0 {
+    // A bump gets no light where the surface that bears it turns away, and little close to there: at most ten times
+    // what that surface gets. Without a normal map this is n_l.
+    let reached = min(n_l, 10.0 * dot(s.smooth_normal, towards));
+    if reached <= 0.0 {
         return vec3<f32>(0.0);
     }
     let h = normalize(towards + s.towards_eye);
-    let m = 1.0 - clamp(dot(s.towards_eye, h), 0.0, 1.0);
-    let f = s.f0 + (1.0 - s.f0) * (m * m * m * m * m);
-    let specular = specular_pi(n_l, s.n_v, clamp(dot(s.normal, h), 0.0, 1.0), s.roughness);
-    return color * n_l * ((1.0 - f) * s.albedo + f * specular);
+    let away = 1.0 - clamp(dot(s.towards_eye, h), 0.0, 1.0);
+    let f = s.f0 + (1.0 - s.f0) * (away * away * away * away * away);
+    return color * reached * (s.matt + f * s.gain * specular_pi(s, n_l, h));
 }
 
 // Ramamoorthi and Hanrahan 2001 (13); the cosine's factors are in the coefficients.
@@ -264,11 +279,14 @@ fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * (light.environment.x - 1.0)).rgb;
 }
 
-// Scale and bias of F0 under uniform light: Karis 2014's fit of the split sum.
-fn environment_brdf(roughness: f32, n_v: f32) -> vec2<f32> {
-    let r = roughness * vec4<f32>(-1.0, -0.0275, -0.572, 0.022) + vec4<f32>(1.0, 0.0425, 1.04, -0.04);
-    let a = min(r.x * r.x, exp2(-9.28 * n_v)) * r.x + r.y;
-    return vec2<f32>(-1.04, 1.04) * a + r.zw;
+// Scale and bias of F0 under uniform light, and the mean of their sum over all views: render/albedo.rs.
+fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
+    let at = vec2<f32>(sqrt(n_v), roughness) * f32(ALBEDO_STEPS - 1u);
+    let low = vec2<u32>(min(at, vec2<f32>(f32(ALBEDO_STEPS - 2u))));
+    let f = at - vec2<f32>(low);
+    let i = low.y * ALBEDO_STEPS + low.x;
+    let rough = mix(light.albedo[i + ALBEDO_STEPS].xyz, light.albedo[i + ALBEDO_STEPS + 1u].xyz, f.x);
+    return mix(mix(light.albedo[i].xyz, light.albedo[i + 1u].xyz, f.x), rough, f.y);
 }
 
 fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
@@ -286,6 +304,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
         shadowed += material.factors.w * (occlusion - 1.0);
     }
 
+    let smooth_normal = select(-1.0, 1.0, front) * normalize(in.normal);
     var n = normalize(in.normal);
     if has_normals {
         let bump = textureSample(normal_texture, normal_sampler, texture_uv(in, 2u)).xyz * 2.0 - 1.0;
@@ -301,7 +320,16 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // The eye is the origin: positions are around the camera.
     let towards_eye = -normalize(in.position);
     let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
-    let s = Surface(base * (1.0 - metallic), mix(vec3<f32>(0.04), base, metallic), roughness, n, towards_eye, n_v);
+    let f0 = mix(vec3<f32>(0.04), base, metallic);
+    let once = albedo(roughness, n_v);
+    // Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks": what one bounce between facets
+    // loses, tinted by those that follow; of dielectrics it is next to nothing. Schlick's mean is F0 + (1 − F0)/21.
+    let f_mean = min(base + (1.0 - base) / 21.0, vec3<f32>(1.0));
+    let more = f_mean * once.z / (1.0 - f_mean * (1.0 - once.z)) * (1.0 / (once.x + once.y) - 1.0);
+    let gain = 1.0 + more * base * metallic / max(f0, vec3<f32>(1e-4));
+    // Below a dielectric's shine lies what the shine lets through; a metal has nothing below it.
+    let matt = base * (1.0 - metallic) * (1.0 - 0.04 * once.x - once.y);
+    let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
     var sum = vec3<f32>(0.0);
     for (var i = 0u; i < suns; i++) {
@@ -322,12 +350,25 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
         }
         sum += lit(s, towards, point.color.xyz * falloff);
     }
-    let ab = environment_brdf(roughness, n_v);
-    // What one bounce loses between facets comes back (Fdez-Agüera 2019, for the specular part).
-    let single = s.f0 * ab.x + ab.y;
-    let specular = single * (1.0 + s.f0 * (1.0 / max(ab.x + ab.y, 1e-3) - 1.0));
-    sum += shadowed * (irradiance_over_pi(n) * s.albedo * (1.0 - single) + radiance(reflect(-towards_eye, n), roughness) * specular);
-    return sum;
+    // A bump sees its own surface where it does not see the sky.
+    let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
+    let specular = (f0 * once.x + once.y) * gain;
+    return sum + shadowed * (irradiance_over_pi(n) * sky * matt + radiance(reflect(-towards_eye, n), roughness) * specular);
+}
+
+// What is printed on evidence must be read, at a slant too: four taps at four places each way across the pixel, from
+// finer mipmaps. One trilinear tap blurs more than the pixel does, and drivers differ in what they make of anisotropy.
+const FINER: f32 = -1.5;
+
+fn base_texel(uv: vec2<f32>) -> vec4<f32> {
+    let x = dpdx(uv);
+    let y = dpdy(uv);
+    let a = 0.125 * x + 0.375 * y;
+    let b = 0.375 * x - 0.125 * y;
+    return 0.25 * (textureSampleBias(base_color_texture, base_color_sampler, uv + a, FINER)
+        + textureSampleBias(base_color_texture, base_color_sampler, uv - a, FINER)
+        + textureSampleBias(base_color_texture, base_color_sampler, uv + b, FINER)
+        + textureSampleBias(base_color_texture, base_color_sampler, uv - b, FINER));
 }
 
 struct Out {
@@ -341,7 +382,7 @@ fn base_of(in: Fragment) -> vec4<f32> {
         base *= in.color;
     }
     if has_base_color {
-        base *= textureSample(base_color_texture, base_color_sampler, texture_uv(in, 0u));
+        base *= base_texel(texture_uv(in, 0u));
     }
     return base;
 }

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Mat3, Vec3};
 
+use super::albedo;
 use crate::gpu::{Gpu, half_texels};
 use crate::scene::{Environment, EnvironmentMap, Lighting};
 use crate::words::count;
@@ -33,6 +34,7 @@ pub struct LightUniform {
     points: [PointUniform; MAX_POINTS],
     irradiance: [[f32; 4]; 9],
     map_rows: [[f32; 4]; 3],
+    albedo: [[f32; 4]; albedo::STEPS * albedo::STEPS],
 }
 
 /// The environment, made once a scene.
@@ -43,6 +45,7 @@ pub struct EnvironmentLight {
     levels: u32,
     irradiance: [[f32; 4]; 9],
     map_from_world: Mat3,
+    albedo: Vec<[f32; 4]>,
 }
 
 fn wide(v: Vec3, w: f32) -> [f32; 4] {
@@ -60,6 +63,7 @@ impl LightUniform {
             points: Default::default(),
             irradiance: environment.irradiance,
             map_rows: [0, 1, 2].map(|i| wide(environment.map_from_world.row(i), 0.0)),
+            albedo: std::array::from_fn(|i| environment.albedo[i]),
         };
         for (i, sun) in lighting.suns.iter().take(MAX_SUNS).enumerate() {
             uniform.sun_towards[i] = wide(sun.towards_light_in_world, 0.0);
@@ -101,19 +105,20 @@ impl EnvironmentLight {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
+        let albedo = albedo::table();
         match environment {
             Environment::Uniform(color) => {
                 let mut irradiance = [[0.0; 4]; 9];
                 irradiance[0] = wide(*color, 0.0);
                 let view = upload(gpu, &[(1, 1, vec![*color])]);
-                Self { view, sampler, levels: 0, irradiance, map_from_world: Mat3::IDENTITY }
+                Self { view, sampler, levels: 0, irradiance, map_from_world: Mat3::IDENTITY, albedo }
             }
             Environment::Map(map) => {
                 let map_from_world = Mat3::from_quat(map.map_from_world);
                 let levels = blurred_levels(map);
                 let view = upload(gpu, &levels);
                 let irradiance = harmonics(map, map_from_world.transpose()).map(|c| wide(c, 0.0));
-                Self { view, sampler, levels: levels.len() as u32, irradiance, map_from_world }
+                Self { view, sampler, levels: levels.len() as u32, irradiance, map_from_world, albedo }
             }
         }
     }

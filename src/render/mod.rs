@@ -1,6 +1,7 @@
 //! The scene and a sample plan to the virtual layer.
 
 mod accumulate;
+mod albedo;
 mod bounds;
 mod dice;
 mod draw;
