@@ -4,15 +4,19 @@
 // @import shared/mixed
 // @import shared/response
 
+// The camera's response: of the whole run, so that the shader holds nothing else.
+override curve: f32 = 0.0;
+override gamma: f32 = 1.0;
+
 struct Composite {
     origin: vec4<i32>,  // of the rectangle in the picture: x, y; of the rectangle in the camera texture: z, w
     size: vec4<i32>,    // of the rectangle: x, y; of the camera texture: z, w
     layer: vec4<i32>,   // of the rectangle in the layer: x, y; the layer's size: z, w
-    scale: vec4<f32>,   // largest code value, curve, gamma, unused
+    scale: vec4<f32>,   // largest code value, unused
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
-@group(0) @binding(2) var<storage, read> composite: Composite;
+@group(0) @binding(2) var<uniform> composite: Composite;
 // σ of the camera's noise at 256 code values, 8-bit codes.
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
 
@@ -48,14 +52,13 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
 fn mixed_at(p: vec2<i32>, virtual_light: vec4<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
     let w = 1.0 - virtual_light.a;
-    let light = virtual_light.rgb + w * decode(code, composite.scale.y, composite.scale.z);
-    let mixed = encode(light, composite.scale.y, composite.scale.z);
-    var variance = vec3<f32>(0.0);
-    if w > 0.0 {
-        let g = slope_at_code(mixed, composite.scale.y, composite.scale.z) / slope_at_code(code, composite.scale.y, composite.scale.z);
-        let s = w * g * sigma_at(code);
-        variance = s * s;
-    }
+    let real_light = decode(code, curve, gamma);
+    let light = clamp(virtual_light.rgb + w * real_light, vec3<f32>(0.0), vec3<f32>(1.0));
+    let mixed = encode(light, curve, gamma);
+    let before = slope_at(code, real_light, curve, gamma);
+    let after = slope_at(mixed, light, curve, gamma);
+    let s = w * after / before * sigma_at(code);
+    let variance = s * s;
     return Mixed(mixed, variance);
 }
 

@@ -1,7 +1,7 @@
 // Antialiasing against camera pixels (Fischer 2006, antialiasing):
 // (current + Σ camera_i) / (n + 1) over the n camera pixels of the 3×3 neighbourhood.
 struct EdgeBlend { impact: vec4<f32> }
-@group(0) @binding(4) var<storage, read> edge_blend: EdgeBlend;
+@group(0) @binding(4) var<uniform> edge_blend: EdgeBlend;
 
 fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
     var n = 0.0;

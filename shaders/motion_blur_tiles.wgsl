@@ -1,10 +1,16 @@
-// The fastest motion and the range of motions of each tile, then of each 3×3 tiles.
+// The fastest motion and the range of motions of each tile, then the same of each 3×3 tiles.
 // @import shared/fullscreen
-struct Tiles { size: vec4<i32> } // layer width, height, tile side, 0 over pixels | 1 over tiles
-@group(0) @binding(0) var<storage, read> tiles: Tiles;
-// Pass 0: colour and geometry of the layer. Pass 1: fastest and range of the tiles.
-@group(0) @binding(1) var first: texture_2d<f32>;
-@group(0) @binding(2) var second: texture_2d<f32>;
+// @import shared/layer
+struct Tiles {
+    size: vec4<i32>,      // layer width, height, tile side, unused
+    shutter: vec4<f32>,   // x: exposure time (s)
+}
+@group(0) @binding(0) var<uniform> tiles: Tiles;
+// Over tiles: their ranges. Over pixels: the layer's geometry.
+@group(0) @binding(1) var second: texture_2d<f32>;
+@group(0) @binding(1) var geometry: texture_2d<u32>;
+// Over tiles: their fastest.
+@group(0) @binding(2) var first: texture_2d<f32>;
 
 struct Out { @location(0) fastest: vec4<f32>, @location(1) range: vec4<f32> }
 
@@ -21,30 +27,38 @@ fn merge(sum: Out, velocity: vec4<f32>, range: vec4<f32>) -> Out {
 }
 
 @fragment
-fn main(@builtin(position) at: vec4<f32>) -> Out {
-    let p = vec2<i32>(at.xy);
+fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
     var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
-    if tiles.size.w == 0 {
-        let low = p * tiles.size.z;
-        let high = min(low + tiles.size.z, tiles.size.xy);
-        for (var y = low.y; y < high.y; y++) {
-            for (var x = low.x; x < high.x; x++) {
-                let g = textureLoad(second, vec2<i32>(x, y), 0);
-                if g.x > 0.0 {
-                    sum = merge(sum, g.zwzw, g.zwzw);
-                }
-            }
-        }
-    } else {
-        let last = (tiles.size.xy - 1) / tiles.size.z;
-        for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last.y); y++) {
-            for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last.x); x++) {
-                let f = textureLoad(first, vec2<i32>(x, y), 0);
-                if f.z > 0.0 {
-                    sum = merge(sum, f, textureLoad(second, vec2<i32>(x, y), 0));
-                }
+    let low = vec2<i32>(at.xy) * tiles.size.z;
+    let high = min(low + tiles.size.z, tiles.size.xy);
+    for (var y = low.y; y < high.y; y++) {
+        for (var x = low.x; x < high.x; x++) {
+            let g = unpack_geometry(textureLoad(geometry, vec2<i32>(x, y), 0));
+            if g.x > 0.0 {
+                sum = merge(sum, g.zwzw, g.zwzw);
             }
         }
     }
     return sum;
+}
+
+// Of each tile's neighbourhood the fastest motion, and what is to be done in the tile
+// (shaders/motion_blur.wgsl): 0 nothing, 1 one motion, 2 many motions.
+@fragment
+fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
+    let p = vec2<i32>(at.xy);
+    let last = (tiles.size.xy - 1) / tiles.size.z;
+    for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last.y); y++) {
+        for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last.x); x++) {
+            let f = textureLoad(first, vec2<i32>(x, y), 0);
+            if f.z > 0.0 {
+                sum = merge(sum, f, textureLoad(second, vec2<i32>(x, y), 0));
+            }
+        }
+    }
+    // Motions that end within a pixel of each other are one motion: at a pixel its own.
+    let span = (sum.range.zw - sum.range.xy) * tiles.shutter.x;
+    let kind = select(2.0, 1.0, max(span.x, span.y) < 1.0);
+    return vec4<f32>(sum.fastest.xyz, kind * sum.fastest.z);
 }

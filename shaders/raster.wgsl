@@ -4,9 +4,27 @@
 // time in the shutter; distortion is applied to vertices, whose triangles are fine enough.
 // @import shared/layer
 
+// What a draw call is made for: each mixture is a pipeline of its own, so that an untextured
+// thing does not pay for five textures (software drivers work through both sides of an `if`).
+override rolling: bool = false;                // rows have times of their own
+override has_colors: bool = false;             // of vertices
+override has_base_color: bool = false;         // textures
+override has_metallic_roughness: bool = false;
+override has_normals: bool = false;
+override has_occlusion: bool = false;
+override has_emissive: bool = false;
+override unlit: bool = false;
+override masked: bool = false;
+override blended: bool = false;
+override hidden_by_depth: bool = false;        // the real scene's depth is known
+override suns: u32 = 0u;                       // lights
+override points: u32 = 0u;
+override has_map: bool = false;                // the environment is a picture
+
 const MAX_KEYS: u32 = 33u;
 const MAX_SUNS: u32 = 4u;
 const MAX_POINTS: u32 = 8u;
+const ALBEDO_STEPS: u32 = 16u;
 const PI: f32 = 3.14159265;
 
 struct View {
@@ -15,20 +33,13 @@ struct View {
     distortion: vec4<f32>,    // k1, k2, p1, p2
     lens: vec4<f32>,          // k3, valid radius, slope at it, near plane (m)
     shutter: vec4<f32>,       // sample time (s), half step for velocity (s), readout (s), picture height (px)
-    keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m; < 0: off)
+    keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
+    mean_velocity: vec4<f32>, // of the objects on the whole (px/s)
+    // Rotation, and the camera's position, at the sample time and a half step before and after.
+    moment_rotation: array<vec4<f32>, 3>,
+    moment_eye: array<vec4<f32>, 3>,
     key_rotation: array<vec4<f32>, MAX_KEYS>,
     key_translation: array<vec4<f32>, MAX_KEYS>,
-}
-
-struct Part {
-    // Rows of the 3×4 matrix from the mesh to world axes around the camera.
-    row0: vec4<f32>,
-    row1: vec4<f32>,
-    row2: vec4<f32>,
-    // xyz: sign of the determinant; w unused
-    mirror: vec4<f32>,
-    // x, y: the plan's offset of this object, px
-    offset_px: vec4<f32>,
 }
 
 struct PointLight {
@@ -39,7 +50,7 @@ struct PointLight {
 }
 
 struct Light {
-    counts: vec4<u32>,     // suns, points, levels of the environment (0: uniform)
+    environment: vec4<f32>, // x: levels of the picture
     sun_towards: array<vec4<f32>, MAX_SUNS>,
     sun_color: array<vec4<f32>, MAX_SUNS>,
     points: array<PointLight, MAX_POINTS>,
@@ -49,23 +60,23 @@ struct Light {
     map_row0: vec4<f32>,
     map_row1: vec4<f32>,
     map_row2: vec4<f32>,
+    albedo: array<vec4<f32>, 256>,
 }
 
 struct Material {
     base_color: vec4<f32>,
-    emissive: vec4<f32>,   // w: 1 = unlit
+    emissive: vec4<f32>,
     factors: vec4<f32>,    // metallic, roughness, normal scale, occlusion strength
-    alpha: vec4<f32>,      // mode (0 opaque, 1 mask, 2 blend), cutoff, has normal map, unused
+    alpha: vec4<f32>,      // cutoff, unused
     // For each texture two rows of its transform; the first row's w holds the uv set.
     transforms: array<vec4<f32>, 10>,
 }
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> parts: array<Part>;
-@group(0) @binding(2) var<uniform> light: Light;
-@group(0) @binding(3) var environment: texture_2d<f32>;
-@group(0) @binding(4) var environment_sampler: sampler;
-@group(0) @binding(5) var real_depth: texture_2d<f32>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<uniform> light: Light;
+@group(0) @binding(2) var environment: texture_2d<f32>;
+@group(0) @binding(3) var environment_sampler: sampler;
+@group(0) @binding(4) var real_depth: texture_2d<f32>;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_color_texture: texture_2d<f32>;
@@ -86,6 +97,12 @@ struct Corner {
     @location(3) uv0: vec2<f32>,
     @location(4) uv1: vec2<f32>,
     @location(5) color: vec4<f32>,
+    // Of the object: rows of the 3×4 matrix from the mesh to world axes around the camera;
+    // the sign of its determinant, and the plan's offset (px).
+    @location(6) row0: vec4<f32>,
+    @location(7) row1: vec4<f32>,
+    @location(8) row2: vec4<f32>,
+    @location(9) mirror_offset: vec3<f32>,
 }
 
 struct Fragment {
@@ -95,7 +112,7 @@ struct Fragment {
     @location(2) tangent: vec4<f32>,
     @location(3) uv: vec4<f32>,
     @location(4) color: vec4<f32>,
-    @location(5) @interpolate(perspective, centroid) seen: vec3<f32>, // depth (m), velocity (px/s)
+    @location(5) @interpolate(perspective, centroid) seen: vec3<f32>, // depth (m), velocity less the mean (px/s)
 }
 
 fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
@@ -128,56 +145,59 @@ fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
 fn project(p: vec3<f32>) -> vec2<f32> {
     let n = p.xy / max(p.z, 0.5 * view.lens.w);
     let r = length(n);
-    var d: vec2<f32>;
-    if r > view.lens.y {
-        let direction = n / r;
-        d = distort_polynomial(direction * view.lens.y) + direction * (view.lens.z * (r - view.lens.y));
-    } else {
-        d = distort_polynomial(n);
-    }
+    let valid = min(r, view.lens.y);
+    let direction = n / max(r, 1e-12);
+    let d = distort_polynomial(direction * valid) + direction * (view.lens.z * (r - valid));
     return d * view.focal_px.xy + view.focal_px.zw;
 }
 
 struct Seen { at_px: vec2<f32>, depth_m: f32 }
 
-// Where the point is seen at `sample_s` after the middle of its own row's exposure: the row
-// time depends on the row found, a contraction by readout · speed / height (≲ 0.1) a step.
-fn see(point: vec3<f32>, sample_s: f32) -> Seen {
+// Where the point is seen at one of the three moments (0: the sample's; 1, 2: a half step
+// before and after) from the middle of its own row's exposure. The row's time depends on the
+// row found, a contraction by readout · speed / height (≲ 0.1) a step.
+fn see(point: vec3<f32>, moment: u32) -> Seen {
+    if !rolling {
+        let p = rotate(view.moment_rotation[moment], point - view.moment_eye[moment].xyz);
+        return Seen(project(p), p.z);
+    }
+    let sample_s = view.shutter.x + select(select(view.shutter.y, -view.shutter.y, moment == 1u), 0.0, moment == 0u);
     var p = in_camera(point, sample_s);
     var at = project(p);
-    if view.shutter.z > 0.0 {
-        for (var i = 0; i < 4; i++) {
-            let row_s = (at.y / view.shutter.w - 0.5) * view.shutter.z;
-            // Rows far outside the picture are never read; their time stays near it.
-            p = in_camera(point, sample_s + clamp(row_s, -view.shutter.z, view.shutter.z));
-            at = project(p);
-        }
+    for (var i = 0; i < 4; i++) {
+        let row_s = (at.y / view.shutter.w - 0.5) * view.shutter.z;
+        // Rows far outside the picture are never read; their time stays near it.
+        p = in_camera(point, sample_s + clamp(row_s, -view.shutter.z, view.shutter.z));
+        at = project(p);
     }
     return Seen(at, p.z);
 }
 
 @vertex
-fn vertex(corner: Corner, @builtin(instance_index) index: u32) -> Fragment {
-    let part = parts[index];
+fn vertex(corner: Corner) -> Fragment {
     let p = vec4<f32>(corner.position, 1.0);
-    let position = vec3<f32>(dot(part.row0, p), dot(part.row1, p), dot(part.row2, p));
-    let here = see(position, view.shutter.x);
-    let before = see(position, view.shutter.x - view.shutter.y);
-    let after = see(position, view.shutter.x + view.shutter.y);
+    let row0 = corner.row0;
+    let row1 = corner.row1;
+    let row2 = corner.row2;
+    let mirror = corner.mirror_offset.x;
+    let position = vec3<f32>(dot(row0, p), dot(row1, p), dot(row2, p));
+    let here = see(position, 0u);
+    let before = see(position, 1u);
+    let after = see(position, 2u);
 
     // The inverse transpose up to a positive factor: rows of cofactors, and the mirror's sign.
     let n = vec3<f32>(
-        dot(cross(part.row1.xyz, part.row2.xyz), corner.normal),
-        dot(cross(part.row2.xyz, part.row0.xyz), corner.normal),
-        dot(cross(part.row0.xyz, part.row1.xyz), corner.normal),
-    ) * part.mirror.x;
+        dot(cross(row1.xyz, row2.xyz), corner.normal),
+        dot(cross(row2.xyz, row0.xyz), corner.normal),
+        dot(cross(row0.xyz, row1.xyz), corner.normal),
+    ) * mirror;
     let t = vec3<f32>(
-        dot(part.row0.xyz, corner.tangent.xyz),
-        dot(part.row1.xyz, corner.tangent.xyz),
-        dot(part.row2.xyz, corner.tangent.xyz),
+        dot(row0.xyz, corner.tangent.xyz),
+        dot(row1.xyz, corner.tangent.xyz),
+        dot(row2.xyz, corner.tangent.xyz),
     );
 
-    let local_px = here.at_px + part.offset_px.xy - view.rect_px.xy;
+    let local_px = here.at_px + corner.mirror_offset.yz - view.rect_px.xy;
     let device = vec2<f32>(2.0, -2.0) * local_px / view.rect_px.zw + vec2<f32>(-1.0, 1.0);
     let w = max(here.depth_m, 0.5 * view.lens.w);
     var out: Fragment;
@@ -185,10 +205,12 @@ fn vertex(corner: Corner, @builtin(instance_index) index: u32) -> Fragment {
     out.at = vec4<f32>(device * w, view.lens.w, w);
     out.position = position;
     out.normal = n;
-    out.tangent = vec4<f32>(t, corner.tangent.w * part.mirror.x);
+    out.tangent = vec4<f32>(t, corner.tangent.w * mirror);
     out.uv = vec4<f32>(corner.uv0, corner.uv1);
     out.color = corner.color;
-    out.seen = vec3<f32>(here.depth_m, (after.at_px - before.at_px) / (2.0 * view.shutter.y));
+    // Less the mean: interpolating in slivers loses digits of large values.
+    let velocity = (after.at_px - before.at_px) / (2.0 * view.shutter.y);
+    out.seen = vec3<f32>(here.depth_m, velocity - view.mean_velocity.xy);
     return out;
 }
 
@@ -199,26 +221,41 @@ fn texture_uv(in: Fragment, index: u32) -> vec2<f32> {
     return vec2<f32>(dot(row0.xyz, uv), dot(row1.xyz, uv));
 }
 
-// GGX with Smith's height-correlated visibility, as glTF 2.0 appendix B; times π.
-fn specular_pi(n_l: f32, n_v: f32, n_h: f32, roughness: f32) -> f32 {
-    let a2 = pow(roughness, 4.0);
-    let f = n_h * n_h * (a2 - 1.0) + 1.0;
-    let visibility = 0.5 / (n_l * sqrt(n_v * n_v * (1.0 - a2) + a2) + n_v * sqrt(n_l * n_l * (1.0 - a2) + a2) + 1e-6);
-    return a2 / (f * f + 1e-9) * visibility;
+struct Surface {
+    matt: vec3<f32>,   // reflected in all directions
+    f0: vec3<f32>,
+    // What light that leaves after several bounces between facets adds to that of one bounce.
+    gain: vec3<f32>,
+    a2: f32,           // roughness⁴
+    normal: vec3<f32>,
+    smooth_normal: vec3<f32>, // without the normal map
+    towards_eye: vec3<f32>,
+    n_v: f32,
 }
 
-struct Surface { albedo: vec3<f32>, f0: vec3<f32>, roughness: f32, normal: vec3<f32>, towards_eye: vec3<f32>, n_v: f32 }
+// GGX with Smith's height-correlated visibility, as glTF 2.0 appendix B; times π.
+fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
+    // 1 − (n·h)² as the square of a sine: beside 1, the peak of a smooth surface would drown in rounding.
+    let n_h = dot(s.normal, h);
+    let sine = cross(s.normal, h);
+    let f = dot(sine, sine) + n_h * n_h * s.a2;
+    let visibility = 0.5 / (n_l * sqrt(s.n_v * s.n_v * (1.0 - s.a2) + s.a2) + s.n_v * sqrt(n_l * n_l * (1.0 - s.a2) + s.a2));
+    return s.a2 / (f * f) * visibility;
+}
 
 // What the surface sends to the eye from one light whose matt white would be `color`.
 fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     let n_l = dot(s.normal, towards);
-    if n_l <= 0.0 {
+    // A bump gets no light where the surface that bears it turns away, and little close to there: at most ten times
+    // what that surface gets. Without a normal map this is n_l.
+    let reached = min(n_l, 10.0 * dot(s.smooth_normal, towards));
+    if reached <= 0.0 {
         return vec3<f32>(0.0);
     }
     let h = normalize(towards + s.towards_eye);
-    let f = s.f0 + (1.0 - s.f0) * pow(1.0 - clamp(dot(s.towards_eye, h), 0.0, 1.0), 5.0);
-    let specular = specular_pi(n_l, s.n_v, clamp(dot(s.normal, h), 0.0, 1.0), s.roughness);
-    return color * n_l * ((1.0 - f) * s.albedo + f * specular);
+    let away = 1.0 - clamp(dot(s.towards_eye, h), 0.0, 1.0);
+    let f = s.f0 + (1.0 - s.f0) * (away * away * away * away * away);
+    return color * reached * (s.matt + f * s.gain * specular_pi(s, n_l, h));
 }
 
 // Ramamoorthi and Hanrahan 2001 (13); the cosine's factors are in the coefficients.
@@ -232,35 +269,50 @@ fn irradiance_over_pi(n: vec3<f32>) -> vec3<f32> {
 
 // Radiance of the environment blurred as a lobe of this roughness around the direction.
 fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
-    if light.counts.z == 0u {
+    if !has_map {
         return light.irradiance[0].xyz;
     }
     let d = vec3<f32>(dot(light.map_row0.xyz, direction), dot(light.map_row1.xyz, direction), dot(light.map_row2.xyz, direction));
     // y up, −z in the middle.
     let u = atan2(d.x, -d.z) / (2.0 * PI) + 0.5;
     let v = acos(clamp(d.y, -1.0, 1.0)) / PI;
-    return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * f32(light.counts.z - 1u)).rgb;
+    return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * (light.environment.x - 1.0)).rgb;
 }
 
-// Scale and bias of F0 under uniform light: Karis 2014's fit of the split sum.
-fn environment_brdf(roughness: f32, n_v: f32) -> vec2<f32> {
-    let r = roughness * vec4<f32>(-1.0, -0.0275, -0.572, 0.022) + vec4<f32>(1.0, 0.0425, 1.04, -0.04);
-    let a = min(r.x * r.x, exp2(-9.28 * n_v)) * r.x + r.y;
-    return vec2<f32>(-1.04, 1.04) * a + r.zw;
+// Scale and bias of F0 under uniform light, and the mean of their sum over all views: render/albedo.rs.
+fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
+    let at = vec2<f32>(sqrt(n_v), roughness) * f32(ALBEDO_STEPS - 1u);
+    let low = vec2<u32>(min(at, vec2<f32>(f32(ALBEDO_STEPS - 2u))));
+    let f = at - vec2<f32>(low);
+    let i = low.y * ALBEDO_STEPS + low.x;
+    let rough = mix(light.albedo[i + ALBEDO_STEPS].xyz, light.albedo[i + ALBEDO_STEPS + 1u].xyz, f.x);
+    return mix(mix(light.albedo[i].xyz, light.albedo[i + 1u].xyz, f.x), rough, f.y);
 }
 
 fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
-    let mr = textureSample(metallic_roughness_texture, metallic_roughness_sampler, texture_uv(in, 1u));
-    let bump = textureSample(normal_texture, normal_sampler, texture_uv(in, 2u)).xyz * 2.0 - 1.0;
-    let occlusion = textureSample(occlusion_texture, occlusion_sampler, texture_uv(in, 3u)).r;
-    let metallic = material.factors.x * mr.b;
-    let roughness = clamp(material.factors.y * mr.g, 0.045, 1.0);
+    var metallic = material.factors.x;
+    var roughness = material.factors.y;
+    if has_metallic_roughness {
+        let mr = textureSample(metallic_roughness_texture, metallic_roughness_sampler, texture_uv(in, 1u));
+        metallic *= mr.b;
+        roughness *= mr.g;
+    }
+    roughness = clamp(roughness, 0.045, 1.0);
+    var shadowed = 1.0;
+    if has_occlusion {
+        let occlusion = textureSample(occlusion_texture, occlusion_sampler, texture_uv(in, 3u)).r;
+        shadowed += material.factors.w * (occlusion - 1.0);
+    }
 
+    let smooth_normal = select(-1.0, 1.0, front) * normalize(in.normal);
     var n = normalize(in.normal);
-    if material.alpha.z > 0.5 && dot(in.tangent.xyz, in.tangent.xyz) > 0.0 {
-        let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
-        let b = cross(n, t) * in.tangent.w;
-        n = normalize(t * (bump.x * material.factors.z) + b * (bump.y * material.factors.z) + n * bump.z);
+    if has_normals {
+        let bump = textureSample(normal_texture, normal_sampler, texture_uv(in, 2u)).xyz * 2.0 - 1.0;
+        if dot(in.tangent.xyz, in.tangent.xyz) > 0.0 {
+            let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
+            let b = cross(n, t) * in.tangent.w;
+            n = normalize(t * (bump.x * material.factors.z) + b * (bump.y * material.factors.z) + n * bump.z);
+        }
     }
     if !front {
         n = -n;
@@ -268,13 +320,22 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // The eye is the origin: positions are around the camera.
     let towards_eye = -normalize(in.position);
     let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
-    let s = Surface(base * (1.0 - metallic), mix(vec3<f32>(0.04), base, metallic), roughness, n, towards_eye, n_v);
+    let f0 = mix(vec3<f32>(0.04), base, metallic);
+    let once = albedo(roughness, n_v);
+    // Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks": what one bounce between facets
+    // loses, tinted by those that follow; of dielectrics it is next to nothing. Schlick's mean is F0 + (1 − F0)/21.
+    let f_mean = min(base + (1.0 - base) / 21.0, vec3<f32>(1.0));
+    let more = f_mean * once.z / (1.0 - f_mean * (1.0 - once.z)) * (1.0 / (once.x + once.y) - 1.0);
+    let gain = 1.0 + more * base * metallic / max(f0, vec3<f32>(1e-4));
+    // Below a dielectric's shine lies what the shine lets through; a metal has nothing below it.
+    let matt = base * (1.0 - metallic) * (1.0 - 0.04 * once.x - once.y);
+    let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
     var sum = vec3<f32>(0.0);
-    for (var i = 0u; i < light.counts.x; i++) {
+    for (var i = 0u; i < suns; i++) {
         sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz);
     }
-    for (var i = 0u; i < light.counts.y; i++) {
+    for (var i = 0u; i < points; i++) {
         let point = light.points[i];
         let to = point.position.xyz - in.position;
         let d2 = max(dot(to, to), 1e-6);
@@ -289,52 +350,89 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
         }
         sum += lit(s, towards, point.color.xyz * falloff);
     }
-    let ab = environment_brdf(roughness, n_v);
-    // What one bounce loses between facets comes back (Fdez-Agüera 2019, for the specular part).
-    let single = s.f0 * ab.x + ab.y;
-    let specular = single * (1.0 + s.f0 * (1.0 / max(ab.x + ab.y, 1e-3) - 1.0));
-    let shadowed = 1.0 + material.factors.w * (occlusion - 1.0);
-    sum += shadowed * (irradiance_over_pi(n) * s.albedo * (1.0 - single) + radiance(reflect(-towards_eye, n), roughness) * specular);
-    return sum;
+    // A bump sees its own surface where it does not see the sky.
+    let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
+    let specular = (f0 * once.x + once.y) * gain;
+    return sum + shadowed * (irradiance_over_pi(n) * sky * matt + radiance(reflect(-towards_eye, n), roughness) * specular);
+}
+
+// What is printed on evidence must be read, at a slant too: four taps at four places each way across the pixel, from
+// finer mipmaps. One trilinear tap blurs more than the pixel does, and drivers differ in what they make of anisotropy.
+const FINER: f32 = -1.5;
+
+fn base_texel(uv: vec2<f32>) -> vec4<f32> {
+    let x = dpdx(uv);
+    let y = dpdy(uv);
+    let a = 0.125 * x + 0.375 * y;
+    let b = 0.375 * x - 0.125 * y;
+    return 0.25 * (textureSampleBias(base_color_texture, base_color_sampler, uv + a, FINER)
+        + textureSampleBias(base_color_texture, base_color_sampler, uv - a, FINER)
+        + textureSampleBias(base_color_texture, base_color_sampler, uv + b, FINER)
+        + textureSampleBias(base_color_texture, base_color_sampler, uv - b, FINER));
 }
 
 struct Out {
     @location(0) color: vec4<f32>,
-    @location(1) geometry: vec4<f32>,
-    @builtin(sample_mask) mask: u32,
+    @location(1) geometry: vec4<u32>,
+}
+
+fn base_of(in: Fragment) -> vec4<f32> {
+    var base = material.base_color;
+    if has_colors {
+        base *= in.color;
+    }
+    if has_base_color {
+        base *= base_texel(texture_uv(in, 0u));
+    }
+    return base;
+}
+
+fn surface(in: Fragment, front: bool, base: vec4<f32>) -> Out {
+    var color = base.rgb;
+    if !unlit {
+        var emitted = material.emissive.rgb;
+        if has_emissive {
+            emitted *= textureSample(emissive_texture, emissive_sampler, texture_uv(in, 4u)).rgb;
+        }
+        color = shade(in, front, base.rgb) + emitted;
+    }
+    let alpha = select(1.0, clamp(base.a, 0.0, 1.0), blended);
+    let velocity = in.seen.yz + view.mean_velocity.xy;
+    var out: Out;
+    // Within the range of 16-bit floats.
+    out.color = vec4<f32>(min(color * alpha, vec3<f32>(60000.0)), alpha);
+    out.geometry = pack_geometry(in.seen.x, velocity);
+    return out;
 }
 
 @fragment
-fn fragment(in: Fragment, @builtin(front_facing) front: bool) -> Out {
-    let texel = textureSample(base_color_texture, base_color_sampler, texture_uv(in, 0u));
-    let glow = textureSample(emissive_texture, emissive_sampler, texture_uv(in, 4u)).rgb;
-    let base = material.base_color * texel * in.color;
-    var color = base.rgb;
-    var emitted = vec3<f32>(0.0);
-    if material.emissive.w < 0.5 {
-        color = shade(in, front, base.rgb);
-        emitted = material.emissive.rgb * glow;
-    }
-    var alpha = 1.0;
+fn whole(in: Fragment, @builtin(front_facing) front: bool) -> Out {
+    return surface(in, front, base_of(in));
+}
+
+struct PartlyOut {
+    @location(0) color: vec4<f32>,
+    @location(1) geometry: vec4<u32>,
+    @builtin(sample_mask) mask: u32,
+}
+
+// Where some of the surface is cut out, or hidden by the real scene.
+@fragment
+fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
+    let base = base_of(in);
+    let out = surface(in, front, base);
     var mask = 0xfu;
-    let slope = max(fwidth(base.a), 1e-4);
-    if material.alpha.x > 1.5 {
-        alpha = clamp(base.a, 0.0, 1.0);
-    } else if material.alpha.x > 0.5 {
+    if masked {
         // The cut-off's edge as coverage of the four samples, one pixel wide.
-        let covered = clamp((base.a - material.alpha.y) / slope + 0.5, 0.0, 1.0);
+        let slope = max(fwidth(base.a), 1e-4);
+        let covered = clamp((base.a - material.alpha.x) / slope + 0.5, 0.0, 1.0);
         mask = (1u << u32(round(covered * 4.0))) - 1u;
     }
-    if view.keys.w >= 0.0 {
+    if hidden_by_depth {
         let wall = textureLoad(real_depth, vec2<i32>(in.at.xy), 0).r;
         if wall > 0.0 && in.seen.x > wall + view.keys.w {
             mask = 0u;
         }
     }
-    var out: Out;
-    // Within the range of 16-bit floats.
-    out.color = vec4<f32>(min((color + emitted) * alpha, vec3<f32>(60000.0)), alpha);
-    out.geometry = vec4<f32>(pack_depth(in.seen.x), clamp(in.seen.yz, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
-    out.mask = mask;
-    return out;
+    return PartlyOut(out.color, out.geometry, mask);
 }

@@ -10,6 +10,8 @@ use std::path::Path;
 
 use locard::camera::Geometry;
 use locard::image::LayerImage;
+use locard::measure::Grey;
+use locard::measure::edge::{edge, profile};
 use locard::params::Value;
 use locard::tracking::tum;
 
@@ -70,6 +72,42 @@ fn translation_agrees_with_cycles() {
         println!("motion-translate, {method}: mean absolute error {error:.4}");
         assert!(error <= 0.015, "{method}: {error}");
     }
+}
+
+/// The pixels over which a silhouette of the boards is looked at: name, from, to, rows or columns beside each other.
+/// Every profile begins and ends where alpha is flat; the near board moves 13.1 × 2.6 px, the far one half of that.
+const SILHOUETTES: [(&str, [f64; 2], [f64; 2], f64); 6] = [
+    ("near, left", [172.5, 240.0], [212.5, 240.0], 150.0),
+    ("near, right", [472.5, 147.0], [432.5, 147.0], 12.0),
+    ("near, top", [320.0, 122.5], [320.0, 146.5], 200.0),
+    ("far, left", [226.5, 357.0], [256.5, 357.0], 14.0),
+    ("far, right", [466.5, 357.0], [436.5, 357.0], 14.0),
+    ("far, bottom", [345.0, 382.5], [345.0, 360.5], 150.0),
+];
+
+#[test]
+fn silhouettes_are_as_wide_as_in_cycles() {
+    let mut missed = Vec::new();
+    for method in ["velocity", "reference"] {
+        let Some(case) = case("motion-translate", method) else { return };
+        let alpha = |rgba: &[[f32; 4]]| Grey::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
+        let (ours, theirs) = (alpha(&case.layer.rgba), alpha(&case.reference));
+        for (name, from, to, across) in SILHOUETTES {
+            let edge = |picture| edge(&profile(picture, from, to, 1.0, across).unwrap(), 1.0).unwrap();
+            let (ours, theirs) = (edge(&ours), edge(&theirs));
+            let apart = ours.width_10_90_px - theirs.width_10_90_px;
+            println!(
+                "{method}, {name}: 10-90 % over {:.2} px, Cycles {:.2} px ({apart:+.2}); middle {:+.2} px away",
+                ours.width_10_90_px,
+                theirs.width_10_90_px,
+                ours.position_px - theirs.position_px
+            );
+            if apart.abs() > 0.5 {
+                missed.push(format!("{method}, {name}: {ours:?}, Cycles {theirs:?}"));
+            }
+        }
+    }
+    assert!(missed.is_empty(), "{missed:#?}");
 }
 
 #[test]

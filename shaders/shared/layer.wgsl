@@ -1,12 +1,19 @@
 // The virtual layer: premultiplied linear colour, and the geometry of its nearest sample.
-// Geometry texels hold depth_m in two 16-bit halves (x + y), velocity in px/s (z, w).
+// Geometry texels are four 16-bit words: the two of depth (m, a 32-bit float; 0: nothing is
+// there) and two 16-bit floats of velocity (px/s). Whole numbers pass multisampled targets
+// without a conversion for each sample.
 
-fn depth_m(geometry: vec4<f32>) -> f32 {
-    return geometry.x + geometry.y;
+// Depth in x, velocity in zw.
+fn unpack_geometry(texel: vec4<u32>) -> vec4<f32> {
+    return vec4<f32>(bitcast<f32>(texel.x | (texel.y << 16u)), 0.0, unpack2x16float(texel.z | (texel.w << 16u)));
 }
 
-// Two halves of a depth: the first rounded as a 16-bit float rounds, the second what is left.
-fn pack_depth(depth: f32) -> vec2<f32> {
-    let high = unpack2x16float(pack2x16float(vec2<f32>(depth, 0.0))).x;
-    return vec2<f32>(high, depth - high);
+fn pack_geometry(depth_m: f32, velocity: vec2<f32>) -> vec4<u32> {
+    let depth = bitcast<u32>(depth_m);
+    let v = pack2x16float(clamp(velocity, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
+    return vec4<u32>(depth & 0xffffu, depth >> 16u, v & 0xffffu, v >> 16u);
+}
+
+fn depth_m(geometry: vec4<f32>) -> f32 {
+    return geometry.x;
 }

@@ -27,9 +27,31 @@ pub struct Row {
     pub copies: f64,
 }
 
+/// What is drawn, by which camera: the fixed load at a picture size.
+#[derive(Debug)]
+pub struct Load {
+    pub camera: Camera,
+    pub geometry: Geometry,
+    pub track: PoseTrack,
+    pub scene: Scene,
+}
+
+impl Load {
+    pub fn new(width: u32, height: u32) -> Self {
+        let (camera, geometry) = camera(width, height);
+        let track = turning(&geometry, 12.0 * f64::from(width) / 640.0);
+        let scene = scene(&geometry);
+        Self { camera, geometry, track, scene }
+    }
+}
+
+/// The name of the last row: what a frame costs as users have it.
+pub const ALL: &str = "all effects at their defaults";
+
 /// How often each thing is timed.
 const ROUNDS: usize = 15;
-const INTERVAL_S: f64 = 1.0 / 30.0;
+/// From frame to frame, seconds.
+pub const INTERVAL_S: f64 = 1.0 / 30.0;
 
 fn median(mut times: Vec<f64>) -> f64 {
     times.sort_by(f64::total_cmp);
@@ -157,12 +179,11 @@ fn copy_ms(gpu: &Gpu, width: u32, height: u32) -> Result<f64, GpuError> {
 pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, GpuError> {
     let copy = copy_ms(gpu, width, height)?;
     let mut rows = vec![Row { name: "full-screen copy".to_owned(), ms: copy, copies: 1.0 }];
-    let (camera, geometry) = camera(width, height);
-    let track = turning(&geometry, 12.0 * f64::from(width) / 640.0);
+    let Load { camera, geometry, track, scene } = Load::new(width, height);
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
     let mut time = |name: String, settings: Settings| -> Result<(), GpuError> {
-        let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene(&geometry));
+        let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene.clone());
         let mut times = Vec::new();
         for index in 0..ROUNDS + 3 {
             let frame = Frame {
@@ -202,6 +223,6 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, GpuError> {
             time(format!("plain + {table} {label}").trim_end().to_owned(), settings)?;
         }
     }
-    time("all effects at their defaults".to_owned(), Settings::default())?;
+    time(ALL.to_owned(), Settings::default())?;
     Ok(rows)
 }

@@ -3,13 +3,21 @@
 use std::collections::HashMap;
 
 use crate::camera::{Camera, Curve};
-use crate::effects::{MixedHook, Table};
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
+use crate::effects::MixedInputs;
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
 
-/// The first binding that is a hook's.
-const FIRST_HOOK_BINDING: u32 = 4;
+/// The first binding that is an effect's.
+const FIRST_EFFECT_BINDING: usize = 4;
+
+/// An effect's part of the composite, for one frame.
+#[derive(Debug)]
+pub struct MixedEffect {
+    pub name: &'static str,
+    pub wgsl: &'static str,
+    pub inputs: MixedInputs,
+}
 
 /// `Composite` of shaders/composite.wgsl.
 #[repr(C)]
@@ -24,11 +32,10 @@ struct CompositeUniform {
 /// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
 #[derive(Debug)]
 pub struct Mixer {
-    passes: HashMap<(Vec<&'static str>, wgpu::TextureFormat), FullscreenPass>,
-    tables: HashMap<&'static str, Texture>,
+    passes: HashMap<(Vec<(&'static str, &'static str)>, wgpu::TextureFormat), FullscreenPass>,
     sigma: wgpu::Buffer,
-    curve: f32,
-    gamma: f32,
+    /// The response, for the shader.
+    constants: [(&'static str, f64); 2],
 }
 
 impl Mixer {
@@ -44,10 +51,8 @@ impl Mixer {
         };
         Self {
             passes: HashMap::new(),
-            tables: HashMap::new(),
             sigma: constants(gpu, "sigma", bytemuck::cast_slice(&sigma)),
-            curve,
-            gamma: camera.response.gamma as f32,
+            constants: [("curve", curve), ("gamma", camera.response.gamma)],
         }
     }
 
@@ -59,7 +64,7 @@ impl Mixer {
         layer: &Layer,
         drawn: Rect,
         shown: Rect,
-        hooks: &[(&'static str, MixedHook)],
+        effects: &[MixedEffect],
     ) -> Texture {
         let gpu = run.gpu;
         let format = match pixels.codes {
@@ -77,55 +82,45 @@ impl Mixer {
             origin: [shown.x0, shown.y0, shown.x0 - sent.x0, shown.y0 - sent.y0],
             size: [size.0 as i32, size.1 as i32, sent.width() as i32, sent.height() as i32],
             layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0, drawn.width() as i32, drawn.height() as i32],
-            scale: [pixels.max_code() as f32, self.curve, self.gamma, 0.0],
+            scale: [pixels.max_code() as f32, 0.0, 0.0, 0.0],
         };
         let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
-        let uniforms: Vec<_> = hooks.iter().map(|(name, hook)| constants(gpu, name, &hook.uniform)).collect();
-        for table in hooks.iter().flat_map(|(_, hook)| &hook.tables) {
-            self.tables.entry(table.name).or_insert_with(|| upload(gpu, table));
-        }
-        let names: Vec<_> = hooks.iter().map(|(name, _)| *name).collect();
-        let pass = self
-            .passes
-            .entry((names, format))
-            .or_insert_with(|| FullscreenPass::new(gpu, "composite", &shader(hooks), &[format]));
+        let uniforms: Vec<_> = effects.iter().map(|e| constants(gpu, e.name, &e.inputs.uniform)).collect();
+        let names: Vec<_> = effects.iter().map(|e| (e.name, e.wgsl)).collect();
+        let pass = self.passes.entry((names.clone(), format)).or_insert_with(|| {
+            let options = Options { constants: &self.constants, ..Options::default() };
+            FullscreenPass::with(gpu, "composite", &shader(&names), &[format], &options)
+        });
         let mut slots = vec![
             Slot::Texture(&camera.view),
             Slot::Texture(&layer.color.view),
             Slot::Buffer(&uniform),
             Slot::Buffer(&self.sigma),
         ];
-        for ((_, hook), uniform) in hooks.iter().zip(&uniforms) {
+        for (effect, uniform) in effects.iter().zip(&uniforms) {
             slots.push(Slot::Buffer(uniform));
-            slots.extend(hook.tables.iter().map(|t| Slot::Texture(&self.tables[t.name].view)));
+            slots.extend(effect.inputs.textures.iter().map(|t| Slot::Texture(&t.view)));
         }
         pass.run(gpu, run.encoder, &slots, &[&out], size);
         out
     }
 }
 
-fn upload(gpu: &Gpu, table: &Table) -> Texture {
-    let texture = Texture::new(gpu, table.name, table.width, table.height, wgpu::TextureFormat::R16Sint, 1);
-    texture.write(gpu, table.width, table.height, &table.texels);
-    texture
-}
-
-/// The composite's shader with the hooks' functions and calls, their bindings renumbered so
-/// that each stands behind the one before.
-pub fn shader(hooks: &[(&'static str, MixedHook)]) -> String {
+/// The composite's shader with the functions and calls of effects (name and WGSL), their
+/// bindings renumbered so that each stands behind the one before.
+pub fn shader(effects: &[(&str, &str)]) -> String {
     let mut functions = String::new();
     let mut calls = String::new();
-    let mut next = FIRST_HOOK_BINDING;
-    for (name, hook) in hooks {
-        let count = 1 + hook.tables.len() as u32;
-        let mut wgsl = hook.wgsl.to_owned();
-        for i in (0..count).rev() {
-            let own = format!("@binding({})", FIRST_HOOK_BINDING + i);
-            wgsl = wgsl.replace(&own, &format!("@binding({})", next + i));
+    let mut shift = 0;
+    for (name, wgsl) in effects {
+        let mut wgsl = assemble(wgsl);
+        let count = wgsl.matches("@binding(").count();
+        for own in (FIRST_EFFECT_BINDING..FIRST_EFFECT_BINDING + count).rev() {
+            wgsl = wgsl.replace(&format!("@binding({own})"), &format!("@binding({})", own + shift));
         }
         functions.push_str(&wgsl);
         calls.push_str(&format!("    pixel = apply_{name}(p, pixel);\n"));
-        next += count;
+        shift += count;
     }
     let base = assemble("composite");
     assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))

@@ -8,7 +8,7 @@ mod run;
 mod settings;
 
 use crate::camera::{Camera, Geometry};
-use crate::effects::{FrameContext, ObjectMotion, Stage};
+use crate::effects::{Effect, FrameContext, ObjectMotion, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
 use crate::image::{Codes, LayerImage, Pixels, Rect};
@@ -21,7 +21,7 @@ pub use mix::shader as mixed_shader;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
-use mix::Mixer;
+use mix::{MixedEffect, Mixer};
 use occlusion::RayCache;
 
 /// A frame with all that its picture depends on.
@@ -167,10 +167,13 @@ impl Compositor {
         let active: Vec<usize> =
             (0..self.settings.effects.len()).filter(|&i| self.settings.is_active(i, &context)).collect();
         stats.effects = active.iter().map(|&i| self.settings.effects[i].params().table()).collect();
-        let reach: f32 = active.iter().map(|&i| self.settings.effects[i].reach_px(&context)).sum();
-        let reach = reach.ceil() as i32 + 1;
+        let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
+            active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum::<f32>().ceil() as i32 + 1
+        };
+        // What lies outside the picture and can be seen in it is drawn too.
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
-        let drawn = footprint.rect.grown(reach).intersection(&picture.grown(reach));
+        let reach = picture.grown(total(|e, c| e.reach_px(c)));
+        let drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
         let shown = drawn.intersection(&picture);
         if footprint.rect.is_empty() || shown.is_empty() {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
@@ -188,13 +191,15 @@ impl Compositor {
             Some(texture)
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let mut run = LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool };
+        let mut run =
+            LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: job.want_layer };
         let plan =
             active.iter().find_map(|&i| self.settings.effects[i].plan(&context)).unwrap_or_else(SamplePlan::single);
         let view = View {
             geometry: job.geometry,
             keys: &keys,
             shutter,
+            mean_px_per_s: footprint.mean_px_per_s,
             rect: drawn,
             occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
         };
@@ -204,14 +209,15 @@ impl Compositor {
                 layer = self.settings.effects[i].run(&mut run, &context, layer);
             }
         }
-        let hooks: Vec<_> = active
-            .iter()
-            .filter_map(|&i| {
-                let effect = &self.settings.effects[i];
-                effect.mixed(&context).map(|hook| (effect.params().table(), hook))
-            })
-            .collect();
-        let out = self.mixer.mix(&mut run, &frame.pixels, &layer, drawn, shown, &hooks);
+        let mut mixed = Vec::new();
+        for &i in &active {
+            let effect = &mut self.settings.effects[i];
+            if let Some(wgsl) = effect.mixed_wgsl() {
+                let inputs = effect.mixed_inputs(&mut run, &context, shown);
+                mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
+            }
+        }
+        let out = self.mixer.mix(&mut run, &frame.pixels, &layer, drawn, shown, &mixed);
         let size = (shown.width(), shown.height());
         let mut codes = self.readbacks.copy(&gpu, &mut encoder, &out, size);
         let mut layer_back = job.want_layer.then(|| {
@@ -308,9 +314,8 @@ fn paste_layer(
     geometry.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column).filter(|&i| out.rgba[i][3] > 0.0) {
-                let [high, low, vx, vy] = texel(t);
-                out.depth_m[i] = high + low;
-                out.velocity[i] = [vx, vy];
+                out.depth_m[i] = f32::from_le_bytes([t[0], t[1], t[2], t[3]]);
+                out.velocity[i] = [half(&t[4..]), half(&t[6..])];
             }
         }
     })

@@ -6,8 +6,10 @@
 //!
 //! Not modelled: the edge's direction; a pixel in a corner is softened as one on an edge.
 
-use super::{Effect, FrameContext, MixedHook, Stage};
+use super::{Effect, FrameContext, MixedInputs, Stage};
+use crate::image::Rect;
 use crate::params::{Params, Value};
+use crate::render::LayerRun;
 
 crate::params! {
     /// Parameters of the edge blend.
@@ -41,12 +43,12 @@ impl Effect for EdgeBlendEffect {
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", vec![("impact", Value::Number(1.0))])]
     }
-    fn mixed(&self, _: &FrameContext<'_>) -> Option<MixedHook> {
-        Some(MixedHook {
-            wgsl: include_str!("../../shaders/edge_blend.wgsl"),
-            uniform: bytemuck::cast_slice(&[self.params.impact, 0.0, 0.0, 0.0]).to_vec(),
-            tables: Vec::new(),
-        })
+    fn mixed_wgsl(&self) -> Option<&'static str> {
+        Some(include_str!("../../shaders/edge_blend.wgsl"))
+    }
+    fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {
+        let uniform = bytemuck::cast_slice(&[self.params.impact, 0.0, 0.0, 0.0]).to_vec();
+        MixedInputs { uniform, textures: Vec::new() }
     }
 }
 

@@ -13,7 +13,7 @@ pub mod motion_blur;
 pub mod noise;
 mod stage;
 
-pub use stage::{Effect, FrameContext, MixedHook, ObjectMotion, Stage, Table};
+pub use stage::{Effect, FrameContext, MixedInputs, ObjectMotion, Stage};
 
 /// Every effect at its defaults, in the order of the light.
 pub fn all() -> Vec<Box<dyn Effect>> {

@@ -13,9 +13,9 @@
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
 use super::{Effect, FrameContext, Stage};
-use crate::gpu::{FullscreenPass, Slot, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
 use crate::params::{Params, Value};
-use crate::render::{Layer, LayerRun, Sample, SamplePlan};
+use crate::render::{COLOR, GEOMETRY, Layer, LayerRun, Sample, SamplePlan};
 
 crate::choices! {
     /// How motion blur is made.
@@ -42,15 +42,19 @@ pub struct MotionBlurEffect {
 
 #[derive(Debug)]
 struct Passes {
-    tiles: FullscreenPass,
+    /// From pixels to tiles, and from tiles to their neighbourhoods.
+    tiles: [FullscreenPass; 2],
     /// For tiles in whose neighbourhood all moves alike, and for the others.
     blur: [FullscreenPass; 2],
+    passing: FullscreenPass,
+    between: wgpu::Sampler,
 }
 
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct TilesUniform {
     size: [i32; 4],
+    shutter: [f32; 4],
 }
 
 #[repr(C)]
@@ -59,8 +63,6 @@ struct BlurUniform {
     size: [i32; 4],
     shutter: [f32; 4],
 }
-
-const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 impl MotionBlurEffect {
     /// The longest blur of this frame, px.
@@ -121,10 +123,13 @@ impl Effect for MotionBlurEffect {
         context.exposure_time_s == 0.0 || Self::longest_px(context) <= self.params.threshold_px
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
+        0.5 * Self::longest_px(context) + 2.0
+    }
+    fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
         match self.params.method {
             // The renderer's rectangle spans the exposure already.
             Method::Velocity | Method::Reference => 1.0,
-            Method::Copies => 0.5 * Self::longest_px(context) + 1.0,
+            Method::Copies => self.reach_px(context),
         }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
@@ -144,59 +149,70 @@ impl Effect for MotionBlurEffect {
             return layer;
         }
         let gpu = run.gpu;
-        let passes = self.passes.get_or_insert_with(|| Passes {
-            tiles: FullscreenPass::new(gpu, "motion_blur_tiles", &assemble("motion_blur_tiles"), &[FORMAT, FORMAT]),
-            blur: [["one_motion_tiles", "one_motion"], ["many_motions_tiles", "many_motions"]].map(|entries| {
-                FullscreenPass::with_entries(gpu, "motion_blur", &assemble("motion_blur"), entries, &[FORMAT, FORMAT])
-            }),
-        });
+        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
         let (width, height) = layer.size;
         // 3×3 tiles must reach half the longest blur.
         let side = ((0.5 * Self::longest_px(context)).ceil() as u32 + 1).clamp(8, 1 << 14);
         let tiles = (width.div_ceil(side), height.div_ceil(side));
         let exposure_s = context.exposure_time_s as f32;
 
-        let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, FORMAT, 1);
+        let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, COLOR, 1);
         let first = [target("tile fastest", tiles), target("tile range", tiles)];
-        let near = [target("near fastest", tiles), target("near range", tiles)];
-        let out = [target("blurred colour", layer.size), target("blurred geometry", layer.size)];
+        let near = target("near fastest", tiles);
+        let color = target("blurred colour", layer.size);
 
-        let size = |last| [width as i32, height as i32, side as i32, last];
-        let uniform = |last| constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size: size(last) }));
-        let (over_pixels, over_tiles) = (uniform(0), uniform(1));
-        let blur = BlurUniform { size: size(0), shutter: [exposure_s, self.params.threshold_px, 0.0, 0.0] };
+        let size = [width as i32, height as i32, side as i32, 0];
+        let tiles_uniform =
+            constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size, shutter: [exposure_s, 0.0, 0.0, 0.0] }));
+        let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
+        let blur = BlurUniform { size, shutter: [exposure_s, self.params.threshold_px, texel[0], texel[1]] };
         let blur = constants(gpu, "motion_blur", bytemuck::bytes_of(&blur));
 
-        let view = |t: &crate::gpu::Texture| t.view.clone();
-        let [c, g] = [view(&layer.color), view(&layer.geometry)];
-        passes.tiles.run(
-            gpu,
-            run.encoder,
-            &[Slot::Buffer(&over_pixels), Slot::Texture(&c), Slot::Texture(&g)],
-            &[&first[0], &first[1]],
-            tiles,
-        );
-        passes.tiles.run(
-            gpu,
-            run.encoder,
-            &[Slot::Buffer(&over_tiles), Slot::Texture(&first[0].view), Slot::Texture(&first[1].view)],
-            &[&near[0], &near[1]],
-            tiles,
-        );
+        let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&layer.geometry.view)];
+        passes.tiles[0].run(gpu, run.encoder, &slots, &[&first[0], &first[1]], tiles);
+        let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&first[1].view), Slot::Texture(&first[0].view)];
+        passes.tiles[1].run(gpu, run.encoder, &slots, &[&near], tiles);
         let slots = [
             Slot::Buffer(&blur),
-            Slot::Texture(&c),
-            Slot::Texture(&g),
-            Slot::Texture(&near[0].view),
-            Slot::Texture(&near[1].view),
+            Slot::Texture(&near.view),
+            Slot::Texture(&layer.geometry.view),
+            Slot::Texture(&layer.color.view),
+            Slot::Sampler(&passes.between),
         ];
-        let targets = [&out[0], &out[1]];
-        let loads = [wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), wgpu::LoadOp::Load];
-        for (pass, load) in passes.blur.iter().zip(loads) {
-            pass.run_tiles(gpu, run.encoder, &slots, &targets, layer.size, load, tiles.0 * tiles.1);
+        let count = tiles.0 * tiles.1;
+        let [one, many] = &passes.blur;
+        run_tiles(gpu, run.encoder, &[one, many], &slots, &color, layer.size, count);
+        if !run.geometry_is_read {
+            return Layer { color, ..layer };
         }
-        let [color, geometry] = out;
+        let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, GEOMETRY, 1);
+        run_tiles(gpu, run.encoder, &[&passes.passing], &slots[..3], &geometry, layer.size, count);
         Layer { color, geometry, size: layer.size }
+    }
+}
+
+impl Passes {
+    fn new(gpu: &Gpu) -> Self {
+        let shader = assemble("motion_blur");
+        let pass = |vertex, fragment, format| {
+            let options = Options { vertex, fragment, ..Options::default() };
+            FullscreenPass::with(gpu, "motion_blur", &shader, &[format], &options)
+        };
+        Self {
+            tiles: [("over_pixels", 2), ("over_tiles", 1)].map(|(fragment, targets)| {
+                let options = Options { fragment, ..Options::default() };
+                let shader = assemble("motion_blur_tiles");
+                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[COLOR; 2][..targets], &options)
+            }),
+            blur: [pass("one_motion_tiles", "one_motion", COLOR), pass("many_motions_tiles", "many_motions", COLOR)],
+            passing: pass("all_tiles", "passing", GEOMETRY),
+            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("between pixels"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+        }
     }
 }
 

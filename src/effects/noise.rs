@@ -16,9 +16,11 @@ use std::sync::LazyLock;
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::stage::Table;
-use super::{Effect, FrameContext, MixedHook, Stage};
+use super::{Effect, FrameContext, MixedInputs, Stage};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::image::Rect;
 use crate::params::{Params, Value};
+use crate::render::LayerRun;
 
 crate::params! {
     /// Parameters of the noise.
@@ -35,6 +37,15 @@ crate::params! {
 #[derive(Debug, Default)]
 pub struct NoiseEffect {
     params: Noise,
+    passes: Option<Passes>,
+}
+
+#[derive(Debug)]
+struct Passes {
+    normal_table: Texture,
+    white: FullscreenPass,
+    /// Without and with correlation of neighbours.
+    pattern: [FullscreenPass; 2],
 }
 
 /// Side of the square table of quantiles.
@@ -44,23 +55,37 @@ const TABLE_UNIT: f64 = 1.0 / 4096.0;
 
 /// The normal distribution's quantiles at (i + ½)/4096 in whole 4096ths of σ, scaled so that
 /// the table's own variance is 1.
-static NORMAL_TABLE: LazyLock<Table> = LazyLock::new(|| {
+static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
     let count = TABLE_SIDE * TABLE_SIDE;
     let normal = Normal::standard();
     let quantiles: Vec<f64> = (0..count).map(|i| normal.inverse_cdf((f64::from(i) + 0.5) / f64::from(count))).collect();
     let variance = quantiles.iter().map(|q| q * q).sum::<f64>() / f64::from(count);
-    let texels = quantiles.iter().map(|q| (q / variance.sqrt() / TABLE_UNIT).round() as i16).collect();
-    Table { name: "normal quantiles", width: TABLE_SIDE, height: TABLE_SIDE, texels }
+    quantiles.iter().map(|q| (q / variance.sqrt() / TABLE_UNIT).round() as i16).collect()
 });
 
+/// `White` of shaders/noise_white.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Uniform {
+struct WhiteUniform {
     key: [u32; 4],
+    origin: [i32; 4],
+}
+
+/// `Pattern` of shaders/noise_pattern.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct PatternUniform {
     filter_shape: [f32; 4],
-    lattice: [f32; 4],
     mix_a: [f32; 4],
     mix_b: [f32; 4],
+}
+
+/// `Noise` of shaders/noise.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct NoiseUniform {
+    shape: [f32; 4],
+    origin: [i32; 4],
 }
 
 /// pcg3d of Jarzynski and Olano 2020.
@@ -103,25 +128,33 @@ pub fn cholesky(correlation: [f64; 3]) -> [f64; 5] {
     }
 }
 
-impl NoiseEffect {
-    fn uniform(&self, context: &FrameContext<'_>) -> Uniform {
-        let (neighbours, channels) = context
-            .camera
-            .noise
-            .as_ref()
-            .map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
-        let key = pattern_key(context.seed, context.frame, self.params.animation_delay);
-        let taps = neighbours.map(side_tap);
-        // What the filter really gives, where the wish lies beyond its reach.
-        let lattice = taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32);
-        let l = cholesky(channels).map(|v| v as f32);
-        Uniform {
-            key: [key[0], key[1], key[2], 0],
-            filter_shape: [taps[0] as f32, taps[1] as f32, self.params.magnification, self.params.scale],
-            lattice: [lattice[0], lattice[1], 0.0, 0.0],
-            mix_a: [l[0], l[1], l[2], l[3]],
-            mix_b: [l[4], 0.0, 0.0, 0.0],
+impl Passes {
+    fn new(gpu: &Gpu) -> Self {
+        let table = Texture::new(gpu, "normal quantiles", TABLE_SIDE, TABLE_SIDE, wgpu::TextureFormat::R16Sint, 1);
+        table.write(gpu, TABLE_SIDE, TABLE_SIDE, &NORMAL_TABLE);
+        let pass = |name, fragment| {
+            let options = Options { fragment, ..Options::default() };
+            FullscreenPass::with(gpu, name, &assemble(name), &[wgpu::TextureFormat::Rgba16Sint], &options)
+        };
+        Self {
+            normal_table: table,
+            white: pass("noise_white", "main"),
+            pattern: ["unfiltered", "filtered"].map(|fragment| pass("noise_pattern", fragment)),
         }
+    }
+}
+
+impl NoiseEffect {
+    /// The lattice points that pixels of a rectangle are made of.
+    fn lattice(&self, shown: Rect) -> Rect {
+        let m = self.params.magnification;
+        if m <= 1.0 {
+            return shown;
+        }
+        let first = |pixel: i32| ((pixel as f32 + 0.5) / m).floor() as i32;
+        // Both neighbours, and one more where a rounding falls otherwise.
+        let (x, y) = ([shown.x0, shown.x1].map(first), [shown.y0, shown.y1].map(first));
+        Rect::new(x[0] - 1, y[0] - 1, x[1] + 3, y[1] + 3)
     }
 }
 
@@ -152,12 +185,54 @@ impl Effect for NoiseEffect {
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", Vec::new()), ("magnified", vec![("magnification", Value::Number(2.0))])]
     }
-    fn mixed(&self, context: &FrameContext<'_>) -> Option<MixedHook> {
-        Some(MixedHook {
-            wgsl: include_str!("../../shaders/noise.wgsl"),
-            uniform: bytemuck::bytes_of(&self.uniform(context)).to_vec(),
-            tables: vec![&*NORMAL_TABLE],
+    fn mixed_wgsl(&self) -> Option<&'static str> {
+        Some(if self.params.magnification <= 1.0 {
+            include_str!("../../shaders/noise.wgsl")
+        } else {
+            include_str!("../../shaders/noise_magnified.wgsl")
         })
+    }
+
+    fn mixed_inputs(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, shown: Rect) -> MixedInputs {
+        let gpu = run.gpu;
+        let lattice = self.lattice(shown);
+        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
+        let (neighbours, channels) = context
+            .camera
+            .noise
+            .as_ref()
+            .map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
+        let taps = neighbours.map(side_tap);
+
+        let [x, y, z] = pattern_key(context.seed, context.frame, self.params.animation_delay);
+        let white = WhiteUniform { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1, 0, 0] };
+        let white = constants(gpu, "noise_white", bytemuck::bytes_of(&white));
+        let around = (lattice.width() + 2, lattice.height() + 2);
+        let lattice_noise = run.pool.get(gpu, "white noise", 0, around, wgpu::TextureFormat::Rgba16Sint, 1);
+        let slots = [Slot::Buffer(&white), Slot::Texture(&passes.normal_table.view)];
+        passes.white.run(gpu, run.encoder, &slots, &[&lattice_noise], around);
+
+        let pattern_pass = &passes.pattern[usize::from(taps != [0.0; 2])];
+        let norm = taps.iter().map(|a| 1.0 + 2.0 * a * a).product::<f64>().sqrt().recip();
+        let l = cholesky(channels).map(|v| v as f32);
+        let uniform = PatternUniform {
+            filter_shape: [taps[0] as f32, taps[1] as f32, norm as f32, 0.0],
+            mix_a: [l[0], l[1], l[2], l[3]],
+            mix_b: [l[4], 0.0, 0.0, 0.0],
+        };
+        let uniform = constants(gpu, "noise_pattern", bytemuck::bytes_of(&uniform));
+        let size = (lattice.width(), lattice.height());
+        let pattern = run.pool.get(gpu, "noise pattern", 0, size, wgpu::TextureFormat::Rgba16Sint, 1);
+        let slots = [Slot::Buffer(&uniform), Slot::Texture(&lattice_noise.view)];
+        pattern_pass.run(gpu, run.encoder, &slots, &[&pattern], size);
+
+        // What the filter really gives, where the wish lies beyond its reach.
+        let given = taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32);
+        let uniform = NoiseUniform {
+            shape: [self.params.magnification, self.params.scale, given[0], given[1]],
+            origin: [lattice.x0, lattice.y0, 0, 0],
+        };
+        MixedInputs { uniform: bytemuck::bytes_of(&uniform).to_vec(), textures: vec![pattern] }
     }
 }
 
@@ -172,7 +247,7 @@ pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) 
     let key = pattern_key(context.seed, context.frame, params.animation_delay);
     let white = |x: i32, y: i32| {
         let h = pcg3d([(x as u32).wrapping_add(key[0]), (y as u32).wrapping_add(key[1]), key[2]]);
-        h.map(|w| f64::from(NORMAL_TABLE.texels[(w >> 20) as usize]) * TABLE_UNIT)
+        h.map(|w| f64::from(NORMAL_TABLE[(w >> 20) as usize]) * TABLE_UNIT)
     };
     let taps = rho.map(side_tap);
     let kernel = |a: f64| {
@@ -247,7 +322,7 @@ mod tests {
 
     #[test]
     fn the_table_is_normal() {
-        let t: Vec<f64> = NORMAL_TABLE.texels.iter().map(|&v| f64::from(v) * TABLE_UNIT).collect();
+        let t: Vec<f64> = NORMAL_TABLE.iter().map(|&v| f64::from(v) * TABLE_UNIT).collect();
         let n = t.len() as f64;
         let moment = |p: i32| t.iter().map(|v| v.powi(p)).sum::<f64>() / n;
         assert!(moment(1).abs() < 1e-3);

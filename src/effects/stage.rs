@@ -1,6 +1,8 @@
 //! What an effect is: its stage, what it reads and what it gives.
 
 use crate::camera::Camera;
+use crate::gpu::Texture;
+use crate::image::Rect;
 use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, SamplePlan};
 
@@ -37,25 +39,11 @@ pub struct FrameContext<'a> {
     pub objects: &'a [ObjectMotion],
 }
 
-/// The part of an effect that the composite's shader calls for each mixed pixel.
-#[derive(Clone, Debug)]
-pub struct MixedHook {
-    /// WGSL that defines `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`; its bindings
-    /// are numbered from 4.
-    pub wgsl: &'static str,
-    /// What stands at binding 4.
-    pub uniform: Vec<u8>,
-    /// Constant whole-number tables at the bindings after it.
-    pub tables: Vec<&'static Table>,
-}
-
-/// A constant table of whole numbers for a shader, `width` × `height`.
+/// What stands at the bindings of an effect's part of the composite's shader, in their order.
 #[derive(Debug)]
-pub struct Table {
-    pub name: &'static str,
-    pub width: u32,
-    pub height: u32,
-    pub texels: Vec<i16>,
+pub struct MixedInputs {
+    pub uniform: Vec<u8>,
+    pub textures: Vec<Texture>,
 }
 
 /// An effect with its parameters.
@@ -68,9 +56,14 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn params_mut(&mut self) -> &mut dyn Params;
     /// Whether it would change no pixel of this frame; then it does not run.
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
-    /// How far beyond the object's rectangle it reaches, px.
+    /// How far from a pixel it looks, px.
     fn reach_px(&self, _: &FrameContext<'_>) -> f32 {
         0.0
+    }
+    /// How far beyond the rectangle of the objects (as they move during the exposure) it
+    /// draws, px.
+    fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
+        self.reach_px(context)
     }
     /// What the benchmark measures: a label, and parameters that differ from the defaults.
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
@@ -84,8 +77,14 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn run(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, layer: Layer) -> Layer {
         layer
     }
-    /// The effect's part of the composite's shader.
-    fn mixed(&self, _: &FrameContext<'_>) -> Option<MixedHook> {
+    /// The effect's part of the composite's shader: WGSL that defines
+    /// `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`. Its bindings are numbered from 4,
+    /// first a uniform, then textures.
+    fn mixed_wgsl(&self) -> Option<&'static str> {
         None
+    }
+    /// Records what that part reads, for the rectangle `shown` of the picture.
+    fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _shown: Rect) -> MixedInputs {
+        MixedInputs { uniform: Vec::new(), textures: Vec::new() }
     }
 }

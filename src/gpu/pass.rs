@@ -10,8 +10,22 @@ pub enum Slot<'a> {
     Sampler(&'a wgpu::Sampler),
 }
 
-/// A pipeline that draws one triangle over the targets. The module must define the fragment
-/// entry `main` and import `shared/fullscreen`.
+/// What a module holds, where it is not one fragment entry `main` with `shared/fullscreen`.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    pub vertex: &'a str,
+    pub fragment: &'a str,
+    /// Values of the module's `override`s.
+    pub constants: &'a [(&'a str, f64)],
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[] }
+    }
+}
+
+/// A pipeline that draws over all of its targets, or over tiles of them.
 #[derive(Debug)]
 pub struct FullscreenPass {
     pipeline: wgpu::RenderPipeline,
@@ -21,38 +35,33 @@ pub struct FullscreenPass {
 
 impl FullscreenPass {
     pub fn new(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat]) -> Self {
-        Self::with_entries(gpu, label, wgsl, ["fullscreen_vertex", "main"], formats)
+        Self::with(gpu, label, wgsl, formats, &Options::default())
     }
 
-    /// As [`FullscreenPass::new`], with a vertex and a fragment entry of the module's own.
-    pub fn with_entries(
-        gpu: &Gpu,
-        label: &str,
-        wgsl: &str,
-        [vertex, fragment]: [&str; 2],
-        formats: &[wgpu::TextureFormat],
-    ) -> Self {
+    pub fn with(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat], options: &Options<'_>) -> Self {
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(wgsl.into()),
         });
+        let compilation_options =
+            wgpu::PipelineCompilationOptions { constants: options.constants, ..Default::default() };
         let targets: Vec<_> = formats.iter().map(|&f| Some(wgpu::ColorTargetState::from(f))).collect();
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
             layout: None,
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some(vertex),
-                compilation_options: Default::default(),
+                entry_point: Some(options.vertex),
+                compilation_options: compilation_options.clone(),
                 buffers: &[],
             },
-            primitive: Default::default(),
+            primitive: wgpu::PrimitiveState { topology: wgpu::PrimitiveTopology::TriangleStrip, ..Default::default() },
             depth_stencil: None,
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
                 module: &module,
-                entry_point: Some(fragment),
-                compilation_options: Default::default(),
+                entry_point: Some(options.fragment),
+                compilation_options,
                 targets: &targets,
             }),
             multiview_mask: None,
@@ -71,74 +80,75 @@ impl FullscreenPass {
         targets: &[&Texture],
         size: (u32, u32),
     ) {
-        self.draw(gpu, encoder, slots, targets, size, wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), (3, 1));
+        draw(gpu, encoder, &[self], slots, targets, size, (3, 1));
     }
+}
 
-    /// Draws one quad (two triangles) for each of `tiles`, over what `load` leaves there.
-    #[expect(clippy::too_many_arguments, reason = "what a pass is made of")]
-    pub fn run_tiles(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        slots: &[Slot<'_>],
-        targets: &[&Texture],
-        size: (u32, u32),
-        load: wgpu::LoadOp<wgpu::Color>,
-        tiles: u32,
-    ) {
-        self.draw(gpu, encoder, slots, targets, size, load, (6, tiles));
-    }
+/// Draws one quad (a strip of four corners) for each of `tiles` with each of some pipelines
+/// that read the same slots.
+pub fn run_tiles(
+    gpu: &Gpu,
+    encoder: &mut wgpu::CommandEncoder,
+    passes: &[&FullscreenPass],
+    slots: &[Slot<'_>],
+    target: &Texture,
+    size: (u32, u32),
+    tiles: u32,
+) {
+    draw(gpu, encoder, passes, slots, &[target], size, (4, tiles));
+}
 
-    #[expect(clippy::too_many_arguments, reason = "what a pass is made of")]
-    fn draw(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        slots: &[Slot<'_>],
-        targets: &[&Texture],
-        (width, height): (u32, u32),
-        load: wgpu::LoadOp<wgpu::Color>,
-        (vertices, instances): (u32, u32),
-    ) {
-        let entries: Vec<_> = slots
-            .iter()
-            .enumerate()
-            .map(|(i, slot)| wgpu::BindGroupEntry {
-                binding: i as u32,
-                resource: match slot {
-                    Slot::Texture(view) => wgpu::BindingResource::TextureView(view),
-                    Slot::Buffer(buffer) => buffer.as_entire_binding(),
-                    Slot::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
+fn draw(
+    gpu: &Gpu,
+    encoder: &mut wgpu::CommandEncoder,
+    passes: &[&FullscreenPass],
+    slots: &[Slot<'_>],
+    targets: &[&Texture],
+    (width, height): (u32, u32),
+    (vertices, instances): (u32, u32),
+) {
+    let label = passes.first().map(|p| p.label.as_str());
+    let entries: Vec<_> = slots
+        .iter()
+        .enumerate()
+        .map(|(i, slot)| wgpu::BindGroupEntry {
+            binding: i as u32,
+            resource: match slot {
+                Slot::Texture(view) => wgpu::BindingResource::TextureView(view),
+                Slot::Buffer(buffer) => buffer.as_entire_binding(),
+                Slot::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
+            },
+        })
+        .collect();
+    let attachments: Vec<_> = targets
+        .iter()
+        .map(|target| {
+            Some(wgpu::RenderPassColorAttachment {
+                view: &target.view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                    store: wgpu::StoreOp::Store,
                 },
             })
-            .collect();
-        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(&self.label),
-            layout: &self.layout,
-            entries: &entries,
-        });
-        let attachments: Vec<_> = targets
-            .iter()
-            .map(|target| {
-                Some(wgpu::RenderPassColorAttachment {
-                    view: &target.view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
-                })
-            })
-            .collect();
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(&self.label),
-            color_attachments: &attachments,
-            depth_stencil_attachment: None,
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        });
-        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
-        pass.set_scissor_rect(0, 0, width, height);
-        pass.set_pipeline(&self.pipeline);
+        })
+        .collect();
+    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label,
+        color_attachments: &attachments,
+        depth_stencil_attachment: None,
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+    pass.set_scissor_rect(0, 0, width, height);
+    for one in passes {
+        // Layouts that are derived from shaders fit their own pipeline only.
+        let bind_group =
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout: &one.layout, entries: &entries });
+        pass.set_pipeline(&one.pipeline);
         pass.set_bind_group(0, &bind_group, &[]);
         pass.draw(0..vertices, 0..instances);
     }

@@ -13,6 +13,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "shared/layer",
         "shared/response",
         "shared/mixed",
+        "shared/noise",
         "accumulate",
         "accumulated",
         "composite",
@@ -21,6 +22,9 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "motion_blur",
         "motion_blur_tiles",
         "noise",
+        "noise_magnified",
+        "noise_pattern",
+        "noise_white",
         "raster",
         "resolve",
     ]

@@ -61,7 +61,7 @@ impl Texture {
 
 /// No multiple of it is a power of two: software drivers compile a shader anew for each mixture
 /// of sides that are powers of two and sides that are not, a second each time.
-const STEP_PX: u32 = 96;
+const STEP_PX: u32 = 48;
 
 /// Lends textures by purpose; one is made anew only when the size class changes.
 ///
@@ -96,11 +96,11 @@ impl TexturePool {
     }
 }
 
-/// A buffer that holds `bytes`, padded to 16, for `var<uniform>` or `var<storage, read>`.
+/// A buffer that holds `bytes`, padded to 16, for `var<uniform>`.
 ///
-/// What changes from frame to frame is bound as storage: a software driver (lavapipe) writes
-/// uniforms that decide a branch into the shader itself, and compiles it anew, a second each
-/// time, whenever one of them changes.
+/// No value in it may decide a branch by itself: a software driver (lavapipe) writes such
+/// values into the shader and compiles it anew, up to a second each time, with every new buffer.
+/// What decides branches and stays for a run is an `override` of the pipeline.
 pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     use wgpu::util::DeviceExt;
     let mut padded = bytes.to_vec();
@@ -108,7 +108,7 @@ pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
         label: Some(label),
         contents: &padded,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        usage: wgpu::BufferUsages::UNIFORM,
     })
 }
 

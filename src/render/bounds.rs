@@ -16,6 +16,8 @@ pub struct Footprint {
     pub rect: Rect,
     /// No point of the objects moves faster, px/s.
     pub fastest_px_per_s: f32,
+    /// How the objects move on the whole: the mean of their boxes' corners, px/s.
+    pub mean_px_per_s: [f32; 2],
 }
 
 /// A bounding box in the axes of its mesh, and one corner of it for each of eight.
@@ -66,6 +68,7 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
     let picture = Rect::full(i.width_px, i.height_px);
     let mut rect = Rect::new(0, 0, 0, 0);
     let mut fastest = 0.0f64;
+    let (mut mean, mut count) = (DVec2::ZERO, 0.0);
     let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let Some(b) = bounds[part.mesh] else { continue };
@@ -86,6 +89,8 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
             let dt = keys.reach_s * (moments[b] - moments[a]) as f64 * 2.0 / (keys.poses.len() - 1) as f64;
             for (p, q) in at_px[a].iter().zip(&at_px[b]) {
                 fastest = fastest.max(p.distance(*q) / dt);
+                mean += (*q - *p) / dt;
+                count += 1.0;
             }
         }
         let low = seen.iter().flatten().fold(DVec2::INFINITY, |m, p| m.min(*p));
@@ -111,7 +116,8 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
         rect = rect.union(&own.grown(1));
     }
     // A tenth more for what speeds up between the three moments.
-    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32 }
+    let mean_px_per_s = (mean / f64::max(count, 1.0)).clamp(DVec2::splat(-1e4), DVec2::splat(1e4)).as_vec2().to_array();
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, mean_px_per_s }
 }
 
 /// The speed that turning alone gives to far points in the picture's middle, px/s.

@@ -4,29 +4,18 @@ use std::ops::Range;
 
 use glam::DVec3;
 
+use super::accumulate::Accumulate;
 use super::bounds::{Bounds, Footprint, footprint};
 use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::material::bind_groups;
+use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant};
 use super::plan::{Layer, LayerRun, Sample, SamplePlan};
 use super::view::{Shutter, ViewKeys, ViewUniform};
 use crate::camera::Geometry;
 use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
 use crate::image::Rect;
-use crate::scene::{Alpha, Scene, Vertex};
-
-const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
-const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-const SAMPLES: u32 = 4;
-
-/// `Part` of shaders/raster.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-struct PartUniform {
-    rows: [[f32; 4]; 3],
-    mirror: [f32; 4],
-    offset_px: [f32; 4],
-}
+use crate::scene::{Scene, Vertex};
 
 /// A mesh on the GPU.
 #[derive(Debug)]
@@ -34,6 +23,7 @@ struct GpuMesh {
     base_vertex: i32,
     indices: Range<u32>,
     longest: f64,
+    has_colors: bool,
     bounds: Option<Bounds>,
 }
 
@@ -46,12 +36,9 @@ pub struct Renderer {
     meshes: Vec<GpuMesh>,
     materials: Vec<wgpu::BindGroup>,
     environment: EnvironmentLight,
-    frame_layout: wgpu::BindGroupLayout,
-    /// By (double sided, mirrored, blended).
-    pipelines: [wgpu::RenderPipeline; 8],
+    pipelines: Pipelines,
     resolve: FullscreenPass,
-    accumulate: wgpu::ComputePipeline,
-    accumulated: FullscreenPass,
+    accumulate: Accumulate,
     no_depth: Texture,
 }
 
@@ -61,6 +48,8 @@ pub struct View<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
+    /// Of the objects on the whole, px/s.
+    pub mean_px_per_s: [f32; 2],
     /// What is drawn, in raster axes; may reach beyond the picture.
     pub rect: Rect,
     /// The real scene's depth over `rect` (metres, 0 unknown), and how much nearer it must be.
@@ -72,7 +61,7 @@ struct Draw {
     part: u32,
     mesh: usize,
     material: usize,
-    mirrored: bool,
+    variant: Variant,
     diced: Option<(i32, Range<u32>)>,
     /// Of the box's middle, metres: what is blended is drawn from the back.
     depth_m: f64,
@@ -95,6 +84,7 @@ impl Renderer {
                     base_vertex,
                     indices: start..indices.len() as u32,
                     longest: longest_edge(mesh),
+                    has_colors: mesh.vertices.iter().any(|v| v.color != [1.0; 4]),
                     bounds: Bounds::of(mesh.vertices.iter().map(|v| v.position)),
                 }
             })
@@ -105,39 +95,16 @@ impl Renderer {
         let buffer = |label, contents, usage| {
             gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
         };
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("raster"),
-            source: wgpu::ShaderSource::Wgsl(assemble("raster").into()),
-        });
-        let (frame_layout, material_layout) = layouts(gpu);
-        let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("raster"),
-            bind_group_layouts: &[Some(&frame_layout), Some(&material_layout)],
-            immediate_size: 0,
-        });
-        let pipelines = std::array::from_fn(|i| pipeline(gpu, &module, &layout, i & 1 == 1, i & 2 == 2, i & 4 == 4));
-        let accumulate_module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("accumulate"),
-            source: wgpu::ShaderSource::Wgsl(assemble("accumulate").into()),
-        });
+        let pipelines = Pipelines::new(gpu);
         Self {
             vertices: buffer("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
             indices: buffer("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             meshes,
-            materials: bind_groups(gpu, &material_layout, &scene),
+            materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
-            frame_layout,
             pipelines,
-            resolve: FullscreenPass::new(gpu, "resolve", &assemble("resolve"), &[COLOR, COLOR]),
-            accumulate: gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some("accumulate"),
-                layout: None,
-                module: &accumulate_module,
-                entry_point: Some("add"),
-                compilation_options: Default::default(),
-                cache: None,
-            }),
-            accumulated: FullscreenPass::new(gpu, "accumulated", &assemble("accumulated"), &[COLOR, COLOR]),
+            resolve: FullscreenPass::new(gpu, "resolve", &assemble("resolve"), &[COLOR, GEOMETRY]),
+            accumulate: Accumulate::new(gpu),
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
         }
@@ -176,29 +143,26 @@ impl Renderer {
     }
 
     /// Draws the plan's samples and gives their weighted sum.
-    pub fn draw(&self, run: &mut LayerRun<'_>, view: &View<'_>, plan: &SamplePlan) -> Layer {
+    pub fn draw(&mut self, run: &mut LayerRun<'_>, view: &View<'_>, plan: &SamplePlan) -> Layer {
         let gpu = run.gpu;
         let size = (view.rect.width(), view.rect.height());
         let mut layer = |slot| Layer {
             color: run.pool.get(gpu, "layer colour", slot, size, COLOR, 1),
-            geometry: run.pool.get(gpu, "layer geometry", slot, size, COLOR, 1),
+            geometry: run.pool.get(gpu, "layer geometry", slot, size, GEOMETRY, 1),
             size,
         };
-        let (out, one) = (layer(0), layer(1));
+        let out = layer(0);
         let (draws, diced) = self.draws(gpu, view);
+        self.pipelines.prepare(gpu, draws.iter().map(|d| d.variant));
         if let [sample] = plan.samples.as_slice() {
             self.draw_sample(run, view, sample, &draws, diced.as_ref(), &out);
             return out;
         }
-        let stride = out.color.width;
-        let sum = storage(gpu, stride, out.color.height);
-        let nearest = storage(gpu, stride, out.color.height);
+        let one = layer(1);
+        let sum = self.accumulate.begin(gpu, size);
         for (i, sample) in plan.samples.iter().enumerate() {
             self.draw_sample(run, view, sample, &draws, diced.as_ref(), &one);
-            let first = u32::from(i == 0);
-            let step: [u32; 8] = [size.0, size.1, stride, first, sample.weight.to_bits(), 0, 0, 0];
-            let step = constants(gpu, "accumulate", bytemuck::cast_slice(&step));
-            self.add(run, &step, &one, &sum, &nearest);
+            self.accumulate.add(run, &sum, &one, sample.weight);
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
                 let next = gpu.device.create_command_encoder(&Default::default());
@@ -206,41 +170,8 @@ impl Renderer {
                 gpu.queue.submit([done]);
             }
         }
-        let uniform = constants(gpu, "accumulated", bytemuck::cast_slice(&[stride, 0, 0, 0]));
-        self.accumulated.run(
-            gpu,
-            run.encoder,
-            &[Slot::Buffer(&uniform), Slot::Buffer(&sum), Slot::Buffer(&nearest)],
-            &[&out.color, &out.geometry],
-            size,
-        );
+        self.accumulate.finish(run, &sum, &out);
         out
-    }
-
-    fn add(
-        &self,
-        run: &mut LayerRun<'_>,
-        step: &wgpu::Buffer,
-        one: &Layer,
-        sum: &wgpu::Buffer,
-        nearest: &wgpu::Buffer,
-    ) {
-        let entries = [
-            wgpu::BindGroupEntry { binding: 0, resource: step.as_entire_binding() },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&one.color.view) },
-            wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(&one.geometry.view) },
-            wgpu::BindGroupEntry { binding: 3, resource: sum.as_entire_binding() },
-            wgpu::BindGroupEntry { binding: 4, resource: nearest.as_entire_binding() },
-        ];
-        let group = run.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("accumulate"),
-            layout: &self.accumulate.get_bind_group_layout(0),
-            entries: &entries,
-        });
-        let mut pass = run.encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&self.accumulate);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(one.size.0.div_ceil(8), one.size.1.div_ceil(8), 1);
     }
 
     /// The draw calls of a view, opaque ones first, blended ones from the back, and the
@@ -263,16 +194,23 @@ impl Renderer {
                     (base, start..indices.len() as u32)
                 });
             let centre = 0.5 * (corners[0] + corners[7]);
+            let variant = Variant {
+                colors: gpu_mesh.has_colors,
+                mirrored: part.world_from_mesh.matrix3.determinant() < 0.0,
+                rolling: view.shutter.readout_time_s > 0.0,
+                hidden_by_depth: view.occlusion.is_some(),
+                ..Variant::of(&self.scene.materials[mesh.material], &self.scene.lighting)
+            };
             draws.push(Draw {
                 part: number as u32,
                 mesh: part.mesh,
                 material: mesh.material,
-                mirrored: part.world_from_mesh.matrix3.determinant() < 0.0,
+                variant,
                 diced,
                 depth_m: view.keys.middle().transform_point(centre).z,
             });
         }
-        let blended = |d: &Draw| self.scene.materials[d.material].alpha == Alpha::Blend;
+        let blended = |d: &Draw| d.variant.blended;
         draws.sort_by(|a, b| {
             blended(a)
                 .cmp(&blended(b))
@@ -290,25 +228,20 @@ impl Renderer {
         (draws, buffers)
     }
 
-    fn part_uniforms(&self, view: &View<'_>, sample: &Sample) -> Vec<PartUniform> {
+    fn instances(&self, view: &View<'_>, sample: &Sample) -> Vec<Instance> {
         let mut out = Vec::new();
         for (object, parts) in self.scene.objects.iter().map(|o| &o.parts).enumerate() {
-            let offset = sample.offsets_px.get(object).copied().unwrap_or_default();
+            let offset_px = sample.offsets_px.get(object).copied().unwrap_or_default();
             for part in parts {
                 let m = part.world_from_mesh.matrix3;
                 let t = part.world_from_mesh.translation - view.keys.origin_in_world_m;
                 let row = |i: usize| [m.x_axis[i] as f32, m.y_axis[i] as f32, m.z_axis[i] as f32, t[i] as f32];
                 let mirror = m.determinant().signum() as f32;
-                out.push(PartUniform {
-                    rows: [row(0), row(1), row(2)],
-                    mirror: [mirror, 0.0, 0.0, 0.0],
-                    offset_px: [offset[0], offset[1], 0.0, 0.0],
-                });
+                out.push(Instance { rows: [row(0), row(1), row(2)], mirror, offset_px });
             }
         }
-        if out.is_empty() {
-            out.push(bytemuck::Zeroable::zeroed());
-        }
+        // A buffer must not be empty.
+        out.resize(out.len().max(1), bytemuck::Zeroable::zeroed());
         out
     }
 
@@ -324,53 +257,47 @@ impl Renderer {
         use wgpu::util::DeviceExt;
         let gpu = run.gpu;
         let size = out.size;
-        let tolerance = view.occlusion.map_or(-1.0, |(_, tolerance)| tolerance);
-        let uniform = ViewUniform::new(view.geometry, view.keys, view.shutter, view.rect, sample.time_s, tolerance);
+        let tolerance = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
+        let uniform = ViewUniform::new(view, sample.time_s, tolerance);
         let uniform = constants(gpu, "view", bytemuck::bytes_of(&uniform));
-        let parts = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("parts"),
-            contents: bytemuck::cast_slice(&self.part_uniforms(view, sample)),
-            usage: wgpu::BufferUsages::STORAGE,
+        let instances = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("instances"),
+            contents: bytemuck::cast_slice(&self.instances(view, sample)),
+            usage: wgpu::BufferUsages::VERTEX,
         });
         let light = LightUniform::new(&self.scene.lighting, &self.environment, view.keys.origin_in_world_m);
         let light = constants(gpu, "light", bytemuck::bytes_of(&light));
         let depth_view = view.occlusion.map_or(&self.no_depth.view, |(t, _)| &t.view);
         let frame = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
-            layout: &self.frame_layout,
+            layout: &self.pipelines.frame_layout,
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: parts.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 2, resource: light.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: light.as_entire_binding() },
                 wgpu::BindGroupEntry {
-                    binding: 3,
+                    binding: 2,
                     resource: wgpu::BindingResource::TextureView(&self.environment.view),
                 },
                 wgpu::BindGroupEntry {
-                    binding: 4,
+                    binding: 3,
                     resource: wgpu::BindingResource::Sampler(&self.environment.sampler),
                 },
-                wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::TextureView(depth_view) },
+                wgpu::BindGroupEntry { binding: 4, resource: wgpu::BindingResource::TextureView(depth_view) },
             ],
         });
         let color = run.pool.get(gpu, "samples colour", 0, size, COLOR, SAMPLES);
-        let geometry = run.pool.get(gpu, "samples geometry", 0, size, COLOR, SAMPLES);
+        let geometry = run.pool.get(gpu, "samples geometry", 0, size, GEOMETRY, SAMPLES);
         let depth = run.pool.get(gpu, "samples depth", 0, size, DEPTH, SAMPLES);
         {
-            let attach = |view| {
-                Some(wgpu::RenderPassColorAttachment {
-                    view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                        store: wgpu::StoreOp::Store,
-                    },
-                })
+            let attach = |view, load| {
+                let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
+                Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
             };
+            let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
             let mut pass = run.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("raster"),
-                color_attachments: &[attach(&color.view), attach(&geometry.view)],
+                // What geometry holds is read only where colour was drawn: it need not be cleared.
+                color_attachments: &[attach(&color.view, clear), attach(&geometry.view, wgpu::LoadOp::Load)],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &depth.view,
                     depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
@@ -384,11 +311,8 @@ impl Renderer {
             pass.set_scissor_rect(0, 0, size.0, size.1);
             pass.set_bind_group(0, &frame, &[]);
             for draw in draws {
-                let material = &self.scene.materials[draw.material];
-                let key = usize::from(material.double_sided)
-                    | usize::from(draw.mirrored) << 1
-                    | usize::from(material.alpha == Alpha::Blend) << 2;
-                pass.set_pipeline(&self.pipelines[key]);
+                let Some(pipeline) = self.pipelines.get(&draw.variant) else { continue };
+                pass.set_pipeline(pipeline);
                 pass.set_bind_group(1, &self.materials[draw.material], &[]);
                 let (vertices, indices, base, range) = match (&draw.diced, diced) {
                     (Some((base, range)), Some((v, i))) => (v, i, *base, range.clone()),
@@ -398,6 +322,7 @@ impl Renderer {
                     }
                 };
                 pass.set_vertex_buffer(0, vertices.slice(..));
+                pass.set_vertex_buffer(1, instances.slice(..));
                 pass.set_index_buffer(indices.slice(..), wgpu::IndexFormat::Uint32);
                 pass.draw_indexed(range, base, draw.part..draw.part + 1);
             }
@@ -410,99 +335,4 @@ impl Renderer {
             size,
         );
     }
-}
-
-fn storage(gpu: &Gpu, stride: u32, height: u32) -> wgpu::Buffer {
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("sum"),
-        size: 16 * u64::from(stride) * u64::from(height),
-        usage: wgpu::BufferUsages::STORAGE,
-        mapped_at_creation: false,
-    })
-}
-
-fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
-    use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, ShaderStages};
-    let entry = |binding, visibility, ty| BindGroupLayoutEntry { binding, visibility, ty, count: None };
-    let buffer = |ty| BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
-    let texture = |filterable| BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    let sampler = BindingType::Sampler(wgpu::SamplerBindingType::Filtering);
-    let both = ShaderStages::VERTEX_FRAGMENT;
-    let frame = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("frame"),
-        entries: &[
-            entry(0, both, buffer(BufferBindingType::Storage { read_only: true })),
-            entry(1, ShaderStages::VERTEX, buffer(BufferBindingType::Storage { read_only: true })),
-            entry(2, ShaderStages::FRAGMENT, buffer(BufferBindingType::Uniform)),
-            entry(3, ShaderStages::FRAGMENT, texture(true)),
-            entry(4, ShaderStages::FRAGMENT, sampler),
-            entry(5, ShaderStages::FRAGMENT, texture(false)),
-        ],
-    });
-    let mut entries = vec![entry(0, ShaderStages::FRAGMENT, buffer(BufferBindingType::Uniform))];
-    for i in 0..5 {
-        entries.push(entry(1 + 2 * i, ShaderStages::FRAGMENT, texture(true)));
-        entries.push(entry(2 + 2 * i, ShaderStages::FRAGMENT, sampler));
-    }
-    let material = gpu
-        .device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("material"), entries: &entries });
-    (frame, material)
-}
-
-fn pipeline(
-    gpu: &Gpu,
-    module: &wgpu::ShaderModule,
-    layout: &wgpu::PipelineLayout,
-    double_sided: bool,
-    mirrored: bool,
-    blended: bool,
-) -> wgpu::RenderPipeline {
-    let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2, 4 => Float32x2, 5 => Float32x4];
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("raster"),
-        layout: Some(layout),
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("vertex"),
-            compilation_options: Default::default(),
-            buffers: &[Some(wgpu::VertexBufferLayout {
-                array_stride: size_of::<Vertex>() as u64,
-                step_mode: wgpu::VertexStepMode::Vertex,
-                attributes: &attributes,
-            })],
-        },
-        primitive: wgpu::PrimitiveState {
-            front_face: if mirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
-            cull_mode: (!double_sided).then_some(wgpu::Face::Back),
-            ..Default::default()
-        },
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH,
-            depth_write_enabled: Some(!blended),
-            depth_compare: Some(wgpu::CompareFunction::Greater),
-            stencil: Default::default(),
-            bias: Default::default(),
-        }),
-        multisample: wgpu::MultisampleState { count: SAMPLES, ..Default::default() },
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some("fragment"),
-            compilation_options: Default::default(),
-            targets: &[
-                Some(wgpu::ColorTargetState {
-                    format: COLOR,
-                    blend: blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-                    write_mask: wgpu::ColorWrites::ALL,
-                }),
-                Some(COLOR.into()),
-            ],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Mat3, Vec3};
 
+use super::albedo;
 use crate::gpu::{Gpu, half_texels};
 use crate::scene::{Environment, EnvironmentMap, Lighting};
 use crate::words::count;
@@ -27,12 +28,13 @@ pub struct PointUniform {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct LightUniform {
-    counts: [u32; 4],
+    environment: [f32; 4],
     sun_towards: [[f32; 4]; MAX_SUNS],
     sun_color: [[f32; 4]; MAX_SUNS],
     points: [PointUniform; MAX_POINTS],
     irradiance: [[f32; 4]; 9],
     map_rows: [[f32; 4]; 3],
+    albedo: [[f32; 4]; albedo::STEPS * albedo::STEPS],
 }
 
 /// The environment, made once a scene.
@@ -43,6 +45,7 @@ pub struct EnvironmentLight {
     levels: u32,
     irradiance: [[f32; 4]; 9],
     map_from_world: Mat3,
+    albedo: Vec<[f32; 4]>,
 }
 
 fn wide(v: Vec3, w: f32) -> [f32; 4] {
@@ -54,17 +57,13 @@ impl LightUniform {
     /// are left out; [`unsupported`] says so.
     pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3) -> Self {
         let mut uniform = Self {
-            counts: [
-                lighting.suns.len().min(MAX_SUNS) as u32,
-                lighting.points.len().min(MAX_POINTS) as u32,
-                environment.levels,
-                0,
-            ],
+            environment: [environment.levels as f32, 0.0, 0.0, 0.0],
             sun_towards: Default::default(),
             sun_color: Default::default(),
             points: Default::default(),
             irradiance: environment.irradiance,
             map_rows: [0, 1, 2].map(|i| wide(environment.map_from_world.row(i), 0.0)),
+            albedo: std::array::from_fn(|i| environment.albedo[i]),
         };
         for (i, sun) in lighting.suns.iter().take(MAX_SUNS).enumerate() {
             uniform.sun_towards[i] = wide(sun.towards_light_in_world, 0.0);
@@ -106,19 +105,20 @@ impl EnvironmentLight {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
+        let albedo = albedo::table();
         match environment {
             Environment::Uniform(color) => {
                 let mut irradiance = [[0.0; 4]; 9];
                 irradiance[0] = wide(*color, 0.0);
                 let view = upload(gpu, &[(1, 1, vec![*color])]);
-                Self { view, sampler, levels: 0, irradiance, map_from_world: Mat3::IDENTITY }
+                Self { view, sampler, levels: 0, irradiance, map_from_world: Mat3::IDENTITY, albedo }
             }
             Environment::Map(map) => {
                 let map_from_world = Mat3::from_quat(map.map_from_world);
                 let levels = blurred_levels(map);
                 let view = upload(gpu, &levels);
                 let irradiance = harmonics(map, map_from_world.transpose()).map(|c| wide(c, 0.0));
-                Self { view, sampler, levels: levels.len() as u32, irradiance, map_from_world }
+                Self { view, sampler, levels: levels.len() as u32, irradiance, map_from_world, albedo }
             }
         }
     }

@@ -23,17 +23,12 @@ impl MaterialUniform {
             transforms[2 * i] = [rows[0][0], rows[0][1], rows[0][2], set];
             transforms[2 * i + 1] = [rows[1][0], rows[1][1], rows[1][2], 0.0];
         }
-        let (mode, cutoff) = match m.alpha {
-            Alpha::Opaque => (0.0, 0.0),
-            Alpha::Mask(cutoff) => (1.0, cutoff),
-            Alpha::Blend => (2.0, 0.0),
-        };
-        let has_normals = f32::from(u8::from(m.normal_texture.is_some()));
+        let cutoff = if let Alpha::Mask(cutoff) = m.alpha { cutoff } else { 0.0 };
         Self {
             base_color: m.base_color,
-            emissive: [m.emissive[0], m.emissive[1], m.emissive[2], f32::from(u8::from(m.unlit))],
+            emissive: [m.emissive[0], m.emissive[1], m.emissive[2], 0.0],
             factors: [m.metallic, m.roughness, m.normal_scale, m.occlusion_strength],
-            alpha: [mode, cutoff, has_normals, 0.0],
+            alpha: [cutoff, 0.0, 0.0, 0.0],
             transforms,
         }
     }
@@ -56,17 +51,8 @@ pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> 
         smooth: false,
         mipmaps: false,
     };
-    let white = upload(gpu, &white, 1);
-    let textures: Vec<_> = scene
-        .textures
-        .iter()
-        .enumerate()
-        .map(|(i, t)| {
-            // Evidence lies on floors, seen at a slant: what is read off it must stay sharp.
-            let is_color = scene.materials.iter().any(|m| m.base_color_texture.is_some_and(|u| u.texture == i));
-            upload(gpu, t, if is_color { 8 } else { 1 })
-        })
-        .collect();
+    let white = upload(gpu, &white);
+    let textures: Vec<_> = scene.textures.iter().map(|t| upload(gpu, t)).collect();
     scene
         .materials
         .iter()
@@ -91,7 +77,7 @@ pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> 
         .collect()
 }
 
-fn upload(gpu: &Gpu, texture: &Texture, anisotropy: u16) -> (wgpu::TextureView, wgpu::Sampler) {
+fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
     let format = if texture.srgb { wgpu::TextureFormat::Rgba8UnormSrgb } else { wgpu::TextureFormat::Rgba8Unorm };
     let levels = if texture.mipmaps { mip_chain(texture) } else { Vec::new() };
     let gpu_texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
@@ -133,7 +119,6 @@ fn upload(gpu: &Gpu, texture: &Texture, anisotropy: u16) -> (wgpu::TextureView, 
         mag_filter: smooth,
         min_filter: smooth,
         mipmap_filter: if trilinear { wgpu::MipmapFilterMode::Linear } else { wgpu::MipmapFilterMode::Nearest },
-        anisotropy_clamp: if trilinear { anisotropy } else { 1 },
         ..Default::default()
     });
     (gpu_texture.create_view(&Default::default()), sampler)

@@ -1,14 +1,18 @@
 //! The scene and a sample plan to the virtual layer.
 
+mod accumulate;
+mod albedo;
 mod bounds;
 mod dice;
 mod draw;
 mod light;
 mod material;
+mod pipeline;
 mod plan;
 mod view;
 
 pub use bounds::Footprint;
 pub use draw::{Renderer, View};
+pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, LayerRun, Sample, SamplePlan};
 pub use view::{Shutter, ViewKeys};

@@ -25,8 +25,8 @@ impl SamplePlan {
     }
 }
 
-/// The virtual layer on the GPU: premultiplied linear colour, and the geometry (depth in two
-/// halves, velocity in px/s) of the nearest sample. Only the upper left `size` is in use.
+/// The virtual layer on the GPU: premultiplied linear colour, and the geometry (depth and
+/// velocity, packed as in shaders/shared/layer.wgsl) of the nearest sample. Only the upper left `size` is in use.
 #[derive(Clone, Debug)]
 pub struct Layer {
     pub color: Texture,
@@ -40,4 +40,6 @@ pub struct LayerRun<'a> {
     pub gpu: &'a Gpu,
     pub encoder: &'a mut wgpu::CommandEncoder,
     pub pool: &'a mut TexturePool,
+    /// Whether anything still reads the geometry of the layer that is made.
+    pub geometry_is_read: bool,
 }

@@ -2,8 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::camera::Geometry;
-use crate::image::Rect;
+use super::draw::View;
 use crate::pose::Pose;
 
 /// As in shaders/raster.wgsl.
@@ -52,6 +51,17 @@ impl ViewKeys {
         Self { origin_in_world_m: poses[MAX_KEYS / 2].position_in_world_m(), poses, reach_s }
     }
 
+    /// Rotation, and the camera's position around the origin, at an offset from the timestamp;
+    /// `in_camera` of shaders/raster.wgsl does the same for rows with times of their own.
+    fn at(&self, offset_s: f64) -> (DQuat, DVec3) {
+        let last = (self.poses.len() - 1) as f64;
+        let x = ((offset_s / self.reach_s + 1.0) * 0.5 * last).clamp(0.0, last);
+        let i = x.floor().min(last - 1.0);
+        let [a, b] = [0, 1].map(|k| &self.poses[i as usize + k]);
+        let [p, q] = [a, b].map(|pose| pose.position_in_world_m() - self.origin_in_world_m);
+        (a.rotation.lerp(b.rotation, x - i), p.lerp(q, x - i))
+    }
+
     /// The frame's own pose.
     pub fn middle(&self) -> Pose {
         self.poses[MAX_KEYS / 2]
@@ -68,20 +78,16 @@ pub struct ViewUniform {
     pub lens: [f32; 4],
     pub shutter: [f32; 4],
     pub keys: [f32; 4],
+    pub mean_velocity: [f32; 4],
+    pub moment_rotation: [[f32; 4]; 3],
+    pub moment_eye: [[f32; 4]; 3],
     pub key_rotation: [[f32; 4]; MAX_KEYS],
     pub key_translation: [[f32; 4]; MAX_KEYS],
 }
 
 impl ViewUniform {
-    /// `tolerance_m` below 0 switches occlusion off.
-    pub fn new(
-        geometry: &Geometry,
-        keys: &ViewKeys,
-        shutter: Shutter,
-        rect: Rect,
-        time_s: f64,
-        tolerance_m: f32,
-    ) -> Self {
+    pub fn new(view: &View<'_>, time_s: f64, tolerance_m: f32) -> Self {
+        let View { geometry, keys, shutter, rect, mean_px_per_s, .. } = *view;
         let i = &geometry.intrinsics;
         let d = &geometry.distortion;
         let valid = geometry.valid_radius();
@@ -99,6 +105,8 @@ impl ViewUniform {
             let eye = (pose.position_in_world_m() - keys.origin_in_world_m).as_vec3();
             key_translation[n] = [eye.x, eye.y, eye.z, 0.0];
         }
+        let step = shutter.velocity_step_s();
+        let moments = [time_s, time_s - step, time_s + step].map(|t| keys.at(t));
         let keys_per_s = (count - 1) as f64 / (2.0 * keys.reach_s);
         Self {
             rect_px: [rect.x0 as f32, rect.y0 as f32, rect.width() as f32, rect.height() as f32],
@@ -112,6 +120,9 @@ impl ViewUniform {
                 i.height_px as f32,
             ],
             keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
+            mean_velocity: [mean_px_per_s[0], mean_px_per_s[1], 0.0, 0.0],
+            moment_rotation: moments.map(|(q, _)| q.as_quat().to_array()),
+            moment_eye: moments.map(|(_, eye)| eye.as_vec3().extend(0.0).to_array()),
             key_rotation,
             key_translation,
         }

@@ -4,7 +4,7 @@
 mod atomic;
 pub mod exr;
 mod folder;
-mod raw;
+pub mod raw;
 mod video;
 
 use std::path::{Path, PathBuf};

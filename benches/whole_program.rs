@@ -1,0 +1,89 @@
+//! What a frame costs in the whole program, PNG files to raw frames, against a frame alone.
+//!
+//! `cargo bench --bench whole_program [-- FRAMES]`. The load is that of `locard bench`, over the
+//! demonstration's frames as PNG. Decoding, GPU work, readback and writing overlap; what of it
+//! does not is what the ratio shows.
+
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use locard::compositor::bench::{ALL, INTERVAL_S, Load, bench};
+use locard::compositor::{Compositor, Settings, Stream};
+use locard::gpu::Gpu;
+use locard::recording::{OpenOptions, Recording};
+use locard::sink::raw::RawSink;
+use locard::sink::{Sink, SinkOptions};
+
+const WIDTH: u32 = 640;
+const HEIGHT: u32 = 480;
+/// Shaders are compiled and textures made while these pass.
+const WARM_UP: usize = 10;
+
+/// A recording of so many PNG files: the demonstration's frames, again and again.
+fn write_recording(folder: &Path, frames: usize) -> Result<()> {
+    let mut sources: Vec<_> = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/demo/rgb"))?
+        .map(|entry| entry.map(|e| e.path()))
+        .collect::<Result<_, _>>()?;
+    sources.sort();
+    let mut list = std::fs::File::create(folder.join("rgb.txt"))?;
+    for n in 0..frames {
+        let name = format!("{n:04}.png");
+        if n < sources.len() {
+            image::open(&sources[n])?.to_rgb8().save(folder.join(&name))?;
+        } else {
+            std::fs::copy(folder.join(format!("{:04}.png", n % sources.len())), folder.join(&name))?;
+        }
+        writeln!(list, "{:.6} {name}", n as f64 * INTERVAL_S)?;
+    }
+    std::fs::write(folder.join("recording.toml"), "version = 1\n[frames]\nlist = \"rgb.txt\"\n")?;
+    Ok(())
+}
+
+fn main() -> Result<()> {
+    // Tests build this too, and run it without the flag.
+    if !std::env::args().any(|a| a == "--bench") {
+        return Ok(());
+    }
+    let frames = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(150);
+    let gpu = Gpu::open()?;
+    let alone = bench(&gpu, WIDTH, HEIGHT)?;
+    let alone = alone.iter().find(|row| row.name == ALL).context("no row for all effects")?;
+
+    let folder = tempfile::tempdir()?;
+    write_recording(folder.path(), frames)?;
+    let recording = Recording::open(folder.path(), &OpenOptions::default())?;
+    let load = Load::new(WIDTH, HEIGHT);
+    let mut compositor = Compositor::new(gpu, load.camera, Settings::default(), load.scene);
+    let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: WIDTH, height: HEIGHT, bits: 8 };
+    let mut sink = RawSink::new(std::io::sink(), &options);
+    // The load's poses last for a moment only: every frame is drawn at their middle.
+    let stream = Stream { track: &load.track, time_offset_s: 0.0, want_layers: false };
+    let frames_in = recording.frames(0..frames)?.map(|frame| {
+        frame.map(|mut f| {
+            f.timestamp_s = 0.0;
+            f
+        })
+    });
+    let mut start = Instant::now();
+    let mut count = 0;
+    compositor.run(
+        &stream,
+        frames_in,
+        |_| (&load.geometry, INTERVAL_S),
+        |done| {
+            // A sink of nothing has no errors to tell.
+            let _ = sink.write(done.frame, &done.pixels);
+            count += 1;
+            if count == WARM_UP {
+                start = Instant::now();
+            }
+            Ok(())
+        },
+    )?;
+    let ms = start.elapsed().as_secs_f64() * 1e3 / (count - WARM_UP) as f64;
+    println!("a frame alone, upload to readback     {:8.2} ms {:7.2} copies", alone.ms, alone.copies);
+    println!("a frame of {frames}, PNG to raw               {ms:8.2} ms {:7.2} times that", ms / alone.ms);
+    Ok(())
+}

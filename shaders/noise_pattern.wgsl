@@ -1,0 +1,42 @@
+// The pattern at lattice points: white noise filtered to the camera's neighbour correlation by
+// taps (a, 1, a) each way, and mixed to its channel correlation; variance 1, in 1/4096 σ.
+// @import shared/fullscreen
+struct Pattern {
+    // x, y: side weight of the three-tap filters; z: factor to variance 1
+    filter_shape: vec4<f32>,
+    // Lower triangle of the channels' Cholesky factor: (l21, l22, l31, l32), l33
+    mix_a: vec4<f32>,
+    mix_b: vec4<f32>,
+}
+@group(0) @binding(0) var<uniform> pattern: Pattern;
+// One texel more on each side than the pattern has.
+@group(0) @binding(1) var white: texture_2d<i32>;
+
+fn white_at(p: vec2<i32>) -> vec3<f32> {
+    return vec3<f32>(textureLoad(white, p, 0).xyz);
+}
+
+fn row(p: vec2<i32>) -> vec3<f32> {
+    return white_at(p + vec2<i32>(1, 0)) + pattern.filter_shape.x * (white_at(p) + white_at(p + vec2<i32>(2, 0)));
+}
+
+fn finish(white: vec3<f32>) -> vec4<i32> {
+    let n = white * pattern.filter_shape.z;
+    let mixed = vec3<f32>(
+        n.x,
+        pattern.mix_a.x * n.x + pattern.mix_a.y * n.y,
+        pattern.mix_a.z * n.x + pattern.mix_a.w * n.y + pattern.mix_b.x * n.z,
+    );
+    return vec4<i32>(vec3<i32>(clamp(round(mixed), vec3<f32>(-32767.0), vec3<f32>(32767.0))), 0);
+}
+
+@fragment
+fn unfiltered(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
+    return finish(white_at(vec2<i32>(at.xy) + 1));
+}
+
+@fragment
+fn filtered(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
+    let p = vec2<i32>(at.xy);
+    return finish(row(p + vec2<i32>(0, 1)) + pattern.filter_shape.y * (row(p) + row(p + vec2<i32>(0, 2))));
+}

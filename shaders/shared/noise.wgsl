@@ -1,0 +1,19 @@
+// Calibrated noise over virtual pixels (Fischer 2006, noise overlay): the pattern, scaled to
+// the variance that the pixel lacks.
+struct Noise {
+    shape: vec4<f32>,   // magnification (px), scale, correlation of lattice neighbours right and below
+    origin: vec4<i32>,  // xy: the lattice point of the pattern's first texel
+}
+@group(0) @binding(4) var<uniform> noise: Noise;
+@group(0) @binding(5) var noise_pattern: texture_2d<i32>;
+
+fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
+    return vec3<f32>(textureLoad(noise_pattern, p, 0).xyz) / 4096.0;
+}
+
+fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
+    let wanted = sigma_at(pixel.code) * noise.shape.y;
+    let missing = max(wanted * wanted - pixel.camera_variance, vec3<f32>(0.0));
+    let n = pattern_at(p + composite.origin.xy);
+    return Mixed(pixel.code + sqrt(missing) * n / 255.0, pixel.camera_variance + missing);
+}

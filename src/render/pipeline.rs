@@ -1,0 +1,230 @@
+//! The pipelines of shaders/raster.wgsl: one for each mixture of features that is drawn.
+
+use std::collections::HashMap;
+
+use super::light::{MAX_POINTS, MAX_SUNS};
+use crate::gpu::{Gpu, assemble};
+use crate::scene::{Alpha, Environment, Lighting, Material, Vertex};
+
+pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Of shaders/shared/layer.wgsl.
+pub const GEOMETRY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Uint;
+pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// For each pixel.
+pub const SAMPLES: u32 = 4;
+
+/// What a draw call is made for. A feature that is off costs nothing: the shader is compiled
+/// without it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Variant {
+    pub double_sided: bool,
+    pub mirrored: bool,
+    pub blended: bool,
+    pub masked: bool,
+    pub unlit: bool,
+    /// Vertices have colours of their own.
+    pub colors: bool,
+    /// Base colour, metallic-roughness, normals, occlusion, emissive.
+    pub textures: [bool; 5],
+    /// Lights.
+    pub suns: u8,
+    pub points: u8,
+    pub environment_map: bool,
+    /// Rows are read one after another.
+    pub rolling: bool,
+    /// The real scene's depth is known.
+    pub hidden_by_depth: bool,
+}
+
+impl Variant {
+    /// What a material under a light asks for.
+    pub fn of(material: &Material, lighting: &Lighting) -> Self {
+        let unlit = material.unlit;
+        let lit = |texture: bool| texture && !unlit;
+        Self {
+            double_sided: material.double_sided,
+            blended: material.alpha == Alpha::Blend,
+            masked: matches!(material.alpha, Alpha::Mask(_)),
+            unlit,
+            textures: [
+                material.base_color_texture.is_some(),
+                lit(material.metallic_roughness_texture.is_some()),
+                lit(material.normal_texture.is_some()),
+                lit(material.occlusion_texture.is_some()),
+                lit(material.emissive_texture.is_some()),
+            ],
+            suns: if unlit { 0 } else { lighting.suns.len().min(MAX_SUNS) as u8 },
+            points: if unlit { 0 } else { lighting.points.len().min(MAX_POINTS) as u8 },
+            environment_map: !unlit && matches!(lighting.environment, Environment::Map(_)),
+            ..Self::default()
+        }
+    }
+
+    /// The values of the shader's `override`s.
+    fn constants(&self) -> Vec<(&'static str, f64)> {
+        let [base_color, metallic_roughness, normals, occlusion, emissive] = self.textures;
+        let features = [
+            ("rolling", self.rolling),
+            ("has_colors", self.colors),
+            ("has_base_color", base_color),
+            ("has_metallic_roughness", metallic_roughness),
+            ("has_normals", normals),
+            ("has_occlusion", occlusion),
+            ("has_emissive", emissive),
+            ("unlit", self.unlit),
+            ("masked", self.masked),
+            ("blended", self.blended),
+            ("hidden_by_depth", self.hidden_by_depth),
+            ("has_map", self.environment_map),
+        ]
+        .map(|(name, on)| (name, u8::from(on)));
+        let counts = [("suns", self.suns), ("points", self.points)];
+        features.into_iter().chain(counts).map(|(name, value)| (name, f64::from(value))).collect()
+    }
+}
+
+/// Of an object, for its draw calls: the instance's attributes of shaders/raster.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Instance {
+    /// The 3×4 matrix from the mesh to world axes around the camera.
+    pub rows: [[f32; 4]; 3],
+    /// Sign of its determinant.
+    pub mirror: f32,
+    pub offset_px: [f32; 2],
+}
+
+/// Makes each pipeline when it is first asked for.
+#[derive(Debug)]
+pub struct Pipelines {
+    module: wgpu::ShaderModule,
+    layout: wgpu::PipelineLayout,
+    pub frame_layout: wgpu::BindGroupLayout,
+    pub material_layout: wgpu::BindGroupLayout,
+    made: HashMap<Variant, wgpu::RenderPipeline>,
+}
+
+impl Pipelines {
+    pub fn new(gpu: &Gpu) -> Self {
+        let (frame_layout, material_layout) = layouts(gpu);
+        Self {
+            module: gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some("raster"),
+                source: wgpu::ShaderSource::Wgsl(assemble("raster").into()),
+            }),
+            layout: gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some("raster"),
+                bind_group_layouts: &[Some(&frame_layout), Some(&material_layout)],
+                immediate_size: 0,
+            }),
+            frame_layout,
+            material_layout,
+            made: HashMap::new(),
+        }
+    }
+
+    /// Makes what is missing for the variants.
+    pub fn prepare(&mut self, gpu: &Gpu, variants: impl Iterator<Item = Variant>) {
+        for variant in variants {
+            if !self.made.contains_key(&variant) {
+                let pipeline = self.make(gpu, &variant);
+                self.made.insert(variant, pipeline);
+            }
+        }
+    }
+
+    /// One that [`Pipelines::prepare`] was asked for.
+    pub fn get(&self, variant: &Variant) -> Option<&wgpu::RenderPipeline> {
+        self.made.get(variant)
+    }
+
+    fn make(&self, gpu: &Gpu, variant: &Variant) -> wgpu::RenderPipeline {
+        let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2, 4 => Float32x2, 5 => Float32x4];
+        let instance = wgpu::vertex_attr_array![6 => Float32x4, 7 => Float32x4, 8 => Float32x4, 9 => Float32x3];
+        let constants = variant.constants();
+        let compilation_options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+        let partly = variant.masked || variant.hidden_by_depth;
+        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("raster"),
+            layout: Some(&self.layout),
+            vertex: wgpu::VertexState {
+                module: &self.module,
+                entry_point: Some("vertex"),
+                compilation_options: compilation_options.clone(),
+                buffers: &[
+                    Some(wgpu::VertexBufferLayout {
+                        array_stride: size_of::<Vertex>() as u64,
+                        step_mode: wgpu::VertexStepMode::Vertex,
+                        attributes: &corner,
+                    }),
+                    Some(wgpu::VertexBufferLayout {
+                        array_stride: size_of::<Instance>() as u64,
+                        step_mode: wgpu::VertexStepMode::Instance,
+                        attributes: &instance,
+                    }),
+                ],
+            },
+            primitive: wgpu::PrimitiveState {
+                front_face: if variant.mirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
+                cull_mode: (!variant.double_sided).then_some(wgpu::Face::Back),
+                ..Default::default()
+            },
+            depth_stencil: Some(wgpu::DepthStencilState {
+                format: DEPTH,
+                depth_write_enabled: Some(!variant.blended),
+                depth_compare: Some(wgpu::CompareFunction::Greater),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: wgpu::MultisampleState { count: SAMPLES, ..Default::default() },
+            fragment: Some(wgpu::FragmentState {
+                module: &self.module,
+                entry_point: Some(if partly { "partly" } else { "whole" }),
+                compilation_options,
+                targets: &[
+                    Some(wgpu::ColorTargetState {
+                        format: COLOR,
+                        blend: variant.blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
+                        write_mask: wgpu::ColorWrites::ALL,
+                    }),
+                    Some(GEOMETRY.into()),
+                ],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+}
+
+fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
+    use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, ShaderStages};
+    let entry = |binding, visibility, ty| BindGroupLayoutEntry { binding, visibility, ty, count: None };
+    let buffer =
+        BindingType::Buffer { ty: BufferBindingType::Uniform, has_dynamic_offset: false, min_binding_size: None };
+    let texture = |filterable| BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable },
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled: false,
+    };
+    let sampler = BindingType::Sampler(wgpu::SamplerBindingType::Filtering);
+    let both = ShaderStages::VERTEX_FRAGMENT;
+    let frame = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("frame"),
+        entries: &[
+            entry(0, both, buffer),
+            entry(1, ShaderStages::FRAGMENT, buffer),
+            entry(2, ShaderStages::FRAGMENT, texture(true)),
+            entry(3, ShaderStages::FRAGMENT, sampler),
+            entry(4, ShaderStages::FRAGMENT, texture(false)),
+        ],
+    });
+    let mut entries = vec![entry(0, ShaderStages::FRAGMENT, buffer)];
+    for i in 0..5 {
+        entries.push(entry(1 + 2 * i, ShaderStages::FRAGMENT, texture(true)));
+        entries.push(entry(2 + 2 * i, ShaderStages::FRAGMENT, sampler));
+    }
+    let material = gpu
+        .device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("material"), entries: &entries });
+    (frame, material)
+}
