@@ -29,10 +29,13 @@ struct CompositeUniform {
     scale: [f32; 4],
 }
 
+/// Names and texts of a composite's effects, in order.
+type Effects = Vec<(&'static str, &'static str)>;
+
 /// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
 #[derive(Debug)]
 pub struct Mixer {
-    passes: HashMap<(Vec<(&'static str, &'static str)>, wgpu::TextureFormat), FullscreenPass>,
+    passes: HashMap<(Effects, wgpu::TextureFormat), FullscreenPass>,
     sigma: wgpu::Buffer,
     /// The response, for the shader.
     constants: [(&'static str, f64); 2],
@@ -86,7 +89,7 @@ impl Mixer {
         };
         let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
         let uniforms: Vec<_> = effects.iter().map(|e| constants(gpu, e.name, &e.inputs.uniform)).collect();
-        let names: Vec<_> = effects.iter().map(|e| (e.name, e.wgsl)).collect();
+        let names: Effects = effects.iter().map(|e| (e.name, e.wgsl)).collect();
         let pass = self.passes.entry((names.clone(), format)).or_insert_with(|| {
             let options = Options { constants: &self.constants, ..Options::default() };
             FullscreenPass::with(gpu, "composite", &shader(&names), &[format], &options)
