@@ -81,3 +81,42 @@ fn one_scene_is_one_scene() {
     let text = said(&["calibrate", "noise", temp.path().to_str().unwrap(), "-o", profile.to_str().unwrap()]);
     assert!(text.starts_with("1 scene, 3 frames; "), "{text}");
 }
+
+#[test]
+fn pictures_without_times_are_not_blurred_by_motion() {
+    let temp = tempfile::tempdir().unwrap();
+    // Two pictures half a metre apart: at 30 a second any exposure would smear what stands 2 m away.
+    let mut entries = Vec::new();
+    for i in 0..2 {
+        let name = format!("{i}.png");
+        image::RgbImage::from_pixel(64, 48, image::Rgb([90; 3])).save(temp.path().join(&name)).unwrap();
+        let x = 0.5 * f64::from(i);
+        entries.push(format!(
+            r#"{{"file_path": "{name}", "transform_matrix": [[1,0,0,{x}],[0,1,0,0],[0,0,1,2],[0,0,0,1]]}}"#
+        ));
+    }
+    let camera = r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48"#;
+    let text = format!(r#"{{{camera}, "frames": [{}]}}"#, entries.join(","));
+    std::fs::write(temp.path().join("transforms.json"), text).unwrap();
+    let report = temp.path().join("report.json");
+    let path = |p: &Path| p.to_str().unwrap().to_owned();
+    let (recording, report_path, out) = (path(temp.path()), path(&report), path(&temp.path().join("out")));
+    let output = locard(&[
+        "composite",
+        &recording,
+        "--scene",
+        "scenes/marker-1.glb",
+        "--report",
+        &report_path,
+        "-o",
+        &out,
+        "--force",
+    ]);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && stderr.contains("nothing is blurred by motion"), "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    for frame in report["frames"].as_array().unwrap() {
+        assert_eq!(frame["exposure_time_s"], 0.0);
+        assert!(!frame["effects"].as_array().unwrap().contains(&"motion_blur".into()), "{frame}");
+    }
+}

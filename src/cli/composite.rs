@@ -140,7 +140,7 @@ pub fn run(args: Args) -> Result<()> {
     if args.plain {
         settings.plain();
     }
-    let camera = rig.camera();
+    let mut camera = rig.camera();
     check_camera(&recording, &camera.geometry)?;
     if args.strict {
         for frame in range.clone() {
@@ -153,11 +153,15 @@ pub fn run(args: Args) -> Result<()> {
     }
     let unknown_exposure = camera.exposure.time_s.is_none() && camera.exposure.shutter_angle_deg.is_none();
     if unknown_exposure && recording.exposure.iter().all(|e| e.time_s.is_none()) && !args.plain {
-        warn(
-            args.quiet,
-            "nothing says how long the frames were exposed: half the frame interval is taken; \
-             --set camera.exposure.time_s=SECONDS sets it",
-        );
+        let taken = if recording.kind.has_times() {
+            "half the frame interval is taken"
+        } else {
+            // Between pictures whose times mean nothing there is no motion to blur along.
+            camera.exposure.time_s = Some(0.0);
+            "nothing is blurred by motion, for the pictures bear no times"
+        };
+        let text = "nothing says how long the frames were exposed";
+        warn(args.quiet, &format!("{text}: {taken}; --set camera.exposure.time_s=SECONDS sets it"));
     }
 
     let gpu = Gpu::open()?;

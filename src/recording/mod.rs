@@ -58,6 +58,13 @@ pub enum Kind {
     Colmap,
 }
 
+impl Kind {
+    /// Whether the format says when a picture was taken; else times are nominal.
+    pub fn has_times(self) -> bool {
+        matches!(self, Self::Own | Self::Tum)
+    }
+}
+
 impl std::fmt::Display for Kind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
