@@ -120,3 +120,72 @@ fn pictures_without_times_are_not_blurred_by_motion() {
         assert!(!frame["effects"].as_array().unwrap().contains(&"motion_blur".into()), "{frame}");
     }
 }
+
+/// What the program refused with, and that it was one line.
+fn refused(arguments: &[&str]) -> String {
+    let output = locard(arguments);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+    text
+}
+
+/// Six of the demonstration's frames, the fourth cut off in the middle, in a folder of its own.
+fn with_a_truncated_frame(folder: &Path) {
+    std::fs::create_dir(folder.join("rgb")).unwrap();
+    let mut list = String::new();
+    for i in 0..6 {
+        let bytes = std::fs::read(format!("recordings/demo/rgb/{i:05}.jpg")).unwrap();
+        let whole = if i == 3 { bytes.len() / 2 } else { bytes.len() };
+        std::fs::write(folder.join(format!("rgb/{i:05}.jpg")), &bytes[..whole]).unwrap();
+        list += &format!("{} rgb/{i:05}.jpg\n", f64::from(i) / 30.0);
+    }
+    std::fs::write(folder.join("rgb.txt"), list).unwrap();
+    std::fs::write(folder.join("poses.txt"), "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n").unwrap();
+    let text = "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 2.0\n";
+    std::fs::write(folder.join("recording.toml"), text).unwrap();
+}
+
+#[test]
+fn a_run_that_fails_leaves_no_video_and_loses_none() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let (recording, video) = (path("."), path("out.mkv"));
+    let arguments = ["composite", &recording, "--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml"];
+    let text = refused(&[&arguments[..], &["-o", &video]].concat());
+    assert!(text.contains("00003.jpg") && text.contains("truncated"), "{text}");
+    assert!(!Path::new(&video).exists());
+
+    std::fs::write(&video, "what the user had").unwrap();
+    refused(&[&arguments[..], &["-o", &video, "--force"]].concat());
+    assert_eq!(std::fs::read_to_string(&video).unwrap(), "what the user had");
+
+    let text = refused(&["calibrate", "noise", &path("rgb"), "-o", &path("p.toml")]);
+    assert!(text.contains("00003.jpg") && text.contains("truncated"), "{text}");
+    let text = refused(&["calibrate", "noise", &path("nowhere"), "-o", &path("p.toml")]);
+    assert!(text.contains("nowhere") && !Path::new(&path("p.toml")).exists(), "{text}");
+}
+
+#[test]
+fn what_cannot_be_written_is_said_before_the_work() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let out = path("v.mkv");
+    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "0..1", "-o", &out];
+    let text = refused(&[&arguments[..], &["--report", &out]].concat());
+    assert!(text.contains("is the output already"), "{text}");
+    let text = refused(&[&arguments[..], &["--report", &path("no/report.json")]].concat());
+    assert!(text.contains("there is no folder"), "{text}");
+    assert!(!Path::new(&out).exists());
+}
+
+#[test]
+fn a_trajectory_that_covers_no_frame_is_an_error() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    std::fs::write(temp.path().join("poses.txt"), "50 0 0 0 0 0 0 1\n51 0 0 0 0 0 0 1\n").unwrap();
+    let (recording, out) = (temp.path().to_str().unwrap(), temp.path().join("out"));
+    let profile = ["--profile", "profiles/simulated.toml", "-o", out.to_str().unwrap()];
+    let text = refused(&[&["composite", recording, "--scene", "scenes/marker-1.glb"], &profile[..]].concat());
+    assert!(text.contains("none of the frames 0..6 has a pose"), "{text}");
+}

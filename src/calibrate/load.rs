@@ -2,7 +2,7 @@
 
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
 use crate::image::Pixels;
-use image::{ColorType, DynamicImage};
+use crate::source::still;
 use std::path::{Path, PathBuf};
 
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -20,6 +20,7 @@ pub fn noise_from_paths(
     let mut jpeg = false;
     for (number, (mean, files)) in scenes.iter().enumerate() {
         if let (None, [only]) = (mean, files.as_slice()) {
+            read(only)?;
             return Err(in_file(only)(CalibrateError::OneFrame { scene: number + 1 }));
         }
         calibrator.begin_scene(mean.as_deref().map(read).transpose()?)?;
@@ -87,23 +88,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
     Ok(files)
 }
 
+/// As recordings are read: a file that ends too early is an error.
 fn read(path: &Path) -> Result<Pixels, CalibrateError> {
-    let failed = |reason: String| CalibrateError::Read { path: path.to_owned(), reason };
-    let reader =
-        image::ImageReader::open(path).and_then(|r| r.with_guessed_format()).map_err(|e| failed(e.to_string()))?;
-    let picture = reader.decode().map_err(|e| failed(e.to_string()))?;
-    to_pixels(picture).ok_or_else(|| failed("neither 8 nor 16 bits a channel; give PNG or JPEG frames".to_owned()))
-}
-
-fn to_pixels(picture: DynamicImage) -> Option<Pixels> {
-    let (width, height) = (picture.width(), picture.height());
-    match picture.color() {
-        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => {
-            Pixels::from_u8(width, height, picture.into_rgb8().into_raw())
-        }
-        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
-            Pixels::from_u16(width, height, picture.into_rgb16().into_raw())
-        }
-        _ => None,
-    }
+    Ok(still::read_pixels(path)?)
 }

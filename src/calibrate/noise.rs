@@ -15,6 +15,7 @@ use super::rounding::Rounding;
 use super::scene_sums::{MAX_FRAMES, SceneSums, UNIT};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::image::Pixels;
+use crate::source::SourceError;
 use crate::words::count;
 use std::path::PathBuf;
 
@@ -107,6 +108,8 @@ pub enum CalibrateError {
     TooFew { channel: &'static str, needed: f64, best: f64 },
     #[error("{path}: {reason}")]
     Read { path: PathBuf, reason: String },
+    #[error(transparent)]
+    Picture(#[from] SourceError),
     #[error("{path}: {source}")]
     InFile { path: PathBuf, source: Box<CalibrateError> },
 }

@@ -147,6 +147,9 @@ pub fn run(args: Args) -> Result<()> {
             recording.pose_at_frame(frame).with_context(|| format!("frame {frame} has no pose"))?;
         }
     }
+    if let Some(Err(first)) = range.clone().map(|frame| recording.pose_at_frame(frame)).reduce(|a, b| a.or(b)) {
+        return Err(first).with_context(|| format!("none of the frames {}..{} has a pose", range.start, range.end));
+    }
     let scene = crate::scene::load(&args.scene, recording.up)?;
     for text in recording.warnings.iter().chain(&scene.warnings) {
         warn(args.quiet, text);
@@ -173,8 +176,8 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(folder) = &layers {
         prepare_layers(folder, range.clone(), args.force)?;
     }
-    if let Some(report) = args.report.as_ref().filter(|r| r.exists() && !args.force) {
-        bail!("{}: exists already; it is kept unless --force is given", report.display());
+    if let Some(report) = &args.report {
+        prepare_report(report, &args.output, args.force)?;
     }
     let sink = sink::open(
         &OutPath::parse(&args.output)?,
@@ -237,6 +240,21 @@ fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry
     Ok(())
 }
 
+/// That the report can be written at the end, and is not the output.
+fn prepare_report(report: &Path, output: &Path, force: bool) -> Result<()> {
+    if report == output {
+        bail!("{}: is the output already; --report needs a file of its own", report.display());
+    }
+    if report.exists() && !force {
+        bail!("{}: exists already; it is kept unless --force is given", report.display());
+    }
+    let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        bail!("{}: cannot be written, for there is no folder {}", report.display(), folder.display());
+    }
+    Ok(())
+}
+
 fn prepare_layers(folder: &Path, mut range: Range<usize>, force: bool) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     if !force && let Some(frame) = range.find(|&n| layer_path(folder, n).exists()) {
@@ -278,12 +296,16 @@ fn stream(
         want_layers: writer.layers.is_some(),
     };
     std::thread::scope(|scope| {
-        let (sender, receiver) = mpsc::sync_channel::<Composited>(2);
+        // The end is said: a writer whose frames only cease must not call the output finished.
+        let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
         let writing = scope.spawn(move || -> Result<()> {
             for frame in receiver {
-                writer.write(&frame)?;
+                match frame {
+                    Some(frame) => writer.write(&frame)?,
+                    None => return Ok(writer.sink.finish()?),
+                }
             }
-            Ok(writer.sink.finish()?)
+            Ok(())
         });
         let drawn = compositor.run(
             &stream,
@@ -291,22 +313,17 @@ fn stream(
             |frame| (about(frame).0.unwrap_or(first), about(frame).1),
             |frame| {
                 done(&frame);
-                sender.send(frame).map_err(|_| Stop::Writer)
+                sender.send(Some(frame)).map_err(|_| Stop::Writer)
             },
         );
+        let finished = drawn.is_ok() && sender.send(None).is_ok();
+        drop(sender);
+        let written = writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?;
         match drawn {
-            Ok(()) => {
-                drop(sender);
-                writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?
-            }
-            Err(stopped) => {
-                // Without an end the writer must not call the output finished.
-                drop(sender);
-                match writing.join() {
-                    Ok(Err(error)) => Err(error),
-                    _ => Err(stopped.into()),
-                }
-            }
+            // What the writer has to say comes first: it is why the frames stopped.
+            Err(stopped) => written.and(Err(stopped.into())),
+            Ok(()) if finished => written,
+            Ok(()) => written.and_then(|()| bail!("the writing thread stopped early")),
         }
     })
 }
