@@ -6,6 +6,7 @@ mod dice;
 mod draw;
 mod light;
 mod material;
+mod panorama;
 mod plan;
 mod view;
 
