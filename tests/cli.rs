@@ -189,3 +189,20 @@ fn a_trajectory_that_covers_no_frame_is_an_error() {
     let text = refused(&[&["composite", recording, "--scene", "scenes/marker-1.glb"], &profile[..]].concat());
     assert!(text.contains("none of the frames 0..6 has a pose"), "{text}");
 }
+
+#[test]
+fn a_profile_of_noise_alone_stands_above_the_recordings_own() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let noise = "version = 1\n[camera.noise]\nchannel_correlation = [0.0, 0.0, 0.0]\n\
+                 neighbour_correlation = [0.0, 0.0]\ncode = [0.0, 255.0]\n\
+                 sigma_r = [30.0, 30.0]\nsigma_g = [30.0, 30.0]\nsigma_b = [30.0, 30.0]\n";
+    std::fs::write(path("noisy.toml"), noise).unwrap();
+    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "30..31", "-o", "-"];
+    let own = locard(&arguments);
+    let noisy = locard(&[&arguments[..], &["--profile", &path("noisy.toml")]].concat());
+    assert!(own.status.success() && noisy.status.success(), "{}", String::from_utf8_lossy(&noisy.stderr));
+    // The camera stays the recording's, so that the evidence lies where it lay; only its noise is another.
+    let changed = own.stdout.iter().zip(&noisy.stdout).filter(|(a, b)| a.abs_diff(**b) > 10).count();
+    assert!((500..20_000).contains(&changed), "{changed} of {}", own.stdout.len());
+}

@@ -122,7 +122,8 @@ pub fn run(args: Args) -> Result<()> {
     let mut settings = Settings::default();
     settings.seed = args.seed;
     let mut rig = Rig::default();
-    if let Some(profile) = args.profile.as_ref().or(recording.camera_profile.as_ref()) {
+    // What is given stands above what the recording brings, key by key.
+    for profile in recording.camera_profile.iter().chain(&args.profile) {
         rig.read(profile, &mut settings)?;
     }
     if let Some(geometry) = &recording.geometry {

@@ -7,6 +7,7 @@ mod dice;
 mod draw;
 mod light;
 mod material;
+mod panorama;
 mod pipeline;
 mod plan;
 mod view;
