@@ -24,7 +24,7 @@ override has_map: bool = false;                // the environment is a picture
 const MAX_KEYS: u32 = 33u;
 const MAX_SUNS: u32 = 4u;
 const MAX_POINTS: u32 = 8u;
-const ALBEDO_STEPS: u32 = 16u;
+const ALBEDO_STEPS: f32 = 16.0;
 const PI: f32 = 3.14159265;
 
 struct View {
@@ -60,7 +60,6 @@ struct Light {
     map_row0: vec4<f32>,
     map_row1: vec4<f32>,
     map_row2: vec4<f32>,
-    albedo: array<vec4<f32>, 256>,
 }
 
 struct Material {
@@ -77,6 +76,7 @@ struct Material {
 @group(0) @binding(2) var environment: texture_2d<f32>;
 @group(0) @binding(3) var environment_sampler: sampler;
 @group(0) @binding(4) var real_depth: texture_2d<f32>;
+@group(0) @binding(5) var albedo_table: texture_2d<f32>;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_color_texture: texture_2d<f32>;
@@ -281,12 +281,9 @@ fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
 
 // Scale and bias of F0 under uniform light, and the mean of their sum over all views: render/albedo.rs.
 fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
-    let at = vec2<f32>(sqrt(n_v), roughness) * f32(ALBEDO_STEPS - 1u);
-    let low = vec2<u32>(min(at, vec2<f32>(f32(ALBEDO_STEPS - 2u))));
-    let f = at - vec2<f32>(low);
-    let i = low.y * ALBEDO_STEPS + low.x;
-    let rough = mix(light.albedo[i + ALBEDO_STEPS].xyz, light.albedo[i + ALBEDO_STEPS + 1u].xyz, f.x);
-    return mix(mix(light.albedo[i].xyz, light.albedo[i + 1u].xyz, f.x), rough, f.y);
+    // From the middle of the first texel to the middle of the last.
+    let at = (vec2<f32>(sqrt(n_v), roughness) * (ALBEDO_STEPS - 1.0) + 0.5) / ALBEDO_STEPS;
+    return textureSampleLevel(albedo_table, environment_sampler, at, 0.0).xyz;
 }
 
 fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {

@@ -283,6 +283,10 @@ impl Renderer {
                     resource: wgpu::BindingResource::Sampler(&self.environment.sampler),
                 },
                 wgpu::BindGroupEntry { binding: 4, resource: wgpu::BindingResource::TextureView(depth_view) },
+                wgpu::BindGroupEntry {
+                    binding: 5,
+                    resource: wgpu::BindingResource::TextureView(&self.environment.albedo),
+                },
             ],
         });
         let color = run.pool.get(gpu, "samples colour", 0, size, COLOR, SAMPLES);

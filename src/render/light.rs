@@ -31,7 +31,6 @@ pub struct LightUniform {
     points: [PointUniform; MAX_POINTS],
     irradiance: [[f32; 4]; 9],
     map_rows: [[f32; 4]; 3],
-    albedo: [[f32; 4]; albedo::STEPS * albedo::STEPS],
 }
 
 /// The environment, made once a scene.
@@ -42,7 +41,8 @@ pub struct EnvironmentLight {
     levels: u32,
     irradiance: [[f32; 4]; 9],
     map_from_world: Mat3,
-    albedo: Vec<[f32; 4]>,
+    /// The table of render/albedo.rs.
+    pub albedo: wgpu::TextureView,
 }
 
 fn wide(v: Vec3, w: f32) -> [f32; 4] {
@@ -60,7 +60,6 @@ impl LightUniform {
             points: Default::default(),
             irradiance: environment.irradiance,
             map_rows: [0, 1, 2].map(|i| wide(environment.map_from_world.row(i), 0.0)),
-            albedo: std::array::from_fn(|i| environment.albedo[i]),
         };
         for (i, sun) in lighting.suns.iter().take(MAX_SUNS).enumerate() {
             uniform.sun_towards[i] = wide(sun.towards_light_in_world, 0.0);
@@ -102,18 +101,20 @@ impl EnvironmentLight {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let albedo = albedo::table();
+        let steps = albedo::STEPS as u32;
+        let table = albedo::table().into_iter().map(|[x, y, z, _]| Vec3::new(x, y, z)).collect();
+        let albedo = upload(gpu, "albedo", &[(steps, steps, table)]);
         match environment {
             Environment::Uniform(color) => {
                 let mut irradiance = [[0.0; 4]; 9];
                 irradiance[0] = wide(*color, 0.0);
-                let view = upload(gpu, &[(1, 1, vec![*color])]);
+                let view = upload(gpu, "environment", &[(1, 1, vec![*color])]);
                 Self { view, sampler, levels: 0, irradiance, map_from_world: Mat3::IDENTITY, albedo }
             }
             Environment::Map(map) => {
                 let map_from_world = Mat3::from_quat(map.map_from_world);
                 let levels = blurred_levels(map);
-                let view = upload(gpu, &levels);
+                let view = upload(gpu, "environment", &levels);
                 let irradiance = harmonics(map, map_from_world.transpose()).map(|c| wide(c, 0.0));
                 Self { view, sampler, levels: levels.len() as u32, irradiance, map_from_world, albedo }
             }
@@ -121,9 +122,9 @@ impl EnvironmentLight {
     }
 }
 
-fn upload(gpu: &Gpu, levels: &[Level]) -> wgpu::TextureView {
+fn upload(gpu: &Gpu, label: &str, levels: &[Level]) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("environment"),
+        label: Some(label),
         size: wgpu::Extent3d { width: levels[0].0, height: levels[0].1, depth_or_array_layers: 1 },
         mip_level_count: levels.len() as u32,
         sample_count: 1,
