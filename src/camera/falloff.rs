@@ -1,0 +1,187 @@
+//! What becomes of light away from the picture's middle: it gets darker and parts by colour.
+//!
+//! Not modelled: pixel vignetting (a sensor's own acceptance of slanted light), distortion of
+//! the pupil, and longitudinal chromatic aberration.
+
+use std::f64::consts::PI;
+
+use glam::DVec2;
+
+use super::Geometry;
+
+/// Natural vignetting at a ray (x/z, y/z): cos⁴θ, 0 to 1, where tan θ is the ray's length.
+///
+/// Once cos θ for the opening seen askew, twice for the longer way to the film, and once for
+/// the light striking the film aslant; cos²θ = 1/(1 + tan²θ).
+pub fn natural(ray: DVec2) -> f64 {
+    (1.0 + ray.length_squared()).powi(-2)
+}
+
+/// A rim before the opening that slanted light has to pass too: mechanical vignetting.
+///
+/// Seen along a ray, opening and rim are two circles that shift against each other by distance
+/// · tan θ; light passes where they overlap, which makes highlights near the corners cat's
+/// eyes. Stopping down makes it go away, as in life.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rim {
+    /// From the opening along the axis, metres, at least 0.
+    pub distance_m: f64,
+    /// Metres, above 0; at least the radius of the widest opening, or the middle gets dark too.
+    pub radius_m: f64,
+}
+
+impl Rim {
+    /// The part of the opening through which light comes along a ray (x/z, y/z), 0 to 1; for a
+    /// pinhole 1 within the rim and 0 beyond.
+    pub fn gain(&self, opening_diameter_m: f64, ray: DVec2) -> f64 {
+        let radius_m = 0.5 * opening_diameter_m;
+        let shift_m = self.distance_m * ray.length();
+        if radius_m <= 0.0 {
+            return if shift_m <= self.radius_m { 1.0 } else { 0.0 };
+        }
+        overlap_area(radius_m, self.radius_m, shift_m) / (PI * radius_m * radius_m)
+    }
+
+    /// Whether a point of the opening (metres from its middle, axes as the ray's) sees the
+    /// light of a ray: the cat's eye itself.
+    pub fn passes(&self, on_opening_m: DVec2, ray: DVec2) -> bool {
+        // Going out by `ray` a metre, light crosses the rim's plane that much further out.
+        (on_opening_m + self.distance_m * ray).length() <= self.radius_m
+    }
+}
+
+/// The area common to two circles whose middles are `apart`, in the square of their unit.
+pub fn overlap_area(radius_a: f64, radius_b: f64, apart: f64) -> f64 {
+    let (small, large) = (radius_a.min(radius_b), radius_a.max(radius_b));
+    if apart <= large - small {
+        return PI * small * small;
+    }
+    if apart >= large + small {
+        return 0.0;
+    }
+    // Two circular segments over the chord at x from the large one's middle.
+    let x = (apart * apart + large * large - small * small) / (2.0 * apart);
+    let segment = |radius: f64, to_chord: f64| {
+        let angle = (to_chord / radius).clamp(-1.0, 1.0).acos();
+        radius * radius * (angle - angle.sin() * angle.cos())
+    };
+    segment(large, x) + segment(small, apart - x)
+}
+
+/// Vignetting at a place in the picture (px), natural and of a rim: the gain on linear light,
+/// 0 to 1, and 1 in the middle. `None` where the lens model has no ray.
+pub fn vignetting(geometry: &Geometry, at_px: DVec2, opening_diameter_m: f64, rim: Option<&Rim>) -> Option<f64> {
+    let ray = geometry.unproject(at_px)?.truncate();
+    Some(natural(ray) * rim.map_or(1.0, |rim| rim.gain(opening_diameter_m, ray)))
+}
+
+/// Lateral chromatic aberration of one colour: it is enlarged by r' = r·(1 + a + b·r²), with r
+/// in half diagonals of the picture (0 in the middle, 1 in the corners).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lateral {
+    /// Linear part, as 0.001 for one pixel in a thousand.
+    pub a: f64,
+    /// Cubic part.
+    pub b: f64,
+}
+
+impl Lateral {
+    /// r'/r at a radius.
+    pub fn scale(&self, radius: f64) -> f64 {
+        1.0 + self.a + self.b * radius * radius
+    }
+
+    /// Where this colour of what lies at `at_px` lands, px.
+    pub fn displaced_px(&self, at_px: DVec2, middle_px: DVec2, half_diagonal_px: f64) -> DVec2 {
+        let from_middle = at_px - middle_px;
+        middle_px + from_middle * self.scale(from_middle.length() / half_diagonal_px)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Distortion, Intrinsics};
+    use proptest::prelude::*;
+
+    fn close(found: f64, expected: f64, within: f64) {
+        assert!((found - expected).abs() <= within, "{found} is not {expected}");
+    }
+
+    #[test]
+    fn cos4_worked_by_hand() {
+        assert_eq!(natural(DVec2::ZERO), 1.0);
+        // At 45° cos⁴ is a quarter, at 30° (tan = 1/√3) it is 9/16.
+        close(natural(DVec2::new(0.6, 0.8)), 0.25, 1e-12);
+        close(natural(DVec2::new(3f64.sqrt().recip(), 0.0)), 0.5625, 1e-12);
+        // In the picture: 525 px beside the middle of the default camera is 45°.
+        let g = Geometry::new(Intrinsics { width_px: 2000, ..Default::default() }, Distortion::default());
+        close(vignetting(&g, DVec2::new(320.0 + 525.0, 240.0), 0.01, None).unwrap(), 0.25, 1e-12);
+        assert_eq!(vignetting(&g, DVec2::new(320.0, 240.0), 0.01, None), Some(1.0));
+    }
+
+    #[test]
+    fn two_circles_worked_by_hand() {
+        close(overlap_area(1.0, 1.0, 0.0), PI, 1e-12);
+        // Unit circles one apart: 2π/3 − √3/2.
+        close(overlap_area(1.0, 1.0, 1.0), 2.0 * PI / 3.0 - 0.75f64.sqrt(), 1e-12);
+        close(overlap_area(2.0, 1.0, 1.0), PI, 1e-12);
+        assert_eq!((overlap_area(2.0, 1.0, 3.0), overlap_area(1.0, 1.0, 5.0)), (0.0, 0.0));
+        // The small circle's middle outside of the chord: 1.2 and 1 at 0.6, by the usual formula.
+        close(overlap_area(1.2, 1.0, 0.6), overlap_area(1.0, 1.2, 0.6), 1e-12);
+    }
+
+    #[test]
+    fn a_rim_darkens_the_corners_and_stopping_down_helps() {
+        let rim = Rim { distance_m: 0.02, radius_m: 0.01 };
+        let ray = DVec2::new(0.3, 0.4); // shifts by 10 mm
+        assert_eq!(rim.gain(0.02, DVec2::ZERO), 1.0);
+        // Unit circles one radius apart: (2π/3 − √3/2)/π
+        close(rim.gain(0.02, ray), 0.391_002, 1e-6);
+        assert_eq!(rim.gain(0.004, DVec2::new(0.4, 0.0)), 1.0);
+        assert_eq!((rim.gain(0.0, DVec2::new(0.49, 0.0)), rim.gain(0.0, DVec2::new(0.51, 0.0))), (1.0, 0.0));
+        let g = Geometry::new(Intrinsics::default(), Distortion::default());
+        let corner = DVec2::ZERO;
+        let ray = g.unproject(corner).unwrap().truncate();
+        close(vignetting(&g, corner, 0.02, Some(&rim)).unwrap(), natural(ray) * rim.gain(0.02, ray), 1e-15);
+    }
+
+    #[test]
+    fn the_gain_is_the_part_of_the_opening_that_passes() {
+        let (rim, ray) = (Rim { distance_m: 0.02, radius_m: 0.011 }, DVec2::new(0.3, 0.2));
+        let n = 400;
+        let (mut inside, mut passing) = (0u32, 0u32);
+        for i in 0..n * n {
+            let p = DVec2::new(f64::from(i % n) + 0.5, f64::from(i / n) + 0.5) * 2.0 / f64::from(n) - 1.0;
+            if p.length() <= 1.0 {
+                inside += 1;
+                passing += u32::from(rim.passes(p * 0.01, ray));
+            }
+        }
+        close(f64::from(passing) / f64::from(inside), rim.gain(0.02, ray), 2e-3);
+    }
+
+    #[test]
+    fn colours_part_along_the_radius() {
+        let (middle, corner) = (DVec2::new(320.0, 240.0), DVec2::new(640.0, 480.0));
+        let red = Lateral { a: 0.001, b: 0.002 };
+        // The corner is 400 px out, r = 1: 0.003 of it.
+        let moved = red.displaced_px(corner, middle, 400.0) - corner;
+        close(moved.x, 0.96, 1e-9);
+        close(moved.y, 0.72, 1e-9);
+        // Half way out: 200 px · (0.001 + 0.002/4).
+        let half = DVec2::new(520.0, 240.0);
+        close((red.displaced_px(half, middle, 400.0) - half).x, 0.3, 1e-9);
+        assert_eq!(Lateral::default().displaced_px(corner, middle, 400.0), corner);
+    }
+
+    proptest! {
+        #[test]
+        fn overlap_is_symmetric_and_within_the_smaller(a in 0.01f64..3.0, b in 0.01f64..3.0, d in 0.0f64..7.0) {
+            let area = overlap_area(a, b, d);
+            prop_assert!((area - overlap_area(b, a, d)).abs() < 1e-9);
+            prop_assert!(area >= -1e-12 && area <= PI * a.min(b).powi(2) + 1e-9);
+            prop_assert!(overlap_area(a, b, d + 0.01) <= area + 1e-9, "further apart is less");
+        }
+    }
+}
