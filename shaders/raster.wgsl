@@ -35,6 +35,7 @@ struct View {
     shutter: vec4<f32>,       // sample time (s), half step for velocity (s), readout (s), picture height (px)
     keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
     mean_velocity: vec4<f32>, // of the objects on the whole (px/s)
+    aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m)
     // Rotation, and the camera's position, at the sample time and a half step before and after.
     moment_rotation: array<vec4<f32>, 3>,
     moment_eye: array<vec4<f32>, 3>,
@@ -141,9 +142,10 @@ fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
     return p * radial + tangential;
 }
 
-// OpenCV's model, carried on along its tangent beyond the valid radius (camera/distortion.rs).
+// OpenCV's model, carried on along its tangent beyond the valid radius (camera/distortion.rs). Through a point l of the
+// aperture what is at the focus distance d is seen where the middle sees it: (p − l)/z + l/d.
 fn project(p: vec3<f32>) -> vec2<f32> {
-    let n = p.xy / max(p.z, 0.5 * view.lens.w);
+    let n = (p.xy - view.aperture.xy) / max(p.z, 0.5 * view.lens.w) + view.aperture.xy * view.aperture.z;
     let r = length(n);
     let valid = min(r, view.lens.y);
     let direction = n / max(r, 1e-12);

@@ -31,7 +31,7 @@ struct Case {
     reference: Vec<[f32; 4]>,
 }
 
-fn case(name: &str, method: &str) -> Option<Case> {
+fn case(name: &str, effect: &str, method: &str) -> Option<Case> {
     let folder = common::data(&format!("cycles/{name}"))?;
     let text = std::fs::read_to_string(folder.join("case.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -39,10 +39,13 @@ fn case(name: &str, method: &str) -> Option<Case> {
     let mut geometry = gpu::pinhole(640, 480, number("fx_px"));
     geometry.intrinsics.readout_time_s = number("readout_time_s");
     let geometry = Geometry::new(geometry.intrinsics, geometry.distortion);
-    let camera = gpu::camera(&geometry, number("exposure_time_s"));
+    let mut camera = gpu::camera(&geometry, number("exposure_time_s"));
+    camera.lens.aperture_diameter_mm = Some(number("aperture_diameter_mm"));
+    camera.lens.focus_distance_m = Some(number("focus_distance_m"));
+    camera.lens.blades = number("blades") as u32;
     let scene = locard::scene::load(&folder.join("scene.glb"), None).unwrap();
     let track = tum::read_trajectory(&folder.join("groundtruth.txt"), None).unwrap();
-    let settings = gpu::settings(&[("motion_blur", "method", Value::Text(method.to_owned()))]);
+    let settings = gpu::settings(&[(effect, "method", Value::Text(method.to_owned()))]);
     let frame = gpu::frame(2, 2.0 / 30.0, gpu::grey(640, 480, 128));
     let done = gpu::composite(&gpu::gpu(), &camera, settings, scene, &track, frame);
     let layer = done.layer.unwrap();
@@ -67,7 +70,7 @@ fn case(name: &str, method: &str) -> Option<Case> {
 #[test]
 fn translation_agrees_with_cycles() {
     for method in ["velocity", "reference"] {
-        let Some(case) = case("motion-translate", method) else { return };
+        let Some(case) = case("motion-translate", "motion_blur", method) else { return };
         let error = gpu::mean_absolute_error(&case.layer, &case.reference);
         println!("motion-translate, {method}: mean absolute error {error:.4}");
         assert!(error <= 0.015, "{method}: {error}");
@@ -89,7 +92,7 @@ const SILHOUETTES: [(&str, [f64; 2], [f64; 2], f64); 6] = [
 fn silhouettes_are_as_wide_as_in_cycles() {
     let mut missed = Vec::new();
     for method in ["velocity", "reference"] {
-        let Some(case) = case("motion-translate", method) else { return };
+        let Some(case) = case("motion-translate", "motion_blur", method) else { return };
         let alpha = |rgba: &[[f32; 4]]| Grey::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
         let (ours, theirs) = (alpha(&case.layer.rgba), alpha(&case.reference));
         for (name, from, to, across) in SILHOUETTES {
@@ -113,9 +116,19 @@ fn silhouettes_are_as_wide_as_in_cycles() {
 #[test]
 fn rolling_shutter_agrees_with_cycles() {
     for method in ["velocity", "reference"] {
-        let Some(case) = case("rolling-shutter", method) else { return };
+        let Some(case) = case("rolling-shutter", "motion_blur", method) else { return };
         let error = gpu::mean_absolute_error(&case.layer, &case.reference);
         println!("rolling-shutter, {method}: mean absolute error {error:.4}");
+        assert!(error <= 0.015, "{method}: {error}");
+    }
+}
+
+#[test]
+fn defocus_agrees_with_cycles() {
+    for method in ["layered", "reference"] {
+        let Some(case) = case("defocus-behind", "depth_of_field", method) else { return };
+        let error = gpu::mean_absolute_error(&case.layer, &case.reference);
+        println!("defocus-behind, {method}: mean absolute error {error:.4}");
         assert!(error <= 0.015, "{method}: {error}");
     }
 }

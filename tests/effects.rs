@@ -144,6 +144,9 @@ fn the_noise_is_its_twin() {
             exposure_time_s: 0.0,
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,
+            opening: None,
+            focal_px: FOCAL_PX,
+            depths_m: [1.0, 1.0],
             objects: &[],
         };
         // The unrounded value that the noise is added to; the layer holds 16-bit floats.

@@ -14,7 +14,7 @@ crate::params! {
         focus_distance_m: Option<f64> = None, "m", 0.01..=100000.0;
         "number of aperture blades: 0 for a circle, or 3 to 32"
         blades: u32 = 0, "1", 0.0..=32.0;
-        "turns the blades: 0 has a corner to the right, positive turns it downwards"
+        "turns the blades: 0 has the middle of a side to the right, positive turns it downwards"
         blade_rotation_deg: f64 = 0.0, "deg", -360.0..=360.0;
     }
 }
@@ -83,11 +83,12 @@ impl Lens {
     /// What rendering needs of it; `None` for a pinhole.
     pub fn opening(&self, geometry: &Geometry) -> Result<Option<Opening>, LensError> {
         let lens = self.thin_lens(geometry)?;
+        let half_side = if self.blades == 0 { 0.0 } else { std::f64::consts::PI / f64::from(self.blades) };
         Ok(lens.map(|lens| Opening {
             diameter_m: lens.diameter_m(),
             focus_distance_m: lens.focus_distance_m(),
             blades: self.blades,
-            rotation_rad: self.blade_rotation_deg.to_radians(),
+            rotation_rad: self.blade_rotation_deg.to_radians() + half_side,
         }))
     }
 }
@@ -118,7 +119,10 @@ mod tests {
         let opening = lens.opening(&camera()).unwrap().unwrap();
         // f = 5.25·1000/1005.25 = 5.222581 mm, D = f/2
         assert!((opening.diameter_m - 0.002_611_291).abs() < 1e-9);
-        assert_eq!((opening.focus_distance_m, opening.blades, opening.rotation_rad), (1.0, 5, 0.0));
+        assert_eq!(
+            (opening.focus_distance_m, opening.blades, opening.rotation_rad),
+            (1.0, 5, std::f64::consts::PI / 5.0)
+        );
         // 525 px · 2.611291 mm · (1/1 − 1/2) / m
         assert!((opening.circle_px(525.0, 2.0) - 0.685_463_8).abs() < 1e-6);
         assert!((opening.circle_px(525.0, 0.5) + 1.370_927_6).abs() < 1e-6);

@@ -1,6 +1,7 @@
 //! The camera: lens, film, shutter, exposure, geometry, response and noise, as pure physics. No GPU, no files.
 
 pub mod accumulation;
+mod aperture;
 mod distortion;
 pub mod exposure;
 pub mod falloff;
@@ -13,6 +14,7 @@ mod response;
 pub mod stops;
 mod thin_lens;
 
+pub use aperture::Aperture;
 pub use distortion::Distortion;
 pub use exposure::Exposure;
 pub use film::{Film, FilmError, LensType};

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::{Compositor, Job, Settings};
+use super::{Compositor, Job, Settings, SubmitError};
 use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoiseProfile};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::{FullscreenPass, Gpu, GpuError, Slot, Texture, assemble};
@@ -176,13 +176,13 @@ fn copy_ms(gpu: &Gpu, width: u32, height: u32) -> Result<f64, GpuError> {
 
 /// Times everything at a picture size: the copy, the plain composite, each effect alone over
 /// it, and all effects at their defaults.
-pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, GpuError> {
+pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
     let copy = copy_ms(gpu, width, height)?;
     let mut rows = vec![Row { name: "full-screen copy".to_owned(), ms: copy, copies: 1.0 }];
     let Load { camera, geometry, track, scene } = Load::new(width, height);
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
-    let mut time = |name: String, settings: Settings| -> Result<(), GpuError> {
+    let mut time = |name: String, settings: Settings| -> Result<(), SubmitError> {
         let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene.clone());
         let mut times = Vec::new();
         for index in 0..ROUNDS + 3 {

@@ -7,7 +7,7 @@ mod occlusion;
 mod run;
 mod settings;
 
-use crate::camera::{Camera, Geometry};
+use crate::camera::{Camera, Geometry, LensError};
 use crate::effects::{Effect, FrameContext, ObjectMotion, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
@@ -76,6 +76,15 @@ pub struct Compositor {
     readbacks: ReadbackSet,
 }
 
+/// Why a frame's work was not begun.
+#[derive(Debug, thiserror::Error)]
+pub enum SubmitError {
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+}
+
 /// A frame whose work is on the GPU.
 #[derive(Debug)]
 pub struct Pending {
@@ -130,7 +139,7 @@ impl Compositor {
     }
 
     /// Starts a frame's work. Frames may be started before earlier ones are collected.
-    pub fn submit(&mut self, job: Job<'_>) -> Result<Pending, GpuError> {
+    pub fn submit(&mut self, job: Job<'_>) -> Result<Pending, SubmitError> {
         let frame = job.frame;
         let time_s = frame.timestamp_s + job.time_offset_s;
         let exposure_time_s = self.exposure_time_s(&frame, job.interval_s);
@@ -148,6 +157,7 @@ impl Compositor {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
         let intrinsics = &job.geometry.intrinsics;
+        let opening = self.camera.lens.opening(job.geometry)?;
         let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s };
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
@@ -162,6 +172,9 @@ impl Compositor {
             exposure_time_s,
             interval_s: job.interval_s,
             fastest_px_per_s: footprint.fastest_px_per_s,
+            opening,
+            focal_px: intrinsics.fx_px,
+            depths_m: footprint.depths_m,
             objects: &objects,
         };
         let active: Vec<usize> =
@@ -193,8 +206,7 @@ impl Compositor {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut run =
             LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: job.want_layer };
-        let plan =
-            active.iter().find_map(|&i| self.settings.effects[i].plan(&context)).unwrap_or_else(SamplePlan::single);
+        let plan = active.iter().fold(SamplePlan::single(), |plan, &i| self.settings.effects[i].plan(&context, plan));
         let view = View {
             geometry: job.geometry,
             keys: &keys,
@@ -204,8 +216,11 @@ impl Compositor {
             occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
         };
         let mut layer = self.renderer.draw(&mut run, &view, &plan);
-        for &i in &active {
+        for (n, &i) in active.iter().enumerate() {
             if self.settings.effects[i].stage() == Stage::Layer {
+                let later = &active[n + 1..];
+                run.geometry_is_read =
+                    job.want_layer || later.iter().any(|&k| self.settings.effects[k].reads_geometry());
                 layer = self.settings.effects[i].run(&mut run, &context, layer);
             }
         }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::{Composited, Compositor, Job, Pending};
+use super::{Composited, Compositor, Job, Pending, SubmitError};
 use crate::camera::Geometry;
 use crate::frame::Frame;
 use crate::gpu::GpuError;
@@ -26,6 +26,8 @@ pub enum RunError<E: std::error::Error> {
     Source(E),
     #[error("frame {frame}: {source}")]
     Gpu { frame: usize, source: GpuError },
+    #[error("frame {frame}: {source}")]
+    Submit { frame: usize, source: SubmitError },
     #[error(transparent)]
     Taker(E),
 }
@@ -58,7 +60,7 @@ impl Compositor {
                 interval_s,
                 want_layer: stream.want_layers,
             };
-            let work = self.submit(job).map_err(|source| RunError::Gpu { frame: index, source })?;
+            let work = self.submit(job).map_err(|source| RunError::Submit { frame: index, source })?;
             pending.push_back((index, work));
             if pending.len() >= IN_FLIGHT
                 && let Some(oldest) = pending.pop_front()

@@ -8,6 +8,7 @@
 //!
 //! Then the command line, the profile, `locard params` and the benchmark have it.
 
+pub mod depth_of_field;
 pub mod edge_blend;
 pub mod motion_blur;
 pub mod noise;
@@ -19,6 +20,7 @@ pub use stage::{Effect, FrameContext, MixedInputs, ObjectMotion, Stage};
 pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
         Box::new(motion_blur::MotionBlurEffect::default()),
+        Box::new(depth_of_field::DepthOfFieldEffect::default()),
         Box::new(edge_blend::EdgeBlendEffect::default()),
         Box::new(noise::NoiseEffect::default()),
     ]

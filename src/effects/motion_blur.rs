@@ -71,10 +71,10 @@ impl MotionBlurEffect {
     }
 
     /// Copies of each object along the blur vector of its centre (Fischer, §Motion blur).
-    fn copies(&self, context: &FrameContext<'_>) -> SamplePlan {
+    fn copies(&self, context: &FrameContext<'_>) -> Vec<Sample> {
         let n = self.params.copies;
         let share = (context.exposure_time_s / context.interval_s) as f32;
-        let samples = (0..n)
+        (0..n)
             .map(|i| {
                 let along = (i as f32 + 0.5) / n as f32 - 0.5;
                 let offsets_px = context
@@ -86,23 +86,20 @@ impl MotionBlurEffect {
                         v.map(|c| if drawn { c * along } else { 0.0 })
                     })
                     .collect();
-                Sample { weight: 1.0 / n as f32, time_s: 0.0, offsets_px }
+                Sample { offsets_px, ..Sample::plain(1.0 / n as f32) }
             })
-            .collect();
-        SamplePlan { samples }
+            .collect()
     }
 
     /// Moments evenly over the exposure, two for each pixel of the longest blur, at least 32.
-    fn reference(context: &FrameContext<'_>) -> SamplePlan {
+    fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
         let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, 4096);
-        let samples = (0..n)
+        (0..n)
             .map(|i| Sample {
-                weight: 1.0 / n as f32,
                 time_s: ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * context.exposure_time_s,
-                offsets_px: Vec::new(),
+                ..Sample::plain(1.0 / n as f32)
             })
-            .collect();
-        SamplePlan { samples }
+            .collect()
     }
 }
 
@@ -136,12 +133,16 @@ impl Effect for MotionBlurEffect {
         ["velocity", "copies", "reference"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
     }
 
-    fn plan(&self, context: &FrameContext<'_>) -> Option<SamplePlan> {
+    fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
         match self.params.method {
-            Method::Velocity => None,
-            Method::Copies => Some(self.copies(context)),
-            Method::Reference => Some(Self::reference(context)),
+            Method::Velocity => plan,
+            Method::Copies => SamplePlan { samples: self.copies(context), ..plan },
+            Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
         }
+    }
+
+    fn reads_geometry(&self) -> bool {
+        true
     }
 
     fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {

@@ -1,6 +1,6 @@
 //! What an effect is: its stage, what it reads and what it gives.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Opening};
 use crate::gpu::Texture;
 use crate::image::Rect;
 use crate::params::{Params, Value};
@@ -35,6 +35,12 @@ pub struct FrameContext<'a> {
     pub interval_s: f64,
     /// No point of the objects moves faster than this, px/s.
     pub fastest_px_per_s: f32,
+    /// The lens; none for a pinhole.
+    pub opening: Option<Opening>,
+    /// Of the picture, in pixel widths.
+    pub focal_px: f64,
+    /// Between which depths all points of the objects lie, metres.
+    pub depths_m: [f64; 2],
     /// One for each object of the scene.
     pub objects: &'a [ObjectMotion],
 }
@@ -69,9 +75,13 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", Vec::new())]
     }
-    /// What the renderer is to draw, where this effect decides that.
-    fn plan(&self, _: &FrameContext<'_>) -> Option<SamplePlan> {
-        None
+    /// What the renderer is to draw, after what the effects before this one have made of the single plain drawing.
+    fn plan(&self, _: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
+        plan
+    }
+    /// Whether it reads the layer's geometry.
+    fn reads_geometry(&self) -> bool {
+        false
     }
     /// Records the effect's passes; the layer that it gives is the next one's.
     fn run(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, layer: Layer) -> Layer {

@@ -7,7 +7,7 @@ mod shader;
 mod texture;
 
 pub use device::{AdapterReport, Gpu, GpuError, adapters};
-pub use pass::{FullscreenPass, Options, Slot, run_tiles};
+pub use pass::{Binding, FullscreenPass, Options, Slot, run_tiles};
 pub use readback::{Readback, ReadbackSet};
 pub use shader::{assemble, sources};
 pub use texture::{Texture, TexturePool, constants, half_texels};

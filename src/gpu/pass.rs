@@ -17,11 +17,25 @@ pub struct Options<'a> {
     pub fragment: &'a str,
     /// Values of the module's `override`s.
     pub constants: &'a [(&'a str, f64)],
+    /// What stands at each binding, where passes of which not all read everything share their slots; else empty, and
+    /// the bindings are those that the shader reads.
+    pub bindings: &'a [Binding],
+}
+
+/// What a shader of group 0 finds at a binding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binding {
+    Uniform,
+    /// Of floats, which a sampler may read between texels.
+    Floats,
+    /// Of whole numbers.
+    Integers,
+    Sampler,
 }
 
 impl Default for Options<'_> {
     fn default() -> Self {
-        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[] }
+        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[], bindings: &[] }
     }
 }
 
@@ -45,10 +59,18 @@ impl FullscreenPass {
         });
         let compilation_options =
             wgpu::PipelineCompilationOptions { constants: options.constants, ..Default::default() };
+        let given = (!options.bindings.is_empty()).then(|| group_layout(gpu, label, options.bindings));
+        let given = given.as_ref().map(|group| {
+            gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(label),
+                bind_group_layouts: &[Some(group)],
+                immediate_size: 0,
+            })
+        });
         let targets: Vec<_> = formats.iter().map(|&f| Some(wgpu::ColorTargetState::from(f))).collect();
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
-            layout: None,
+            layout: given.as_ref(),
             vertex: wgpu::VertexState {
                 module: &module,
                 entry_point: Some(options.vertex),
@@ -82,6 +104,34 @@ impl FullscreenPass {
     ) {
         draw(gpu, encoder, &[self], slots, targets, size, (3, 1));
     }
+}
+
+fn group_layout(gpu: &Gpu, label: &str, bindings: &[Binding]) -> wgpu::BindGroupLayout {
+    let texture = |sample_type| wgpu::BindingType::Texture {
+        sample_type,
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled: false,
+    };
+    let entries: Vec<_> = bindings
+        .iter()
+        .enumerate()
+        .map(|(i, binding)| wgpu::BindGroupLayoutEntry {
+            binding: i as u32,
+            visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
+            ty: match binding {
+                Binding::Uniform => wgpu::BindingType::Buffer {
+                    ty: wgpu::BufferBindingType::Uniform,
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+                Binding::Floats => texture(wgpu::TextureSampleType::Float { filterable: true }),
+                Binding::Integers => texture(wgpu::TextureSampleType::Uint),
+                Binding::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            },
+            count: None,
+        })
+        .collect();
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
 /// Draws one quad (a strip of four corners) for each of `tiles` with each of some pipelines

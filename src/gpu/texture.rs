@@ -18,6 +18,18 @@ pub struct Texture {
 
 impl Texture {
     pub fn new(gpu: &Gpu, label: &str, width: u32, height: u32, format: wgpu::TextureFormat, samples: u32) -> Self {
+        Self::with_levels(gpu, label, width, height, format, samples, 1)
+    }
+
+    fn with_levels(
+        gpu: &Gpu,
+        label: &str,
+        width: u32,
+        height: u32,
+        format: wgpu::TextureFormat,
+        samples: u32,
+        levels: u32,
+    ) -> Self {
         use wgpu::TextureUsages as U;
         let mut usage = U::TEXTURE_BINDING;
         if samples == 1 {
@@ -29,7 +41,7 @@ impl Texture {
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 },
-            mip_level_count: 1,
+            mip_level_count: levels,
             sample_count: samples,
             dimension: wgpu::TextureDimension::D2,
             format,
@@ -93,6 +105,47 @@ impl TexturePool {
         let texture = Texture::new(gpu, purpose, w, h, format, samples);
         self.lent.insert((purpose, slot), texture.clone());
         texture
+    }
+}
+
+/// A picture at half, a quarter, an eighth of a size and so on.
+#[derive(Clone, Debug)]
+pub struct Pyramid {
+    /// All levels, for samplers; level 0 is the half.
+    pub view: wgpu::TextureView,
+    /// Each level to be drawn into; the first is the half.
+    pub levels: Vec<Texture>,
+}
+
+impl TexturePool {
+    /// As [`TexturePool::get`], at half the size and `levels` levels in all. Level l (1 is the half) has texels of 2^l
+    /// pixels whatever the size, up to level 4.
+    pub fn pyramid(
+        &mut self,
+        gpu: &Gpu,
+        purpose: &'static str,
+        (width, height): (u32, u32),
+        format: wgpu::TextureFormat,
+        levels: u32,
+    ) -> Pyramid {
+        let [w, h] = [width, height].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX / 2);
+        let known = self
+            .lent
+            .get(&(purpose, 0))
+            .filter(|t| (t.width, t.height, t.format, t.texture.mip_level_count()) == (w, h, format, levels));
+        let all = known.cloned().unwrap_or_else(|| Texture::with_levels(gpu, purpose, w, h, format, 1, levels));
+        self.lent.insert((purpose, 0), all.clone());
+        let levels = (0..levels)
+            .map(|level| {
+                let view = all.texture.create_view(&wgpu::TextureViewDescriptor {
+                    base_mip_level: level,
+                    mip_level_count: Some(1),
+                    ..Default::default()
+                });
+                Texture { view, width: w >> level, height: h >> level, ..all.clone() }
+            })
+            .collect();
+        Pyramid { view: all.view, levels }
     }
 }
 

@@ -16,6 +16,8 @@ pub struct Footprint {
     pub rect: Rect,
     /// No point of the objects moves faster, px/s.
     pub fastest_px_per_s: f32,
+    /// Between which depths all points of the objects lie while the shutter is open, metres.
+    pub depths_m: [f64; 2],
     /// How the objects move on the whole: the mean of their boxes' corners, px/s.
     pub mean_px_per_s: [f32; 2],
 }
@@ -68,6 +70,7 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
     let picture = Rect::full(i.width_px, i.height_px);
     let mut rect = Rect::new(0, 0, 0, 0);
     let mut fastest = 0.0f64;
+    let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
     let (mut mean, mut count) = (DVec2::ZERO, 0.0);
     let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
@@ -75,6 +78,11 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
         let corners = b.corners().map(|c| part.world_from_mesh.transform_point3(c));
         if keys.poses.iter().all(|pose| corners.iter().all(|&c| pose.transform_point(c).z < NEAR_M)) {
             continue;
+        }
+        for &m in &moments {
+            for z in corners.map(|c| keys.poses[m].transform_point(c).z) {
+                (nearest, farthest) = (nearest.min(z.max(NEAR_M)), farthest.max(z));
+            }
         }
         let seen: Option<Vec<_>> = moments.iter().map(|&m| normalised(&corners, &keys.poses[m])).collect();
         let Some(seen) = seen else {
@@ -117,7 +125,8 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
     }
     // A tenth more for what speeds up between the three moments.
     let mean_px_per_s = (mean / f64::max(count, 1.0)).clamp(DVec2::splat(-1e4), DVec2::splat(1e4)).as_vec2().to_array();
-    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, mean_px_per_s }
+    let depths_m = [nearest.min(farthest), farthest];
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m, mean_px_per_s }
 }
 
 /// The speed that turning alone gives to far points in the picture's middle, px/s.

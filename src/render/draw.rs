@@ -155,13 +155,13 @@ impl Renderer {
         let (draws, diced) = self.draws(gpu, view);
         self.pipelines.prepare(gpu, draws.iter().map(|d| d.variant));
         if let [sample] = plan.samples.as_slice() {
-            self.draw_sample(run, view, sample, &draws, diced.as_ref(), &out);
+            self.draw_sample(run, view, (sample, plan.focus_distance_m), &draws, diced.as_ref(), &out);
             return out;
         }
         let one = layer(1);
         let sum = self.accumulate.begin(gpu, size);
         for (i, sample) in plan.samples.iter().enumerate() {
-            self.draw_sample(run, view, sample, &draws, diced.as_ref(), &one);
+            self.draw_sample(run, view, (sample, plan.focus_distance_m), &draws, diced.as_ref(), &one);
             self.accumulate.add(run, &sum, &one, sample.weight);
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
@@ -249,7 +249,7 @@ impl Renderer {
         &self,
         run: &mut LayerRun<'_>,
         view: &View<'_>,
-        sample: &Sample,
+        (sample, focus_distance_m): (&Sample, f64),
         draws: &[Draw],
         diced: Option<&(wgpu::Buffer, wgpu::Buffer)>,
         out: &Layer,
@@ -258,7 +258,7 @@ impl Renderer {
         let gpu = run.gpu;
         let size = out.size;
         let tolerance = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
-        let uniform = ViewUniform::new(view, sample.time_s, tolerance);
+        let uniform = ViewUniform::new(view, sample, focus_distance_m, tolerance);
         let uniform = constants(gpu, "view", bytemuck::bytes_of(&uniform));
         let instances = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("instances"),

@@ -8,6 +8,8 @@ pub struct Sample {
     pub weight: f32,
     /// Relative to the middle of each row's exposure, seconds.
     pub time_s: f64,
+    /// Point on the aperture through which is looked, metres from its middle along the picture's axes.
+    pub lens_m: [f64; 2],
     /// Shift of each object, px (raster axes); empty for none.
     pub offsets_px: Vec<[f32; 2]>,
 }
@@ -16,12 +18,21 @@ pub struct Sample {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SamplePlan {
     pub samples: Vec<Sample>,
+    /// What all points of the aperture see at the same place, metres; up to infinity.
+    pub focus_distance_m: f64,
+}
+
+impl Sample {
+    /// A plain drawing of this weight.
+    pub fn plain(weight: f32) -> Self {
+        Self { weight, time_s: 0.0, lens_m: [0.0; 2], offsets_px: Vec::new() }
+    }
 }
 
 impl SamplePlan {
     /// One plain rendering at the middle of the exposure.
     pub fn single() -> Self {
-        Self { samples: vec![Sample { weight: 1.0, time_s: 0.0, offsets_px: Vec::new() }] }
+        Self { samples: vec![Sample::plain(1.0)], focus_distance_m: f64::INFINITY }
     }
 }
 

@@ -3,6 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::draw::View;
+use super::plan::Sample;
 use crate::pose::Pose;
 
 /// As in shaders/raster.wgsl.
@@ -79,6 +80,7 @@ pub struct ViewUniform {
     pub shutter: [f32; 4],
     pub keys: [f32; 4],
     pub mean_velocity: [f32; 4],
+    pub aperture: [f32; 4],
     pub moment_rotation: [[f32; 4]; 3],
     pub moment_eye: [[f32; 4]; 3],
     pub key_rotation: [[f32; 4]; MAX_KEYS],
@@ -86,7 +88,9 @@ pub struct ViewUniform {
 }
 
 impl ViewUniform {
-    pub fn new(view: &View<'_>, time_s: f64, tolerance_m: f32) -> Self {
+    pub fn new(view: &View<'_>, sample: &Sample, focus_distance_m: f64, tolerance_m: f32) -> Self {
+        let time_s = sample.time_s;
+        let [lens_x, lens_y] = sample.lens_m;
         let View { geometry, keys, shutter, rect, mean_px_per_s, .. } = *view;
         let i = &geometry.intrinsics;
         let d = &geometry.distortion;
@@ -121,6 +125,7 @@ impl ViewUniform {
             ],
             keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
             mean_velocity: [mean_px_per_s[0], mean_px_per_s[1], 0.0, 0.0],
+            aperture: [lens_x as f32, lens_y as f32, (1.0 / focus_distance_m) as f32, 0.0],
             moment_rotation: moments.map(|(q, _)| q.as_quat().to_array()),
             moment_eye: moments.map(|(_, eye)| eye.as_vec3().extend(0.0).to_array()),
             key_rotation,

@@ -1,0 +1,81 @@
+// What there is to do in each tile: the range of circles that may reach into it, and from that its kind.
+// @import shared/fullscreen
+// @import shared/lens
+@group(0) @binding(0) var<uniform> lens: Lens;
+// Circles at a quarter; then what the step before made.
+@group(0) @binding(1) var before: texture_2d<f32>;
+
+// Kinds, as shaders/depth_of_field.wgsl draws them.
+const SHARP: f32 = 1.0;
+const FINE: f32 = 2.0;
+const COARSE: f32 = 3.0;
+const BOTH: f32 = 4.0;
+const TWO_DEEP: f32 = 5.0;
+const TWO_DEEP_COARSE: f32 = 6.0;
+
+fn side() -> i32 { return lens.size.z; }
+
+// Of a tile: nearest and farthest circle, their middle, and 1 (0 where the tile is empty).
+@fragment
+fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let low = vec2<i32>(at.xy) * side() / 4;
+    let high = min(low + side() / 4, (lens.size.xy + 3) / 4);
+    var near = NOTHING;
+    var far = -NOTHING;
+    for (var y = low.y; y < high.y; y++) {
+        for (var x = low.x; x < high.x; x++) {
+            let range = textureLoad(before, vec2<i32>(x, y), 0);
+            near = min(near, range.x);
+            far = max(far, range.y);
+        }
+    }
+    let there = near <= far;
+    return vec4<f32>(near, far, select(0.0, 0.5 * (near + far), there), select(0.0, 1.0, there));
+}
+
+fn last_tile() -> vec2<i32> {
+    return (lens.size.xy - 1) / side();
+}
+
+// Of a tile and those around it: nearest and farthest circle, the kind, and the levels of resolution that it needs
+// (first + 8 · last; 7 for none).
+@fragment
+fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let p = vec2<i32>(at.xy);
+    var near = NOTHING;
+    var far = -NOTHING;
+    for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last_tile().y); y++) {
+        for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last_tile().x); x++) {
+            let range = textureLoad(before, vec2<i32>(x, y), 0);
+            near = min(near, range.x);
+            far = max(far, range.y);
+        }
+    }
+    let same_side = near * far > 0.0;
+    let smallest = select(0.0, 0.5 * min(abs(near), abs(far)), same_side);
+    let largest = 0.5 * max(abs(near), abs(far));
+    // A surface that recedes is one as long as its circles differ by less than is seen.
+    let one = far - near < 1.5 + 0.3 * smallest;
+    var kind = select(BOTH, COARSE, smallest >= HALF_PX);
+    kind = select(kind, FINE, largest < HALF_PX);
+    kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
+    kind = select(select(TWO_DEEP, TWO_DEEP_COARSE, smallest >= HALF_PX), kind, one);
+    let levels = select(7.0, max(level_of(smallest), 1.0) + 8.0 * level_of(largest), kind == COARSE || kind == BOTH || kind == TWO_DEEP_COARSE);
+    return select(vec4<f32>(0.0, 0.0, 0.0, 7.0), vec4<f32>(near, far, kind, levels), near <= far);
+}
+
+// The same, with the levels that the tiles around need too: they are read across the borders.
+@fragment
+fn needed(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let p = vec2<i32>(at.xy);
+    var first = 7.0;
+    var last = 0.0;
+    for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last_tile().y); y++) {
+        for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last_tile().x); x++) {
+            let levels = textureLoad(before, vec2<i32>(x, y), 0).w;
+            last = max(last, floor(levels / 8.0));
+            first = min(first, levels - 8.0 * floor(levels / 8.0));
+        }
+    }
+    return vec4<f32>(textureLoad(before, p, 0).xyz, first + 8.0 * last);
+}

@@ -1,0 +1,153 @@
+//! Depth of field from the lens.
+//!
+//! A point at the depth z is imaged as the opening, fx · D · (1/d_s − 1/z) pixels wide, upside down before the focus
+//! plane (vSLRcam (4)-(8); camera/thin_lens.rs). The lens is the camera's (`camera.lens`); without an opening nothing
+//! is blurred.
+//!
+//! - `layered` (default): gathers over the image of the opening, the nearer of two surfaces apart from the farther.
+//!   What the nearer one hides is made up of what is seen around it; both are put together by the nearer one's own
+//!   blurred alpha (depth_of_field/layered.rs).
+//! - `reference`: the thin lens itself. The layer is drawn through many points of the opening and summed, at least two
+//!   for each square pixel of the largest circle, up to 16,384: slow, and what the others are judged by.
+//!
+//! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
+//! `layered`: more than two surfaces behind each other within one circle, circles wider than a quarter of the picture
+//! (drawn that wide), and real things before a blurred object, over which its blur reaches.
+
+mod layered;
+
+use super::{Effect, FrameContext, Stage};
+use crate::camera::Aperture;
+use crate::params::{Params, Value};
+use crate::render::{Layer, LayerRun, Sample, SamplePlan};
+
+/// Circles below this are points, px.
+const SHARP_PX: f32 = 0.7;
+const MOST_POINTS: u32 = 1 << 14;
+
+crate::choices! {
+    /// How depth of field is made.
+    pub enum Method { Layered = "layered", Reference = "reference" }
+}
+
+crate::params! {
+    /// Parameters of the depth of field; the lens stands in `camera.lens`.
+    pub struct DepthOfField in "depth_of_field" {
+        "layered: filter, near and far apart; reference: through many points of the lens"
+        method: Method = Method::Layered;
+    }
+}
+
+#[derive(Debug, Default)]
+pub struct DepthOfFieldEffect {
+    params: DepthOfField,
+    layered: Option<layered::Passes>,
+}
+
+/// Diameters of the circles of all that is drawn, px: the least and the largest.
+fn circles_px(context: &FrameContext<'_>) -> [f32; 2] {
+    let Some(opening) = context.opening else { return [0.0; 2] };
+    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.focal_px, depth) as f32);
+    let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
+    [least, near.abs().max(far.abs())]
+}
+
+impl DepthOfFieldEffect {
+    /// Points of the opening for each moment that the plan holds already.
+    fn reference(context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
+        let Some(opening) = context.opening else { return plan };
+        let [_, largest] = circles_px(context);
+        let area = std::f32::consts::FRAC_PI_4 * largest * largest;
+        let moments = plan.samples.len() as u32;
+        // As many for each moment, so that the moments' weights stay what they are.
+        let each = ((2.0 * area).ceil() as u32).clamp(64, MOST_POINTS).div_ceil(moments);
+        let aperture = Aperture::of(&opening);
+        let radius_m = 0.5 * opening.diameter_m;
+        let samples = plan.samples.iter().enumerate().flat_map(|(moment, sample)| {
+            let aperture = &aperture;
+            (0..each).map(move |i| Sample {
+                weight: sample.weight / each as f32,
+                lens_m: aperture.sequence(moment as u32 * each + i).map(|c| c * radius_m),
+                ..sample.clone()
+            })
+        });
+        SamplePlan { samples: samples.collect(), focus_distance_m: opening.focus_distance_m }
+    }
+}
+
+impl Effect for DepthOfFieldEffect {
+    fn stage(&self) -> Stage {
+        Stage::Layer
+    }
+    fn summary(&self) -> &'static str {
+        "blurs objects out of focus as the lens's opening does"
+    }
+    fn params(&self) -> &dyn Params {
+        &self.params
+    }
+    fn params_mut(&mut self) -> &mut dyn Params {
+        &mut self.params
+    }
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        circles_px(context)[1] < SHARP_PX
+    }
+    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
+        layered::largest_radius_px(context) + 2.0
+    }
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        vec![("layered", vec![("method", Value::Text("layered".to_owned()))])]
+    }
+
+    fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
+        match self.params.method {
+            Method::Layered => plan,
+            Method::Reference => Self::reference(context, plan),
+        }
+    }
+
+    fn reads_geometry(&self) -> bool {
+        true
+    }
+
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+        match (self.params.method, context.opening) {
+            (Method::Layered, Some(opening)) => {
+                let gpu = run.gpu;
+                self.layered.get_or_insert_with(|| layered::Passes::new(gpu)).run(run, context, &opening, layer)
+            }
+            _ => layer,
+        }
+    }
+}
+
+/// A layer of one depth through an opening: each pixel's light spread evenly over the image of the aperture, `circle_px`
+/// wide (signed), by `points` points with bilinear shares. `rgba` holds `width * height` premultiplied pixels; outside
+/// is empty.
+pub fn twin(
+    rgba: &[[f64; 4]],
+    width: usize,
+    height: usize,
+    circle_px: f64,
+    aperture: &Aperture,
+    points: u32,
+) -> Vec<[f64; 4]> {
+    let mut out = vec![[0.0; 4]; rgba.len()];
+    for point in (0..points).map(|i| aperture.sequence(i)) {
+        let [dx, dy] = point.map(|c| 0.5 * circle_px * c);
+        let (x0, y0) = (dx.floor(), dy.floor());
+        for (share_x, step_x) in [(1.0 - (dx - x0), 0), (dx - x0, 1)] {
+            for (share_y, step_y) in [(1.0 - (dy - y0), 0), (dy - y0, 1)] {
+                let (sx, sy) = (x0 as i64 + step_x, y0 as i64 + step_y);
+                let share = share_x * share_y / f64::from(points);
+                for (i, from) in rgba.iter().enumerate().filter(|(_, p)| p.iter().any(|&c| c != 0.0)) {
+                    let (x, y) = ((i % width) as i64 + sx, (i / width) as i64 + sy);
+                    if x >= 0 && y >= 0 && x < width as i64 && y < height as i64 {
+                        let to = &mut out[y as usize * width + x as usize];
+                        (0..4).for_each(|c| to[c] += share * from[c]);
+                    }
+                }
+            }
+        }
+    }
+    out
+}

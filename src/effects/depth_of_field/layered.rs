@@ -1,0 +1,219 @@
+//! The method `layered` on the GPU.
+//!
+//! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
+//! 2. Tiles, as wide as the largest radius or wider: from the circles that can reach into a tile follows what is to be
+//!    done there. Nothing; copying; one surface with small circles (12 points at full resolution) or with large ones
+//!    (32 points at a half; 64 at a quarter or an eighth); two surfaces behind each other.
+//! 3. Lower resolutions, only in the tiles that need them.
+//! 4. The layer's own, which picks up 3.
+//!
+//! The points are spread evenly over the opening (camera/aperture.rs) and look up texels as wide as they are apart. All
+//! that these steps blur besides is taken off the points' spread, so that the variance, and with it the width of
+//! edges, is the opening's. Every point sums with the same weight, and straight lines between texels share out each
+//! texel's light in whole: energy is kept.
+
+use crate::camera::{Aperture, Opening};
+use crate::effects::FrameContext;
+use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
+use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+
+use super::circles_px;
+
+/// Nearest and farthest circle.
+const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
+/// The lower resolutions: a half and so on; and how many of them are drawn at.
+const LEVELS: u32 = 4;
+const DRAWN: usize = 3;
+const FINE: usize = 12;
+const FEW: usize = 32;
+const MANY: usize = 64;
+
+#[derive(Debug)]
+pub struct Passes {
+    pyramid: [FullscreenPass; 2],
+    /// Of each tile; of it and those around; with what those need.
+    tiles: [FullscreenPass; 3],
+    /// At each lower resolution for one surface and for two.
+    levels: [[FullscreenPass; 2]; DRAWN],
+    /// At the layer's resolution, for each kind of tile.
+    full: [FullscreenPass; 6],
+    passing: FullscreenPass,
+    between: wgpu::Sampler,
+}
+
+/// `Lens` of shaders/shared/lens.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct LensUniform {
+    size: [i32; 4],
+    circle: [f32; 4],
+    texture: [f32; 4],
+}
+
+/// `Aperture` of shaders/depth_of_field.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct ApertureUniform {
+    fine: [[f32; 2]; FINE],
+    few: [[f32; 2]; FEW],
+    many: [[f32; 2]; MANY],
+}
+
+impl ApertureUniform {
+    fn new(aperture: &Aperture) -> Self {
+        fn points<const N: usize>(aperture: &Aperture) -> [[f32; 2]; N] {
+            let points = aperture.spiral(N as u32);
+            // Their middle on the opening's, that nothing is shifted.
+            let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / N as f64);
+            std::array::from_fn(|i| [0, 1].map(|c| (points[i][c] - middle[c]) as f32))
+        }
+        Self { fine: points(aperture), few: points(aperture), many: points(aperture) }
+    }
+}
+
+/// No circle is drawn wider than a quarter of the picture.
+fn widest_px(context: &FrameContext<'_>) -> f32 {
+    let across = context.camera.geometry.as_ref().map_or(640, |g| g.intrinsics.width_px.max(g.intrinsics.height_px));
+    across as f32 / 4.0
+}
+
+/// Of what is drawn, px.
+pub fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
+    0.5 * circles_px(context)[1].min(widest_px(context))
+}
+
+/// The lower resolution at which a radius is gathered, as in shaders/shared/lens.wgsl.
+fn level_of(radius: f32) -> usize {
+    [3.5, 16.0, 40.0].iter().filter(|&&from| radius >= from).count()
+}
+
+impl Passes {
+    pub fn new(gpu: &Gpu) -> Self {
+        use Binding::{Floats, Integers, Sampler, Uniform};
+        let pyramid = |(fragment, ranges)| {
+            let options = Options { fragment, bindings: &[Uniform, Floats, ranges], ..Options::default() };
+            FullscreenPass::with(gpu, "pyramid", &assemble("depth_of_field_pyramid"), &[COLOR, CIRCLES], &options)
+        };
+        let tiles = |fragment| {
+            let options = Options { fragment, bindings: &[Uniform, Floats], ..Options::default() };
+            FullscreenPass::with(gpu, "circles of tiles", &assemble("depth_of_field_tiles"), &[COLOR], &options)
+        };
+        let bindings = [Uniform, Uniform, Floats, Floats, Floats, Integers, Floats, Floats, Floats, Sampler];
+        let shader = assemble("depth_of_field");
+        let gather = |vertex, fragment, level: usize, taps: usize, format| {
+            let constants = [("level", level as f64), ("taps", taps as f64)];
+            let options = Options { vertex, fragment, constants: &constants, bindings: &bindings };
+            FullscreenPass::with(gpu, "depth of field", &shader, &[format], &options)
+        };
+        Self {
+            pyramid: [("first", Integers), ("next", Floats)].map(pyramid),
+            tiles: ["own", "around", "needed"].map(tiles),
+            levels: std::array::from_fn(|i| {
+                let taps = if i == 0 { FEW } else { MANY };
+                [("level_one_deep_tiles", "level_one_deep"), ("level_two_deep_tiles", "level_two_deep")]
+                    .map(|(vertex, fragment)| gather(vertex, fragment, i + 1, taps, COLOR))
+            }),
+            full: [
+                ("sharp_tiles", "sharp"),
+                ("fine_tiles", "fine"),
+                ("coarse_tiles", "coarse"),
+                ("both_tiles", "both"),
+                ("two_deep_tiles", "two_deep"),
+                ("two_deep_coarse_tiles", "two_deep_coarse"),
+            ]
+            .map(|(vertex, fragment)| gather(vertex, fragment, 0, FEW, COLOR)),
+            passing: gather("all_tiles", "passing", 0, FEW, GEOMETRY),
+            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("between texels"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+        }
+    }
+
+    pub fn run(&self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, opening: &Opening, layer: Layer) -> Layer {
+        let gpu = run.gpu;
+        let (width, height) = layer.size;
+        let largest = largest_radius_px(context);
+        // 3×3 tiles must reach as far as the largest circle; an eighth of the resolution divides them.
+        let side = ((largest.ceil() as u32 + 1).div_ceil(8) * 8).max(16);
+        let tiles = (width.div_ceil(side), height.div_ceil(side));
+        let count = tiles.0 * tiles.1;
+
+        let [own, around, needed] =
+            ["own circles", "circles around", "circles"].map(|purpose| run.pool.get(gpu, purpose, 0, tiles, COLOR, 1));
+        let colors = run.pool.pyramid(gpu, "smaller layer", layer.size, COLOR, LEVELS);
+        let circles = run.pool.pyramid(gpu, "smaller circles", layer.size, CIRCLES, LEVELS);
+        let blurred = run.pool.pyramid(gpu, "smaller blurred", layer.size, COLOR, DRAWN as u32);
+        let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
+
+        let aperture = Aperture::of(opening);
+        let lens = LensUniform {
+            size: [width as i32, height as i32, side as i32, tiles.0 as i32],
+            circle: [
+                (context.focal_px * opening.diameter_m) as f32,
+                (1.0 / opening.focus_distance_m) as f32,
+                aperture.variance() as f32,
+                2.0 * largest,
+            ],
+            texture: [
+                1.0 / layer.color.width as f32,
+                1.0 / layer.color.height as f32,
+                1.0 / (side * own.width) as f32,
+                1.0 / (side * own.height) as f32,
+            ],
+        };
+        let lens = constants(gpu, "lens", bytemuck::bytes_of(&lens));
+        let points = constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture)));
+
+        for level in 0..LEVELS as usize {
+            let size = (width.div_ceil(2 << level), height.div_ceil(2 << level));
+            let before = level.checked_sub(1);
+            let from = before.map_or(&layer.color, |l| &colors.levels[l]);
+            let range = before.map_or(&layer.geometry, |l| &circles.levels[l]);
+            let slots = [Slot::Buffer(&lens), Slot::Texture(&from.view), Slot::Texture(&range.view)];
+            let targets = [&colors.levels[level], &circles.levels[level]];
+            self.pyramid[level.min(1)].run(gpu, run.encoder, &slots, &targets, size);
+        }
+        for (pass, from, to) in [
+            (&self.tiles[0], &circles.levels[1], &own),
+            (&self.tiles[1], &own, &around),
+            (&self.tiles[2], &around, &needed),
+        ] {
+            pass.run(gpu, run.encoder, &[Slot::Buffer(&lens), Slot::Texture(&from.view)], &[to], tiles);
+        }
+
+        let slots = |blurred| {
+            [
+                Slot::Buffer(&lens),
+                Slot::Buffer(&points),
+                Slot::Texture(&needed.view),
+                Slot::Texture(&own.view),
+                Slot::Texture(&layer.color.view),
+                Slot::Texture(&layer.geometry.view),
+                Slot::Texture(&colors.view),
+                Slot::Texture(&circles.view),
+                Slot::Texture(blurred),
+                Slot::Sampler(&self.between),
+            ]
+        };
+        let [least, _] = circles_px(context);
+        for level in 1.max(level_of(0.5 * least))..=level_of(largest) {
+            let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
+            let [one, two] = &self.levels[level - 1];
+            // What is drawn into cannot be read.
+            let slots = slots(&colors.view);
+            run_tiles(gpu, run.encoder, &[one, two], &slots, &blurred.levels[level - 1], size, count);
+        }
+        let slots = slots(&blurred.view);
+        let full: Vec<_> = self.full.iter().collect();
+        run_tiles(gpu, run.encoder, &full, &slots, &out, layer.size, count);
+        if !run.geometry_is_read {
+            return Layer { color: out, ..layer };
+        }
+        let geometry = run.pool.get(gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
+        run_tiles(gpu, run.encoder, &[&self.passing], &slots, &geometry, layer.size, count);
+        Layer { color: out, geometry, size: layer.size }
+    }
+}
