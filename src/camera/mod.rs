@@ -8,6 +8,7 @@ mod film;
 mod geometry;
 pub mod grain;
 mod lens;
+pub mod metering;
 mod noise;
 mod response;
 pub mod stops;
