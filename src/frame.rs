@@ -18,8 +18,24 @@ pub struct Frame {
 /// What the camera said of this frame's exposure; `None` where it said nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameExposure {
-    /// How long each row gathered light, seconds.
+    /// How long each row gathered light, seconds on the recording's clock: what moves is blurred
+    /// that long. `None` too where that clock is only nominal; see [`PhotoSettings::time_s`].
     pub time_s: Option<f64>,
     /// Amplification relative to the recording's base, a factor.
     pub gain: Option<f64>,
+    /// What the picture's own file says.
+    pub photo: PhotoSettings,
+}
+
+/// The settings that a picture was taken with, as its file (EXIF) gives them; all above 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PhotoSettings {
+    /// How long the shutter was open, seconds.
+    pub time_s: Option<f64>,
+    /// Focal length over opening.
+    pub f_number: Option<f64>,
+    /// Film speed.
+    pub iso: Option<f64>,
+    /// Of the lens focused at infinity, metres; makers round it to millimetres.
+    pub focal_length_m: Option<f64>,
 }

@@ -39,6 +39,11 @@ pub enum ProfileError {
     Version { path: PathBuf, found: String },
     #[error("{path}: {message}")]
     Noise { path: PathBuf, message: String },
+    #[error(
+        "{path}: [camera.lens] has both aperture_diameter_mm and f_number: accepted is one of them, since the focal \
+         length follows from fx_px and film_width_mm"
+    )]
+    TwoOpenings { path: PathBuf },
     #[error("{path}: camera.distortion.model = {found} is not known; accepted is \"opencv\"")]
     Model { path: PathBuf, found: String },
 }
@@ -92,7 +97,15 @@ impl Rig {
         value: &Value,
     ) -> Option<Result<(), ParamError>> {
         let done = self.tables_mut().into_iter().find(|t| t.table() == table).map(|own| own.set(name, value));
-        self.intrinsics_known |= table == "camera" && matches!(done, Some(Ok(())));
+        if matches!(done, Some(Ok(()))) {
+            self.intrinsics_known |= table == "camera";
+            // Two ways to say one thing: the later word counts, as with any other setting.
+            match (table, name) {
+                ("camera.lens", "f_number") if *value != Value::None => self.lens.aperture_diameter_mm = None,
+                ("camera.lens", "aperture_diameter_mm") if *value != Value::None => self.lens.f_number = None,
+                _ => {}
+            }
+        }
         done.or_else(|| settings.set(table, name, value))
     }
 
@@ -144,6 +157,9 @@ impl Rig {
                 .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
             self.noise = Some(noise);
             return Ok(());
+        }
+        if table == "camera.lens" && ["aperture_diameter_mm", "f_number"].iter().all(|key| entries.contains_key(*key)) {
+            return Err(ProfileError::TwoOpenings { path: path.to_owned() });
         }
         for (key, value) in entries {
             let as_value = match &value {
@@ -236,6 +252,20 @@ mod tests {
         assert!(error("version = 2\n").contains("version"));
         assert!(error("[camera]\n").contains("missing"));
         assert!(error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n").contains("opencv"));
+    }
+
+    #[test]
+    fn of_f_number_and_diameter_the_later_counts() {
+        let (mut rig, mut settings) = read("version = 1\n[camera.lens]\naperture_diameter_mm = 0.0\n").unwrap();
+        rig.set_text("camera.lens.f_number=2.8", &mut settings).unwrap();
+        assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (None, Some(2.8)));
+        assert!(rig.set_text("camera.lens.aperture_diameter_mm=-1", &mut settings).is_err());
+        rig.set_text("camera.lens.aperture_diameter_mm=none", &mut settings).unwrap();
+        assert_eq!(rig.lens.f_number, Some(2.8));
+        rig.set_text("camera.lens.aperture_diameter_mm=10", &mut settings).unwrap();
+        assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (Some(10.0), None));
+        let both = read("version = 1\n[camera.lens]\naperture_diameter_mm = 5.0\nf_number = 2.0\n");
+        assert!(both.unwrap_err().to_string().contains("one of them"));
     }
 
     #[test]

@@ -6,10 +6,9 @@
 //! 18 % grey at 0.18 of linear light. EV_s contains the film speed, so that at equal light a
 //! faster film asks for a shorter time; to compare scenes, take it at ISO 100.
 //!
-//! Not modelled: flash, filters, light lost in the lens (T-stops), film's reciprocity failure,
-//! and what a meter looks at (it is given an illuminance, or the mean of a whole picture).
+//! Not modelled: flash, filters, light lost in the lens (T-stops), film's reciprocity failure.
 
-use super::stops::{self, Step, Stop};
+use super::stops::{self, Step};
 
 crate::params! {
     /// How long and how sensitively the sensor looks.
@@ -39,47 +38,6 @@ pub struct Settings {
     pub time_s: f64,
     /// Film speed, above 0.
     pub iso: f64,
-}
-
-/// Who chooses aperture and time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mode {
-    /// The camera chooses both.
-    Program,
-    /// The person sets the aperture, the camera the time.
-    AperturePriority,
-    /// The person sets the time, the camera the aperture.
-    ShutterPriority,
-    /// The person sets both; the camera says what it thinks of it.
-    Manual,
-}
-
-/// A text that names no mode.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{found} is no mode; accepted are p (program), a (aperture priority), s (shutter priority), m (manual)")]
-pub struct ModeError {
-    pub found: String,
-}
-
-/// What the camera can be set to, exact values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// The widest opening, the smallest f-number.
-    pub widest_f_number: f64,
-    pub narrowest_f_number: f64,
-    pub shortest_s: f64,
-    pub longest_s: f64,
-    /// The longest time that a hand holds still; the program line keeps to it while it can.
-    pub hand_held_s: f64,
-}
-
-/// What a mode made of the light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Metered {
-    pub settings: Settings,
-    /// Stops brighter than wanted; within a sixth where the camera could choose from its
-    /// series, more where the range ended or nothing was left to choose.
-    pub over_ev: f64,
 }
 
 /// EV_s that the scene asks for, vSLRcam (9): log2(E·i_s/C). NaN or infinite where E or i_s is not above 0.
@@ -144,113 +102,6 @@ pub fn photographic_gain(over_ev: f64) -> f64 {
 /// with the signed ΔEV; ten stops span black to white and beyond. Kept within 0 to 1.
 pub fn additive(display_value: f64, over_ev: f64) -> f64 {
     (display_value + 0.2 * over_ev).clamp(0.0, 1.0)
-}
-
-impl std::str::FromStr for Mode {
-    type Err = ModeError;
-
-    /// Reads p, a, s, m (also Av and Tv), in either case.
-    fn from_str(text: &str) -> Result<Self, ModeError> {
-        Ok(match text.trim().to_ascii_lowercase().as_str() {
-            "p" | "program" => Self::Program,
-            "a" | "av" => Self::AperturePriority,
-            "s" | "tv" => Self::ShutterPriority,
-            "m" | "manual" => Self::Manual,
-            _ => return Err(ModeError { found: format!("\"{text}\"") }),
-        })
-    }
-}
-
-impl Mode {
-    pub const ALL: [Self; 4] = [Self::Program, Self::AperturePriority, Self::ShutterPriority, Self::Manual];
-
-    /// The letter on the wheel.
-    pub fn letter(self) -> char {
-        match self {
-            Self::Program => 'p',
-            Self::AperturePriority => 'a',
-            Self::ShutterPriority => 's',
-            Self::Manual => 'm',
-        }
-    }
-}
-
-impl Default for Limits {
-    /// A usual lens on a usual camera: f/2.8 to f/22, 1/8000 s to 30 s, 1/60 s in the hand.
-    fn default() -> Self {
-        Self {
-            widest_f_number: 8f64.sqrt(),
-            narrowest_f_number: 512f64.sqrt(),
-            shortest_s: (-13f64).exp2(),
-            longest_s: 32.0,
-            hand_held_s: (-6f64).exp2(),
-        }
-    }
-}
-
-impl Limits {
-    /// Hand-held times follow a rule of thumb: one over the focal length on 36×24, in seconds.
-    pub fn for_focal_length(self, equivalent_35mm: f64) -> Self {
-        Self { hand_held_s: (1.0 / equivalent_35mm).clamp(self.shortest_s, self.longest_s), ..self }
-    }
-
-    fn f_numbers(&self) -> Vec<Stop> {
-        within(stops::f_numbers(Step::Third), self.widest_f_number, self.narrowest_f_number)
-    }
-
-    fn times_s(&self) -> Vec<Stop> {
-        within(stops::shutter_times_s(Step::Third), self.shortest_s, self.longest_s)
-    }
-}
-
-fn within(mut series: Vec<Stop>, least: f64, most: f64) -> Vec<Stop> {
-    // The limits themselves belong to it, however they were rounded.
-    series.retain(|stop| stop.exact >= least * (1.0 - 1e-6) && stop.exact <= most * (1.0 + 1e-6));
-    series
-}
-
-/// Chooses settings for an illuminance (lux, above 0): what the mode leaves to the camera, from
-/// third stops within the limits; what it does not, and the film speed, as `set`.
-/// `compensation_ev` stops brighter than right are wanted.
-pub fn meter(mode: Mode, illuminance_lx: f64, set: Settings, compensation_ev: f64, limits: &Limits) -> Metered {
-    // What the settings have to give for the picture to be as bright as wanted.
-    let ev = scene_ev(illuminance_lx, set.iso) - compensation_ev;
-    let time_for = |f_number: f64| {
-        stops::nearest(&limits.times_s(), f_number * f_number / ev.exp2()).map_or(set.time_s, |stop| stop.exact)
-    };
-    let f_number_for = |time_s: f64| {
-        stops::nearest(&limits.f_numbers(), (time_s * ev.exp2()).sqrt()).map_or(set.f_number, |stop| stop.exact)
-    };
-    let settings = match mode {
-        Mode::Manual => set,
-        Mode::AperturePriority => Settings { time_s: time_for(set.f_number), ..set },
-        Mode::ShutterPriority => Settings { f_number: f_number_for(set.time_s), ..set },
-        Mode::Program => {
-            let f_number = f_number_for(program_time_s(ev, limits));
-            Settings { f_number, time_s: time_for(f_number), ..set }
-        }
-    };
-    Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
-}
-
-/// The program line: in the dark the opening is as wide as it goes and the time as long as it
-/// takes; from where a hand holds still on, further light is shared between both, stop by stop.
-fn program_time_s(ev: f64, limits: &Limits) -> f64 {
-    let widest = 2.0 * limits.widest_f_number.log2();
-    let spare_ev = ev - widest + limits.hand_held_s.log2();
-    if spare_ev <= 0.0 {
-        return (widest - ev).exp2();
-    }
-    limits.hand_held_s * (-0.5 * spare_ev).exp2()
-}
-
-/// The film speed that would make manual settings right, from third stops of ISO 100 to 25600,
-/// with what is left over or under then.
-pub fn iso_for(illuminance_lx: f64, set: Settings, compensation_ev: f64) -> Metered {
-    let wanted = set.iso * (compensation_ev - set.over_ev(illuminance_lx)).exp2();
-    let iso = stops::nearest(&stops::iso_speeds(Step::Third), wanted).map_or(set.iso, |stop| stop.exact);
-    let settings = Settings { iso, ..set };
-    Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
 }
 
 #[cfg(test)]
@@ -320,76 +171,7 @@ mod tests {
         }
     }
 
-    #[test]
-    fn modes_worked_by_hand() {
-        let limits = Limits::default();
-        // EV 12 at ISO 100: f/8 wants 64/4096 = 1/64 s, marked 1/60.
-        let lux = illuminance_lx(12.0, 100.0);
-        let a = meter(Mode::AperturePriority, lux, set(8.0, 1.0, 100.0), 0.0, &limits);
-        assert_eq!(a.settings, set(8.0, 1.0 / 64.0, 100.0));
-        assert_eq!(a.settings.to_string(), "f/8, 1/60 s, ISO 100");
-        close(a.over_ev, 0.0, 1e-9);
-        // 1/256 s wants √16 = f/4.
-        let s = meter(Mode::ShutterPriority, lux, set(1.0, 1.0 / 256.0, 100.0), 0.0, &limits);
-        close(s.settings.f_number, 4.0, 1e-12);
-        // Program: AV 3 and TV 6 are 9; the 3 EV above are shared: AV 4.5 (4.33 or 4.67 in thirds).
-        let p = meter(Mode::Program, lux, set(1.0, 1.0, 100.0), 0.0, &limits).settings;
-        close(2.0 * p.f_number.log2(), 4.5, 0.17);
-        close(p.ev(), 12.0, 1e-9);
-        // In the dark (EV 5): f/2.8 and 1/4 s.
-        let p = meter(Mode::Program, illuminance_lx(5.0, 100.0), set(1.0, 1.0, 100.0), 0.0, &limits);
-        assert_eq!(p.settings.to_string(), "f/2.8, 1/4 s, ISO 100");
-        // Manual stays and says: EV 9 settings under EV 12 light.
-        let m = meter(Mode::Manual, lux, set(8.0, 0.125, 100.0), 0.0, &limits);
-        assert_eq!(m.settings, set(8.0, 0.125, 100.0));
-        close(m.over_ev, 3.0, 1e-9);
-        // One stop of compensation is one stop longer, and still as wanted.
-        let plus = meter(Mode::AperturePriority, lux, set(8.0, 1.0, 100.0), 1.0, &limits);
-        close(plus.settings.time_s, 1.0 / 32.0, 1e-12);
-        close(plus.over_ev, 0.0, 1e-9);
-        close(plus.settings.over_ev(lux), 1.0, 1e-9);
-    }
-
-    #[test]
-    fn beyond_the_range_the_rest_is_said() {
-        let limits = Limits::default();
-        // EV 3 with 1/256 s: f/2.8 is the widest, which is for EV 11: 8 stops under.
-        let dark = illuminance_lx(3.0, 100.0);
-        let s = meter(Mode::ShutterPriority, dark, set(4.0, 1.0 / 256.0, 100.0), 0.0, &limits);
-        close(s.settings.f_number, 8f64.sqrt(), 1e-12);
-        close(s.over_ev, -8.0, 1e-9);
-        // EV 20 at f/2.8: 1/8000 s is for EV 16, 4 over.
-        let bright = illuminance_lx(20.0, 100.0);
-        close(meter(Mode::AperturePriority, bright, set(8f64.sqrt(), 1.0, 100.0), 0.0, &limits).over_ev, 4.0, 1e-9);
-        // ISO 100 settings for EV 15 under EV 13: ISO 400 makes them right.
-        let lux = illuminance_lx(13.0, 100.0);
-        let m = iso_for(lux, set(16.0, 1.0 / 128.0, 100.0), 0.0);
-        close(m.settings.iso, 400.0, 1e-9);
-        close(m.over_ev, 0.0, 1e-9);
-        // Nothing is slower than ISO 100.
-        close(iso_for(lux, set(1.0, 1.0, 100.0), 0.0).over_ev, 13.0, 1e-9);
-        close(Limits::default().for_focal_length(200.0).hand_held_s, 0.005, 1e-12);
-    }
-
-    #[test]
-    fn modes_by_their_letters() {
-        for mode in Mode::ALL {
-            assert_eq!(mode.letter().to_string().parse(), Ok(mode));
-        }
-        assert_eq!("Av".parse(), Ok(Mode::AperturePriority));
-        assert!("auto".parse::<Mode>().unwrap_err().to_string().contains("p (program)"));
-    }
-
     proptest! {
-        #[test]
-        fn the_program_is_right_wherever_its_range_reaches(ev in -1.9f64..21.9, hand in 0.001f64..1.0) {
-            // f/2.8 and 32 s are EV −2, f/22 and 1/8192 s EV 22.
-            let limits = Limits { hand_held_s: hand, ..Limits::default() };
-            let lux = illuminance_lx(ev, 100.0);
-            let metered = meter(Mode::Program, lux, set(4.0, 0.01, 100.0), 0.0, &limits);
-            prop_assert!(metered.over_ev.abs() <= 1.0 / 6.0 + 1e-9, "{metered:?}");
-        }
-
         #[test]
         fn a_picture_gives_its_light_back(a in 1.0f64..32.0, t in 1e-4f64..10.0, iso in 100.0f64..25600.0, mean in 0.001f64..1.0) {
             let s = set(a, t, iso);

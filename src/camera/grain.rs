@@ -13,11 +13,10 @@
 //! taken from the calibrated σ itself, see [`read_share`].
 //!
 //! **Size.** Grain lies on the film, so in the picture it grows with the picture's width and
-//! with a smaller format. That is what a smaller format costs too: at equal σ over larger
-//! grains, light is averaged over as many fewer photons as the film is smaller. With film speed
-//! coarser emulsions are needed: rms granularity grows about with the fourth root of the speed
-//! (Kodak F-4016 gives 8 for ISO 100 and 18 for ISO 3200: 2.25 times, and 32^¼ = 2.38), and
-//! granularity is proportional to the grains' diameter (Selwyn).
+//! with a smaller format. That is also the price of a smaller format: the same σ over larger
+//! grains is what fewer photons for each part of the picture look like. A faster film has
+//! coarser grain, too; how much is a matter of its emulsion. Here the diameter goes with the
+//! fourth root of the speed (twice from ISO 100 to 1600): a choice, not a measurement.
 //!
 //! Not modelled: noise of a fixed pattern, of quantising, of amplifiers behind the gain (which
 //! does not grow), two-gain sensors, the camera's own noise reduction, and that a sensor's noise

@@ -9,6 +9,7 @@ mod film;
 mod geometry;
 pub mod grain;
 mod lens;
+pub mod metering;
 mod noise;
 mod response;
 pub mod stops;

@@ -2,8 +2,7 @@
 //!
 //! Every number has two faces: what is engraved (f/5.6, 1/125 s) and what is meant (√32, 2^-7 s).
 //! Full stops double or halve the light; third stops stand three to a full one. The marked
-//! numbers are those of ISO 517, ISO 516 and ISO 12232 as cameras write them; the exact ones
-//! are f = √2^n, t = 2^-n s and ISO 100·2^n.
+//! numbers are as cameras write them; the exact ones are f = √2^n, t = 2^-n s and ISO 100·2^n.
 
 use std::str::FromStr;
 

@@ -150,7 +150,7 @@ fn recording(args: &Args) -> Result<()> {
     let frames = recording.frame_count();
     writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
     writeln!(out, "depth      {}", if recording.has_depth() { "yes" } else { "none" })?;
-    let exposed = recording.exposure.iter().filter(|e| e.time_s.is_some()).count();
+    let exposed = recording.exposure.iter().filter(|e| e.time_s.or(e.photo.time_s).is_some()).count();
     match exposed {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,

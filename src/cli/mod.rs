@@ -6,6 +6,7 @@ mod calibrate;
 mod composite;
 mod doctor;
 mod inspect;
+mod meter;
 mod params;
 mod simulate;
 
@@ -29,6 +30,8 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Say what is in a recording, a scene or a profile, and what is odd about it
     Inspect(inspect::Args),
+    /// Say how bright a frame's scene is and which settings would expose it correctly
+    Meter(meter::Args),
     /// List every parameter: unit, range, default, help
     Params(params::Args),
     /// Say what this machine has, what is missing and how to get it
@@ -54,6 +57,7 @@ pub fn main() -> ExitCode {
         Command::Composite(args) => composite::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Meter(args) => meter::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),

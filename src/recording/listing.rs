@@ -32,7 +32,7 @@ fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>,
         let time_s = Some(number_above_zero(&mut rest, "exposure_time_s")?);
         let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain")?) };
         text::end(rest)?;
-        Ok(FrameExposure { time_s, gain })
+        Ok(FrameExposure { time_s, gain, ..FrameExposure::default() })
     })
 }
 
@@ -139,8 +139,8 @@ mod tests {
     #[test]
     fn exposures_by_time() {
         let read = parse_exposures("1 0.02 1.5\n2 0.01\n", list()).unwrap();
-        assert_eq!(read[0].1, FrameExposure { time_s: Some(0.02), gain: Some(1.5) });
-        assert_eq!(read[1].1, FrameExposure { time_s: Some(0.01), gain: None });
+        assert_eq!(read[0].1, FrameExposure { time_s: Some(0.02), gain: Some(1.5), ..Default::default() });
+        assert_eq!(read[1].1, FrameExposure { time_s: Some(0.01), ..Default::default() });
         for bad in ["1 0", "1 -0.1", "1 0.1 0", "1 0.1 1 2", "1", "1 0.1 inf"] {
             assert!(parse_exposures(bad, list()).is_err(), "{bad}");
         }

@@ -7,9 +7,10 @@ use glam::DVec3;
 
 use super::{Kind, OpenOptions, Recording, RecordingError, listing};
 use crate::camera::{Distortion, Geometry, Intrinsics};
-use crate::frame::FrameExposure;
+use crate::frame::{FrameExposure, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
+use crate::source::exif;
 use crate::source::still::{self, Header};
 use crate::source::video::Video;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
@@ -102,10 +103,10 @@ impl Parts {
                 warnings.push(format!("no {what} within {reach_s:.4} s for {missing} of {count} frames"));
             }
         };
-        let exposure: Vec<Option<FrameExposure>> =
+        let listed: Vec<Option<FrameExposure>> =
             self.timestamps_s.iter().map(|t| listing::nearest(&self.exposure, *t, reach_s).map(|e| e.1)).collect();
         if !self.exposure.is_empty() {
-            associated("exposure", exposure.iter().filter(|e| e.is_none()).count());
+            associated("exposure", listed.iter().filter(|e| e.is_none()).count());
         }
         let depth: Option<Vec<_>> = self.depth.as_ref().map(|depth| {
             self.timestamps_s.iter().map(|t| listing::nearest(&depth.by_time, *t, reach_s).cloned()).collect()
@@ -116,6 +117,13 @@ impl Parts {
         if let Some(warning) = depth_size_warning(depth.iter().flatten().flatten(), width, height)? {
             warnings.push(warning);
         }
+        let photos = photo_settings(&self.pictures, &mut warnings);
+        let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
+        let exposure = exposures.map(|(listed, photo)| {
+            // Seconds of the shutter are no seconds of a nominal clock.
+            let time_s = listed.time_s.or(photo.time_s.filter(|_| self.kind.has_times()));
+            FrameExposure { time_s, photo, ..listed }
+        });
         let mut recording = Recording {
             name: self.name,
             path: self.path,
@@ -131,7 +139,7 @@ impl Parts {
             geometries: if geometry.is_some() { Vec::new() } else { self.geometries },
             geometry,
             camera_profile: self.camera_profile,
-            exposure: exposure.into_iter().map(Option::unwrap_or_default).collect(),
+            exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
             codes_per_metre: self.depth.map_or(1.0, |depth| depth.codes_per_metre),
@@ -189,6 +197,21 @@ fn common_header(pictures: &Pictures) -> Result<Header, RecordingError> {
         Some((_, header)) => Ok(header),
         None => Err(RecordingError::content(Path::new(""), "the recording has no frames")),
     }
+}
+
+/// The EXIF of each picture, and empty ones for ever after. Damaged EXIF is left out and told of.
+fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Iterator<Item = PhotoSettings> + use<> {
+    let files: &[PathBuf] = match pictures {
+        Pictures::Stills(files) => files,
+        Pictures::Video(_) => &[],
+    };
+    let mut damaged = Vec::new();
+    let mut read = |file: &PathBuf| exif::read_settings(file).map_err(|error| damaged.push(error.to_string()));
+    let photos: Vec<_> = files.iter().map(|file| read(file).unwrap_or_default()).collect();
+    if let Some(first) = damaged.first() {
+        warnings.push(format!("{first}; such data is left out, in {}", words::count(damaged.len(), "picture")));
+    }
+    photos.into_iter().chain(std::iter::repeat(PhotoSettings::default()))
 }
 
 /// The geometry of all frames that have one; `None` where they differ.

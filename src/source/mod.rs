@@ -1,6 +1,7 @@
 //! Pixels and depth in: still pictures, video files, and decoding ahead of whoever uses them.
 
 pub mod ahead;
+pub mod exif;
 pub mod ffmpeg;
 pub mod still;
 pub mod video;

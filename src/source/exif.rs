@@ -1,0 +1,163 @@
+//! What a camera wrote into a JPEG about its settings. Source: CIPA DC-008 (Exif 2.32).
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::Path;
+
+use exif::{In, Tag, Value};
+
+use super::SourceError;
+use crate::frame::PhotoSettings;
+
+const IDENTIFIER: &[u8] = b"Exif\0\0";
+/// A PhotographicSensitivity that says: too large for this field, look at the others.
+const SEE_ELSEWHERE: f64 = 65535.0;
+
+/// The settings in a JPEG's EXIF; empty for a file without it and for one that is no JPEG.
+/// An error where the file cannot be read or its EXIF is damaged.
+pub fn read_settings(file: &Path) -> Result<PhotoSettings, SourceError> {
+    let reader = File::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    match segment(&mut BufReader::new(reader)) {
+        Some(segment) => parse(segment).map_err(|problem| SourceError::content(file, problem)),
+        None => Ok(PhotoSettings::default()),
+    }
+}
+
+/// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B).
+/// A file that is damaged or ends before is one without: whoever reads its pixels will say so.
+fn segment(reader: &mut (impl Read + Seek)) -> Option<Vec<u8>> {
+    let mut head = [0; 2];
+    reader.read_exact(&mut head).ok()?;
+    if head != [0xff, 0xd8] {
+        return None;
+    }
+    loop {
+        let mut head = [0; 4];
+        reader.read_exact(&mut head).ok()?;
+        let [0xff, marker, high, low] = head else { return None };
+        let length = u16::from_be_bytes([high, low]).checked_sub(2)?;
+        match marker {
+            0xe1 => {
+                let mut bytes = vec![0; length.into()];
+                reader.read_exact(&mut bytes).ok()?;
+                // XMP comes in a segment of the same kind.
+                if let Some(exif) = bytes.strip_prefix(IDENTIFIER) {
+                    return Some(exif.to_vec());
+                }
+            }
+            0xda => return None,
+            _ => reader.seek_relative(length.into()).ok()?,
+        }
+    }
+}
+
+fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
+    let exif = exif::Reader::new().read_raw(segment).map_err(|e| format!("the EXIF data is damaged: {e}"))?;
+    let number = |tag: Tag| {
+        let value = match &exif.get_field(tag, In::PRIMARY)?.value {
+            Value::Rational(v) => v.first()?.to_f64(),
+            other => f64::from(other.get_uint(0)?),
+        };
+        // 0 and infinity stand for unknown.
+        Some(value).filter(|v| v.is_finite() && *v > 0.0)
+    };
+    let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
+    let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
+    Ok(PhotoSettings {
+        time_s: number(Tag::ExposureTime),
+        f_number: number(Tag::FNumber),
+        iso: iso.or_else(|| others.into_iter().find_map(number)),
+        focal_length_m: number(Tag::FocalLength).map(|mm| 1e-3 * mm),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exif::experimental::Writer;
+    use exif::{Field, Rational};
+    use proptest::prelude::*;
+    use std::io::Cursor;
+
+    fn block(fields: &[(Tag, Value)]) -> Vec<u8> {
+        let fields: Vec<Field> =
+            fields.iter().map(|(tag, value)| Field { tag: *tag, ifd_num: In::PRIMARY, value: value.clone() }).collect();
+        let mut writer = Writer::new();
+        fields.iter().for_each(|field| writer.push_field(field));
+        let mut out = Cursor::new(Vec::new());
+        writer.write(&mut out, false).unwrap();
+        out.into_inner()
+    }
+
+    fn ratio(num: u32, denom: u32) -> Value {
+        Value::Rational(vec![Rational { num, denom }])
+    }
+
+    fn door() -> Vec<u8> {
+        block(&[
+            (Tag::ExposureTime, ratio(10, 1250)),
+            (Tag::FNumber, ratio(48, 10)),
+            (Tag::PhotographicSensitivity, Value::Short(vec![400])),
+            (Tag::FocalLength, ratio(290, 10)),
+        ])
+    }
+
+    fn jpeg(exif: &[u8]) -> Vec<u8> {
+        let xmp = b"http://ns.adobe.com/xap/1.0/\0<x/>";
+        let mut out = vec![0xff, 0xd8];
+        for (marker, bytes) in [(0xe0, &b"JFIF\0"[..]), (0xe1, xmp), (0xe1, &[IDENTIFIER, exif].concat())] {
+            out.extend([0xff, marker]);
+            out.extend((bytes.len() as u16 + 2).to_be_bytes());
+            out.extend(bytes);
+        }
+        out.extend([0xff, 0xda, 0, 2]);
+        out
+    }
+
+    #[test]
+    fn settings_are_read_behind_other_segments() {
+        let found = parse(segment(&mut Cursor::new(jpeg(&door()))).unwrap()).unwrap();
+        let expected =
+            PhotoSettings { time_s: Some(0.008), f_number: Some(4.8), iso: Some(400.0), focal_length_m: Some(0.029) };
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn what_is_unknown_stays_so() {
+        let unknown = block(&[
+            (Tag::ExposureTime, ratio(0, 1)),
+            (Tag::FNumber, ratio(28, 0)),
+            (Tag::PhotographicSensitivity, Value::Short(vec![65535])),
+        ]);
+        assert_eq!(parse(unknown).unwrap(), PhotoSettings::default());
+        let elsewhere = block(&[
+            (Tag::PhotographicSensitivity, Value::Short(vec![65535])),
+            (Tag::RecommendedExposureIndex, Value::Long(vec![102_400])),
+        ]);
+        assert_eq!(parse(elsewhere).unwrap().iso, Some(102_400.0));
+        assert_eq!(segment(&mut Cursor::new(b"\x89PNG\r\n\x1a\n")), None);
+    }
+
+    #[test]
+    fn damaged_exif_is_said_with_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.jpg");
+        std::fs::write(&file, jpeg(&door()[..20])).unwrap();
+        let error = read_settings(&file).unwrap_err().to_string();
+        assert!(error.starts_with(&file.display().to_string()) && error.contains("EXIF data is damaged"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn damage_never_panics(at in 0usize..400, value in any::<u8>(), cut in 0usize..400) {
+            let mut bytes = jpeg(&door());
+            let (at, cut) = (at % bytes.len(), cut % bytes.len());
+            bytes[at] = value;
+            for bytes in [&bytes[..], &bytes[..cut]] {
+                if let Some(found) = segment(&mut Cursor::new(bytes)) {
+                    let _ = parse(found);
+                }
+            }
+        }
+    }
+}
