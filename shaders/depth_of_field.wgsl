@@ -24,8 +24,11 @@ struct Aperture {
 @group(0) @binding(5) var geometry: texture_2d<u32>;
 @group(0) @binding(6) var colors: texture_2d<f32>;    // from half the resolution on
 @group(0) @binding(7) var circles: texture_2d<f32>;   // nearest and farthest in each texel
-@group(0) @binding(8) var blurred: texture_2d<f32>;   // what was gathered at lower resolutions
-@group(0) @binding(9) var between: sampler;
+// What was gathered at lower resolutions: the picture, and where two surfaces are, the nearer and the farther one.
+@group(0) @binding(8) var blurred: texture_2d<f32>;
+@group(0) @binding(9) var blurred_front: texture_2d<f32>;
+@group(0) @binding(10) var blurred_back: texture_2d<f32>;
+@group(0) @binding(11) var between: sampler;
 
 fn texel_px() -> f32 { return exp2(f32(level)); }
 
@@ -66,20 +69,16 @@ fn two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32
     return tile_corner(v, i, 5.0, 5.0, false);
 }
 @vertex
-fn two_deep_coarse_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(v, i, 6.0, 6.0, false);
-}
-@vertex
 fn level_one_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
     return tile_corner(v, i, 1.0, 4.0, true);
 }
 @vertex
 fn level_two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(v, i, 5.0, 6.0, true);
+    return tile_corner(v, i, 5.0, 5.0, true);
 }
 @vertex
 fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(v, i, 1.0, 6.0, false);
+    return tile_corner(v, i, 1.0, 5.0, false);
 }
 
 fn tile_of(at_px: vec2<f32>) -> vec4<f32> {
@@ -119,13 +118,20 @@ fn level_of_taps(radius: f32, count: i32) -> f32 {
     return clamp(floor(log2(max(spacing, 1e-3)) + 0.5), f32(max(level, 1)), 4.0);
 }
 
-// The points' radius for which all that blurs — the points, the texels that they look up (square, with straight lines
-// between them), and the straight lines between the pixels that are drawn here — has the variance of the aperture.
+// The points' radius for which edges are as wide as the aperture makes them: less than the aperture's by what blurs
+// besides — the texels that the points look up (square, with straight lines between them), and the straight lines
+// between the pixels that are drawn here. Their variance counts for two thirds, for an edge through a disc is wider from
+// 10 to 90 % (2.75 σ) than one through what is rounder (2.56 σ).
 fn narrowed(radius: f32, of_taps: f32) -> f32 {
     let texel = exp2(2.0 * of_taps);
     let drawn = select(0.0, texel_px() * texel_px(), level > 0);
     let added = (texel - 1.0) / 12.0 + texel / 6.0 + drawn / 6.0;
-    return sqrt(max(radius * radius - added / lens.circle.z, 0.0));
+    return sqrt(max(radius * radius - 0.65 * added / lens.circle.z, 0.0));
+}
+
+// Of a point before the focus plane the image of the opening is upside down.
+fn side_of(circle: f32) -> f32 {
+    return select(1.0, -1.0, circle < 0.0);
 }
 
 fn two_taps(i: i32) -> vec4<f32> {
@@ -139,8 +145,7 @@ fn two_taps(i: i32) -> vec4<f32> {
 fn gather(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = max(0.5 * abs(circle), HALF_PX);
     let m = level_of_taps(radius, taps);
-    // Of a point before the focus plane the image of the opening is upside down.
-    let r = sign(circle) * narrowed(radius, m);
+    let r = side_of(circle) * narrowed(radius, m);
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < taps / 2; i++) {
         let t = r * two_taps(i);
@@ -153,10 +158,10 @@ fn gather(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
 // One surface with small circles, at the layer's resolution.
 fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
-    // Straight lines between pixels add 1/6 to the variance as a rule. Within a pixel, a point at x blurs by |x| in
-    // all, of which the mean over a disc is 0.849 of the standard deviation.
+    // As in `narrowed`; straight lines between pixels add 1/6 to the variance. Within a pixel they add more: a point
+    // at x blurs by |x| in all, of which the mean over a disc is 0.849 of the standard deviation.
     let within = radius * radius * sqrt(lens.circle.z) / 0.849;
-    let r = sign(circle) * select(sqrt(max(radius * radius - 1.0 / (6.0 * lens.circle.z), 0.0)), within, radius < 1.25);
+    let r = side_of(circle) * max(sqrt(max(radius * radius - 0.4 / (6.0 * lens.circle.z), 0.0)), min(within, radius));
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < FINE_TAPS / 2; i++) {
         let t = r * aperture.fine[i];
@@ -172,9 +177,11 @@ fn covers(radius: f32, distance: f32) -> f32 {
     return clamp(same_variance + 0.5 - distance, 0.0, 1.0);
 }
 
-// Two surfaces, one behind the other, parted in the middle of the circles. What the nearer one hides is made up of what
-// is seen of the farther one around it.
-fn gather_two(p: vec2<i32>, at_px: vec2<f32>) -> vec4<f32> {
+// Two surfaces, one behind the other, parted in the middle of the circles: their signed circles at a place, and the
+// radii over which they are gathered.
+struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32 }
+
+fn two_at(p: vec2<i32>, at_px: vec2<f32>) -> Two {
     let tile = tile_of(at_px);
     let split = 0.5 * (tile.x + tile.y);
     let own = circles_at(p);
@@ -182,65 +189,82 @@ fn gather_two(p: vec2<i32>, at_px: vec2<f32>) -> vec4<f32> {
     let seen_behind = !in_front && own.x <= own.y;
     let front = select(tile.x, own.x, in_front);
     let back = select(tile.y, own.y, seen_behind);
-    let smallest = select(0.0, HALF_PX, level > 0);
-    let front_px = max(0.5 * abs(front), smallest);
-    // As far as the blur of the nearer one uncovers what it hides.
-    let back_px = max(max(0.5 * abs(back), smallest), select(0.0, front_px, in_front));
+    let front_px = 0.5 * abs(front);
+    // What the nearer one hides is made up of what is seen around it, as far as its blur uncovers it.
+    return Two(split, front, back, front_px, max(0.5 * abs(back), select(0.0, front_px, in_front)));
+}
 
+struct Layers { front: vec4<f32>, back: vec4<f32> }
+
+// Of sums and of the weights that went into them. Where nothing of the farther one is seen, the nearer one is whole.
+fn layers(near: vec4<f32>, near_weight: f32, far: vec4<f32>, far_weight: f32) -> Layers {
+    let front = near / max(near_weight, 1e-6);
+    let back = select(front / max(front.a, 1e-6), far / max(far_weight, 1e-6), far_weight > 0.0);
+    return Layers(front, back);
+}
+
+fn over(l: Layers) -> vec4<f32> {
+    return l.front + (1.0 - l.front.a) * l.back;
+}
+
+// At a lower resolution, by points that look up whole texels, each of them the nearer surface's or the farther one's.
+fn gather_two(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
+    let two = two_at(p, at_px);
+    let front_px = max(two.front_px, HALF_PX);
+    let back_px = max(two.back_px, HALF_PX);
+    let m = vec2<f32>(level_of_taps(front_px, taps), level_of_taps(back_px, taps));
+    let front_r = side_of(two.front) * narrowed(front_px, m.x);
+    let back_r = side_of(two.back) * narrowed(back_px, m.y);
+    let texel = exp2(m);
+    let mip = vec2<i32>(m) - 1;
+    var near = vec4<f32>(0.0);
+    var far = vec4<f32>(0.0);
+    var far_weight = 0.0;
+    for (var i = 0; i < taps; i++) {
+        let pair = two_taps(i / 2);
+        let t = select(pair.xy, pair.zw, (i & 1) == 1);
+        let q = vec2<i32>(floor((at_px - front_r * t) / texel.x));
+        let range = textureLoad(circles, q, mip.x);
+        // A texel with both is half of each.
+        near += select(select(1.0, 0.5, range.y >= two.split), 0.0, range.x >= two.split) * textureLoad(colors, q, mip.x);
+        let r = vec2<i32>(floor((at_px - back_r * t) / texel.y));
+        let seen = select(0.0, 1.0, textureLoad(circles, r, mip.y).x >= two.split);
+        far += seen * textureLoad(colors, r, mip.y);
+        far_weight += seen;
+    }
+    return layers(near, f32(taps), far, far_weight);
+}
+
+// At the layer's resolution: what has small circles here, the rest from lower resolutions.
+fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
+    let two = two_at(p, at_px);
+    let front_is_fine = two.front_px < HALF_PX;
+    let back_is_fine = two.back_px < HALF_PX;
     var near = vec4<f32>(0.0);
     var near_weight = 0.0;
     var far = vec4<f32>(0.0);
     var far_weight = 0.0;
-
-    // Loops without a turn stand for branches, both sides of which software drivers work through.
-    let front_is_fine = front_px < HALF_PX;
-    let back_is_fine = back_px < HALF_PX;
-    let reach = i32(ceil(max(select(-1.0, front_px, front_is_fine), select(-1.0, back_px, back_is_fine))));
+    // Without a turn where there is nothing to do: software drivers work through both sides of a branch.
+    let reach = i32(ceil(max(select(-1.0, two.front_px, front_is_fine), select(-1.0, two.back_px, back_is_fine))));
     for (var y = -reach; y <= reach; y++) {
         for (var x = -reach; x <= reach; x++) {
             let q = p + vec2<i32>(x, y);
             let away = length(vec2<f32>(f32(x), f32(y)));
-            let is_near = circles_in_layer(q).x < split;
+            let is_near = circles_in_layer(q).x < two.split;
             let c = textureLoad(color, q, 0);
-            let w = select(0.0, covers(front_px, away), front_is_fine);
+            let w = covers(two.front_px, away);
             near += select(0.0, w, is_near) * c;
             near_weight += w;
-            let v = select(0.0, covers(back_px, away), back_is_fine && !is_near);
+            let v = select(covers(two.back_px, away), 0.0, is_near);
             far += v * c;
             far_weight += v;
         }
     }
-    let front_taps = select(taps / 2, 0, front_is_fine);
-    let front_level = level_of_taps(front_px, taps);
-    let front_r = sign(front) * narrowed(front_px, front_level) / exp2(front_level);
-    let front_at = at_px / exp2(front_level);
-    for (var i = 0; i < front_taps; i++) {
-        let two = front_r * two_taps(i);
-        for (var k = 0; k < 2; k++) {
-            let q = vec2<i32>(floor(front_at - select(two.xy, two.zw, k == 1)));
-            let range = textureLoad(circles, q, i32(front_level) - 1);
-            // A texel with both is half of each.
-            let share = select(select(1.0, 0.5, range.y >= split), 0.0, range.x >= split);
-            near += share * textureLoad(colors, q, i32(front_level) - 1);
-            near_weight += 1.0;
-        }
-    }
-    let back_taps = select(taps / 2, 0, back_is_fine);
-    let back_level = level_of_taps(back_px, taps);
-    let back_r = sign(back) * narrowed(back_px, back_level) / exp2(back_level);
-    let back_at = at_px / exp2(back_level);
-    for (var i = 0; i < back_taps; i++) {
-        let two = back_r * two_taps(i);
-        for (var k = 0; k < 2; k++) {
-            let q = vec2<i32>(floor(back_at - select(two.xy, two.zw, k == 1)));
-            let seen = select(0.0, 1.0, textureLoad(circles, q, i32(back_level) - 1).x >= split);
-            far += seen * textureLoad(colors, q, i32(back_level) - 1);
-            far_weight += seen;
-        }
-    }
-    let over = near / max(near_weight, 1e-6);
-    let under = far / max(far_weight, 1e-6);
-    return over + (1.0 - over.a) * under;
+    let fine = layers(near, near_weight, far, far_weight);
+    let uv = at_px * lens.texture.xy;
+    let front_coarse = textureSampleLevel(blurred_front, between, uv, max(level_of(two.front_px), 1.0) - 1.0);
+    let back_coarse = textureSampleLevel(blurred_back, between, uv, max(level_of(two.back_px), 1.0) - 1.0);
+    return Layers(select(front_coarse, fine.front, front_is_fine), select(back_coarse, fine.back, back_is_fine));
 }
 
 // Less than a 16-bit float's step at 1 is what rounding brings from next door.
@@ -248,15 +272,19 @@ fn rounded(c: vec4<f32>) -> vec4<f32> {
     return select(c, vec4<f32>(0.0), c.a < 1.0 / 2048.0);
 }
 
+struct Blurred { @location(0) all: vec4<f32>, @location(1) front: vec4<f32>, @location(2) back: vec4<f32> }
+
 @fragment
-fn level_one_deep(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+fn level_one_deep(@builtin(position) at: vec4<f32>) -> Blurred {
     let at_px = at.xy * texel_px();
-    return gather(at_px, circle_of_one(vec2<i32>(at.xy), at_px));
+    let one = gather(at_px, circle_of_one(vec2<i32>(at.xy), at_px));
+    return Blurred(one, vec4<f32>(0.0), one);
 }
 
 @fragment
-fn level_two_deep(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return gather_two(vec2<i32>(at.xy), at.xy * texel_px());
+fn level_two_deep(@builtin(position) at: vec4<f32>) -> Blurred {
+    let two = gather_two(vec2<i32>(at.xy), at.xy * texel_px());
+    return Blurred(over(two), two.front, two.back);
 }
 
 @fragment
@@ -287,13 +315,7 @@ fn both(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 
 @fragment
 fn two_deep(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return rounded(gather_two(vec2<i32>(at.xy), at.xy));
-}
-
-@fragment
-fn two_deep_coarse(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let tile = tile_of(at.xy);
-    return rounded(from_level(at.xy, 0.5 * min(abs(tile.x), abs(tile.y))));
+    return rounded(over(gather_two_fine(vec2<i32>(at.xy), at.xy)));
 }
 
 // The geometry of what is newly covered: of the nearest surface around.

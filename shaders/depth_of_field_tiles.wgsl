@@ -11,7 +11,6 @@ const FINE: f32 = 2.0;
 const COARSE: f32 = 3.0;
 const BOTH: f32 = 4.0;
 const TWO_DEEP: f32 = 5.0;
-const TWO_DEEP_COARSE: f32 = 6.0;
 
 fn side() -> i32 { return lens.size.z; }
 
@@ -59,8 +58,8 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var kind = select(BOTH, COARSE, smallest >= HALF_PX);
     kind = select(kind, FINE, largest < HALF_PX);
     kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
-    kind = select(select(TWO_DEEP, TWO_DEEP_COARSE, smallest >= HALF_PX), kind, one);
-    let levels = select(7.0, max(level_of(smallest), 1.0) + 8.0 * level_of(largest), kind == COARSE || kind == BOTH || kind == TWO_DEEP_COARSE);
+    kind = select(TWO_DEEP, kind, one);
+    let levels = select(7.0, max(level_of(smallest), 1.0) + 8.0 * level_of(largest), largest >= HALF_PX);
     return select(vec4<f32>(0.0, 0.0, 0.0, 7.0), vec4<f32>(near, far, kind, levels), near <= far);
 }
 

@@ -10,7 +10,6 @@ use super::Opening;
 
 /// Steps of the tables over the angle.
 const STEPS: usize = 2048;
-const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// An outline with what is needed to spread points over it.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,11 +65,20 @@ impl Aperture {
         [radius * angle.cos(), radius * angle.sin()]
     }
 
-    /// `count` points in a spiral: even also where they are few (Vogel 1979).
-    pub fn spiral(&self, count: u32) -> Vec<[f64; 2]> {
-        (0..count)
-            .map(|i| self.point((f64::from(i) * GOLDEN).fract(), (f64::from(i) + 0.5) / f64::from(count)))
-            .collect()
+    /// Points on rings, each for the same area: even and symmetric also where they are few. One number for each ring,
+    /// from the middle; even ones keep point symmetry.
+    pub fn rings(&self, counts: &[u32]) -> Vec<[f64; 2]> {
+        let all = f64::from(counts.iter().sum::<u32>());
+        let mut inside = 0.0;
+        let mut points = Vec::new();
+        for (ring, &count) in counts.iter().enumerate() {
+            let v = (inside + 0.5 * f64::from(count)) / all;
+            inside += f64::from(count);
+            // Turned against each other.
+            let turned = 0.5 * (ring % 2) as f64 + 0.05 * ring as f64 * f64::from(count);
+            points.extend((0..count).map(|i| self.point(((f64::from(i) + turned) / f64::from(count)).fract(), v)));
+        }
+        points
     }
 
     /// The point of a sequence whose every stretch is even (Roberts 2018, "The Unreasonable Effectiveness of
@@ -104,7 +112,7 @@ mod tests {
         assert!((blades(4, 0.3).variance() - 1.0 / 6.0).abs() < 1e-5);
         for n in [0, 3, 5, 6, 9] {
             let aperture = blades(n, 0.2);
-            for points in [aperture.spiral(32), (0..4000).map(|i| aperture.sequence(i)).collect()] {
+            for points in [aperture.rings(&[4, 10, 18]), (0..4000).map(|i| aperture.sequence(i)).collect()] {
                 let (mean, variance) = moments(&points);
                 assert!(mean[0].hypot(mean[1]) < 0.04, "{n} blades, {}: {mean:?}", points.len());
                 assert!((variance / aperture.variance() - 1.0).abs() < 0.05, "{n} blades, {}", points.len());

@@ -92,7 +92,7 @@ impl Effect for DepthOfFieldEffect {
         circles_px(context)[1] < SHARP_PX
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        layered::largest_radius_px(context) + 2.0
+        layered::reach_px(context)
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("layered", vec![("method", Value::Text("layered".to_owned()))])]

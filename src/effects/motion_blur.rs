@@ -182,12 +182,12 @@ impl Effect for MotionBlurEffect {
         ];
         let count = tiles.0 * tiles.1;
         let [one, many] = &passes.blur;
-        run_tiles(gpu, run.encoder, &[one, many], &slots, &color, layer.size, count);
+        run_tiles(gpu, run.encoder, &[one, many], &slots, &[&color], layer.size, count);
         if !run.geometry_is_read {
             return Layer { color, ..layer };
         }
         let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, GEOMETRY, 1);
-        run_tiles(gpu, run.encoder, &[&passes.passing], &slots[..3], &geometry, layer.size, count);
+        run_tiles(gpu, run.encoder, &[&passes.passing], &slots[..3], &[&geometry], layer.size, count);
         Layer { color, geometry, size: layer.size }
     }
 }

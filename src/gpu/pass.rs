@@ -141,11 +141,11 @@ pub fn run_tiles(
     encoder: &mut wgpu::CommandEncoder,
     passes: &[&FullscreenPass],
     slots: &[Slot<'_>],
-    target: &Texture,
+    targets: &[&Texture],
     size: (u32, u32),
     tiles: u32,
 ) {
-    draw(gpu, encoder, passes, slots, &[target], size, (4, tiles));
+    draw(gpu, encoder, passes, slots, targets, size, (4, tiles));
 }
 
 fn draw(

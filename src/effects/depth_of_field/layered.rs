@@ -3,13 +3,12 @@
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
 //! 2. Tiles, as wide as the largest radius or wider: from the circles that can reach into a tile follows what is to be
 //!    done there. Nothing; copying; one surface with small circles (12 points at full resolution) or with large ones
-//!    (32 points at a half; 64 at a quarter or an eighth); two surfaces behind each other.
+//!    (32 points at a half; 64 at a quarter or an eighth); two surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own, which picks up 3.
 //!
 //! The points are spread evenly over the opening (camera/aperture.rs) and look up texels as wide as they are apart. All
-//! that these steps blur besides is taken off the points' spread, so that the variance, and with it the width of
-//! edges, is the opening's. Every point sums with the same weight, and straight lines between texels share out each
+//! that these steps blur besides is taken off the points' spread, so that the width of edges is the opening's. Every point sums with the same weight, and straight lines between texels share out each
 //! texel's light in whole: energy is kept.
 
 use crate::camera::{Aperture, Opening};
@@ -36,7 +35,7 @@ pub struct Passes {
     /// At each lower resolution for one surface and for two.
     levels: [[FullscreenPass; 2]; DRAWN],
     /// At the layer's resolution, for each kind of tile.
-    full: [FullscreenPass; 6],
+    full: [FullscreenPass; 5],
     passing: FullscreenPass,
     between: wgpu::Sampler,
 }
@@ -61,13 +60,17 @@ struct ApertureUniform {
 
 impl ApertureUniform {
     fn new(aperture: &Aperture) -> Self {
-        fn points<const N: usize>(aperture: &Aperture) -> [[f32; 2]; N] {
-            let points = aperture.spiral(N as u32);
+        fn points<const N: usize>(aperture: &Aperture, rings: &[u32]) -> [[f32; 2]; N] {
+            let points = aperture.rings(rings);
             // Their middle on the opening's, that nothing is shifted.
             let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / N as f64);
             std::array::from_fn(|i| [0, 1].map(|c| (points[i][c] - middle[c]) as f32))
         }
-        Self { fine: points(aperture), few: points(aperture), many: points(aperture) }
+        Self {
+            fine: points(aperture, &[4, 8]),
+            few: points(aperture, &[4, 10, 18]),
+            many: points(aperture, &[4, 12, 20, 28]),
+        }
     }
 }
 
@@ -78,13 +81,18 @@ fn widest_px(context: &FrameContext<'_>) -> f32 {
 }
 
 /// Of what is drawn, px.
-pub fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
+fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
     0.5 * circles_px(context)[1].min(widest_px(context))
+}
+
+/// How far light is spread: by the largest radius, and by the texels that are looked up there, at most half as wide.
+pub fn reach_px(context: &FrameContext<'_>) -> f32 {
+    1.5 * largest_radius_px(context) + 3.0
 }
 
 /// The lower resolution at which a radius is gathered, as in shaders/shared/lens.wgsl.
 fn level_of(radius: f32) -> usize {
-    [3.5, 16.0, 40.0].iter().filter(|&&from| radius >= from).count()
+    [5.5, 16.0, 40.0].iter().filter(|&&from| radius >= from).count()
 }
 
 impl Passes {
@@ -98,20 +106,23 @@ impl Passes {
             let options = Options { fragment, bindings: &[Uniform, Floats], ..Options::default() };
             FullscreenPass::with(gpu, "circles of tiles", &assemble("depth_of_field_tiles"), &[COLOR], &options)
         };
-        let bindings = [Uniform, Uniform, Floats, Floats, Floats, Integers, Floats, Floats, Floats, Sampler];
+        let bindings =
+            [Uniform, Uniform, Floats, Floats, Floats, Integers, Floats, Floats, Floats, Floats, Floats, Sampler];
         let shader = assemble("depth_of_field");
-        let gather = |vertex, fragment, level: usize, taps: usize, format| {
+        let gather = |vertex, fragment, level: usize, taps: usize, formats: &[wgpu::TextureFormat]| {
             let constants = [("level", level as f64), ("taps", taps as f64)];
             let options = Options { vertex, fragment, constants: &constants, bindings: &bindings };
-            FullscreenPass::with(gpu, "depth of field", &shader, &[format], &options)
+            FullscreenPass::with(gpu, "depth of field", &shader, formats, &options)
         };
         Self {
             pyramid: [("first", Integers), ("next", Floats)].map(pyramid),
             tiles: ["own", "around", "needed"].map(tiles),
             levels: std::array::from_fn(|i| {
                 let taps = if i == 0 { FEW } else { MANY };
-                [("level_one_deep_tiles", "level_one_deep"), ("level_two_deep_tiles", "level_two_deep")]
-                    .map(|(vertex, fragment)| gather(vertex, fragment, i + 1, taps, COLOR))
+                [
+                    gather("level_one_deep_tiles", "level_one_deep", i + 1, taps, &[COLOR; 3]),
+                    gather("level_two_deep_tiles", "level_two_deep", i + 1, MANY, &[COLOR; 3]),
+                ]
             }),
             full: [
                 ("sharp_tiles", "sharp"),
@@ -119,10 +130,9 @@ impl Passes {
                 ("coarse_tiles", "coarse"),
                 ("both_tiles", "both"),
                 ("two_deep_tiles", "two_deep"),
-                ("two_deep_coarse_tiles", "two_deep_coarse"),
             ]
-            .map(|(vertex, fragment)| gather(vertex, fragment, 0, FEW, COLOR)),
-            passing: gather("all_tiles", "passing", 0, FEW, GEOMETRY),
+            .map(|(vertex, fragment)| gather(vertex, fragment, 0, FEW, &[COLOR])),
+            passing: gather("all_tiles", "passing", 0, FEW, &[GEOMETRY]),
             between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("between texels"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -136,8 +146,8 @@ impl Passes {
         let gpu = run.gpu;
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
-        // 3×3 tiles must reach as far as the largest circle; an eighth of the resolution divides them.
-        let side = ((largest.ceil() as u32 + 1).div_ceil(8) * 8).max(16);
+        // 3×3 tiles must reach as far as light is spread; an eighth of the resolution divides them.
+        let side = (reach_px(context).ceil() as u32).div_ceil(8) * 8;
         let tiles = (width.div_ceil(side), height.div_ceil(side));
         let count = tiles.0 * tiles.1;
 
@@ -145,7 +155,8 @@ impl Passes {
             ["own circles", "circles around", "circles"].map(|purpose| run.pool.get(gpu, purpose, 0, tiles, COLOR, 1));
         let colors = run.pool.pyramid(gpu, "smaller layer", layer.size, COLOR, LEVELS);
         let circles = run.pool.pyramid(gpu, "smaller circles", layer.size, CIRCLES, LEVELS);
-        let blurred = run.pool.pyramid(gpu, "smaller blurred", layer.size, COLOR, DRAWN as u32);
+        let blurred = ["smaller blurred", "smaller front", "smaller back"]
+            .map(|purpose| run.pool.pyramid(gpu, purpose, layer.size, COLOR, DRAWN as u32));
         let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
 
         let aperture = Aperture::of(opening);
@@ -184,36 +195,38 @@ impl Passes {
             pass.run(gpu, run.encoder, &[Slot::Buffer(&lens), Slot::Texture(&from.view)], &[to], tiles);
         }
 
-        let slots = |blurred| {
-            [
-                Slot::Buffer(&lens),
-                Slot::Buffer(&points),
-                Slot::Texture(&needed.view),
-                Slot::Texture(&own.view),
-                Slot::Texture(&layer.color.view),
-                Slot::Texture(&layer.geometry.view),
-                Slot::Texture(&colors.view),
-                Slot::Texture(&circles.view),
-                Slot::Texture(blurred),
-                Slot::Sampler(&self.between),
-            ]
-        };
+        // What is drawn into cannot be read: other textures stand for the lower resolutions first.
+        let mut slots = [
+            Slot::Buffer(&lens),
+            Slot::Buffer(&points),
+            Slot::Texture(&needed.view),
+            Slot::Texture(&own.view),
+            Slot::Texture(&layer.color.view),
+            Slot::Texture(&layer.geometry.view),
+            Slot::Texture(&colors.view),
+            Slot::Texture(&circles.view),
+            Slot::Texture(&colors.view),
+            Slot::Texture(&colors.view),
+            Slot::Texture(&colors.view),
+            Slot::Sampler(&self.between),
+        ];
         let [least, _] = circles_px(context);
         for level in 1.max(level_of(0.5 * least))..=level_of(largest) {
             let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
             let [one, two] = &self.levels[level - 1];
-            // What is drawn into cannot be read.
-            let slots = slots(&colors.view);
-            run_tiles(gpu, run.encoder, &[one, two], &slots, &blurred.levels[level - 1], size, count);
+            let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
+            run_tiles(gpu, run.encoder, &[one, two], &slots, &targets, size, count);
         }
-        let slots = slots(&blurred.view);
+        for (slot, blurred) in slots[8..11].iter_mut().zip(&blurred) {
+            *slot = Slot::Texture(&blurred.view);
+        }
         let full: Vec<_> = self.full.iter().collect();
-        run_tiles(gpu, run.encoder, &full, &slots, &out, layer.size, count);
+        run_tiles(gpu, run.encoder, &full, &slots, &[&out], layer.size, count);
         if !run.geometry_is_read {
             return Layer { color: out, ..layer };
         }
         let geometry = run.pool.get(gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
-        run_tiles(gpu, run.encoder, &[&self.passing], &slots, &geometry, layer.size, count);
+        run_tiles(gpu, run.encoder, &[&self.passing], &slots, &[&geometry], layer.size, count);
         Layer { color: out, geometry, size: layer.size }
     }
 }

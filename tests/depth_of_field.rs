@@ -1,0 +1,267 @@
+//! Depth of field on the GPU: against the thin lens itself, the analytic disc, the twin, and what must not happen.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/board.rs"]
+mod board;
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use board::{FOCAL_PX, both, sideways};
+use glam::DAffine3;
+use locard::camera::{Aperture, Camera, Opening};
+use locard::compositor::Composited;
+use locard::effects::depth_of_field;
+use locard::image::Pixels;
+use locard::measure::edge::edge;
+use locard::measure::flip::{PIXELS_PER_DEGREE, mean_flip};
+use locard::params::Value;
+use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
+
+const WIDTH: u32 = 320;
+const HEIGHT: u32 = 240;
+const FOCUS_M: f64 = 1.0;
+
+/// A camera focused at a metre, through which a point at `depth_m` is `circle_px` wide.
+fn camera(circle_px: f64, depth_m: f64, blades: u32) -> Camera {
+    let mut camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
+    let diameter_m = circle_px / (FOCAL_PX * (1.0 / FOCUS_M - 1.0 / depth_m).abs());
+    camera.lens.aperture_diameter_mm = Some(1e3 * diameter_m);
+    camera.lens.focus_distance_m = Some(FOCUS_M);
+    camera.lens.blades = blades;
+    camera
+}
+
+/// Unlit rectangles facing the camera, in one mesh: corners (px from the middle, as seen), depth (m), linear colour.
+fn rectangles(all: &[([f64; 2], [f64; 2], f64, [f32; 3])]) -> Scene {
+    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
+    for (number, (low, high, depth_m, color)) in (0u32..).zip(all) {
+        let corner = |x: f64, y: f64| Vertex {
+            position: [(x * depth_m / FOCAL_PX) as f32, (y * depth_m / FOCAL_PX) as f32, *depth_m as f32],
+            normal: [0.0, 0.0, -1.0],
+            tangent: [0.0; 4],
+            uv0: [0.0; 2],
+            uv1: [0.0; 2],
+            color: [color[0], color[1], color[2], 1.0],
+        };
+        vertices.extend([
+            corner(low[0], low[1]),
+            corner(high[0], low[1]),
+            corner(high[0], high[1]),
+            corner(low[0], high[1]),
+        ]);
+        indices.extend([0, 1, 2, 0, 2, 3].map(|i| 4 * number + i));
+    }
+    Scene {
+        meshes: vec![Mesh { vertices, indices, material: 0 }],
+        materials: vec![Material { unlit: true, double_sided: true, ..Material::default() }],
+        objects: vec![Object {
+            name: "rectangles".to_owned(),
+            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+        }],
+        lighting: Lighting { environment: Environment::Uniform(glam::Vec3::ONE), ..Lighting::default() },
+        ..Scene::default()
+    }
+}
+
+/// A board of squares in two colours.
+fn checks(low: [f64; 2], high: [f64; 2], cell_px: f64, depth_m: f64, colors: [[f32; 3]; 2]) -> Scene {
+    let [columns, rows] = [0, 1].map(|c| ((high[c] - low[c]) / cell_px).round() as i32);
+    let cell = |i: i32, j: i32| {
+        let from = [low[0] + f64::from(i) * cell_px, low[1] + f64::from(j) * cell_px];
+        (from, [from[0] + cell_px, from[1] + cell_px], depth_m, colors[((i + j) & 1) as usize])
+    };
+    rectangles(&(0..rows).flat_map(|j| (0..columns).map(move |i| (i, j))).map(|(i, j)| cell(i, j)).collect::<Vec<_>>())
+}
+
+fn composited(camera: &Camera, scene: Scene, method: &str) -> Composited {
+    // A camera picture with something in it.
+    let codes =
+        (0..HEIGHT * WIDTH).flat_map(|i| [60 + (i % WIDTH / 4) as u8, 90, 60 + (i / WIDTH / 4) as u8]).collect();
+    let frame = gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap());
+    let settings = gpu::settings(&[("depth_of_field", "method", Value::Text(method.to_owned()))]);
+    gpu::composite(&gpu::gpu(), camera, settings, scene, &sideways([0.0; 2]), frame)
+}
+
+/// How the methods' pictures look beside the reference, over both their footprints.
+fn flips(name: &str, camera: &Camera, scene: &Scene) -> f64 {
+    let reference = composited(camera, scene.clone(), "reference");
+    let found = composited(camera, scene.clone(), "layered");
+    let alphas = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| p[3] > 0.0).collect::<Vec<_>>();
+    let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&found)).map(|(a, b)| *a || b).collect();
+    if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
+        for (kind, done) in [("reference", &reference), ("layered", &found)] {
+            let locard::image::Codes::U8(codes) = &done.pixels.codes else { unreachable!() };
+            let path = std::path::Path::new(&folder).join(format!("{name}-{kind}.png"));
+            image::save_buffer(path, codes, WIDTH, HEIGHT, image::ColorType::Rgb8).unwrap();
+        }
+    }
+    let flip = mean_flip(&reference.pixels, &found.pixels, Some(&mask), PIXELS_PER_DEGREE).unwrap();
+    println!("{name}: mean FLIP {flip:.4}");
+    flip
+}
+
+const GREENS: [[f32; 3]; 2] = [[0.05, 0.45, 0.1], [0.7, 0.7, 0.75]];
+const BLUES: [[f32; 3]; 2] = [[0.02, 0.03, 0.12], [0.8, 0.6, 0.05]];
+
+fn blurred_over_sharp() -> Scene {
+    let wall = checks([-150.0, -110.0], [150.0, 110.0], 20.0, FOCUS_M, GREENS);
+    both(wall, checks([-60.0, -50.0], [60.0, 50.0], 20.0, 0.5, BLUES))
+}
+
+fn sharp_over_blurred() -> Scene {
+    let wall = checks([-150.0, -110.0], [150.0, 110.0], 20.0, 2.0, GREENS);
+    both(wall, checks([-60.0, -50.0], [60.0, 50.0], 20.0, FOCUS_M, BLUES))
+}
+
+fn lights() -> Scene {
+    let wall = rectangles(&[([-150.0, -110.0], [150.0, 110.0], 4.0, [0.01, 0.012, 0.02])]);
+    let at = [(-90.0, -60.0), (-20.0, -70.0), (70.0, -50.0), (-60.0, 20.0), (10.0, 0.0), (95.0, 40.0), (-110.0, 80.0)];
+    let light = |&(x, y): &(f64, f64)| ([x, y], [x + 2.0, y + 2.0], 3.9, [60.0, 50.0, 30.0]);
+    both(wall, rectangles(&at.iter().map(light).collect::<Vec<_>>()))
+}
+
+#[test]
+fn looks_like_the_thin_lens() {
+    let mut missed = Vec::new();
+    for (name, scene, depth_m) in [
+        ("blurred over sharp", blurred_over_sharp(), 0.5),
+        ("sharp over blurred", sharp_over_blurred(), 2.0),
+        ("point lights", lights(), 3.9),
+    ] {
+        for (circle_px, blades) in [(5.0, 0), (12.0, 0), (24.0, 5), (40.0, 0)] {
+            let flip =
+                flips(&format!("{name}, {circle_px} px, {blades} blades"), &camera(circle_px, depth_m, blades), &scene);
+            if flip > 0.05 {
+                missed.push((name, circle_px, blades, flip));
+            }
+        }
+    }
+    assert!(missed.is_empty(), "{missed:?}");
+}
+
+/// The share of a disc of this radius that lies left of `x`.
+fn disc_left_of(x: f64, radius: f64) -> f64 {
+    let t = (x / radius).clamp(-1.0, 1.0);
+    0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / std::f64::consts::PI
+}
+
+/// 10-90 % width and middle of the left silhouette of a board, the mean over places of the edge between pixels. What is
+/// found at one place depends on it, for pixels are all that a filter knows of where in them an edge lies.
+fn edge_of(mut alpha: impl FnMut(f64) -> Vec<f64>) -> (f64, f64) {
+    let places = 5;
+    let sum = (0..places).fold((0.0, 0.0), |(width, middle), k| {
+        let place = f64::from(k) / f64::from(places);
+        let found = edge(&alpha(place), 1.0).unwrap();
+        (width + found.width_10_90_px, middle + found.position_px - place)
+    });
+    (sum.0 / f64::from(places), sum.1 / f64::from(places))
+}
+
+#[test]
+fn edges_are_as_wide_as_the_disc() {
+    let mut missed = Vec::new();
+    for (method, circles) in [
+        (
+            "layered",
+            &[2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 10.9, 11.1, 12.0, 16.0, 20.0, 24.0, 31.0, 33.0, 40.0, 48.0][..],
+        ),
+        ("reference", &[2.0, 6.0, 16.0]),
+    ] {
+        for &circle_px in circles {
+            let (width, middle) = edge_of(|place| {
+                let board = rectangles(&[([-80.0 + place, -90.0], [80.0, 90.0], 2.0, [0.5; 3])]);
+                let layer = composited(&camera(circle_px, 2.0, 0), board, method).layer.unwrap();
+                // The silhouette at x = 80, from outside to inside.
+                (30..130).map(|x| f64::from(layer.rgba[120 * WIDTH as usize + x][3])).collect()
+            });
+            let (disc_width, disc_middle) = edge_of(|place| {
+                let share = |at: f64| disc_left_of(at - 80.0 - place, 0.5 * circle_px);
+                (30..130)
+                    .map(|x| (0..64).map(|k| share(f64::from(x) + (f64::from(k) + 0.5) / 64.0)).sum::<f64>() / 64.0)
+                    .collect()
+            });
+            let text = format!(
+                "{method}, {circle_px} px: 10-90 % over {width:.2} px, the disc's {disc_width:.2} ({:+.1} %); middle {:+.2} px away",
+                100.0 * (width / disc_width - 1.0),
+                middle - disc_middle
+            );
+            println!("{text}");
+            if (width / disc_width - 1.0).abs() > 0.05 || (middle - disc_middle).abs() > 0.1 {
+                missed.push(text);
+            }
+        }
+    }
+    assert!(missed.is_empty(), "{missed:#?}");
+}
+
+#[test]
+fn a_lights_energy_is_kept() {
+    for circle_px in [2.0, 3.0, 5.0, 6.9, 7.1, 9.0, 12.0, 24.0, 33.0, 48.0, 70.0] {
+        for at in [[-0.5, -0.5], [3.2, 1.7]] {
+            let light = rectangles(&[(at, [at[0] + 3.0, at[1] + 3.0], 2.0, [400.0, 300.0, 200.0])]);
+            let sum = |camera: &Camera| {
+                let layer = composited(camera, light.clone(), "layered").layer.unwrap();
+                layer.rgba.iter().map(|p| f64::from(p[0])).sum::<f64>()
+            };
+            let (sharp, blurred) = (sum(&camera(0.01, 2.0, 0)), sum(&camera(circle_px, 2.0, 0)));
+            assert!((blurred / sharp - 1.0).abs() < 0.02, "{circle_px} px at {at:?}: {:.4}", blurred / sharp);
+        }
+    }
+}
+
+#[test]
+fn a_sharp_object_does_not_leak_into_the_wall_behind_it() {
+    for circle_px in [3.0, 6.0, 12.0, 24.0, 40.0] {
+        let wall = || rectangles(&[([-150.0, -110.0], [150.0, 110.0], 2.0, [0.2; 3])]);
+        let red = rectangles(&[([-40.0, -40.0], [40.3, 40.6], FOCUS_M, [0.9, 0.01, 0.01])]);
+        let camera = camera(circle_px, 2.0, 0);
+        let alone = composited(&camera, wall(), "layered").pixels;
+        let both = composited(&camera, both(wall(), red), "layered").pixels;
+        let mut worst = 0;
+        for y in 0..HEIGHT {
+            for x in 0..WIDTH {
+                let (dx, dy) = (f64::from(x) + 0.5 - 160.0, f64::from(y) + 0.5 - 120.0);
+                let away = (-40.0 - dx).max(dx - 40.3).max(-40.0 - dy).max(dy - 40.6);
+                if away > 2.0 {
+                    let (a, b) = (alone.at(x, y), both.at(x, y));
+                    worst = (0..3).map(|c| a[c].abs_diff(b[c])).fold(worst, u32::max);
+                }
+            }
+        }
+        assert_eq!(worst, 0, "{circle_px} px");
+    }
+}
+
+#[test]
+fn a_surface_in_one_depth_is_the_twin() {
+    let shape = rectangles(&[
+        ([-40.0, -30.0], [10.0, 20.0], 2.0, [0.8, 0.5, 0.2]),
+        ([10.0, -30.0], [30.0, 35.0], 2.0, [0.1, 0.5, 0.9]),
+    ]);
+    let sharp = composited(&camera(0.01, 2.0, 0), shape.clone(), "layered").layer.unwrap();
+    let sharp: Vec<[f64; 4]> = sharp.rgba.iter().map(|p| p.map(f64::from)).collect();
+    for (circle_px, blades) in [(4.0, 0), (10.0, 0), (24.0, 5), (24.0, 3), (48.0, 6)] {
+        let camera = camera(circle_px, 2.0, blades);
+        let geometry = camera.geometry.clone().unwrap();
+        let opening: Opening = camera.lens.opening(&geometry).unwrap().unwrap();
+        let twin =
+            depth_of_field::twin(&sharp, WIDTH as usize, HEIGHT as usize, circle_px, &Aperture::of(&opening), 400);
+        let layer = composited(&camera, shape.clone(), "layered").layer.unwrap();
+        let (mut sum, mut area) = (0.0, 0.0);
+        let mut worst = 0.0f64;
+        for (a, b) in layer.rgba.iter().zip(&twin) {
+            let error = (0..4).map(|c| (f64::from(a[c]) - b[c]).abs()).fold(0.0, f64::max);
+            worst = worst.max(error);
+            sum += error;
+            area += f64::from(u8::from(b[3] > 0.0));
+        }
+        println!("{circle_px} px, {blades} blades: mean {:.4}, worst {worst:.3}", sum / area);
+        // 12 to 64 points and texels as wide as their spacing stand for the whole opening: corners are rounder.
+        assert!(
+            sum / area < 0.012 && worst < 0.12,
+            "{circle_px} px, {blades} blades: mean {}, worst {worst}",
+            sum / area
+        );
+    }
+}
