@@ -267,8 +267,15 @@ fn a_damaged_video_is_an_error() {
     let middle = whole.len() / 2;
     damaged[middle..middle + 3000].fill(0);
     std::fs::write(&file, damaged).unwrap();
-    let recording = open(&folder);
-    let read: Result<Vec<_>, _> = recording.frames(0..30).unwrap().collect();
+    let error = refused(&folder);
+    assert!(error.contains("a.mkv: is damaged: ffprobe says: "), "{error}");
+
+    // A small hole, inside of a picture.
+    let mut damaged = whole.clone();
+    let inside = whole.len() / 2;
+    damaged[inside..inside + 40].fill(0);
+    std::fs::write(&file, damaged).unwrap();
+    let read: Result<Vec<_>, _> = open(&folder).frames(0..30).unwrap().collect();
     let error = read.map(|frames| frames.len()).unwrap_err().to_string();
     assert!(error.contains("a.mkv: is damaged at frame ") && error.contains("ffmpeg says: "), "{error}");
 }

@@ -14,6 +14,10 @@ use super::SourceError;
 use super::ffmpeg::{self, Running};
 use crate::image::{Codes, Pixels};
 
+/// What to do about a damaged file.
+const MEND: &str =
+    "copy it anew from where it came (ffmpeg -i FILE -c:v ffv1 NEW.mkv makes a file of what can still be read)";
+
 /// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and
 /// exact rounding; without them swscale's fast paths are off by several code values.
 pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
@@ -130,11 +134,12 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.push(ffmpeg::file_argument(file));
     let output = ffmpeg::output("ffprobe", &arguments)?;
-    let mut video = parse_probe(&output.written, file, overrides)?;
-    if !output.complaints.is_empty() {
-        video.warnings.push(format!("{}: ffprobe says: {}", file.display(), output.complaints));
+    let video = parse_probe(&output.written, file, overrides)?;
+    if output.complaints.is_empty() {
+        return Ok(video);
     }
-    Ok(video)
+    // Where a container is damaged, frames are left out, and those after them would be taken for others.
+    Err(SourceError::content(file, format!("is damaged: ffprobe says: {}; {MEND}", output.complaints)))
 }
 
 fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
@@ -379,11 +384,7 @@ impl Iterator for VideoFrames {
             running => running.as_ref().map(Running::complaints),
         };
         if let Some(said) = complaints.filter(|said| frame.is_some() && !said.is_empty()) {
-            let problem = format!(
-                "is damaged at frame {} or before it: ffmpeg says: {said}; copy it anew from where it came (ffmpeg -i \
-                 FILE -c:v ffv1 NEW.mkv makes a file of what can still be read)",
-                self.next
-            );
+            let problem = format!("is damaged at frame {} or before it: ffmpeg says: {said}; {MEND}", self.next);
             self.next = self.range.end;
             self.running = None;
             return Some(Err(SourceError::content(&self.file, problem)));
