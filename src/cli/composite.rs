@@ -135,6 +135,10 @@ pub fn run(args: Args) -> Result<()> {
     for set in &args.sets {
         rig.set_text(set, &mut settings)?;
     }
+    if args.only.iter().chain(&args.without).flatten().any(String::is_empty) {
+        let known: Vec<&str> = settings.effects.iter().map(|e| e.params().table()).collect();
+        bail!("--only and --without need names of effects, commas between; there are: {}", known.join(", "));
+    }
     if let Some(names) = &args.only {
         settings.only(names)?;
     }

@@ -21,6 +21,14 @@ pub enum GpuError {
          on Debian or Ubuntu without a graphics card `apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
     )]
     NoAdapter,
+    #[error(
+        "{filter} leaves out every graphics adapter that there is; without it there {}",
+        match there.as_slice() {
+            [] => "are none either: `locard doctor` says what to install".to_owned(),
+            names => format!("are: {}", names.join("; ")),
+        }
+    )]
+    Filtered { filter: String, there: Vec<String> },
     #[error("the adapter {adapter} cannot be opened: {reason}")]
     Open { adapter: String, reason: String },
     #[error("the GPU did not finish within {seconds} s; the driver may have hung")]
@@ -84,6 +92,18 @@ fn ranked(backends: Backends) -> Vec<wgpu::Adapter> {
     adapters
 }
 
+/// Why there is none: a variable filters them all out, or the machine has none.
+fn none() -> GpuError {
+    let set = |name| std::env::var(name).ok().map(|value| format!("{name}={value}"));
+    let filters: Vec<String> = ["WGPU_ADAPTER_NAME", "WGPU_BACKEND"].into_iter().filter_map(set).collect();
+    if filters.is_empty() {
+        return GpuError::NoAdapter;
+    }
+    let named = |a: &wgpu::Adapter| format!("{} ({})", a.get_info().name, a.get_info().backend);
+    let there = [Backends::PRIMARY, Backends::GL].map(ranked).iter().flatten().map(named).collect();
+    GpuError::Filtered { filter: filters.join(" with "), there }
+}
+
 impl Gpu {
     /// Opens the best adapter of this machine; `WGPU_ADAPTER_NAME` picks one whose name
     /// contains it.
@@ -92,7 +112,7 @@ impl Gpu {
         let adapter = available()
             .into_iter()
             .find(|a| wanted.as_ref().is_none_or(|w| a.get_info().name.to_lowercase().contains(w)))
-            .ok_or(GpuError::NoAdapter)?;
+            .ok_or_else(none)?;
         let info = adapter.get_info();
         let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let descriptor = wgpu::DeviceDescriptor {
