@@ -97,8 +97,8 @@ fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f
             let row = [1.0, across, down, across * u, across * v, down * u, down * v];
             for (j, p) in row.into_iter().enumerate() {
                 right[j] += p * (b[i] - a[i]);
-                for k in j..UNKNOWNS {
-                    matrix[j][k] += p * row[k];
+                for (sum, q) in matrix[j].iter_mut().zip(row).skip(j) {
+                    *sum += p * q;
                 }
             }
         }
@@ -106,16 +106,17 @@ fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f
     let diagonal: [f64; UNKNOWNS] = std::array::from_fn(|i| matrix[i][i]);
     let mut explained = 0.0;
     for i in 0..UNKNOWNS {
-        let pivot = matrix[i][i];
+        let eliminating = matrix[i];
+        let pivot = eliminating[i];
         // nothing of its own: a picture without gradients that way
         if pivot <= 1e-9 * diagonal[i] || pivot <= 0.0 {
             continue;
         }
         explained += if i > 0 { right[i] * right[i] / pivot } else { 0.0 };
         for j in i + 1..UNKNOWNS {
-            let factor = matrix[i][j] / pivot;
-            for k in j..UNKNOWNS {
-                matrix[j][k] -= factor * matrix[i][k];
+            let factor = eliminating[j] / pivot;
+            for (value, above) in matrix[j].iter_mut().zip(eliminating).skip(j) {
+                *value -= factor * above;
             }
             right[j] -= factor * right[i];
         }
