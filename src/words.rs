@@ -5,6 +5,11 @@ pub fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
+/// A unit behind a number, with a blank before it; nothing for pure numbers and text.
+pub fn shown_unit(unit: &str) -> String {
+    if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }
+}
+
 /// At most six significant digits, no zeros behind them.
 pub fn short(number: f64) -> String {
     let whole_digits = number.abs().max(1e-9).log10().floor() as i32 + 1;

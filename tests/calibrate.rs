@@ -452,3 +452,34 @@ fn a_resting_machine_vision_camera() {
     let NoiseProfile { bins: [r, g, b], .. } = &calibration.profile;
     assert!(r == g && g == b);
 }
+
+fn refused(frames: &[PathBuf]) -> String {
+    noise_from_paths(frames, &[], &NoiseOptions::default()).unwrap_err().to_string()
+}
+
+/// Frames of a camera in a hand, slow and fast, and of far apart views; the message names the folder and says what to do.
+#[test]
+fn frames_of_a_real_camera_that_moves_are_refused() {
+    let Some(folder) = common::data("tum-fr1-rpy/rgb") else { return };
+    let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|f| f.unwrap().path()).collect();
+    files.sort();
+    for (some, told) in [
+        (files[..6].to_vec(), "the whole picture moves"),
+        (files[40..46].to_vec(), "the whole picture moves"),
+        (files[70..76].to_vec(), "the whole picture moves"),
+        (files.iter().step_by(30).cloned().collect(), "changes in whole patches"),
+    ] {
+        let error = refused(&some);
+        assert!(error.contains(told) && error.contains("scene 1 is not at rest") && error.contains("rgb: "), "{error}");
+    }
+}
+
+/// The demonstration's camera is held by hand: at its slowest (first frames) and at its fastest.
+#[test]
+fn frames_of_a_simulated_hand_are_refused() {
+    let frame = |i: usize| PathBuf::from(format!("recordings/demo/rgb/{i:05}.jpg"));
+    for start in [0, 28, 60] {
+        let error = refused(&(start..start + 6).map(frame).collect::<Vec<_>>());
+        assert!(error.contains("is not at rest: the whole picture moves"), "{start}: {error}");
+    }
+}

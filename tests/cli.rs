@@ -56,8 +56,13 @@ fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
 #[test]
 fn inspect_tells_what_is_there() {
     let text = said(&["inspect", "scenes/demo.toml"]);
-    assert!(text.contains("light      1 sun, 0 lamps, 0.5 from everywhere"), "{text}");
+    assert!(text.contains("light      0 suns, 0 lamps, a panorama of 256x128 px"), "{text}");
     assert!(text.contains("object     marker 1: ") && !text.contains("-0.000"), "{text}");
+    let temp = tempfile::tempdir().unwrap();
+    let sunny = temp.path().join("sunny.toml");
+    std::fs::write(&sunny, "version = 1\n[light]\nambient = 0.5\n[[light.sun]]\ntowards = [0, 0, 1]\n").unwrap();
+    let text = said(&["inspect", sunny.to_str().unwrap()]);
+    assert!(text.contains("light      1 sun, 0 lamps, 0.5 from everywhere"), "{text}");
     let text = said(&["inspect", "scenes/l-scale.glb"]);
     assert!(text.contains("triangles, 1 material\n"), "{text}");
     let text = said(&["inspect", "profiles/simulated.toml"]);
@@ -72,7 +77,8 @@ fn one_scene_is_one_scene() {
     for i in 0..3u32 {
         // Every level, with one code up or down.
         let picture = image::GrayImage::from_fn(256, 256, |x, y| {
-            let up = (x * 7 + y * 13 + i * 5).wrapping_mul(2_654_435_761) >> 30;
+            let mixed = (x + 256 * y + 65_536 * i).wrapping_mul(2_654_435_761);
+            let up = (mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 30;
             image::Luma([(x + up).min(255) as u8])
         });
         picture.save(temp.path().join(format!("{i}.png"))).unwrap();
@@ -177,6 +183,74 @@ fn what_cannot_be_written_is_said_before_the_work() {
     let text = refused(&[&arguments[..], &["--report", &path("no/report.json")]].concat());
     assert!(text.contains("there is no folder"), "{text}");
     assert!(!Path::new(&out).exists());
+}
+
+#[test]
+fn the_recording_is_not_written_into() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let before = std::fs::read_dir(temp.path().join("rgb")).unwrap().count();
+    for (out, told) in
+        [(path(""), "is the recording's folder"), (path("rgb/../rgb"), "is the folder of the recording's frames")]
+    {
+        let profile = ["--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml", "--force", "-o", &out];
+        let text = refused(&[&["composite", &path("recording.toml")], &profile[..]].concat());
+        assert!(text.contains(told), "{text}");
+    }
+    assert_eq!(std::fs::read_dir(temp.path().join("rgb")).unwrap().count(), before);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_leaves_nothing_unfinished() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, partial) = (temp.path().join("out.mkv"), temp.path().join(".out.partial.mkv"));
+    // What a run that was killed left behind does not stand in the way.
+    std::fs::write(&partial, "half of a video").unwrap();
+    let left_behind = |file: std::fs::Metadata| file.len() == 15;
+    let mut running = Command::new(env!("CARGO_BIN_EXE_locard"))
+        .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o"])
+        .arg(&video)
+        .env("NODEVICE_SELECT", "1")
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    while std::fs::metadata(&partial).is_ok_and(left_behind) && running.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
+    let output = running.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{text}");
+    assert!(text.starts_with("locard: interrupted"), "{text}");
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
+}
+
+/// Variables that leave out every adapter are blamed, and what they leave out is named.
+#[test]
+fn a_filter_that_leaves_nothing_is_told_from_a_missing_driver() {
+    let output = Command::new(env!("CARGO_BIN_EXE_locard"))
+        .arg("doctor")
+        .envs([("WGPU_ADAPTER_NAME", "no such card"), ("NODEVICE_SELECT", "1")])
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("WGPU_ADAPTER_NAME=no such card leaves out every graphics adapter"), "{text}");
+    let first = text.lines().find_map(|line| line.strip_prefix("adapter   ")).unwrap();
+    assert!(text.contains(&format!("without it there are: {}", first.split(" (").next().unwrap())), "{text}");
+}
+
+#[test]
+fn what_is_there_is_named_where_nothing_was_asked_for() {
+    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o", "-", "--only", ""];
+    let text = refused(&arguments);
+    assert!(text.contains("--only") && text.contains("there are: motion_blur, edge_blend, noise"), "{text}");
+    let text = refused(&["simulate", "-o", "recordings/demo"]);
+    assert!(text.contains("--force"), "{text}");
+    let list = said(&["simulate", "--list"]);
+    assert!(list.contains("frames = 72    (") && list.contains("fps = 30 1/s    ("), "{list}");
 }
 
 #[test]

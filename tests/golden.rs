@@ -71,8 +71,8 @@ fn check(name: &str, Part { made, camera }: Part) {
 }
 
 #[test]
-fn evidence_on_the_floor() {
-    let crop = Rect::new(264, 205, 364, 305);
+fn evidence_on_the_stool() {
+    let crop = Rect::new(280, 270, 440, 375);
     check("evidence", picture("scenes/demo.toml", 62, crop, Settings::default()));
     let mut plain = Settings::default();
     plain.plain();
@@ -81,7 +81,7 @@ fn evidence_on_the_floor() {
 
 #[test]
 fn evidence_while_the_camera_turns() {
-    let crop = Rect::new(262, 205, 382, 305);
+    let crop = Rect::new(425, 215, 565, 315);
     check("turning", picture("scenes/demo.toml", 31, crop, Settings::default()));
     let copies = gpu::settings(&[("motion_blur", "method", Value::Text("copies".to_owned()))]);
     check("turning-copies", picture("scenes/demo.toml", 31, crop, copies));

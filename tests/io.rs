@@ -246,6 +246,40 @@ fn lossless_video_keeps_every_code_and_ranges_are_exact() {
     }
 }
 
+/// What is lost in the middle is painted over by ffmpeg, which says so; a Matroska file's length tells a lost end.
+#[test]
+fn a_damaged_video_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mkv");
+    // 16 bits go out as ffv1, whose slices carry checksums.
+    let pictures: Vec<Pixels> = (0..30).map(|i| picture(i, 64, 48, 16)).collect();
+    write(&file, &options(64, 48, 16), &pictures);
+    let whole = std::fs::read(&file).unwrap();
+    let folder = describe(folder.path(), "[frames]\nvideo = \"a.mkv\"\n");
+    assert_eq!(frames(&open(&folder), 0..30).len(), 30);
+    assert!(!open(&folder).warnings.iter().any(|w| w.contains("a.mkv")), "{:?}", open(&folder).warnings);
+
+    std::fs::write(&file, &whole[..whole.len() / 2]).unwrap();
+    let error = refused(&folder);
+    assert!(error.contains("a.mkv: ends after 0.") && error.contains("it lasts 1.000 s: is it truncated?"), "{error}");
+
+    let mut damaged = whole.clone();
+    let middle = whole.len() / 2;
+    damaged[middle..middle + 3000].fill(0);
+    std::fs::write(&file, damaged).unwrap();
+    let error = refused(&folder);
+    assert!(error.contains("a.mkv: is damaged: ffprobe says: "), "{error}");
+
+    // A small hole, inside of a picture.
+    let mut damaged = whole.clone();
+    let inside = whole.len() / 2;
+    damaged[inside..inside + 40].fill(0);
+    std::fs::write(&file, damaged).unwrap();
+    let read: Result<Vec<_>, _> = open(&folder).frames(0..30).unwrap().collect();
+    let error = read.map(|frames| frames.len()).unwrap_err().to_string();
+    assert!(error.contains("a.mkv: is damaged at frame ") && error.contains("ffmpeg says: "), "{error}");
+}
+
 #[test]
 fn a_truncated_video_is_an_error() {
     let folder = tempfile::tempdir().unwrap();

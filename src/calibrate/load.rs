@@ -28,6 +28,9 @@ pub fn noise_from_paths(
             calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
             jpeg |= file.extension().is_some_and(|e| e.to_string_lossy().to_lowercase().starts_with('j'));
         }
+        let first = files.first().map_or(Path::new(""), PathBuf::as_path);
+        let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
+        calibrator.end_scene().map_err(in_file(folder.unwrap_or(first)))?;
     }
     let mut calibration = calibrator.finish()?;
     if jpeg {

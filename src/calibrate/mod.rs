@@ -10,6 +10,7 @@ pub mod noise;
 mod report;
 mod rounding;
 mod scene_sums;
+mod unsteady;
 
 pub use load::noise_from_paths;
 pub use noise::{BinReport, CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};

@@ -13,6 +13,7 @@ use super::bins::{BinRules, Pool};
 use super::blocks::judge;
 use super::rounding::Rounding;
 use super::scene_sums::{MAX_FRAMES, SceneSums, UNIT};
+use super::unsteady::{Unsteady, unsteady};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::image::Pixels;
 use crate::source::SourceError;
@@ -26,7 +27,7 @@ pub struct NoiseOptions {
     pub bins: usize,
     /// A bin with fewer independent samples is filled from its neighbours.
     pub min_independent: f64,
-    /// Whether blocks that move or drift are left out.
+    /// Whether blocks that move or drift are left out, and scenes refused in which everything does.
     pub leave_out_motion: bool,
 }
 
@@ -106,6 +107,14 @@ pub enum CalibrateError {
         "channel {channel} has no bin with {needed} independent samples (the fullest has {best:.0}); give more frames, larger pictures or more scenes"
     )]
     TooFew { channel: &'static str, needed: f64, best: f64 },
+    #[error(
+        "scene {scene} is not at rest: the whole picture moves from frame to frame (one common motion explains {percent:.0} % of what changes; of noise it explains none); put the camera on a stand and give frames in which nothing moves"
+    )]
+    CameraMoves { scene: usize, percent: f64 },
+    #[error(
+        "scene {scene} is not at rest: half of the picture or more changes in whole patches ({percent:.0} % of what changes; of noise less than 25 %); give frames from one place, in one light, in which nothing moves, and each scene as a folder of its own"
+    )]
+    SceneChanges { scene: usize, percent: f64 },
     #[error("{path}: {reason}")]
     Read { path: PathBuf, reason: String },
     #[error(transparent)]
@@ -211,13 +220,28 @@ impl NoiseCalibrator {
         Rounding { frame_step, mean_step: self.mean_bits.flatten().map(code_step) }
     }
 
-    fn end_scene(&mut self) -> Result<(), CalibrateError> {
+    /// Judges and sums up the scene; the next may begin.
+    pub fn end_scene(&mut self) -> Result<(), CalibrateError> {
         let number = self.scenes;
         let Some(scene) = self.scene.take() else {
-            return if number == 0 { Ok(()) } else { Err(CalibrateError::NoFrames) };
+            return if self.pools.len() == number { Ok(()) } else { Err(CalibrateError::NoFrames) };
         };
         if scene.frames < 2 && !scene.known_mean {
             return Err(CalibrateError::OneFrame { scene: number });
+        }
+        match unsteady(&scene).filter(|_| self.options.leave_out_motion) {
+            Some(Unsteady::Moves(share)) => {
+                return Err(CalibrateError::CameraMoves { scene: number, percent: 100.0 * share });
+            }
+            Some(Unsteady::Patches(share)) => {
+                return Err(CalibrateError::SceneChanges { scene: number, percent: 100.0 * share });
+            }
+            Some(Unsteady::Doubtful(share)) => self.warnings.push(format!(
+                "scene {number}: the whole picture moves a little from frame to frame ({:.0} % of what changes); sigma is too large: is the camera fixed{}?",
+                100.0 * share,
+                if scene.known_mean { ", and the mean taken from the same place" } else { "" }
+            )),
+            None => {}
         }
         let rounding = self.rounding();
         let mut verdict = judge(&scene, rounding.frame_step);

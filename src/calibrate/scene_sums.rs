@@ -2,6 +2,7 @@
 //!
 //! All sums are whole numbers in 16-bit codes (8-bit codes times 257), so nothing is lost on the way.
 
+use super::unsteady::CommonMotion;
 use crate::image::{Codes, Pixels};
 
 /// 16-bit codes in one 8-bit code.
@@ -22,6 +23,8 @@ pub(crate) struct BlockSums {
     pub right: [i64; 3],
     /// d times that of the neighbour below, in the same block.
     pub below: [i64; 3],
+    /// Square of the mean of d, green, less that of the whole frame. 8-bit codes squared.
+    pub even: f64,
 }
 
 /// What one channel of one pixel did over the frames. 8-bit code values.
@@ -65,6 +68,7 @@ pub(crate) struct SceneSums {
     /// Whether variations are taken from a known mean.
     pub known_mean: bool,
     pub blocks: Vec<BlockSums>,
+    pub motion: CommonMotion,
     /// The known mean, or the first frame: what sums are taken relative to.
     reference: Vec<u16>,
     /// The frame before, only without a known mean.
@@ -97,6 +101,7 @@ impl SceneSums {
             frames: 0,
             known_mean: mean.is_some(),
             blocks: vec![BlockSums::default(); blocks],
+            motion: CommonMotion::default(),
             reference: codes_16(mean.unwrap_or(first)),
             previous: Vec::new(),
             sum: vec![0; n],
@@ -137,13 +142,17 @@ impl SceneSums {
 
     fn add_differences(&mut self, codes: &[u16], from_reference: bool) {
         let base = if from_reference { &self.reference } else { &self.previous };
+        self.motion.add(self.width, self.height, base, codes);
         for (d, (&a, &b)) in self.differences.iter_mut().zip(codes.iter().zip(base)) {
             *d = i64::from(a) - i64::from(b);
         }
         let (width, columns) = (self.width, self.width.div_ceil(BLOCK));
+        let mut totals = vec![0i64; self.blocks.len()];
         for (i, d) in self.differences.as_chunks::<3>().0.iter().enumerate() {
             let (x, y) = (i % width, i / width);
-            let block = &mut self.blocks[y / BLOCK * columns + x / BLOCK];
+            let place = y / BLOCK * columns + x / BLOCK;
+            totals[place] += d[1];
+            let block = &mut self.blocks[place];
             let pairs = [d[0] * d[1], d[0] * d[2], d[1] * d[2]];
             for c in 0..3 {
                 block.squares[c] += d[c] * d[c];
@@ -155,6 +164,11 @@ impl SceneSums {
                     block.below[c] += d[c] * self.differences[3 * (i - width) + c];
                 }
             }
+        }
+        let whole = totals.iter().sum::<i64>() as f64 / (self.width * self.height) as f64;
+        for (i, total) in totals.into_iter().enumerate() {
+            let pixels = self.area(i).pixels() as f64;
+            self.blocks[i].even += ((total as f64 / pixels - whole) / UNIT as f64).powi(2);
         }
     }
 

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
+use toml_edit::{DocumentMut, Item, Table, TableLike};
+
 use crate::calibrate::{NoiseOptions, noise_from_paths};
 use crate::profile_noise::noise_table_toml;
 
@@ -39,26 +41,89 @@ struct NoiseArgs {
 pub fn run(args: Args) -> Result<()> {
     let What::Noise(args) = args.what;
     // Before the work: what the user has is not lost.
-    let mut profile = match std::fs::read_to_string(&args.output) {
-        Ok(text) => text.parse::<toml::Table>().with_context(|| format!("{}: not TOML", args.output.display()))?,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => toml::Table::new(),
-        Err(error) => return Err(error).with_context(|| format!("{}: cannot be read", args.output.display())),
+    let failed = |what: &str| format!("{}: {what}", args.output.display());
+    let text = match std::fs::read_to_string(&args.output) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => "version = 1\n".to_owned(),
+        read => read.with_context(|| failed("cannot be read"))?,
     };
-    profile.entry("version").or_insert(toml::Value::Integer(1));
-    let camera = profile.entry("camera").or_insert_with(|| toml::Value::Table(toml::Table::new()));
-    let toml::Value::Table(camera) = camera else {
-        bail!("{}: camera is not a table", args.output.display());
-    };
-    if camera.contains_key("noise") && !args.force {
-        bail!("{}: has a table [camera.noise] already; it is kept unless --force is given", args.output.display());
+    let mut profile: DocumentMut = text.parse().with_context(|| failed("not TOML"))?;
+    if noise_of(&mut profile).with_context(|| failed("refused"))?.iter().next().is_some() && !args.force {
+        bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
     }
     let calibration = noise_from_paths(&args.frames, &args.mean, &NoiseOptions::default())?;
-    camera.insert("noise".to_owned(), toml::Value::Table(noise_table_toml(&calibration.profile)));
-    let text = toml::to_string(&profile)?;
+    replace(noise_of(&mut profile)?, &noise_table_toml(&calibration.profile));
     let partial = args.output.with_extension("toml.partial");
-    std::fs::write(&partial, text)
+    std::fs::write(&partial, profile.to_string())
         .and_then(|()| std::fs::rename(&partial, &args.output))
-        .with_context(|| format!("{}: cannot be written", args.output.display()))?;
+        .with_context(|| failed("cannot be written"))?;
     write!(std::io::stdout().lock(), "{calibration}")?;
     Ok(())
+}
+
+/// The table `[camera.noise]`, made where there is none.
+fn noise_of(profile: &mut DocumentMut) -> Result<&mut dyn TableLike> {
+    let mut camera = Table::new();
+    camera.set_implicit(true);
+    profile.entry("version").or_insert_with(|| toml_edit::value(1));
+    let camera = profile.entry("camera").or_insert(Item::Table(camera));
+    let camera = camera.as_table_like_mut().context("camera is not a table")?;
+    let noise = camera.entry("noise").or_insert_with(toml_edit::table);
+    noise.as_table_like_mut().context("camera.noise is not a table")
+}
+
+/// Puts new values for old ones; comments and everything else in the file stay as they are.
+fn replace(old: &mut dyn TableLike, new: &toml::Table) {
+    let gone: Vec<String> =
+        old.iter().map(|(key, _)| key.to_owned()).filter(|key| !new.contains_key(key.as_str())).collect();
+    for key in gone {
+        old.remove(&key);
+    }
+    for (key, list) in new {
+        let numbers = list.as_array().into_iter().flatten().filter_map(toml::Value::as_float);
+        let mut value = toml_edit::Value::Array(numbers.collect());
+        match old.get_mut(key).and_then(Item::as_value_mut) {
+            Some(before) => {
+                *value.decor_mut() = before.decor().clone();
+                *before = value;
+            }
+            None => _ = old.insert(key, Item::Value(value)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PROFILE: &str = "# mine\nversion = 1 # the only one\n\n[camera]   # a Kinect\nfx_px = 5.250e2\n\n\
+        # measured in May\n[camera.noise]\ncode = [0.0] # old\nodd = 3\n\n[noise]\nscale = 1.50  # more\n";
+
+    fn replaced(text: &str) -> String {
+        let mut profile: DocumentMut = text.parse().unwrap();
+        let noise = "code = [8.0, 24.5]\nsigma_r = [1.0, 2.25]".parse().unwrap();
+        replace(noise_of(&mut profile).unwrap(), &noise);
+        profile.to_string()
+    }
+
+    #[test]
+    fn only_the_noise_is_replaced() {
+        let expected =
+            PROFILE.replace("code = [0.0] # old\nodd = 3\n", "code = [8.0, 24.5] # old\nsigma_r = [1.0, 2.25]\n");
+        assert_eq!(replaced(PROFILE), expected);
+        let without = PROFILE.replace("# measured in May\n[camera.noise]\ncode = [0.0] # old\nodd = 3\n\n", "");
+        let added = replaced(&without);
+        assert!(added.contains("[camera.noise]\ncode = [8.0, 24.5]\nsigma_r = [1.0, 2.25]\n"), "{added}");
+        for line in without.lines() {
+            assert!(added.lines().any(|l| l == line), "{line} is gone:\n{added}");
+        }
+    }
+
+    #[test]
+    fn a_new_profile_has_a_version_and_the_noise() {
+        let text = replaced("version = 1\n");
+        assert_eq!(text, "version = 1\n\n[camera.noise]\ncode = [8.0, 24.5]\nsigma_r = [1.0, 2.25]\n");
+        assert!(
+            noise_of(&mut "camera = 3".parse().unwrap()).err().unwrap().to_string().contains("camera is not a table")
+        );
+    }
 }

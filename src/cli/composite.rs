@@ -2,12 +2,13 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
-use super::{progress, tell, warn};
+use super::{Interrupted, interruption, progress, tell, warn};
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
 use crate::gpu::Gpu;
 use crate::profile::Rig;
@@ -118,6 +119,8 @@ pub fn run(args: Args) -> Result<()> {
     };
     let recording = Recording::open(&args.recording, &options)?;
     let range = frame_range(args.frames, recording.frame_count())?;
+    let out = OutPath::parse(&args.output)?;
+    check_output(&recording, &out)?;
 
     let mut settings = Settings::default();
     settings.seed = args.seed;
@@ -131,6 +134,10 @@ pub fn run(args: Args) -> Result<()> {
     }
     for set in &args.sets {
         rig.set_text(set, &mut settings)?;
+    }
+    if args.only.iter().chain(&args.without).flatten().any(String::is_empty) {
+        let known: Vec<&str> = settings.effects.iter().map(|e| e.params().table()).collect();
+        bail!("--only and --without need names of effects, commas between; there are: {}", known.join(", "));
     }
     if let Some(names) = &args.only {
         settings.only(names)?;
@@ -168,6 +175,7 @@ pub fn run(args: Args) -> Result<()> {
         warn(args.quiet, &format!("{text}: {taken}; --set camera.exposure.time_s=SECONDS sets it"));
     }
 
+    let interrupted = interruption()?;
     let gpu = Gpu::open()?;
     let mut compositor = Compositor::new(gpu, camera.clone(), settings, scene);
     for text in compositor.warnings() {
@@ -181,7 +189,7 @@ pub fn run(args: Args) -> Result<()> {
         prepare_report(report, &args.output, args.force)?;
     }
     let sink = sink::open(
-        &OutPath::parse(&args.output)?,
+        &out,
         &SinkOptions {
             force: args.force,
             fps: 1.0 / recording.frame_interval_s,
@@ -194,11 +202,16 @@ pub fn run(args: Args) -> Result<()> {
     let bar = progress(args.quiet, range.len());
     let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
     let adapter = compositor.gpu().info.clone();
-    stream(&recording, range, &rig, &mut compositor, Writer { sink, layers }, |done| {
+    let streamed = stream(&recording, range, &rig, &mut compositor, Writer { sink, layers }, &interrupted, |done| {
         bar.inc(1);
         stats.push(done.stats.clone());
-    })?;
+    });
     bar.finish_and_clear();
+    // Ctrl-C reaches our ffmpeg too: that it stopped is no news then.
+    if streamed.is_err() && interrupted.load(Ordering::SeqCst) {
+        return Err(Interrupted.into());
+    }
+    streamed?;
 
     if let Some(path) = &args.report {
         let report = serde_json::json!({
@@ -241,6 +254,24 @@ fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry
     Ok(())
 }
 
+/// That frames are not put among the recording's own, where they would be taken for them.
+fn check_output(recording: &Recording, out: &OutPath) -> Result<()> {
+    let (OutPath::Folder(path) | OutPath::Video(path)) = out else { return Ok(()) };
+    // What does not exist is none of them.
+    let Ok(there) = path.canonicalize() else { return Ok(()) };
+    let same = |other: &Path| other.canonicalize().is_ok_and(|other| other == there);
+    let mut files = recording.picture_files().iter().map(PathBuf::as_path);
+    let mut folders: Vec<&Path> = files.clone().filter_map(Path::parent).collect();
+    folders.dedup();
+    let what = match out {
+        OutPath::Video(_) if files.any(same) => "the recording's video",
+        OutPath::Folder(_) if same(&recording.path) => "the recording's folder",
+        OutPath::Folder(_) if folders.into_iter().any(same) => "the folder of the recording's frames",
+        _ => return Ok(()),
+    };
+    bail!("{}: is {what}, which is not written to, with --force neither; choose another place", path.display())
+}
+
 /// That the report can be written at the end, and is not the output.
 fn prepare_report(report: &Path, output: &Path, force: bool) -> Result<()> {
     if report == output {
@@ -271,6 +302,7 @@ fn stream(
     rig: &Rig,
     compositor: &mut Compositor,
     mut writer: Writer,
+    interrupted: &AtomicBool,
     mut done: impl FnMut(&Composited),
 ) -> Result<()> {
     #[derive(Debug, thiserror::Error)]
@@ -280,6 +312,8 @@ fn stream(
         /// The writer has an error of its own to tell.
         #[error("writing stopped")]
         Writer,
+        #[error(transparent)]
+        Interrupted(#[from] Interrupted),
     }
     let own = rig.camera().geometry;
     let times = &recording.timestamps_s;
@@ -290,7 +324,10 @@ fn stream(
     };
     // Checked before: every frame has one or the other, or takes the first one's.
     let first = about(0).0.context("the recording has no camera")?;
-    let frames = recording.frames(range)?.map(|f| f.map_err(Stop::from));
+    let frames = recording.frames(range)?.map(|frame| match interrupted.load(Ordering::SeqCst) {
+        true => Err(Interrupted.into()),
+        false => frame.map_err(Stop::from),
+    });
     let stream = Stream {
         track: &recording.track,
         time_offset_s: recording.time_offset_s,

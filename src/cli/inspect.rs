@@ -11,7 +11,7 @@ use crate::compositor::Settings;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
-use crate::words::{count, short};
+use crate::words::{count, short, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -95,7 +95,7 @@ fn profile(path: &Path) -> Result<()> {
     for table in tables {
         let changed = table.specs().into_iter().filter_map(|s| {
             let value = table.get(s.name)?;
-            let unit = if matches!(s.unit, "" | "1") { String::new() } else { format!(" {}", s.unit) };
+            let unit = shown_unit(s.unit);
             let text = match value {
                 Value::Number(n) => short(n),
                 _ => value.to_string(),

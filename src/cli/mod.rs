@@ -12,6 +12,8 @@ mod simulate;
 
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Parser, Subcommand};
 
@@ -66,11 +68,35 @@ pub fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if error.is::<Interrupted>() => {
+            say(&message(&error));
+            ExitCode::from(INTERRUPTED)
+        }
         Err(error) => {
             say(&message(&error));
             ExitCode::from(2)
         }
     }
+}
+
+/// What shells expect of a program that Ctrl-C ended.
+const INTERRUPTED: u8 = 130;
+
+/// A person stopped the program; what was unfinished is removed on the way out.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted; frames that were finished stay, a video does not")]
+struct Interrupted;
+
+/// Becomes true when Ctrl-C is pressed or the program is asked to end; the second time it ends at once.
+fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
+    let asked = Arc::new(AtomicBool::new(false));
+    let handler = Arc::clone(&asked);
+    ctrlc::set_handler(move || {
+        if handler.swap(true, Ordering::SeqCst) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+    })?;
+    Ok(asked)
 }
 
 /// Whether whoever read our stdout has had enough (`locard params | head`).

@@ -8,6 +8,7 @@ use serde_json::json;
 use crate::compositor::Settings;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
+use crate::words::shown_unit;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -47,11 +48,7 @@ pub fn run(args: &Args) -> Result<()> {
             None => writeln!(out, "[{}]", table.table())?,
         }
         for s in table.specs() {
-            let unit = if matches!(s.unit, "" | "1") || s.default == Value::None {
-                String::new()
-            } else {
-                format!(" {}", s.unit)
-            };
+            let unit = if s.default == Value::None { String::new() } else { shown_unit(s.unit) };
             let or_none = if s.optional { ", or none" } else { "" };
             writeln!(out, "  {} = {}{unit}    ({}{or_none})", s.name, s.default, s.kind)?;
             writeln!(out, "      {}", s.help)?;

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use super::{progress, tell};
 use crate::params::{Params, Value};
 use crate::simulate::{self, Options};
-use crate::words::count;
+use crate::words::{count, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -34,7 +34,8 @@ pub fn run(args: &Args) -> Result<()> {
     if args.list {
         let mut out = std::io::stdout().lock();
         for s in options.specs() {
-            writeln!(out, "{} = {} {}    ({})\n      {}", s.name, s.default, s.unit, s.kind, s.help)?;
+            let unit = shown_unit(s.unit);
+            writeln!(out, "{} = {}{unit}    ({})\n      {}", s.name, s.default, s.kind, s.help)?;
         }
         return Ok(());
     }

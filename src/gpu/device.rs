@@ -16,11 +16,14 @@ pub struct Gpu {
 
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
+    /// `besides`: what a variable leaves out, empty where none does.
     #[error(
-        "no graphics adapter was found: Locard needs a Vulkan, Metal, DirectX 12 or OpenGL ES 3.1 driver; \
+        "no graphics adapter was found{besides}: Locard needs a Vulkan, Metal, DirectX 12 or OpenGL ES 3.1 driver; \
          on Debian or Ubuntu without a graphics card `apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
     )]
-    NoAdapter,
+    NoAdapter { besides: String },
+    #[error("WGPU_ADAPTER_NAME={wanted} leaves out every graphics adapter; without it there are: {}", there.join("; "))]
+    Filtered { wanted: String, there: Vec<String> },
     #[error("the adapter {adapter} cannot be opened: {reason}")]
     Open { adapter: String, reason: String },
     #[error("the GPU did not finish within {seconds} s; the driver may have hung")]
@@ -84,15 +87,38 @@ fn ranked(backends: Backends) -> Vec<wgpu::Adapter> {
     adapters
 }
 
+fn names(adapters: &[wgpu::Adapter]) -> Vec<String> {
+    let name = |a: &wgpu::Adapter| format!("{} ({})", a.get_info().name, a.get_info().backend);
+    adapters.iter().map(name).collect()
+}
+
+/// Why there is none: the machine has none, or none of the kind that `WGPU_BACKEND` asks for.
+fn no_adapter() -> GpuError {
+    let besides = std::env::var("WGPU_BACKEND").ok().map(|asked| {
+        let there = [Backends::PRIMARY, Backends::GL].map(|b| names(&ranked(b))).concat();
+        let left_out =
+            if there.is_empty() { String::new() } else { format!(", which leaves out {}", there.join("; ")) };
+        format!(" with WGPU_BACKEND={asked}{left_out}")
+    });
+    GpuError::NoAdapter { besides: besides.unwrap_or_default() }
+}
+
 impl Gpu {
     /// Opens the best adapter of this machine; `WGPU_ADAPTER_NAME` picks one whose name
     /// contains it.
     pub fn open() -> Result<Self, GpuError> {
-        let wanted = std::env::var("WGPU_ADAPTER_NAME").ok().map(|name| name.to_lowercase());
-        let adapter = available()
-            .into_iter()
-            .find(|a| wanted.as_ref().is_none_or(|w| a.get_info().name.to_lowercase().contains(w)))
-            .ok_or(GpuError::NoAdapter)?;
+        let mut there = available();
+        if there.is_empty() {
+            return Err(no_adapter());
+        }
+        let chosen = match std::env::var("WGPU_ADAPTER_NAME") {
+            Ok(wanted) => {
+                let fits = |a: &wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted.to_lowercase());
+                there.iter().position(fits).ok_or_else(|| GpuError::Filtered { wanted, there: names(&there) })?
+            }
+            Err(_) => 0,
+        };
+        let adapter = there.swap_remove(chosen);
         let info = adapter.get_info();
         let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let descriptor = wgpu::DeviceDescriptor {

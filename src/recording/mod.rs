@@ -151,6 +151,14 @@ impl Recording {
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
     }
 
+    /// The files that the frames come from: one a frame, or one video.
+    pub fn picture_files(&self) -> &[PathBuf] {
+        match &*self.pictures {
+            Pictures::Stills(files) => files,
+            Pictures::Video(video) => std::slice::from_ref(&video.file),
+        }
+    }
+
     pub fn has_depth(&self) -> bool {
         self.depth.as_ref().is_some_and(|depth| depth.iter().any(Option::is_some))
     }

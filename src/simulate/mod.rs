@@ -82,7 +82,7 @@ crate::params! {
 /// Why nothing could be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulateError {
-    #[error("{0} exists already; choose another folder or allow to replace it")]
+    #[error("{0} exists already; it is kept unless --force is given")]
     Exists(PathBuf),
     #[error("{0} is not replaced: it is not empty and holds no recording.toml; choose another folder")]
     NotARecording(PathBuf),

@@ -49,7 +49,7 @@ impl VideoSink {
     fn end(&mut self) -> Result<(), SinkError> {
         let Some((running, stdin)) = self.running.take() else { return Ok(()) };
         drop(stdin);
-        running.finish().map_err(|source| SinkError::Encoder { path: self.path.clone(), source })
+        running.finish().map(drop).map_err(|source| SinkError::Encoder { path: self.path.clone(), source })
     }
 }
 

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 /// Lines of a program's messages that are kept: the first ones name the cause.
@@ -31,20 +32,27 @@ pub fn file_argument(path: &Path) -> OsString {
 
 /// What `ffmpeg -version` says of itself, its first line.
 pub fn version() -> Result<String, FfmpegError> {
-    let output = output("ffmpeg", &["-version".into()])?;
-    Ok(String::from_utf8_lossy(&output).lines().next().unwrap_or_default().to_owned())
+    let said = output("ffmpeg", &["-version".into()])?.written;
+    Ok(String::from_utf8_lossy(&said).lines().next().unwrap_or_default().to_owned())
 }
 
-/// Runs a program to its end and returns what it wrote to its standard output.
-pub fn output(program: &str, arguments: &[OsString]) -> Result<Vec<u8>, FfmpegError> {
+/// What a program wrote to its standard output, and the first of its complaints, which need not be failures.
+#[derive(Debug)]
+pub struct Output {
+    pub written: Vec<u8>,
+    pub complaints: String,
+}
+
+/// Runs a program to its end.
+pub fn output(program: &str, arguments: &[OsString]) -> Result<Output, FfmpegError> {
     let mut running = Running::start(program, arguments)?;
     let mut written = Vec::new();
     if let Some(mut stdout) = running.take_stdout() {
         std::io::Read::read_to_end(&mut stdout, &mut written)
             .map_err(|source| FfmpegError::Start { program: program.to_owned(), source })?;
     }
-    running.finish()?;
-    Ok(written)
+    let complaints = running.finish()?;
+    Ok(Output { written, complaints })
 }
 
 /// A running program with piped input, output and messages. Killed and reaped when dropped.
@@ -52,7 +60,8 @@ pub fn output(program: &str, arguments: &[OsString]) -> Result<Vec<u8>, FfmpegEr
 pub struct Running {
     program: String,
     child: Child,
-    messages: Option<JoinHandle<String>>,
+    listener: Option<JoinHandle<()>>,
+    complaints: Arc<Mutex<Vec<String>>>,
 }
 
 impl Running {
@@ -63,9 +72,12 @@ impl Running {
             std::io::ErrorKind::NotFound => FfmpegError::Missing { program: program.to_owned() },
             _ => FfmpegError::Start { program: program.to_owned(), source },
         })?;
-        let messages =
-            child.stderr.take().map(|stderr| std::thread::spawn(move || first_lines(BufReader::new(stderr))));
-        Ok(Self { program: program.to_owned(), child, messages })
+        let complaints = Arc::new(Mutex::new(Vec::new()));
+        let listener = child.stderr.take().map(|stderr| {
+            let kept = Arc::clone(&complaints);
+            std::thread::spawn(move || keep_first_lines(BufReader::new(stderr), &kept))
+        });
+        Ok(Self { program: program.to_owned(), child, listener, complaints })
     }
 
     pub fn take_stdin(&mut self) -> Option<ChildStdin> {
@@ -76,14 +88,24 @@ impl Running {
         self.child.stdout.take()
     }
 
-    /// Closes the input, waits for the end, and turns a failure into the program's own words.
-    pub fn finish(mut self) -> Result<(), FfmpegError> {
+    /// The first lines that the program has said so far, in one; empty where it has not complained.
+    pub fn complaints(&self) -> String {
+        self.complaints.lock().unwrap_or_else(PoisonError::into_inner).join("; ")
+    }
+
+    /// Closes the input, waits for the end, and turns a failure into the program's own words. What it complained of
+    /// without failing is returned.
+    pub fn finish(mut self) -> Result<String, FfmpegError> {
         drop(self.child.stdin.take());
         let status = self.child.wait();
-        let said = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        if let Some(thread) = self.listener.take() {
+            // It only panics where a lock of ours does; what it kept is there all the same.
+            let _ = thread.join();
+        }
+        let said = self.complaints();
         let failed = |problem| Err(FfmpegError::Failed { program: self.program.clone(), problem });
         match status {
-            Ok(status) if status.success() => Ok(()),
+            Ok(status) if status.success() => Ok(said),
             Ok(status) if said.is_empty() => failed(format!("it ended with {status}")),
             Ok(_) => failed(said),
             Err(e) => failed(e.to_string()),
@@ -99,17 +121,26 @@ impl Drop for Running {
     }
 }
 
-/// The first lines in one; all is read, so that the program never waits for a reader.
-fn first_lines(mut reader: impl BufRead) -> String {
-    let (mut kept, mut line) = (Vec::new(), Vec::new());
+/// All is read, so that the program never waits for a reader. ffmpeg's names of its own parts, `[h264 @ 0x5581...]`,
+/// are shortened to what a person knows.
+fn keep_first_lines(mut reader: impl BufRead, kept: &Mutex<Vec<String>>) {
+    let mut line = Vec::new();
     while matches!(reader.read_until(b'\n', &mut line), Ok(n) if n > 0) {
-        let text = String::from_utf8_lossy(&line).trim().to_owned();
+        let text = without_address(String::from_utf8_lossy(&line).trim());
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.len() < KEPT_LINES && !text.is_empty() {
             kept.push(text);
         }
         line.clear();
     }
-    kept.join("; ")
+}
+
+fn without_address(line: &str) -> String {
+    let named = line.strip_prefix('[').and_then(|rest| rest.split_once(" @ 0x"));
+    match named.and_then(|(part, rest)| Some((part, rest.split_once("] ")?.1))) {
+        Some((part, text)) => format!("{part}: {text}"),
+        None => line.to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -127,6 +158,16 @@ mod tests {
     fn a_failure_is_told_in_the_programs_words() {
         let error = output("sh", &["-c".into(), "echo no such thing >&2; exit 3".into()]).unwrap_err();
         assert_eq!(error.to_string(), "sh failed: no such thing");
+    }
+
+    #[test]
+    fn complaints_without_a_failure_are_kept() {
+        let said = "echo '[h264 @ 0x55ad] gray chroma' >&2; echo '[a] b' >&2; echo out";
+        let output = output("sh", &["-c".into(), said.into()]).unwrap();
+        assert_eq!(
+            (output.complaints.as_str(), output.written.as_slice()),
+            ("h264: gray chroma; [a] b", &b"out\n"[..])
+        );
     }
 
     #[test]

@@ -14,6 +14,10 @@ use super::SourceError;
 use super::ffmpeg::{self, Running};
 use crate::image::{Codes, Pixels};
 
+/// What to do about a damaged file.
+const MEND: &str =
+    "copy it anew from where it came (ffmpeg -i FILE -c:v ffv1 NEW.mkv makes a file of what can still be read)";
+
 /// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and
 /// exact rounding; without them swscale's fast paths are off by several code values.
 pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
@@ -87,6 +91,9 @@ struct Probe {
 
 #[derive(Deserialize)]
 struct Stream {
+    /// How many packets the container's index has (MP4).
+    nb_frames: Option<String>,
+    tags: Option<Tags>,
     width: Option<u32>,
     height: Option<u32>,
     pix_fmt: Option<String>,
@@ -96,6 +103,13 @@ struct Stream {
     field_order: Option<String>,
     #[serde(default)]
     side_data_list: Vec<SideData>,
+}
+
+#[derive(Deserialize)]
+struct Tags {
+    /// When the stream ends, hours:minutes:seconds (Matroska).
+    #[serde(rename = "DURATION")]
+    duration: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -114,12 +128,18 @@ struct Packet {
 pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     // ffprobe's own words for a missing file are less clear.
     std::fs::metadata(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,field_order:\
-                   stream_side_data=rotation:packet=pts_time,flags";
+    let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,field_order,nb_frames:\
+                   stream_tags=DURATION:stream_side_data=rotation:packet=pts_time,flags";
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.push(ffmpeg::file_argument(file));
-    parse_probe(&ffmpeg::output("ffprobe", &arguments)?, file, overrides)
+    let output = ffmpeg::output("ffprobe", &arguments)?;
+    let video = parse_probe(&output.written, file, overrides)?;
+    if output.complaints.is_empty() {
+        return Ok(video);
+    }
+    // Where a container is damaged, frames are left out, and those after them would be taken for others.
+    Err(SourceError::content(file, format!("is damaged: ffprobe says: {}; {MEND}", output.complaints)))
 }
 
 fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
@@ -131,6 +151,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     else {
         return Err(refuse("ffprobe finds no picture size or pixel format in it".to_owned()));
     };
+    whole(stream, &probe.packets).map_err(refuse)?;
     let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
         _ if is_rgb(format) => ColorMatrix::Rgb,
         (Some(given), _) => given,
@@ -166,6 +187,38 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let timestamps_s = timestamps(&probe.packets, fps, stated, file, &mut warnings)?;
     let bits = if more_than_8_bits(format) { 16 } else { 8 };
     Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, timestamps_s, warnings })
+}
+
+/// That as many frames are there as the container promises: by their number (MP4), or by when the last one ends
+/// (Matroska; two frames and a half less is too little, for containers round).
+fn whole(stream: &Stream, packets: &[Packet]) -> Result<(), String> {
+    const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
+                              ffmpeg -i FILE -c copy NEW.mkv";
+    let there = packets.len();
+    if let Some(promised) = stream.nb_frames.as_deref().and_then(|n| n.parse::<usize>().ok())
+        && there < promised
+    {
+        return Err(format!("holds {there} frames, and its index has {promised}: {WHAT_TO_DO}"));
+    }
+    let promised_s = stream.tags.as_ref().and_then(|tags| seconds(tags.duration.as_deref()?));
+    let interval_s = stream.avg_frame_rate.as_deref().and_then(ratio).map(|fps| 1.0 / fps);
+    let times = packets.iter().filter_map(|p| p.pts_time.as_deref()?.parse::<f64>().ok());
+    let last_s = times.fold(f64::NEG_INFINITY, f64::max);
+    if let (Some(promised_s), Some(interval_s)) = (promised_s, interval_s)
+        && last_s.is_finite()
+        && promised_s - (last_s + interval_s) > 2.5 * interval_s
+    {
+        let end_s = last_s + interval_s;
+        return Err(format!(
+            "ends after {end_s:.3} s ({there} frames), and says that it lasts {promised_s:.3} s: {WHAT_TO_DO}"
+        ));
+    }
+    Ok(())
+}
+
+/// `hours:minutes:seconds` in seconds.
+fn seconds(text: &str) -> Option<f64> {
+    text.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
 }
 
 /// When each frame is shown: counted where a rate is given; as the packets say otherwise.
@@ -239,6 +292,7 @@ impl Video {
             None => String::new(),
             Some(matrix) => format!("in_color_matrix={matrix}:in_range={range_name}:out_range=full:"),
         };
+        let range_length = range.len();
         let Range { start, end } = range;
         // Counting the time anew keeps ffmpeg from repeating or dropping frames for a steady rate.
         let filter = format!(
@@ -247,7 +301,22 @@ impl Video {
         let mut arguments: Vec<OsString> =
             ["-nostdin", "-v", "error", "-noautorotate", "-i"].map(OsString::from).into();
         arguments.push(ffmpeg::file_argument(&self.file));
-        let rest = ["-map", "0:v:0", "-vf", &filter, "-r", "25", "-f", "rawvideo", "-pix_fmt", pixel_format, "pipe:1"];
+        let count = range_length.to_string();
+        let rest = [
+            "-map",
+            "0:v:0",
+            "-vf",
+            &filter,
+            "-r",
+            "25",
+            "-frames:v",
+            &count,
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            pixel_format,
+            "pipe:1",
+        ];
         arguments.extend(rest.map(OsString::from));
         let mut frames = VideoFrames {
             running: None,
@@ -305,6 +374,21 @@ impl Iterator for VideoFrames {
             return None;
         }
         let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
+        // ffmpeg paints over what it cannot decode and goes on; it only says so.
+        let last = self.next + 1 == self.range.end;
+        let complaints = match &mut self.running {
+            // Nothing is left to write, so it ends by itself, and all that it says has been said.
+            running if last && frame.is_some() => {
+                running.take().map(|running| running.finish().unwrap_or_else(|error| error.to_string()))
+            }
+            running => running.as_ref().map(Running::complaints),
+        };
+        if let Some(said) = complaints.filter(|said| frame.is_some() && !said.is_empty()) {
+            let problem = format!("is damaged at frame {} or before it: ffmpeg says: {said}; {MEND}", self.next);
+            self.next = self.range.end;
+            self.running = None;
+            return Some(Err(SourceError::content(&self.file, problem)));
+        }
         let Some(bytes) = frame else {
             let Self { next, range, file, .. } = self;
             let (stopped_at, end) = (*next, range.end);
@@ -382,6 +466,22 @@ mod tests {
         assert_eq!(parse(stream, varying, &given).unwrap().timestamps_s, [0.0, 0.1, 0.2]);
         assert!(parse(stream, r#"{"flags": "K_"}"#, &Overrides::default()).unwrap().timestamps_s == [0.0]);
         assert!(parse(stream, "", &Overrides::default()).unwrap_err().contains("holds no frames"));
+    }
+
+    #[test]
+    fn fewer_frames_than_the_container_promises_are_refused() {
+        let given = Overrides::default();
+        let packets = r#"{"pts_time": "0.0"}, {"pts_time": "0.1"}"#;
+        let stream = |more: &str| format!(r#""pix_fmt": "yuv420p", "avg_frame_rate": "10/1", {more}"#);
+        let error = parse(&stream(r#""nb_frames": "3""#), packets, &given).unwrap_err();
+        assert!(error.starts_with("v.mkv: holds 2 frames, and its index has 3: is it truncated?"), "{error}");
+        let lasting = |text: &str| parse(&stream(&format!(r#""tags": {{"DURATION": "{text}"}}"#)), packets, &given);
+        let error = lasting("00:01:00.500000000").unwrap_err();
+        assert!(error.contains("ends after 0.200 s (2 frames), and says that it lasts 60.500 s"), "{error}");
+        for whole in ["00:00:00.200000000", "00:00:00.400", "odd"] {
+            assert!(lasting(whole).is_ok(), "{whole}");
+        }
+        assert!(parse(&stream(r#""nb_frames": "2""#), packets, &given).is_ok());
     }
 
     proptest! {

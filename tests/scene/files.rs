@@ -142,14 +142,18 @@ fn our_props_are_true_to_size_small_and_wound_outwards() {
 }
 
 #[test]
-fn the_demo_scene_stands_on_the_floor() {
+fn the_demo_scene_stands_on_the_floor_and_the_stool() {
     let scene = load(&our("demo.toml"), None).unwrap();
     let description = describe(&scene);
-    assert_eq!(description.objects.len(), 4);
+    assert_eq!(description.objects.len(), 7);
     assert_eq!(description.warnings, [""; 0]);
     for object in &description.objects {
         let [low, high] = object.bounds_in_world_m.unwrap();
-        assert!(low[2].abs() < 1e-6 && high[2] < 0.12, "{object:?}");
-        assert!(low[..2].iter().chain(&high[..2]).all(|v| v.abs() < 0.2), "{object:?}");
+        // The floor's free part, and the stool's seat: 28 cm around (0.48, -0.28), 41 cm high.
+        let on_stool = low[2] > 0.4;
+        let (x, y, z, reach) = if on_stool { (0.48, -0.28, 0.41, 0.14) } else { (0.0, 0.0, 0.0, 0.2) };
+        assert!((low[2] - z).abs() < 1e-6 && high[2] - z < 0.12, "{object:?}");
+        let within = |p: &[f64; 3]| (p[0] - x).abs() < reach && (p[1] - y).abs() < reach;
+        assert!(within(&low) && within(&high), "{object:?}");
     }
 }
