@@ -161,7 +161,7 @@ fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     // As in `narrowed`; straight lines between pixels add 1/6 to the variance. Within a pixel they add more: a point
     // at x blurs by |x| in all, of which the mean over a disc is 0.849 of the standard deviation.
     let within = radius * radius * sqrt(lens.circle.z) / 0.849;
-    let r = side_of(circle) * max(sqrt(max(radius * radius - 0.4 / (6.0 * lens.circle.z), 0.0)), min(within, radius));
+    let r = side_of(circle) * max(sqrt(max(radius * radius - 0.6 / (6.0 * lens.circle.z), 0.0)), min(within, radius));
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < FINE_TAPS / 2; i++) {
         let t = r * aperture.fine[i];
@@ -267,11 +267,6 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
     return Layers(select(front_coarse, fine.front, front_is_fine), select(back_coarse, fine.back, back_is_fine));
 }
 
-// Less than a 16-bit float's step at 1 is what rounding brings from next door.
-fn rounded(c: vec4<f32>) -> vec4<f32> {
-    return select(c, vec4<f32>(0.0), c.a < 1.0 / 2048.0);
-}
-
 struct Blurred { @location(0) all: vec4<f32>, @location(1) front: vec4<f32>, @location(2) back: vec4<f32> }
 
 @fragment
@@ -294,7 +289,7 @@ fn sharp(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 
 @fragment
 fn fine(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return rounded(gather_fine(at.xy, circle_of_one(vec2<i32>(at.xy), at.xy)));
+    return gather_fine(at.xy, circle_of_one(vec2<i32>(at.xy), at.xy));
 }
 
 fn from_level(at_px: vec2<f32>, radius: f32) -> vec4<f32> {
@@ -303,19 +298,19 @@ fn from_level(at_px: vec2<f32>, radius: f32) -> vec4<f32> {
 
 @fragment
 fn coarse(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return rounded(from_level(at.xy, 0.5 * abs(circle_of_one(vec2<i32>(at.xy), at.xy))));
+    return from_level(at.xy, 0.5 * abs(circle_of_one(vec2<i32>(at.xy), at.xy)));
 }
 
 @fragment
 fn both(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let circle = circle_of_one(vec2<i32>(at.xy), at.xy);
     let radius = 0.5 * abs(circle);
-    return rounded(select(from_level(at.xy, radius), gather_fine(at.xy, circle), radius < HALF_PX));
+    return select(from_level(at.xy, radius), gather_fine(at.xy, circle), radius < HALF_PX);
 }
 
 @fragment
 fn two_deep(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return rounded(over(gather_two_fine(vec2<i32>(at.xy), at.xy)));
+    return over(gather_two_fine(vec2<i32>(at.xy), at.xy));
 }
 
 // The geometry of what is newly covered: of the nearest surface around.

@@ -8,6 +8,8 @@ use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
 
+mod full_picture;
+
 use super::{Compositor, Job, Settings, SubmitError};
 use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoiseProfile};
 use crate::frame::{Frame, FrameExposure};
@@ -224,5 +226,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         }
     }
     time(ALL.to_owned(), Settings::default())?;
+    // As Wang 2012 measured.
+    rows.extend(full_picture::depth_of_field(gpu, 1024, 768)?);
     Ok(rows)
 }

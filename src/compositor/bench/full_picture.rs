@@ -1,0 +1,95 @@
+//! What depth of field costs over a whole picture, whatever the renderer costs.
+
+use std::time::Instant;
+
+use super::{ROUNDS, Row, copy_ms, median};
+use crate::camera::{Camera, Geometry, Intrinsics, Opening};
+use crate::compositor::SubmitError;
+use crate::effects::depth_of_field::DepthOfFieldEffect;
+use crate::effects::{Effect, FrameContext};
+use crate::gpu::{Gpu, Texture, TexturePool, half_texels};
+use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+
+const FOCAL_PX: f64 = 1000.0;
+const FOCUS_M: f64 = 1.0;
+
+const DIAMETER_M: f64 = 0.064;
+
+/// The depth at which a circle is this wide (px, signed): fx · D · (1/d_s − 1/z) solved for z.
+fn depth_m(circle_px: f64) -> f64 {
+    1.0 / (1.0 / FOCUS_M - circle_px / (FOCAL_PX * DIAMETER_M))
+}
+
+/// A layer that covers its picture, with a circle for each pixel.
+fn layer(gpu: &Gpu, width: u32, height: u32, circle_px: impl Fn(f64, f64) -> f64) -> Layer {
+    let color = Texture::new(gpu, "colour", width.next_multiple_of(48), height.next_multiple_of(48), COLOR, 1);
+    let geometry = Texture::new(gpu, "geometry", color.width, color.height, GEOMETRY, 1);
+    let places = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let colors: Vec<_> = places().map(|(x, y)| [(x / 16 % 2) as f32, (y / 16 % 2) as f32, 0.3, 1.0]).collect();
+    color.write(gpu, width, height, &half_texels(&colors));
+    let depths: Vec<[u16; 4]> = places()
+        .map(|(x, y)| {
+            let at = (f64::from(x) / f64::from(width), f64::from(y) / f64::from(height));
+            let bits = (depth_m(circle_px(at.0, at.1)) as f32).to_bits();
+            [bits as u16, (bits >> 16) as u16, 0, 0]
+        })
+        .collect();
+    geometry.write(gpu, width, height, &depths);
+    Layer { color, geometry, size: (width, height) }
+}
+
+/// A floor from the focus plane to circles of 24 px, and before it four things in focus and four with circles of 12 px,
+/// in all a tenth of the picture.
+fn site(x: f64, y: f64) -> f64 {
+    let things = (0..8).map(|i| (f64::from(i) / 8.0 + 0.06, 0.25 + 0.5 * f64::from(i % 2), f64::from(i % 2) * -12.0));
+    let mut circle = 24.0 * y;
+    for (cx, cy, own) in things {
+        if (x - cx).hypot(0.75 * (y - cy)) < 0.055 {
+            circle = own;
+        }
+    }
+    circle
+}
+
+/// Times `layered` over a whole picture: one depth after another, and a site.
+pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
+    let copy = copy_ms(gpu, width, height)?;
+    let mut rows = vec![Row { name: format!("copy at {width}x{height}"), ms: copy, copies: 1.0 }];
+    let intrinsics = Intrinsics { width_px: width, height_px: height, fx_px: FOCAL_PX, ..Intrinsics::default() };
+    let camera = Camera { geometry: Some(Geometry::new(intrinsics, Default::default())), ..Camera::default() };
+    let opening = Opening { diameter_m: DIAMETER_M, focus_distance_m: FOCUS_M, blades: 0, rotation_rad: 0.0 };
+    let mut pool = TexturePool::default();
+    let mut effect = DepthOfFieldEffect::default();
+    type Circles<'a> = Box<dyn Fn(f64, f64) -> f64 + 'a>;
+    let flat =
+        |circle: f64| (format!("circles of {circle} px"), [circle; 2], Box::new(move |_, _| circle) as Circles<'_>);
+    let mut cases: Vec<_> = [4.0, 8.0, 12.0, 24.0, 48.0].map(flat).into();
+    cases.push(("a site with circles up to 24 px".to_owned(), [-12.0, 24.0], Box::new(site)));
+    for (name, range, circles) in cases {
+        let layer = layer(gpu, width, height, circles);
+        let context = FrameContext {
+            camera: &camera,
+            frame: 0,
+            seed: 0,
+            exposure_time_s: 0.0,
+            interval_s: 1.0,
+            fastest_px_per_s: 0.0,
+            opening: Some(opening),
+            focal_px: FOCAL_PX,
+            depths_m: range.map(depth_m),
+            objects: &[],
+        };
+        let mut times = Vec::new();
+        for _ in 0..ROUNDS + 3 {
+            let start = Instant::now();
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            let mut run = LayerRun { gpu, encoder: &mut encoder, pool: &mut pool, geometry_is_read: false };
+            effect.run(&mut run, &context, layer.clone());
+            gpu.wait(Some(gpu.queue.submit([encoder.finish()])))?;
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+        let ms = median(times.split_off(3));
+        rows.push(Row { name: format!("depth_of_field layered, {name}"), ms, copies: ms / copy });
+    }
+    Ok(rows)
+}
