@@ -5,15 +5,16 @@
 
 // The resolution that is drawn: 0 the layer's, 1 half of it and so on.
 override level: i32 = 0;
-// How many points of the aperture are looked through; even.
-override taps: i32 = 32;
+// How many points of the aperture are looked through: 4, 8, 16, 32 or 64.
+override taps: i32 = 4;
 
-const FINE_TAPS: i32 = 12;
-
+// Two points each, in radii.
 struct Aperture {
-    fine: array<vec4<f32>, 6>,   // two points each, in radii
-    few: array<vec4<f32>, 16>,
-    many: array<vec4<f32>, 32>,
+    four: array<vec4<f32>, 2>,
+    eight: array<vec4<f32>, 4>,
+    sixteen: array<vec4<f32>, 8>,
+    thirty_two: array<vec4<f32>, 16>,
+    sixty_four: array<vec4<f32>, 32>,
 }
 
 @group(0) @binding(0) var<uniform> lens: Lens;
@@ -32,8 +33,16 @@ struct Aperture {
 
 fn texel_px() -> f32 { return exp2(f32(level)); }
 
+struct Corner {
+    @builtin(position) at: vec4<f32>,
+    // Of the tile: nearest and farthest circle.
+    @location(0) @interpolate(flat) range: vec2<f32>,
+    // Of the surface around, for where there is none.
+    @location(1) @interpolate(linear) around: f32,
+}
+
 // A corner of a tile's quad; all corners in one point where it is not drawn.
-fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool) -> vec4<f32> {
+fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool) -> Corner {
     let columns = f32(lens.size.w);
     // Floats: whole numbers are divided one by one on software drivers.
     let row = floor((f32(instance) + 0.5) / columns);
@@ -42,47 +51,59 @@ fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool
     let high = floor(what.w / 8.0);
     let low = what.w - 8.0 * high;
     let wanted = !by_level || (f32(level) >= low && f32(level) <= high);
-    let at = (tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) * f32(lens.size.z) / texel_px();
+    let corner = tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u));
+    let at = corner * f32(lens.size.z) / texel_px();
     let size = ceil(vec2<f32>(lens.size.xy) / texel_px());
     let device = min(at, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    return vec4<f32>(select(vec2<f32>(0.0), device, wanted && what.z >= first && what.z <= last), 0.0, 1.0);
+    // The mean of the tiles that meet here; beyond the picture nothing is loaded.
+    var around = vec2<f32>(0.0);
+    for (var i = 0; i < 4; i++) {
+        let p = vec2<i32>(corner) - vec2<i32>(i & 1, i >> 1);
+        let there = all(p >= vec2<i32>(0)) && all(vec2<f32>(p) * f32(lens.size.z) < vec2<f32>(lens.size.xy));
+        around += select(vec2<f32>(0.0), textureLoad(middles, p, 0).zw, there);
+    }
+    var out: Corner;
+    out.at = vec4<f32>(select(vec2<f32>(0.0), device, wanted && what.z >= first && what.z <= last), 0.0, 1.0);
+    out.range = what.xy;
+    out.around = select(0.5 * (what.x + what.y), around.x / max(around.y, 1.0), around.y > 0.0);
+    return out;
 }
 
 @vertex
-fn sharp_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
+fn sharp_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 1.0, 1.0, false);
 }
 @vertex
-fn fine_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
+fn fine_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 2.0, 2.0, false);
 }
 @vertex
-fn coarse_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
+fn wider_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 3.0, 3.0, false);
 }
 @vertex
-fn both_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
+fn coarse_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 4.0, 4.0, false);
 }
 @vertex
-fn two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
+fn any_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 5.0, 5.0, false);
 }
 @vertex
-fn level_one_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(v, i, 1.0, 4.0, true);
+fn two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+    return tile_corner(v, i, 6.0, 6.0, false);
 }
 @vertex
-fn level_two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(v, i, 5.0, 5.0, true);
+fn level_one_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+    return tile_corner(v, i, 1.0, 5.0, true);
 }
 @vertex
-fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(v, i, 1.0, 5.0, false);
+fn level_two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+    return tile_corner(v, i, 6.0, 6.0, true);
 }
-
-fn tile_of(at_px: vec2<f32>) -> vec4<f32> {
-    return textureLoad(tiles, vec2<i32>(at_px / f32(lens.size.z)), 0);
+@vertex
+fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+    return tile_corner(v, i, 1.0, 6.0, false);
 }
 
 // vSLRcam (8) in pixels: fx · D · (1/d_s − 1/d_o).
@@ -104,11 +125,10 @@ fn circles_at(p: vec2<i32>) -> vec2<f32> {
     return textureLoad(circles, p, level - 1).xy;
 }
 
-// The circle at a place with one surface: its own; beside it, what the tiles around have in the middle.
-fn circle_of_one(p: vec2<i32>, at_px: vec2<f32>) -> f32 {
+// The circle at a place with one surface: its own; beside it, that of the surface around.
+fn circle_of_one(p: vec2<i32>, around: f32) -> f32 {
     let own = circles_at(p);
-    let around = textureSampleLevel(middles, between, at_px * lens.texture.zw, 0.0).zw;
-    return select(around.x / max(around.y, 1e-6), 0.5 * (own.x + own.y), own.x <= own.y);
+    return select(around, 0.5 * (own.x + own.y), own.x <= own.y);
 }
 
 // Which of the smaller pictures points that far apart are looked up in: their texels are as wide as the points' spacing.
@@ -120,13 +140,13 @@ fn level_of_taps(radius: f32, count: i32) -> f32 {
 
 // The points' radius for which edges are as wide as the aperture makes them: less than the aperture's by what blurs
 // besides — the texels that the points look up (square, with straight lines between them), and the straight lines
-// between the pixels that are drawn here. Their variance counts for two thirds, for an edge through a disc is wider from
-// 10 to 90 % (2.75 σ) than one through what is rounder (2.56 σ).
+// between the pixels that are drawn here. An edge through a disc is wider from 10 to 90 % (2.75 σ) than one through what
+// is rounder (2.56 σ): not all of their variance counts. The share is found by measuring (tests/depth_of_field.rs).
 fn narrowed(radius: f32, of_taps: f32) -> f32 {
     let texel = exp2(2.0 * of_taps);
     let drawn = select(0.0, texel_px() * texel_px(), level > 0);
     let added = (texel - 1.0) / 12.0 + texel / 6.0 + drawn / 6.0;
-    return sqrt(max(radius * radius - 0.65 * added / lens.circle.z, 0.0));
+    return sqrt(max(radius * radius - 0.85 * added / lens.circle.z, 0.0));
 }
 
 // Of a point before the focus plane the image of the opening is upside down.
@@ -135,10 +155,11 @@ fn side_of(circle: f32) -> f32 {
 }
 
 fn two_taps(i: i32) -> vec4<f32> {
-    if taps > 32 {
-        return aperture.many[i];
-    }
-    return aperture.few[i];
+    if taps > 32 { return aperture.sixty_four[i]; }
+    if taps > 16 { return aperture.thirty_two[i]; }
+    if taps > 8 { return aperture.sixteen[i]; }
+    if taps > 4 { return aperture.eight[i]; }
+    return aperture.four[i];
 }
 
 // One surface, at a lower resolution.
@@ -161,14 +182,14 @@ fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     // As in `narrowed`; straight lines between pixels add 1/6 to the variance. Within a pixel they add more: a point
     // at x blurs by |x| in all, of which the mean over a disc is 0.849 of the standard deviation.
     let within = radius * radius * sqrt(lens.circle.z) / 0.849;
-    let r = side_of(circle) * max(sqrt(max(radius * radius - 0.6 / (6.0 * lens.circle.z), 0.0)), min(within, radius));
+    let r = side_of(circle) * max(sqrt(max(radius * radius - select(1.2, 0.35, taps == 4) / (6.0 * lens.circle.z), 0.0)), min(within, radius));
     var sum = vec4<f32>(0.0);
-    for (var i = 0; i < FINE_TAPS / 2; i++) {
-        let t = r * aperture.fine[i];
+    for (var i = 0; i < taps / 2; i++) {
+        let t = r * two_taps(i);
         sum += textureSampleLevel(color, between, (at_px - t.xy) * lens.texture.xy, 0.0);
         sum += textureSampleLevel(color, between, (at_px - t.zw) * lens.texture.xy, 0.0);
     }
-    return sum / f32(FINE_TAPS);
+    return sum / f32(taps);
 }
 
 // Share of a pixel that a circle around another one, of an opening of this variance, covers.
@@ -179,19 +200,20 @@ fn covers(radius: f32, distance: f32) -> f32 {
 
 // Two surfaces, one behind the other, parted in the middle of the circles: their signed circles at a place, and the
 // radii over which they are gathered.
-struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32 }
+struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32, one_is_sharp: bool }
 
-fn two_at(p: vec2<i32>, at_px: vec2<f32>) -> Two {
-    let tile = tile_of(at_px);
-    let split = 0.5 * (tile.x + tile.y);
+fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
+    let split = 0.5 * (range.x + range.y);
     let own = circles_at(p);
     let in_front = own.x < split;
     let seen_behind = !in_front && own.x <= own.y;
-    let front = select(tile.x, own.x, in_front);
-    let back = select(tile.y, own.y, seen_behind);
+    let front = select(range.x, own.x, in_front);
+    let back = select(range.y, own.y, seen_behind);
     let front_px = 0.5 * abs(front);
     // What the nearer one hides is made up of what is seen around it, as far as its blur uncovers it.
-    return Two(split, front, back, front_px, max(0.5 * abs(back), select(0.0, front_px, in_front)));
+    let smallest = select(0.0, 0.5 * min(abs(range.x), abs(range.y)), range.x * range.y > 0.0);
+    let back_px = max(0.5 * abs(back), select(0.0, front_px, in_front));
+    return Two(split, front, back, front_px, back_px, smallest < TWO_HALF_PX);
 }
 
 struct Layers { front: vec4<f32>, back: vec4<f32> }
@@ -208,10 +230,10 @@ fn over(l: Layers) -> vec4<f32> {
 }
 
 // At a lower resolution, by points that look up whole texels, each of them the nearer surface's or the farther one's.
-fn gather_two(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
-    let two = two_at(p, at_px);
-    let front_px = max(two.front_px, HALF_PX);
-    let back_px = max(two.back_px, HALF_PX);
+fn gather_two(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
+    let two = two_at(p, around);
+    let front_px = max(two.front_px, TWO_HALF_PX);
+    let back_px = max(two.back_px, TWO_HALF_PX);
     let m = vec2<f32>(level_of_taps(front_px, taps), level_of_taps(back_px, taps));
     let front_r = side_of(two.front) * narrowed(front_px, m.x);
     let back_r = side_of(two.back) * narrowed(back_px, m.y);
@@ -236,10 +258,10 @@ fn gather_two(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
 }
 
 // At the layer's resolution: what has small circles here, the rest from lower resolutions.
-fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
-    let two = two_at(p, at_px);
-    let front_is_fine = two.front_px < HALF_PX;
-    let back_is_fine = two.back_px < HALF_PX;
+fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
+    let two = two_at(p, around);
+    let front_is_fine = two.front_px < TWO_HALF_PX;
+    let back_is_fine = two.back_px < TWO_HALF_PX;
     var near = vec4<f32>(0.0);
     var near_weight = 0.0;
     var far = vec4<f32>(0.0);
@@ -262,34 +284,35 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>) -> Layers {
     }
     let fine = layers(near, near_weight, far, far_weight);
     let uv = at_px * lens.texture.xy;
-    let front_coarse = textureSampleLevel(blurred_front, between, uv, max(level_of(two.front_px), 1.0) - 1.0);
-    let back_coarse = textureSampleLevel(blurred_back, between, uv, max(level_of(two.back_px), 1.0) - 1.0);
+    // Where one of the two is sharp, only the level of the other was drawn.
+    let lowest = select(1.0, level_of_two(0.5 * max(abs(around.x), abs(around.y))), two.one_is_sharp);
+    let front_coarse = textureSampleLevel(blurred_front, between, uv, max(level_of_two(two.front_px), lowest) - 1.0);
+    let back_coarse = textureSampleLevel(blurred_back, between, uv, max(level_of_two(two.back_px), lowest) - 1.0);
     return Layers(select(front_coarse, fine.front, front_is_fine), select(back_coarse, fine.back, back_is_fine));
 }
 
 struct Blurred { @location(0) all: vec4<f32>, @location(1) front: vec4<f32>, @location(2) back: vec4<f32> }
 
 @fragment
-fn level_one_deep(@builtin(position) at: vec4<f32>) -> Blurred {
-    let at_px = at.xy * texel_px();
-    let one = gather(at_px, circle_of_one(vec2<i32>(at.xy), at_px));
+fn level_one_deep(in: Corner) -> Blurred {
+    let one = gather(in.at.xy * texel_px(), circle_of_one(vec2<i32>(in.at.xy), in.around));
     return Blurred(one, vec4<f32>(0.0), one);
 }
 
 @fragment
-fn level_two_deep(@builtin(position) at: vec4<f32>) -> Blurred {
-    let two = gather_two(vec2<i32>(at.xy), at.xy * texel_px());
+fn level_two_deep(in: Corner) -> Blurred {
+    let two = gather_two(vec2<i32>(in.at.xy), in.at.xy * texel_px(), in.range);
     return Blurred(over(two), two.front, two.back);
 }
 
 @fragment
-fn sharp(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return textureLoad(color, vec2<i32>(at.xy), 0);
+fn sharp(in: Corner) -> @location(0) vec4<f32> {
+    return textureLoad(color, vec2<i32>(in.at.xy), 0);
 }
 
 @fragment
-fn fine(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return gather_fine(at.xy, circle_of_one(vec2<i32>(at.xy), at.xy));
+fn fine(in: Corner) -> @location(0) vec4<f32> {
+    return gather_fine(in.at.xy, circle_of_one(vec2<i32>(in.at.xy), in.around));
 }
 
 fn from_level(at_px: vec2<f32>, radius: f32) -> vec4<f32> {
@@ -297,26 +320,26 @@ fn from_level(at_px: vec2<f32>, radius: f32) -> vec4<f32> {
 }
 
 @fragment
-fn coarse(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return from_level(at.xy, 0.5 * abs(circle_of_one(vec2<i32>(at.xy), at.xy)));
+fn coarse(in: Corner) -> @location(0) vec4<f32> {
+    return from_level(in.at.xy, 0.5 * abs(in.range.x));
 }
 
 @fragment
-fn both(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let circle = circle_of_one(vec2<i32>(at.xy), at.xy);
+fn any_circles(in: Corner) -> @location(0) vec4<f32> {
+    let circle = circle_of_one(vec2<i32>(in.at.xy), in.around);
     let radius = 0.5 * abs(circle);
-    return select(from_level(at.xy, radius), gather_fine(at.xy, circle), radius < HALF_PX);
+    return select(from_level(in.at.xy, radius), gather_fine(in.at.xy, circle), radius < HALF_PX);
 }
 
 @fragment
-fn two_deep(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return over(gather_two_fine(vec2<i32>(at.xy), at.xy));
+fn two_deep(in: Corner) -> @location(0) vec4<f32> {
+    return over(gather_two_fine(vec2<i32>(in.at.xy), in.at.xy, in.range));
 }
 
 // The geometry of what is newly covered: of the nearest surface around.
 @fragment
-fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
-    let own = textureLoad(geometry, vec2<i32>(at.xy), 0);
-    let around = lens.circle.y - tile_of(at.xy).x / lens.circle.x;
+fn passing(in: Corner) -> @location(0) vec4<u32> {
+    let own = textureLoad(geometry, vec2<i32>(in.at.xy), 0);
+    let around = lens.circle.y - in.range.x / lens.circle.x;
     return select(pack_geometry(1.0 / max(around, 1e-6), vec2<f32>(0.0)), own, unpack_geometry(own).x > 0.0);
 }

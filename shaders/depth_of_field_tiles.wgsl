@@ -8,9 +8,10 @@
 // Kinds, as shaders/depth_of_field.wgsl draws them.
 const SHARP: f32 = 1.0;
 const FINE: f32 = 2.0;
-const COARSE: f32 = 3.0;
-const BOTH: f32 = 4.0;
-const TWO_DEEP: f32 = 5.0;
+const WIDER: f32 = 3.0;
+const COARSE: f32 = 4.0;
+const ANY: f32 = 5.0;
+const TWO_DEEP: f32 = 6.0;
 
 fn side() -> i32 { return lens.size.z; }
 
@@ -55,11 +56,18 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let largest = 0.5 * max(abs(near), abs(far));
     // A surface that recedes is one as long as its circles differ by less than is seen.
     let one = far - near < 1.5 + 0.3 * smallest;
-    var kind = select(BOTH, COARSE, smallest >= HALF_PX);
-    kind = select(kind, FINE, largest < HALF_PX);
+    let one_level = smallest >= HALF_PX && level_of(smallest) == level_of(largest);
+    var kind = select(ANY, COARSE, one_level);
+    kind = select(kind, WIDER, largest < HALF_PX);
+    kind = select(kind, FINE, largest < FEW_PX);
     kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
     kind = select(TWO_DEEP, kind, one);
-    let levels = select(7.0, max(level_of(smallest), 1.0) + 8.0 * level_of(largest), largest >= HALF_PX);
+    // Of two surfaces of which one is sharp, only the other needs a lower resolution.
+    let low = select(smallest, largest, !one && smallest < TWO_HALF_PX);
+    let coarse = largest >= select(TWO_HALF_PX, HALF_PX, one);
+    let first_level = select(level_of_two(low), max(level_of(low), 1.0), one);
+    let last_level = select(level_of_two(largest), level_of(largest), one);
+    let levels = select(7.0, first_level + 8.0 * last_level, coarse);
     return select(vec4<f32>(0.0, 0.0, 0.0, 7.0), vec4<f32>(near, far, kind, levels), near <= far);
 }
 

@@ -2,8 +2,8 @@
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
 //! 2. Tiles, as wide as the largest radius or wider: from the circles that can reach into a tile follows what is to be
-//!    done there. Nothing; copying; one surface with small circles (12 points at full resolution) or with large ones
-//!    (32 points at a half; 64 at a quarter or an eighth); two surfaces behind each other, kept apart until the end.
+//!    done there. Nothing; copying; one surface with small circles (4 or 8 points at full resolution) or with large ones
+//!    (16 points at a half, 64 at a quarter or an eighth); two surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own, which picks up 3.
 //!
@@ -23,9 +23,10 @@ const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
 /// The lower resolutions: a half and so on; and how many of them are drawn at.
 const LEVELS: u32 = 4;
 const DRAWN: usize = 3;
-const FINE: usize = 12;
-const FEW: usize = 32;
-const MANY: usize = 64;
+/// Points of the opening at each lower resolution.
+const TAPS: [usize; DRAWN] = [16, 64, 64];
+/// The least radius that is gathered at a lower resolution, px.
+const TWO_HALF_PX: f32 = 2.5;
 
 #[derive(Debug)]
 pub struct Passes {
@@ -35,7 +36,7 @@ pub struct Passes {
     /// At each lower resolution for one surface and for two.
     levels: [[FullscreenPass; 2]; DRAWN],
     /// At the layer's resolution, for each kind of tile.
-    full: [FullscreenPass; 5],
+    full: [FullscreenPass; 6],
     passing: FullscreenPass,
     between: wgpu::Sampler,
 }
@@ -53,9 +54,11 @@ struct LensUniform {
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct ApertureUniform {
-    fine: [[f32; 2]; FINE],
-    few: [[f32; 2]; FEW],
-    many: [[f32; 2]; MANY],
+    four: [[f32; 2]; 4],
+    eight: [[f32; 2]; 8],
+    sixteen: [[f32; 2]; 16],
+    thirty_two: [[f32; 2]; 32],
+    sixty_four: [[f32; 2]; 64],
 }
 
 impl ApertureUniform {
@@ -67,9 +70,11 @@ impl ApertureUniform {
             std::array::from_fn(|i| [0, 1].map(|c| (points[i][c] - middle[c]) as f32))
         }
         Self {
-            fine: points(aperture, &[4, 8]),
-            few: points(aperture, &[4, 10, 18]),
-            many: points(aperture, &[4, 12, 20, 28]),
+            four: points(aperture, &[4]),
+            eight: points(aperture, &[2, 6]),
+            sixteen: points(aperture, &[4, 12]),
+            thirty_two: points(aperture, &[4, 10, 18]),
+            sixty_four: points(aperture, &[4, 12, 20, 28]),
         }
     }
 }
@@ -90,9 +95,10 @@ pub fn reach_px(context: &FrameContext<'_>) -> f32 {
     1.5 * largest_radius_px(context) + 3.0
 }
 
-/// The lower resolution at which a radius is gathered, as in shaders/shared/lens.wgsl.
-fn level_of(radius: f32) -> usize {
-    [5.5, 16.0, 40.0].iter().filter(|&&from| radius >= from).count()
+/// The lower resolution at which a radius is gathered, as in shaders/shared/lens.wgsl: the lowest that any tile may ask
+/// for, and the highest.
+fn levels_of(radius: f32) -> [usize; 2] {
+    [[TWO_HALF_PX, 16.0, 32.0], [TWO_HALF_PX, 8.0, 32.0]].map(|from| from.iter().filter(|&&f| radius >= f).count())
 }
 
 impl Passes {
@@ -118,21 +124,21 @@ impl Passes {
             pyramid: [("first", Integers), ("next", Floats)].map(pyramid),
             tiles: ["own", "around", "needed"].map(tiles),
             levels: std::array::from_fn(|i| {
-                let taps = if i == 0 { FEW } else { MANY };
                 [
-                    gather("level_one_deep_tiles", "level_one_deep", i + 1, taps, &[COLOR; 3]),
-                    gather("level_two_deep_tiles", "level_two_deep", i + 1, MANY, &[COLOR; 3]),
+                    gather("level_one_deep_tiles", "level_one_deep", i + 1, TAPS[i], &[COLOR; 3]),
+                    gather("level_two_deep_tiles", "level_two_deep", i + 1, 64, &[COLOR; 3]),
                 ]
             }),
             full: [
-                ("sharp_tiles", "sharp"),
-                ("fine_tiles", "fine"),
-                ("coarse_tiles", "coarse"),
-                ("both_tiles", "both"),
-                ("two_deep_tiles", "two_deep"),
+                ("sharp_tiles", "sharp", 4),
+                ("fine_tiles", "fine", 4),
+                ("wider_tiles", "fine", 8),
+                ("coarse_tiles", "coarse", 4),
+                ("any_tiles", "any_circles", 8),
+                ("two_deep_tiles", "two_deep", 4),
             ]
-            .map(|(vertex, fragment)| gather(vertex, fragment, 0, FEW, &[COLOR])),
-            passing: gather("all_tiles", "passing", 0, FEW, &[GEOMETRY]),
+            .map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps, &[COLOR])),
+            passing: gather("all_tiles", "passing", 0, 4, &[GEOMETRY]),
             between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("between texels"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -147,7 +153,7 @@ impl Passes {
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
         // 3×3 tiles must reach as far as light is spread; an eighth of the resolution divides them.
-        let side = (reach_px(context).ceil() as u32).div_ceil(8) * 8;
+        let side = ((reach_px(context).ceil() as u32).div_ceil(8) * 8).max(32);
         let tiles = (width.div_ceil(side), height.div_ceil(side));
         let count = tiles.0 * tiles.1;
 
@@ -168,12 +174,7 @@ impl Passes {
                 aperture.variance() as f32,
                 2.0 * largest,
             ],
-            texture: [
-                1.0 / layer.color.width as f32,
-                1.0 / layer.color.height as f32,
-                1.0 / (side * own.width) as f32,
-                1.0 / (side * own.height) as f32,
-            ],
+            texture: [1.0 / layer.color.width as f32, 1.0 / layer.color.height as f32, 0.0, 0.0],
         };
         let lens = constants(gpu, "lens", bytemuck::bytes_of(&lens));
         let points = constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture)));
@@ -211,7 +212,7 @@ impl Passes {
             Slot::Sampler(&self.between),
         ];
         let [least, _] = circles_px(context);
-        for level in 1.max(level_of(0.5 * least))..=level_of(largest) {
+        for level in 1.max(levels_of(0.5 * least)[0])..=levels_of(largest)[1] {
             let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
             let [one, two] = &self.levels[level - 1];
             let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
