@@ -11,7 +11,8 @@ use board::{FOCAL_PX, board, sideways};
 use locard::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Settings};
 use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
-use locard::image::Codes;
+use locard::frame::FrameExposure;
+use locard::image::{Codes, Rect};
 use locard::measure::edge::box_blur;
 use locard::params::Value;
 
@@ -139,14 +140,17 @@ fn the_noise_is_its_twin() {
         let params = noise::Noise { magnification: magnification as f32, ..Default::default() };
         let context = FrameContext {
             camera: &camera,
+            geometry: &geometry,
             frame: 7,
             seed: 0,
             exposure_time_s: 0.0,
+            recorded: FrameExposure::default(),
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,
             opening: None,
             focal_px: FOCAL_PX,
             depths_m: [1.0, 1.0],
+            drawn: Rect::new(0, 0, 0, 0),
             objects: &[],
         };
         // The unrounded value that the noise is added to; the layer holds 16-bit floats.

@@ -13,14 +13,16 @@ pub mod edge_blend;
 pub mod motion_blur;
 pub mod noise;
 mod stage;
+pub mod vignetting;
 
-pub use stage::{Effect, FrameContext, MixedInputs, ObjectMotion, Stage};
+pub use stage::{Effect, EffectError, FrameContext, MixedInputs, ObjectMotion, Stage};
 
 /// Every effect at its defaults, in the order of the light.
 pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
         Box::new(motion_blur::MotionBlurEffect::default()),
         Box::new(depth_of_field::DepthOfFieldEffect::default()),
+        Box::new(vignetting::VignettingEffect::default()),
         Box::new(edge_blend::EdgeBlendEffect::default()),
         Box::new(noise::NoiseEffect::default()),
     ]

@@ -31,6 +31,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "noise_white",
         "raster",
         "resolve",
+        "vignetting",
     ]
 }
 

@@ -1,0 +1,100 @@
+//! What lens and exposure do to the layer, against values worked by hand and the twins.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/board.rs"]
+mod board;
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use board::{FOCAL_PX, board, sideways};
+use glam::DVec2;
+use locard::camera::{Camera, Distortion, Geometry};
+use locard::compositor::Composited;
+use locard::effects::vignetting;
+use locard::frame::FrameExposure;
+use locard::image::Codes;
+use locard::params::Value;
+use locard::scene::Scene;
+
+const WIDTH: u32 = 320;
+const HEIGHT: u32 = 240;
+/// Half a unit of 16-bit floats below 1, twice: the layer is stored before and after an effect.
+const HALF: f64 = 2.0 / 4096.0;
+
+type Sets<'a> = &'a [(&'a str, &'a str, Value)];
+
+fn drawn_by(camera: &Camera, sets: Sets<'_>, scene: Scene, recorded: FrameExposure) -> Composited {
+    let mut frame = gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, 60));
+    frame.exposure = recorded;
+    gpu::composite(&gpu::gpu(), camera, gpu::settings(sets), scene, &sideways([0.0, 0.0]), frame)
+}
+
+/// By a camera that stands still and has no noise.
+fn drawn(sets: Sets<'_>, scene: Scene) -> Composited {
+    drawn_by(&gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0), sets, scene, FrameExposure::default())
+}
+
+fn rgba(done: &Composited, x: usize, y: usize) -> [f64; 4] {
+    done.layer.as_ref().unwrap().rgba[y * WIDTH as usize + x].map(f64::from)
+}
+
+fn codes(done: &Composited, x: usize, y: usize) -> [u8; 3] {
+    let Codes::U8(codes) = &done.pixels.codes else { panic!("8 bits expected") };
+    let i = 3 * (y * WIDTH as usize + x);
+    [codes[i], codes[i + 1], codes[i + 2]]
+}
+
+fn number(table: &'static str, name: &'static str, value: f64) -> (&'static str, &'static str, Value) {
+    (table, name, Value::Number(value))
+}
+
+/// Everywhere within 1.
+fn close(found: [f64; 4], expected: [f64; 4], within: f64, told: &str) {
+    assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within), "{told}: {found:?} is not {expected:?}");
+}
+
+#[test]
+fn vignetting_is_cos4_of_the_angle() {
+    let done = drawn(&[number("vignetting", "natural", 1.0)], board([200.0, 150.0], 0.5));
+    // The middle of pixel (310, 230) lies 150.5 and 110.5 px from the picture's: tan²θ = 34860.5/250000.
+    close(rgba(&done, 310, 230), [0.5 * 0.770_226, 0.5 * 0.770_226, 0.5 * 0.770_226, 1.0], HALF, "corner");
+    close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
+    // Coverage stays: the camera's share of an edge is as dark as the camera saw it.
+    let plain = drawn(&[], board([60.25, 50.0], 0.5));
+    let edge = drawn(&[number("vignetting", "natural", 2.0)], board([60.25, 50.0], 0.5));
+    for x in 95..105 {
+        assert_eq!(rgba(&edge, x, 120)[3], rgba(&plain, x, 120)[3]);
+    }
+}
+
+#[test]
+fn vignetting_follows_the_lens_of_a_distorted_camera() {
+    let mut geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
+    geometry.intrinsics.cx_px = 150.3;
+    geometry.intrinsics.film_width_mm = 10.0;
+    let distortion = Distortion { k1: -0.2, k2: 0.05, p1: 0.003, p2: -0.002, ..Default::default() };
+    let geometry = Geometry::new(geometry.intrinsics, distortion);
+    let mut camera = gpu::camera(&geometry, 0.0);
+    // So small that nothing is blurred: 0.4 mm at 2 m.
+    camera.lens.aperture_diameter_mm = Some(0.4);
+    camera.lens.focus_distance_m = Some(2.0);
+    let sets = [
+        number("vignetting", "natural", 0.8),
+        number("vignetting", "rim_distance_mm", 1.0),
+        number("vignetting", "rim_radius_mm", 0.6),
+    ];
+    let done = drawn_by(&camera, &sets, board([900.0, 900.0], 0.5), FrameExposure::default());
+    let params = vignetting::Vignetting { natural: 0.8, rim_distance_mm: 1.0, rim_radius_mm: 0.6 };
+    let opening = camera.lens.opening(&geometry).unwrap();
+    let mut darkest = 1.0f64;
+    for y in 0..HEIGHT as usize {
+        for x in 0..WIDTH as usize {
+            let twin = vignetting::twin(&params, &geometry, opening, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+            darkest = darkest.min(twin);
+            // Where the rim begins to hide, the gain has a kink that a cell of 2.5 px rounds off.
+            close(rgba(&done, x, y), [0.5 * twin, 0.5 * twin, 0.5 * twin, 1.0], 2e-3, &format!("({x}, {y})"));
+        }
+    }
+    assert!(darkest < 0.4, "the rim is seen: {darkest}");
+}
