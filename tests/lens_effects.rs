@@ -9,9 +9,9 @@ mod gpu;
 
 use board::{FOCAL_PX, board, sideways};
 use glam::DVec2;
-use locard::camera::{Camera, Distortion, Geometry};
+use locard::camera::{Camera, Curve, Distortion, Geometry, Response};
 use locard::compositor::Composited;
-use locard::effects::vignetting;
+use locard::effects::{exposure, vignetting};
 use locard::frame::FrameExposure;
 use locard::image::Codes;
 use locard::params::Value;
@@ -97,4 +97,57 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
         }
     }
     assert!(darkest < 0.4, "the rim is seen: {darkest}");
+}
+
+#[test]
+fn a_stop_is_twice_the_light() {
+    let grey = board([60.25, 50.0], 0.2);
+    let plain = drawn(&[], grey.clone());
+    let over = drawn(&[number("exposure", "ev", 1.5)], grey.clone());
+    for x in 95..130 {
+        let [r, g, b, a] = rgba(&plain, x, 120);
+        let gain = 2.0 * std::f64::consts::SQRT_2;
+        close(rgba(&over, x, 120), [gain * r, gain * g, gain * b, a], HALF, "1.5 stops");
+    }
+    // 0.2 · 2^1.5 = 0.566 is sRGB code 197.5 (IEC 61966-2-1), 0.2 · 2^3 clips.
+    assert!(codes(&over, 160, 120)[0].abs_diff(197) <= 1);
+    assert_eq!(codes(&drawn(&[number("exposure", "ev", 3.0)], grey.clone()), 160, 120), [255; 3]);
+    // Highlights that a darker exposure brings back.
+    let lamp = drawn(&[number("exposure", "ev", -2.0)], board([60.25, 50.0], 2.0));
+    close(rgba(&lamp, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "a lamp");
+}
+
+#[test]
+fn equation_11_moves_display_values() {
+    let method = ("exposure", "method", Value::Text("additive".to_owned()));
+    for curve in [Curve::Srgb, Curve::Linear, Curve::Gamma] {
+        let response = Response { curve, gamma: 2.2 };
+        let mut camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
+        camera.response = response.clone();
+        let light = response.decode(0.4);
+        let scene = || board([60.25, 50.0], light as f32);
+        let sets = |ev| [method.clone(), number("exposure", "ev", ev)];
+        let plain = drawn_by(&camera, &[], scene(), FrameExposure::default());
+        for (ev, display) in [(0.5, 0.5), (-1.5, 0.1), (-3.0, 0.0), (4.0, 1.0)] {
+            let done = drawn_by(&camera, &sets(ev), scene(), FrameExposure::default());
+            // 0.4 + 0.2 · ΔEV by hand; a code for the layer's 16 bits.
+            assert!((f64::from(codes(&done, 160, 120)[0]) - 255.0 * display).abs() < 1.0, "{curve:?} {ev}");
+            for x in 95..105 {
+                let twin = exposure::twin(rgba(&plain, x, 120), exposure::Method::Additive, ev, &response);
+                close(rgba(&done, x, 120), twin, 2.0 * HALF, &format!("{curve:?} {ev} {x}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn objects_follow_a_camera_that_exposes_by_itself() {
+    let camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
+    let grey = || board([60.0, 50.0], 0.2);
+    let recorded = FrameExposure { time_s: Some(0.02), gain: Some(0.5), ..Default::default() };
+    // Twice as long, half the gain of 1/200 s: 20 ms · 0.5 / 5 ms.
+    let done = drawn_by(&camera, &[number("exposure", "reference_s", 0.005)], grey(), recorded);
+    close(rgba(&done, 160, 120), [0.4, 0.4, 0.4, 1.0], HALF, "followed");
+    let done = drawn_by(&camera, &[], grey(), recorded);
+    close(rgba(&done, 160, 120), [0.2, 0.2, 0.2, 1.0], HALF, "not followed");
 }

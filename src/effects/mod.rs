@@ -10,6 +10,7 @@
 
 pub mod depth_of_field;
 pub mod edge_blend;
+pub mod exposure;
 pub mod motion_blur;
 pub mod noise;
 mod stage;
@@ -23,6 +24,7 @@ pub fn all() -> Vec<Box<dyn Effect>> {
         Box::new(motion_blur::MotionBlurEffect::default()),
         Box::new(depth_of_field::DepthOfFieldEffect::default()),
         Box::new(vignetting::VignettingEffect::default()),
+        Box::new(exposure::ExposureEffect::default()),
         Box::new(edge_blend::EdgeBlendEffect::default()),
         Box::new(noise::NoiseEffect::default()),
     ]

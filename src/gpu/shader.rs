@@ -23,6 +23,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "depth_of_field_pyramid",
         "depth_of_field_tiles",
         "edge_blend",
+        "exposure",
         "motion_blur",
         "motion_blur_tiles",
         "noise",
