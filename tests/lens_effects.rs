@@ -11,7 +11,7 @@ use board::{FOCAL_PX, board, sideways};
 use glam::DVec2;
 use locard::camera::{Camera, Curve, Distortion, Geometry, Response};
 use locard::compositor::Composited;
-use locard::effects::{exposure, vignetting};
+use locard::effects::{exposure, point_spread, vignetting};
 use locard::frame::FrameExposure;
 use locard::image::Codes;
 use locard::params::Value;
@@ -150,4 +150,57 @@ fn objects_follow_a_camera_that_exposes_by_itself() {
     close(rgba(&done, 160, 120), [0.4, 0.4, 0.4, 1.0], HALF, "followed");
     let done = drawn_by(&camera, &[], grey(), recorded);
     close(rgba(&done, 160, 120), [0.2, 0.2, 0.2, 1.0], HALF, "not followed");
+}
+
+/// Mean and variance of where light changes along values a pixel apart, pixels.
+fn edge(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let values: Vec<f64> = values.collect();
+    let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
+    let total: f64 = steps.iter().sum();
+    let mean = steps.iter().enumerate().map(|(i, s)| i as f64 * s).sum::<f64>() / total;
+    let variance = steps.iter().enumerate().map(|(i, s)| (i as f64 - mean).powi(2) * s).sum::<f64>() / total;
+    [mean, variance]
+}
+
+#[test]
+fn edges_get_wider_by_sigma() {
+    for half in [60.0, 60.25, 60.5] {
+        let plain = drawn(&[], board([half, 50.0], 0.5));
+        let row = |done: &Composited, c: usize| {
+            edge((60..140).map(|x| rgba(done, x, 120)[c]).collect::<Vec<_>>().into_iter())
+        };
+        let total = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| f64::from(p[0])).sum::<f64>();
+        for sigma in [0.2, 0.3, 0.5, 0.7, 1.0, 2.0, 3.0] {
+            let done = drawn(&[number("point_spread", "sigma_px", sigma)], board([half, 50.0], 0.5));
+            for c in [0, 3] {
+                let ([was_at, was], [at, now]) = (row(&plain, c), row(&done, c));
+                assert!((at - was_at).abs() < 2e-3, "{half} {sigma}: the edge has moved by {}", at - was_at);
+                // 16-bit floats are off by 1/4096 where they are near 1, and the taps' ends are cut at 1e-4.
+                assert!(
+                    (now - was - sigma * sigma).abs() < 0.01 * sigma * sigma + 2e-3,
+                    "{half} {sigma}: {}",
+                    now - was
+                );
+            }
+            assert!((total(&done) / total(&plain) - 1.0).abs() < 5e-4, "{sigma}: {}", total(&done) / total(&plain));
+        }
+    }
+}
+
+#[test]
+fn the_point_spread_is_its_twin_and_keeps_depth_where_there_is_light() {
+    let scene = || board([60.25, 50.75], 0.5);
+    let plain = drawn(&[], scene());
+    let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
+    for sigma in [0.6, 2.5] {
+        let done = drawn(&[number("point_spread", "sigma_px", sigma)], scene());
+        let twin = point_spread::twin(&before, WIDTH as usize, HEIGHT as usize, sigma);
+        let layer = done.layer.as_ref().unwrap();
+        for (i, (p, twin)) in layer.rgba.iter().zip(&twin).enumerate() {
+            close(p.map(f64::from), *twin, 2.0 * HALF, &format!("{sigma} pixel {i}"));
+            assert_eq!(p[3] > 0.0, layer.depth_m[i] > 0.0, "{sigma} pixel {i}: depth where there is light");
+            let distance = f64::from(layer.depth_m[i]) - board::DEPTH_M;
+            assert!(p[3] == 0.0 || distance.abs() < 1e-4, "{sigma} pixel {i}: {distance}");
+        }
+    }
 }

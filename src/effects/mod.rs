@@ -13,6 +13,7 @@ pub mod edge_blend;
 pub mod exposure;
 pub mod motion_blur;
 pub mod noise;
+pub mod point_spread;
 mod stage;
 pub mod vignetting;
 
@@ -23,6 +24,7 @@ pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
         Box::new(motion_blur::MotionBlurEffect::default()),
         Box::new(depth_of_field::DepthOfFieldEffect::default()),
+        Box::new(point_spread::PointSpreadEffect::default()),
         Box::new(vignetting::VignettingEffect::default()),
         Box::new(exposure::ExposureEffect::default()),
         Box::new(edge_blend::EdgeBlendEffect::default()),

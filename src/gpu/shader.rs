@@ -9,6 +9,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
     }
     embed![
         "shared/fullscreen",
+        "shared/half",
         "shared/hash",
         "shared/layer",
         "shared/lens",
@@ -30,6 +31,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "noise_magnified",
         "noise_pattern",
         "noise_white",
+        "point_spread",
         "raster",
         "resolve",
         "vignetting",
