@@ -11,7 +11,7 @@ use board::{FOCAL_PX, board, sideways};
 use glam::DVec2;
 use locard::camera::{Camera, Curve, Distortion, Geometry, Response};
 use locard::compositor::Composited;
-use locard::effects::{exposure, point_spread, vignetting};
+use locard::effects::{chromatic_aberration, exposure, point_spread, vignetting};
 use locard::frame::FrameExposure;
 use locard::image::Codes;
 use locard::params::Value;
@@ -201,6 +201,65 @@ fn the_point_spread_is_its_twin_and_keeps_depth_where_there_is_light() {
             assert_eq!(p[3] > 0.0, layer.depth_m[i] > 0.0, "{sigma} pixel {i}: depth where there is light");
             let distance = f64::from(layer.depth_m[i]) - board::DEPTH_M;
             assert!(p[3] == 0.0 || distance.abs() < 1e-4, "{sigma} pixel {i}: {distance}");
+        }
+    }
+}
+
+#[test]
+fn colours_part_towards_the_corners() {
+    // r = 1 is 200 px. Board edges at 100 px to the right: red is 1 % larger there and lands at 101, blue by
+    // −0.005 − 0.01/4 at 99.25.
+    let sets = [
+        number("chromatic_aberration", "red", 0.01),
+        number("chromatic_aberration", "blue", -0.005),
+        number("chromatic_aberration", "blue_cubic", -0.01),
+    ];
+    let scene = || board([100.0, 50.0], 0.5);
+    let plain = drawn(&[], scene());
+    let done = drawn(&sets, scene());
+    let place = |c: usize| edge((230..290).map(|x| 0.5 - rgba(&done, x, 120)[c]).collect::<Vec<_>>().into_iter())[0];
+    // The edge lies between two pixels.
+    let green = place(1);
+    assert!((place(0) - green - 1.0).abs() < 0.01, "{}", place(0) - green);
+    assert!((place(2) - green + 0.75).abs() < 0.01, "{}", place(2) - green);
+    // Nothing parts in the middle; green stays everywhere.
+    close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
+
+    let params =
+        chromatic_aberration::ChromaticAberration { red: 0.01, red_cubic: 0.0, blue: -0.005, blue_cubic: -0.01 };
+    let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
+    let twin = chromatic_aberration::twin(&params, &gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), &before);
+    let response = Response::default();
+    let behind = response.decode(60.0 / 255.0);
+    let mut parted = 0;
+    for (i, [light, coverage]) in twin.iter().enumerate() {
+        let (x, y) = (i % WIDTH as usize, i / WIDTH as usize);
+        let alpha = 0.2126 * coverage[0] + 0.7152 * coverage[1] + 0.0722 * coverage[2];
+        close(rgba(&done, x, y), [light[0], light[1], light[2], alpha], 2.0 * HALF, &format!("({x}, {y})"));
+        let depth = done.layer.as_ref().unwrap().depth_m[i];
+        assert_eq!(depth > 0.0, rgba(&done, x, y)[3] > 0.0, "({x}, {y})");
+        // Each colour over the camera's by its own coverage.
+        for c in 0..3 {
+            let code = 255.0 * response.encode(light[c] + (1.0 - coverage[c]) * behind);
+            assert!((f64::from(codes(&done, x, y)[c]) - code).abs() < 0.7, "({x}, {y}) {c}: {code}");
+        }
+        parted += usize::from(coverage[0] != coverage[2]);
+        if alpha == 0.0 {
+            assert_eq!(codes(&done, x, y), [60; 3]);
+        }
+    }
+    assert!(parted > 300, "{parted}");
+}
+
+#[test]
+fn a_board_of_the_cameras_own_grey_has_no_fringe() {
+    // What one alpha for three coverages would show: seams at the silhouette of what cannot be told from the room.
+    let light = Response::default().decode(60.0 / 255.0) as f32;
+    let sets = [number("chromatic_aberration", "red", 0.02), number("chromatic_aberration", "blue", -0.02)];
+    let done = drawn(&sets, board([100.3, 80.6], light));
+    for y in 0..HEIGHT as usize {
+        for x in 0..WIDTH as usize {
+            assert_eq!(codes(&done, x, y), [60; 3], "({x}, {y})");
         }
     }
 }

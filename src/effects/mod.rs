@@ -8,6 +8,7 @@
 //!
 //! Then the command line, the profile, `locard params` and the benchmark have it.
 
+pub mod chromatic_aberration;
 pub mod depth_of_field;
 pub mod edge_blend;
 pub mod exposure;
@@ -27,6 +28,7 @@ pub fn all() -> Vec<Box<dyn Effect>> {
         Box::new(point_spread::PointSpreadEffect::default()),
         Box::new(vignetting::VignettingEffect::default()),
         Box::new(exposure::ExposureEffect::default()),
+        Box::new(chromatic_aberration::ChromaticAberrationEffect::default()),
         Box::new(edge_blend::EdgeBlendEffect::default()),
         Box::new(noise::NoiseEffect::default()),
     ]

@@ -18,6 +18,8 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "shared/noise",
         "accumulate",
         "accumulated",
+        "chromatic_aberration",
+        "chromatic_aberration_over",
         "composite",
         "copy",
         "depth_of_field",
