@@ -30,7 +30,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "motion_blur",
         "motion_blur_tiles",
         "noise",
-        "noise_magnified",
+        "noise_grain",
         "noise_pattern",
         "noise_white",
         "point_spread",
