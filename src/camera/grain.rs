@@ -71,6 +71,9 @@ pub fn read_light(noise: &NoiseProfile, response: &Response, channel: usize) -> 
 /// is nearly all there is. So σ_read = σ(darkest) / slope(darkest), brought to the code value
 /// by the response's slope there. An upper bound, as some light fell on the darkest bin too.
 pub fn read_share(noise: &NoiseProfile, response: &Response, channel: usize, code: f64) -> f64 {
+    if channel >= noise.bins.len() {
+        return 0.0;
+    }
     let read = read_light(noise, response, channel) * slope(response, code);
     let sigma = noise.sigma(channel, code);
     if sigma > 0.0 { (read / sigma).powi(2).min(1.0) } else { 0.0 }
