@@ -48,12 +48,12 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
     return textureLoad(camera, p + composite.origin.zw, 0);
 }
 
-// Premultiplied over in linear light, encoded again.
-fn mixed_at(p: vec2<i32>, virtual_light: vec4<f32>) -> Mixed {
+// Premultiplied over in linear light, encoded again. Each colour has its own coverage.
+fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
-    let w = 1.0 - virtual_light.a;
+    let w = 1.0 - coverage;
     let real_light = decode(code, curve, gamma);
-    let light = clamp(virtual_light.rgb + w * real_light, vec3<f32>(0.0), vec3<f32>(1.0));
+    let light = clamp(virtual_light + w * real_light, vec3<f32>(0.0), vec3<f32>(1.0));
     let mixed = encode(light, curve, gamma);
     let before = slope_at(code, real_light, curve, gamma);
     let after = slope_at(mixed, light, curve, gamma);
@@ -71,7 +71,7 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     if virtual_light.a == 0.0 {
         return camera_codes(p);
     }
-    var pixel = mixed_at(p, virtual_light);
+    var pixel = mixed_at(p, virtual_light.rgb, vec3<f32>(virtual_light.a));
     // @calls
     let codes = clamp(floor(pixel.code * composite.scale.x + 0.5), vec3<f32>(0.0), vec3<f32>(composite.scale.x));
     return vec4<u32>(vec3<u32>(codes), u32(composite.scale.x));

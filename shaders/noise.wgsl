@@ -1,5 +1,11 @@
 // @import shared/noise
 
+// As calibrated.
+fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
+    let s = sigma_at(code) * noise.shape.y;
+    return s * s;
+}
+
 // The pattern at a pixel of the picture, variance 1 everywhere.
 fn pattern_at(pixel: vec2<i32>) -> vec3<f32> {
     return pattern_texel(pixel - noise.origin.xy);

@@ -8,10 +8,12 @@ mod board;
 mod gpu;
 
 use board::{FOCAL_PX, board, sideways};
-use locard::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
-use locard::compositor::{Composited, Settings};
+use locard::camera::grain::{self, GrainRatios};
+use locard::camera::{Camera, Curve, Geometry, NoiseBin, NoiseProfile};
+use locard::compositor::{Composited, Compositor, Job, Settings};
 use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
-use locard::image::Codes;
+use locard::frame::FrameExposure;
+use locard::image::{Codes, Rect};
 use locard::measure::edge::box_blur;
 use locard::params::Value;
 
@@ -131,28 +133,36 @@ fn virtual_pixels_have_the_cameras_noise() {
 #[test]
 fn the_noise_is_its_twin() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
-    for magnification in [1.0, 2.5] {
-        let camera = noisy_camera(&geometry, 0.4);
-        let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification))]);
+    // Another film speed is relative to the camera's 200: half a stop in diameter, eight times the variance of shot noise.
+    for (magnification, iso) in [(1.0, None), (2.5, None), (1.0, Some(1600.0)), (1.5, Some(100.0)), (1.0, Some(100.0))]
+    {
+        let mut camera = noisy_camera(&geometry, 0.4);
+        camera.exposure.iso = Some(200.0);
+        let film = ("noise", "iso", iso.map_or(Value::None, Value::Number));
+        let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification)), film]);
         let done = noisy(&camera, settings, 0.2, 7);
         let plain = noisy(&camera, gpu::settings(&[("noise", "scale", Value::Number(0.0))]), 0.2, 7);
-        let params = noise::Noise { magnification: magnification as f32, ..Default::default() };
+        let params = noise::Noise { magnification: magnification as f32, iso, ..Default::default() };
         let context = FrameContext {
             camera: &camera,
+            geometry: &geometry,
             frame: 7,
             seed: 0,
             exposure_time_s: 0.0,
+            recorded: FrameExposure::default(),
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,
             opening: None,
             focal_px: FOCAL_PX,
             depths_m: [1.0, 1.0],
+            drawn: Rect::new(0, 0, 0, 0),
             objects: &[],
         };
         // The unrounded value that the noise is added to; the layer holds 16-bit floats.
         let mean = 255.0 * camera.response.encode(half::f16::from_f32(0.2).to_f64());
         assert_eq!(f64::from(codes(&plain)[0]), mean.round());
-        let sigma = camera.noise.as_ref().unwrap().sigma(0, mean);
+        let ratios = GrainRatios { iso: iso.unwrap_or(200.0) / 200.0, ..Default::default() };
+        let sigma = grain::sigma(camera.noise.as_ref().unwrap(), &camera.response, 0, mean, &ratios);
         let mut differ = 0;
         for y in 0..240 {
             for x in 0..320 {
@@ -222,4 +232,80 @@ fn edge_blend_is_the_papers_rule() {
         }
     }
     assert!(edges > 300, "{edges}");
+}
+
+/// A camera of linear response with σ 1 at black and 6.1 at white, measured at ISO 400 on 36 mm.
+fn film_camera(geometry: &Geometry) -> Camera {
+    let mut camera = noisy_camera(geometry, 0.0);
+    camera.response = locard::camera::Response { curve: Curve::Linear, gamma: 1.0 };
+    camera.exposure.iso = Some(400.0);
+    camera
+}
+
+#[test]
+fn at_its_own_speed_grain_is_the_calibrated_noise() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for correlation in [0.0, 0.4] {
+        for response in [Curve::Linear, Curve::Srgb, Curve::Gamma] {
+            let mut camera = film_camera(&geometry);
+            camera.response.curve = response;
+            camera.noise.as_mut().unwrap().neighbour_correlation = [correlation; 2];
+            let film = |iso| [("noise", "iso", iso), ("noise", "film_width_mm", Value::Number(36.0))];
+            let calibrated = noisy(&camera, Settings::default(), 0.2, 3);
+            let own = noisy(&camera, gpu::settings(&film(Value::Number(400.0))), 0.2, 3);
+            assert!(codes(&own) == codes(&calibrated), "{response:?}");
+            let other = noisy(&camera, gpu::settings(&film(Value::Number(800.0))), 0.2, 3);
+            assert!(codes(&other) != codes(&calibrated), "{response:?}");
+        }
+    }
+}
+
+#[test]
+fn grain_grows_with_film_speed_and_smaller_film() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = film_camera(&geometry);
+    let measured = |iso: f64, film_width_mm: f64| {
+        let film = [("noise", "iso", Value::Number(iso)), ("noise", "film_width_mm", Value::Number(film_width_mm))];
+        statistics(codes(&noisy(&camera, gpu::settings(&film), 123.5 / 255.0, 3)), 320)
+    };
+    // At code 123.5 σ² is 3.47² = 12.041, of which black's σ² = 1 is reading out and 11.041 shot noise. At k times the
+    // speed it is 11.041 k + k²; whole numbers add 1/12.
+    for (iso, variance) in [(100.0, 2.823), (400.0, 12.041), (1600.0, 60.164), (3200.0, 152.328)] {
+        let [mean, sigma, ..] = measured(iso, 36.0);
+        let expected = (variance + 1.0 / 12.0f64).sqrt();
+        assert!((mean - 123.5).abs() < 0.3, "{iso}: {mean}");
+        // Three standard errors of 76,800 pixels are 0.8 %, more where patches are larger.
+        assert!((sigma / expected - 1.0).abs() < 0.03, "{iso}: {sigma} is not {expected}");
+    }
+    let right = |iso, film_width_mm| measured(iso, film_width_mm)[2];
+    // Patches of 1, 2 and 2 px, and 1 where they would be finer.
+    assert!(right(400.0, 36.0).abs() < 0.02 && right(100.0, 36.0).abs() < 0.02);
+    assert!(right(6400.0, 36.0) > 0.5 && right(400.0, 18.0) > 0.5);
+    // A smaller film has larger grains, not more noise.
+    let [_, sigma, ..] = measured(400.0, 18.0);
+    assert!((sigma / 3.48 - 1.0).abs() < 0.03, "{sigma}");
+}
+
+#[test]
+fn grain_without_a_speed_to_start_from_is_refused() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = film_camera(&geometry);
+    camera.exposure.iso = None;
+    let settings = gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
+    let gpu = gpu::gpu();
+    let mut compositor = Compositor::new(gpu.clone(), camera, settings, board([60.0, 50.0], 0.5));
+    let job = Job {
+        frame: gpu::frame(0, 0.0, gpu::grey(320, 240, 40)),
+        geometry: &geometry,
+        track: &sideways([0.0, 0.0]),
+        time_offset_s: 0.0,
+        interval_s: 1.0 / 30.0,
+        want_layer: false,
+    };
+    let error = compositor.submit(job).unwrap_err().to_string();
+    assert!(error.contains("noise.iso") && error.contains("camera.exposure.iso"), "{error}");
+    for iso in [99.0, 25601.0] {
+        let error = Settings::default().set("noise", "iso", &Value::Number(iso)).unwrap().unwrap_err().to_string();
+        assert!(error.contains("100 to 25600"), "{error}");
+    }
 }

@@ -58,11 +58,19 @@ fn desk() -> Option<Site> {
     Some(Site { recording, rig, scene })
 }
 
-const NOISE: &str = "version = 1\n[camera.exposure]\ntime_s = 0.016\n[camera.noise]\ncode = [0, 255]\n\
+const NOISE: &str = "version = 1\n[camera.exposure]\ntime_s = 0.016\niso = 400\n[camera.noise]\ncode = [0, 255]\n\
     sigma_r = [2, 4]\nsigma_g = [2, 3]\nsigma_b = [3, 4]\nchannel_correlation = [0.3, 0.2, 0.3]\nneighbour_correlation = [0.4, 0.4]\n";
 
 fn settings() -> Settings {
-    gpu::settings(&[("edge_blend", "impact", Value::Number(0.5))])
+    gpu::settings(&[
+        ("edge_blend", "impact", Value::Number(0.5)),
+        ("point_spread", "sigma_px", Value::Number(0.6)),
+        ("vignetting", "natural", Value::Number(1.0)),
+        ("exposure", "ev", Value::Number(0.3)),
+        ("chromatic_aberration", "red", Value::Number(0.004)),
+        ("chromatic_aberration", "blue", Value::Number(-0.003)),
+        ("noise", "iso", Value::Number(800.0)),
+    ])
 }
 
 /// The frames of a range, through the same stream as the program's.
@@ -154,6 +162,10 @@ fn law_3_neutral_is_identity() {
         gpu::settings(&[
             ("noise", "scale", Value::Number(0.0)),
             ("edge_blend", "impact", Value::Number(0.0)),
+            ("point_spread", "sigma_px", Value::Number(0.0)),
+            ("vignetting", "natural", Value::Number(0.0)),
+            ("exposure", "ev", Value::Number(0.0)),
+            ("chromatic_aberration", "red", Value::Number(0.0)),
             ("depth", "occlusion", Value::Bool(false)),
         ])
     };

@@ -3,6 +3,8 @@
 struct Noise {
     shape: vec4<f32>,   // magnification (px), scale, correlation of lattice neighbours right and below
     origin: vec4<i32>,  // xy: the lattice point of the pattern's first texel
+    grain: vec4<f32>,   // film speed over the profile's; where in a patch its lattice point lies
+    read: vec4<f32>,    // σ of reading out, in linear light where 255 is full scale
 }
 @group(0) @binding(4) var<uniform> noise: Noise;
 @group(0) @binding(5) var noise_pattern: texture_2d<i32>;
@@ -12,8 +14,7 @@ fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
 }
 
 fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
-    let wanted = sigma_at(pixel.code) * noise.shape.y;
-    let missing = max(wanted * wanted - pixel.camera_variance, vec3<f32>(0.0));
+    let missing = max(wanted_variance(pixel.code) - pixel.camera_variance, vec3<f32>(0.0));
     let n = pattern_at(p + composite.origin.xy);
     return Mixed(pixel.code + sqrt(missing) * n / 255.0, pixel.camera_variance + missing);
 }

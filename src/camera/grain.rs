@@ -54,6 +54,16 @@ impl GrainRatios {
     }
 }
 
+fn slope(response: &Response, code: f64) -> f64 {
+    response.slope_at_code((code / 255.0).clamp(0.0, 1.0))
+}
+
+/// σ of reading out in a channel, in linear light (255 is full scale): that of the darkest bin.
+pub fn read_light(noise: &NoiseProfile, response: &Response, channel: usize) -> f64 {
+    let darkest = noise.bins.get(channel).and_then(|bins| bins.first());
+    darkest.map_or(0.0, |bin| bin.sigma / slope(response, bin.code))
+}
+
 /// The share of reading out in the calibrated variance of a channel at a code value (8-bit
 /// scale), 0 to 1.
 ///
@@ -61,9 +71,10 @@ impl GrainRatios {
 /// is nearly all there is. So σ_read = σ(darkest) / slope(darkest), brought to the code value
 /// by the response's slope there. An upper bound, as some light fell on the darkest bin too.
 pub fn read_share(noise: &NoiseProfile, response: &Response, channel: usize, code: f64) -> f64 {
-    let Some(darkest) = noise.bins.get(channel).and_then(|bins| bins.first()) else { return 0.0 };
-    let slope = |code: f64| response.slope_at_code((code / 255.0).clamp(0.0, 1.0));
-    let read = darkest.sigma * slope(code) / slope(darkest.code);
+    if channel >= noise.bins.len() {
+        return 0.0;
+    }
+    let read = read_light(noise, response, channel) * slope(response, code);
     let sigma = noise.sigma(channel, code);
     if sigma > 0.0 { (read / sigma).powi(2).min(1.0) } else { 0.0 }
 }

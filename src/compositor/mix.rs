@@ -88,7 +88,9 @@ impl Mixer {
             scale: [pixels.max_code() as f32, 0.0, 0.0, 0.0],
         };
         let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
-        let uniforms: Vec<_> = effects.iter().map(|e| constants(gpu, e.name, &e.inputs.uniform)).collect();
+        let uniform_of =
+            |e: &MixedEffect| (!e.inputs.uniform.is_empty()).then(|| constants(gpu, e.name, &e.inputs.uniform));
+        let uniforms: Vec<_> = effects.iter().map(uniform_of).collect();
         let names: Effects = effects.iter().map(|e| (e.name, e.wgsl)).collect();
         let pass = self.passes.entry((names.clone(), format)).or_insert_with(|| {
             let options = Options { constants: &self.constants, ..Options::default() };
@@ -101,7 +103,7 @@ impl Mixer {
             Slot::Buffer(&self.sigma),
         ];
         for (effect, uniform) in effects.iter().zip(&uniforms) {
-            slots.push(Slot::Buffer(uniform));
+            slots.extend(uniform.iter().map(Slot::Buffer));
             slots.extend(effect.inputs.textures.iter().map(|t| Slot::Texture(&t.view)));
         }
         pass.run(gpu, run.encoder, &slots, &[&out], size);

@@ -8,7 +8,7 @@ mod run;
 mod settings;
 
 use crate::camera::{Camera, Geometry, LensError};
-use crate::effects::{Effect, FrameContext, ObjectMotion, Stage};
+use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
 use crate::image::{Codes, LayerImage, Pixels, Rect};
@@ -81,6 +81,8 @@ pub struct Compositor {
 pub enum SubmitError {
     #[error(transparent)]
     Lens(#[from] LensError),
+    #[error(transparent)]
+    Effect(#[from] EffectError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }
@@ -167,19 +169,25 @@ impl Compositor {
         let objects = self.object_motions(job.geometry, &keys.middle(), &pose_at(time_s + job.interval_s));
         let context = FrameContext {
             camera: &self.camera,
+            geometry: job.geometry,
             frame: frame.index,
             seed: self.settings.seed,
             exposure_time_s,
+            recorded: frame.exposure,
             interval_s: job.interval_s,
             fastest_px_per_s: footprint.fastest_px_per_s,
             opening,
             focal_px: intrinsics.fx_px,
             depths_m: footprint.depths_m,
+            drawn: Rect::new(0, 0, 0, 0),
             objects: &objects,
         };
         let active: Vec<usize> =
             (0..self.settings.effects.len()).filter(|&i| self.settings.is_active(i, &context)).collect();
         stats.effects = active.iter().map(|&i| self.settings.effects[i].params().table()).collect();
+        for &i in &active {
+            self.settings.effects[i].check(&self.camera)?;
+        }
         let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
             active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum::<f32>().ceil() as i32 + 1
         };
@@ -191,6 +199,7 @@ impl Compositor {
         if footprint.rect.is_empty() || shown.is_empty() {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
+        let context = FrameContext { drawn, ..context };
         stats.rect_px = Some([shown.x0, shown.y0, shown.x1, shown.y1]);
 
         let gpu = self.gpu.clone();

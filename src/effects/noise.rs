@@ -9,6 +9,11 @@
 //! Cholesky factor of their correlation. `magnification` enlarges patches beyond that by
 //! interpolation, and renormalises what interpolation takes from the variance.
 //!
+//! `iso` and `film_width_mm` take the picture on another film (camera/grain.rs): σ and patches grow with the speed
+//! relative to the profile's own (`camera.exposure.iso`), patches also with a smaller format and a larger picture. At
+//! the profile's own speed and format it is the calibrated noise, bit for bit. Patches finer than calibrated are not
+//! drawn: slower film has less noise, not finer.
+//!
 //! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, rows
 //! and columns, correlation beyond two pixels, a covariance of mixed neighbours.
 
@@ -16,7 +21,9 @@ use std::sync::LazyLock;
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::{Effect, FrameContext, MixedInputs, Stage};
+use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
+use crate::camera::Camera;
+use crate::camera::grain::{GrainRatios, read_light};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::params::{Params, Value};
@@ -31,6 +38,35 @@ crate::params! {
         magnification: f32 = 1.0, "px", 1.0..=16.0;
         "for how many frames a pattern stays"
         animation_delay: u32 = 1, "frames", 1.0..=1000.0;
+        "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as measured"
+        iso: Option<f64> = None, "1", 100.0..=25600.0;
+        "film width for the grain's size; none: the camera's"
+        film_width_mm: Option<f64> = None, "mm", 0.1..=1000.0;
+    }
+}
+
+impl Noise {
+    fn is_grain(&self) -> bool {
+        self.iso.is_some() || self.film_width_mm.is_some()
+    }
+
+    /// How film and picture differ from the calibrated ones.
+    pub fn ratios(&self, context: &FrameContext<'_>) -> GrainRatios {
+        let calibrated = &context.camera.geometry.as_ref().unwrap_or(context.geometry).intrinsics;
+        if !self.is_grain() {
+            return GrainRatios::default();
+        }
+        let over = |new: Option<f64>, old: Option<f64>| new.zip(old).map_or(1.0, |(new, old)| new / old);
+        GrainRatios {
+            iso: over(self.iso, context.camera.exposure.iso),
+            film_width: over(self.film_width_mm, Some(calibrated.film_width_mm)),
+            picture_width: f64::from(context.geometry.intrinsics.width_px) / f64::from(calibrated.width_px),
+        }
+    }
+
+    /// Size of the patches, px.
+    fn patch_px(&self, ratios: &GrainRatios) -> f32 {
+        (self.magnification * ratios.size() as f32).max(1.0)
     }
 }
 
@@ -86,6 +122,8 @@ struct PatternUniform {
 struct NoiseUniform {
     shape: [f32; 4],
     origin: [i32; 4],
+    grain: [f32; 4],
+    read: [f32; 4],
 }
 
 /// pcg3d of Jarzynski and Olano 2020.
@@ -146,10 +184,10 @@ impl Passes {
 
 impl NoiseEffect {
     /// The lattice points that pixels of a rectangle are made of.
-    fn lattice(&self, shown: Rect) -> Rect {
-        let m = self.params.magnification;
+    fn lattice(m: f32, shown: Rect) -> Rect {
         if m <= 1.0 {
-            return shown;
+            // One more, which a patch of one pixel looks at and takes nothing of.
+            return Rect { x1: shown.x1 + 1, y1: shown.y1 + 1, ..shown };
         }
         let first = |pixel: i32| ((pixel as f32 + 0.5) / m).floor() as i32;
         // Both neighbours, and one more where a rounding falls otherwise.
@@ -179,23 +217,37 @@ impl Effect for NoiseEffect {
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
     }
+    fn check(&self, camera: &Camera) -> Result<(), EffectError> {
+        if self.params.iso.is_some() && camera.exposure.iso.is_none() {
+            let reason = "the film speed at which the noise was measured is not known: accepted is none, or any of 100 \
+                          to 25600 with camera.exposure.iso given";
+            return Err(EffectError { parameter: "noise.iso", reason });
+        }
+        Ok(())
+    }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         self.params.scale == 0.0 || context.camera.noise.is_none()
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
-        vec![("", Vec::new()), ("magnified", vec![("magnification", Value::Number(2.0))])]
+        vec![
+            ("", Vec::new()),
+            ("magnified", vec![("magnification", Value::Number(2.0))]),
+            ("grain", vec![("iso", Value::Number(1600.0))]),
+        ]
     }
     fn mixed_wgsl(&self) -> Option<&'static str> {
-        Some(if self.params.magnification <= 1.0 {
+        Some(if self.params.magnification <= 1.0 && !self.params.is_grain() {
             include_str!("../../shaders/noise.wgsl")
         } else {
-            include_str!("../../shaders/noise_magnified.wgsl")
+            include_str!("../../shaders/noise_grain.wgsl")
         })
     }
 
     fn mixed_inputs(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, shown: Rect) -> MixedInputs {
         let gpu = run.gpu;
-        let lattice = self.lattice(shown);
+        let ratios = self.params.ratios(context);
+        let magnification = self.params.patch_px(&ratios);
+        let lattice = Self::lattice(magnification, shown);
         let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
         let (neighbours, channels) = context
             .camera
@@ -228,9 +280,13 @@ impl Effect for NoiseEffect {
 
         // What the filter really gives, where the wish lies beyond its reach.
         let given = taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32);
+        let Camera { noise, response, .. } = context.camera;
+        let read = |c| noise.as_ref().map_or(0.0, |noise| read_light(noise, response, c) as f32);
         let uniform = NoiseUniform {
-            shape: [self.params.magnification, self.params.scale, given[0], given[1]],
+            shape: [magnification, self.params.scale, given[0], given[1]],
             origin: [lattice.x0, lattice.y0, 0, 0],
+            grain: [ratios.iso as f32, if magnification <= 1.0 { 0.5 } else { 0.0 }, 0.0, 0.0],
+            read: [read(0), read(1), read(2), 0.0],
         };
         MixedInputs { uniform: bytemuck::bytes_of(&uniform).to_vec(), textures: vec![pattern] }
     }
@@ -265,10 +321,10 @@ pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) 
         }
         sum
     };
-    let independent = if params.magnification <= 1.0 {
+    let m = f64::from(params.patch_px(&params.ratios(context)));
+    let independent = if m <= 1.0 {
         filtered(x, y)
     } else {
-        let m = f64::from(params.magnification);
         let (u, v) = ((f64::from(x) + 0.5) / m, (f64::from(y) + 0.5) / m);
         let (fu, fv) = (u - u.floor(), v - v.floor());
         let mut sum = [0.0; 3];

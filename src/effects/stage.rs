@@ -1,6 +1,7 @@
 //! What an effect is: its stage, what it reads and what it gives.
 
-use crate::camera::{Camera, Opening};
+use crate::camera::{Camera, Geometry, Opening};
+use crate::frame::FrameExposure;
 use crate::gpu::Texture;
 use crate::image::Rect;
 use crate::params::{Params, Value};
@@ -26,11 +27,15 @@ pub struct ObjectMotion {
 #[derive(Clone, Debug)]
 pub struct FrameContext<'a> {
     pub camera: &'a Camera,
+    /// Of the picture that is made.
+    pub geometry: &'a Geometry,
     /// Position in the recording.
     pub frame: usize,
     pub seed: u64,
     /// How long each row gathers light, seconds.
     pub exposure_time_s: f64,
+    /// What the recording says of the frame's exposure.
+    pub recorded: FrameExposure,
     /// To the next frame, seconds.
     pub interval_s: f64,
     /// No point of the objects moves faster than this, px/s.
@@ -41,13 +46,24 @@ pub struct FrameContext<'a> {
     pub focal_px: f64,
     /// Between which depths all points of the objects lie, metres.
     pub depths_m: [f64; 2],
+    /// What of the picture the layer covers; may reach beyond it. Known once passes are recorded, empty before.
+    pub drawn: Rect,
     /// One for each object of the scene.
     pub objects: &'a [ObjectMotion],
+}
+
+/// A parameter that a camera does not allow: its name, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{parameter} is refused: {reason}")]
+pub struct EffectError {
+    pub parameter: &'static str,
+    pub reason: &'static str,
 }
 
 /// What stands at the bindings of an effect's part of the composite's shader, in their order.
 #[derive(Debug)]
 pub struct MixedInputs {
+    /// Empty for none.
     pub uniform: Vec<u8>,
     pub textures: Vec<Texture>,
 }
@@ -60,6 +76,10 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// The table's name is the effect's.
     fn params(&self) -> &dyn Params;
     fn params_mut(&mut self) -> &mut dyn Params;
+    /// Whether the camera has what the parameters need.
+    fn check(&self, _: &Camera) -> Result<(), EffectError> {
+        Ok(())
+    }
     /// Whether it would change no pixel of this frame; then it does not run.
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
     /// How far from a pixel it looks, px.
@@ -89,7 +109,8 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     }
     /// The effect's part of the composite's shader: WGSL that defines
     /// `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`. Its bindings are numbered from 4,
-    /// first a uniform, then textures.
+    /// first a uniform where there is one, then textures. An effect of the layer stage may have one too: it comes before
+    /// those of the mixed stage.
     fn mixed_wgsl(&self) -> Option<&'static str> {
         None
     }

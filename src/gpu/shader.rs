@@ -9,6 +9,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
     }
     embed![
         "shared/fullscreen",
+        "shared/half",
         "shared/hash",
         "shared/layer",
         "shared/lens",
@@ -17,20 +18,25 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "shared/noise",
         "accumulate",
         "accumulated",
+        "chromatic_aberration",
+        "chromatic_aberration_over",
         "composite",
         "copy",
         "depth_of_field",
         "depth_of_field_pyramid",
         "depth_of_field_tiles",
         "edge_blend",
+        "exposure",
         "motion_blur",
         "motion_blur_tiles",
         "noise",
-        "noise_magnified",
+        "noise_grain",
         "noise_pattern",
         "noise_white",
+        "point_spread",
         "raster",
         "resolve",
+        "vignetting",
     ]
 }
 

@@ -144,6 +144,7 @@ fn camera(width: u32, height: u32) -> (Camera, Geometry) {
     };
     let mut camera = Camera { geometry: Some(geometry.clone()), noise: Some(noise), ..Camera::default() };
     camera.exposure.time_s = Some(0.5 * INTERVAL_S);
+    camera.exposure.iso = Some(100.0);
     (camera, geometry)
 }
 

@@ -1,10 +1,20 @@
 // @import shared/noise
 
+// At another film speed (src/camera/grain.rs): shot noise grows with the speed's ratio k, that of reading out with k².
+// At k = 1 it is the calibrated variance, bit for bit.
+fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
+    let k = noise.grain.x;
+    let s = sigma_at(code) * noise.shape.y;
+    let shown = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
+    let read = noise.shape.y * noise.read.rgb * slope_at(shown, decode(shown, curve, gamma), curve, gamma);
+    return k * s * s + (k * k - k) * min(read * read, s * s);
+}
+
 // The pattern at a pixel of the picture, variance 1 everywhere.
 fn pattern_at(pixel: vec2<i32>) -> vec3<f32> {
     // Patches larger than a pixel: interpolated, and the variance that interpolation takes
     // away given back: Σ wᵢ wⱼ ρᵢⱼ, which separates into the two axes.
-    let x = (vec2<f32>(pixel) + 0.5) / noise.shape.x;
+    let x = (vec2<f32>(pixel) + 0.5) / noise.shape.x - noise.grain.y;
     let base = floor(x);
     let f = x - base;
     let i = vec2<i32>(base) - noise.origin.xy;

@@ -1,0 +1,29 @@
+// Brighter or darker by stops (vSLRcam (11) and its remedy).
+// @import shared/fullscreen
+// @import shared/response
+
+// The camera's response, for equation (11).
+override curve: f32 = 0.0;
+override gamma: f32 = 1.0;
+
+struct Exposure { by: vec4<f32> }  // factor on light; addition to display values
+@group(0) @binding(0) var<uniform> exposure: Exposure;
+@group(0) @binding(1) var layer: texture_2d<f32>;
+
+// The largest light that 16 bits hold, so that it stays a number.
+const BRIGHTEST: f32 = 60000.0;
+
+@fragment
+fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let light = textureLoad(layer, vec2<i32>(at.xy), 0);
+    return vec4<f32>(min(light.rgb * exposure.by.x, vec3<f32>(BRIGHTEST)), light.a);
+}
+
+// On display values, which know no coverage: the surface's own colour.
+@fragment
+fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let light = textureLoad(layer, vec2<i32>(at.xy), 0);
+    let shown = encode(light.rgb / max(light.a, 1e-6), curve, gamma);
+    let moved = clamp(shown + exposure.by.y, vec3<f32>(0.0), vec3<f32>(1.0));
+    return vec4<f32>(decode(moved, curve, gamma) * light.a, light.a);
+}

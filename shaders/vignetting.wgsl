@@ -1,0 +1,27 @@
+// The layer's light times a gain that is given at the corners of a grid over the picture; coverage stays.
+// @import shared/fullscreen
+struct Vignetting {
+    cells: vec4<f32>,   // a pixel's share of a cell: x, y; cells across and down: z, w
+    origin: vec4<i32>,  // of the layer in the picture: x, y
+}
+@group(0) @binding(0) var<uniform> vignetting: Vignetting;
+@group(0) @binding(1) var layer: texture_2d<f32>;
+@group(0) @binding(2) var gains: texture_2d<f32>;
+
+fn gain_at(corner: vec2<i32>) -> f32 {
+    return textureLoad(gains, corner, 0).x;
+}
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let p = vec2<i32>(at.xy);
+    let place = (vec2<f32>(p + vignetting.origin.xy) + 0.5) * vignetting.cells.xy;
+    let inside = clamp(place, vec2<f32>(0.0), vignetting.cells.zw);
+    let corner = min(floor(inside), vignetting.cells.zw - 1.0);
+    let f = inside - corner;
+    let i = vec2<i32>(corner);
+    let upper = mix(gain_at(i), gain_at(i + vec2<i32>(1, 0)), f.x);
+    let lower = mix(gain_at(i + vec2<i32>(0, 1)), gain_at(i + 1), f.x);
+    let light = textureLoad(layer, p, 0);
+    return vec4<f32>(light.rgb * mix(upper, lower, f.y), light.a);
+}

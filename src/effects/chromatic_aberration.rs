@@ -1,0 +1,216 @@
+//! Lateral chromatic aberration: red and blue are enlarged a little otherwise than green (camera/falloff.rs, `Lateral`).
+//!
+//! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of the picture; green
+//! stays, as calibrations of geometry go by it or by all three. Objects part as the real scene did, so at a silhouette
+//! each colour has a coverage of its own. One alpha cannot tell that: the effect hands three to the composite, which
+//! puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c, exactly. The layer's own alpha is their mean by luminance: above
+//! 0 where any colour is covered, so that untouched pixels stay the camera's, and for whoever composites the exported
+//! layer with it, right in luminance over grey.
+//!
+//! It comes last on the layer, as no other effect has to carry three coverages then. What stands before it treats all
+//! colours alike and changes slowly across the picture, so the order matters by the shift's share of that only.
+//!
+//! Not modelled: a spectrum within each colour (fringes have two hues), longitudinal aberration, the light's thinning
+//! out over a larger picture (2a of it); red and blue are interpolated linearly and get softer, as by a blur with a
+//! variance of at most 1/4 px².
+
+use glam::DVec2;
+
+use super::{Effect, FrameContext, MixedInputs, Stage};
+use crate::camera::Geometry;
+use crate::camera::falloff::Lateral;
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::image::Rect;
+use crate::params::{Params, Value};
+use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+
+crate::params! {
+    /// Parameters of the chromatic aberration.
+    pub struct ChromaticAberration in "chromatic_aberration" {
+        "how much larger red is than green: 0.001 is 1 px in 1000 from the principal point"
+        red: f64 = 0.0, "1", -0.02..=0.02;
+        "cubic part of red: what is added to that at half a diagonal, growing with the square"
+        red_cubic: f64 = 0.0, "1", -0.02..=0.02;
+        "how much larger blue is than green"
+        blue: f64 = 0.0, "1", -0.02..=0.02;
+        "cubic part of blue"
+        blue_cubic: f64 = 0.0, "1", -0.02..=0.02;
+    }
+}
+
+#[derive(Debug, Default)]
+pub struct ChromaticAberrationEffect {
+    params: ChromaticAberration,
+    passes: Option<Passes>,
+    /// Of this frame, from the layer's pass to the composite.
+    coverage: Option<Texture>,
+}
+
+#[derive(Debug)]
+struct Passes {
+    light: FullscreenPass,
+    geometry: FullscreenPass,
+}
+
+/// `Chromatic` of shaders/chromatic_aberration.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Uniform {
+    middle: [f32; 4],
+    parts: [f32; 4],
+    size: [i32; 4],
+}
+
+impl ChromaticAberration {
+    fn of_red(&self) -> Lateral {
+        Lateral { a: self.red, b: self.red_cubic }
+    }
+    fn of_blue(&self) -> Lateral {
+        Lateral { a: self.blue, b: self.blue_cubic }
+    }
+}
+
+/// Principal point and half diagonal of a picture, px.
+fn middle_and_half_diagonal_px(geometry: &Geometry) -> (DVec2, f64) {
+    let i = &geometry.intrinsics;
+    (DVec2::new(i.cx_px, i.cy_px), 0.5 * f64::from(i.width_px).hypot(f64::from(i.height_px)))
+}
+
+impl Passes {
+    fn new(gpu: &Gpu) -> Self {
+        let shader = assemble("chromatic_aberration");
+        let pass = |fragment, formats: &[_]| {
+            let options = Options { fragment, ..Options::default() };
+            FullscreenPass::with(gpu, "chromatic_aberration", &shader, formats, &options)
+        };
+        Self { light: pass("main", &[COLOR, COLOR]), geometry: pass("passing", &[GEOMETRY]) }
+    }
+}
+
+impl Effect for ChromaticAberrationEffect {
+    fn stage(&self) -> Stage {
+        Stage::Layer
+    }
+    fn summary(&self) -> &'static str {
+        "parts an object's colours towards the picture's corners as the lens does"
+    }
+    fn params(&self) -> &dyn Params {
+        &self.params
+    }
+    fn params_mut(&mut self) -> &mut dyn Params {
+        &mut self.params
+    }
+    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
+        self.params == ChromaticAberration::default()
+    }
+    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
+        let (middle, half_diagonal) = middle_and_half_diagonal_px(context.geometry);
+        let i = &context.geometry.intrinsics;
+        let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
+        let farthest = middle.abs().max((size - middle).abs()).length();
+        let r = farthest / half_diagonal;
+        let shift = |part: Lateral| (part.a.abs() + part.b.abs() * r * r) * farthest;
+        // The other way round the shift is a little larger; and a pixel for what lies between.
+        1.1 * shift(self.params.of_red()).max(shift(self.params.of_blue())) as f32 + 1.0
+    }
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        vec![("", vec![("red", Value::Number(0.001)), ("blue", Value::Number(-0.001))])]
+    }
+
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+        let gpu = run.gpu;
+        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
+        let (middle, half_diagonal) = middle_and_half_diagonal_px(context.geometry);
+        let in_layer = middle - DVec2::new(f64::from(context.drawn.x0), f64::from(context.drawn.y0));
+        let (red, blue) = (self.params.of_red(), self.params.of_blue());
+        let uniform = Uniform {
+            middle: [in_layer.x as f32, in_layer.y as f32, half_diagonal.recip() as f32, 0.0],
+            parts: [red.a, red.b, blue.a, blue.b].map(|part| part as f32),
+            size: [layer.size.0 as i32, layer.size.1 as i32, 0, 0],
+        };
+        let uniform = constants(gpu, "chromatic_aberration", bytemuck::bytes_of(&uniform));
+        let color = run.pool.get(gpu, "parted colour", 0, layer.size, COLOR, 1);
+        let coverage = run.pool.get(gpu, "parted coverage", 0, layer.size, COLOR, 1);
+        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view)];
+        passes.light.run(gpu, run.encoder, &slots, &[&color, &coverage], layer.size);
+        self.coverage = Some(coverage);
+        if !run.geometry_is_read {
+            return Layer { color, ..layer };
+        }
+        let geometry = run.pool.get(gpu, "parted geometry", 0, layer.size, GEOMETRY, 1);
+        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.geometry.view)];
+        passes.geometry.run(gpu, run.encoder, &slots, &[&geometry], layer.size);
+        Layer { color, geometry, size: layer.size }
+    }
+
+    fn mixed_wgsl(&self) -> Option<&'static str> {
+        Some(include_str!("../../shaders/chromatic_aberration_over.wgsl"))
+    }
+    fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {
+        MixedInputs { uniform: Vec::new(), textures: self.coverage.take().into_iter().collect() }
+    }
+}
+
+/// Where the light of a colour comes from that lands at a place, px: the inverse of [`Lateral::displaced_px`].
+pub fn source_px(part: Lateral, at_px: DVec2, middle_px: DVec2, half_diagonal_px: f64) -> DVec2 {
+    // Newton on the radius: r (1 + a + b r²) = r'.
+    let from_middle = at_px - middle_px;
+    let radius = from_middle.length() / half_diagonal_px;
+    if radius == 0.0 {
+        return at_px;
+    }
+    let mut r = radius;
+    for _ in 0..20 {
+        r -= (r * part.scale(r) - radius) / (1.0 + part.a + 3.0 * part.b * r * r);
+    }
+    middle_px + from_middle * (r / radius)
+}
+
+/// A layer with parted colours: premultiplied light of each colour and each colour's coverage. `rgba` holds
+/// `width * height` premultiplied pixels of the whole picture; outside is empty.
+pub fn twin(params: &ChromaticAberration, geometry: &Geometry, rgba: &[[f64; 4]]) -> Vec<[[f64; 3]; 2]> {
+    let (width, height) = (i64::from(geometry.intrinsics.width_px), i64::from(geometry.intrinsics.height_px));
+    let (middle, half_diagonal) = middle_and_half_diagonal_px(geometry);
+    let at = |x: i64, y: i64| {
+        let inside = x >= 0 && y >= 0 && x < width && y < height;
+        if inside { rgba[(y * width + x) as usize] } else { [0.0; 4] }
+    };
+    let parts = [params.of_red(), Lateral::default(), params.of_blue()];
+    (0..width * height)
+        .map(|i| {
+            let place = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            let mut out = [[0.0; 3]; 2];
+            for (c, part) in parts.into_iter().enumerate() {
+                let from = source_px(part, place, middle, half_diagonal) - 0.5;
+                let f = from - from.floor();
+                let (x, y) = (from.x.floor() as i64, from.y.floor() as i64);
+                for (dx, wx) in [(0, 1.0 - f.x), (1, f.x)] {
+                    for (dy, wy) in [(0, 1.0 - f.y), (1, f.y)] {
+                        let texel = at(x + dx, y + dy);
+                        out[0][c] += wx * wy * texel[c];
+                        out[1][c] += wx * wy * texel[3];
+                    }
+                }
+            }
+            out
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_is_displaced_comes_from_there(
+            a in -0.02f64..0.02, b in -0.02f64..0.02, x in -100.0f64..700.0, y in -100.0f64..600.0,
+        ) {
+            let (part, middle) = (Lateral { a, b }, DVec2::new(310.0, 250.0));
+            let at = DVec2::new(x, y);
+            let there = part.displaced_px(at, middle, 400.0);
+            prop_assert!((source_px(part, there, middle, 400.0) - at).length() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Exposure of the virtual layer: brighter or darker by ΔEV stops (camera/exposure.rs).
+//!
+//! - `photographic` (default): light times 2^ΔEV; what is too bright clips at the response.
+//! - `additive`: vSLRcam (11) as printed, 0.2 · ΔEV added to display values, 0 to 1.
+//!
+//! ΔEV is `ev`, and, where `reference_s` is given, by how many stops the frame was exposed longer than that: a scene
+//! whose lights were measured at one exposure then follows a camera that exposes by itself. A frame that does not say
+//! how it was exposed is taken as exposed like the reference.
+//!
+//! Not modelled: what exposure does to noise (noise.rs goes by the code value that comes out) and to blur (its length
+//! is the camera's exposure time already).
+
+use super::{Effect, FrameContext, Stage};
+use crate::camera::exposure::{additive, photographic_gain};
+use crate::camera::{Curve, Response};
+use crate::frame::FrameExposure;
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
+use crate::params::{Params, Value};
+use crate::render::{COLOR, Layer, LayerRun};
+
+crate::choices! {
+    /// How exposure acts.
+    pub enum Method { Photographic = "photographic", Additive = "additive" }
+}
+
+crate::params! {
+    /// Parameters of the exposure.
+    pub struct Exposure in "exposure" {
+        "how much brighter objects are, in stops: 1 is twice the light; 0 is as lit"
+        ev: f64 = 0.0, "EV", -10.0..=10.0;
+        "photographic: factor on light; additive: the paper's step on display values"
+        method: Method = Method::Photographic;
+        "exposure at which the scene's lights are right: time x gain (x ISO/100 / f-number^2 where frames tell them); none: at every one"
+        reference_s: Option<f64> = None, "s", 1e-9..=1e6;
+    }
+}
+
+#[derive(Debug, Default)]
+pub struct ExposureEffect {
+    params: Exposure,
+    pass: Option<(Method, FullscreenPass)>,
+}
+
+/// How much light a frame's recording gathered of the same scene, seconds at f/1, ISO 100 and gain 1; a setting that it
+/// does not tell counts as that. `None` where no time is told.
+pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
+    let time_s = recorded.time_s.or(recorded.photo.time_s)?;
+    let speed = recorded.photo.iso.map_or(1.0, |iso| iso / 100.0);
+    let f_number = recorded.photo.f_number.unwrap_or(1.0);
+    Some(time_s * recorded.gain.unwrap_or(1.0) * speed / (f_number * f_number)).filter(|s| s.is_finite() && *s > 0.0)
+}
+
+impl Exposure {
+    /// By how many stops the layer of a frame gets brighter; within ±30.
+    pub fn over_ev(&self, recorded: &FrameExposure) -> f64 {
+        let longer = self.reference_s.and_then(|reference_s| Some((gathered_s(recorded)? / reference_s).log2()));
+        (self.ev + longer.unwrap_or(0.0)).clamp(-30.0, 30.0)
+    }
+}
+
+fn pass(gpu: &Gpu, method: Method, response: &Response) -> FullscreenPass {
+    let curve = match response.curve {
+        Curve::Srgb => 0.0,
+        Curve::Linear => 1.0,
+        Curve::Gamma => 2.0,
+    };
+    let (fragment, constants): (_, &[_]) = match method {
+        Method::Photographic => ("photographic", &[]),
+        Method::Additive => ("additive", &[("curve", curve), ("gamma", response.gamma)]),
+    };
+    let options = Options { fragment, constants, ..Options::default() };
+    FullscreenPass::with(gpu, "exposure", &assemble("exposure"), &[COLOR], &options)
+}
+
+impl Effect for ExposureEffect {
+    fn stage(&self) -> Stage {
+        Stage::Layer
+    }
+    fn summary(&self) -> &'static str {
+        "makes objects brighter or darker by stops"
+    }
+    fn params(&self) -> &dyn Params {
+        &self.params
+    }
+    fn params_mut(&mut self) -> &mut dyn Params {
+        &mut self.params
+    }
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        self.params.over_ev(&context.recorded) == 0.0
+    }
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        let over = ("ev", Value::Number(1.0));
+        ["photographic", "additive"].map(|m| (m, vec![over.clone(), ("method", Value::Text(m.to_owned()))])).to_vec()
+    }
+
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+        let gpu = run.gpu;
+        let method = self.params.method;
+        let made = self.pass.take().filter(|(of, _)| *of == method);
+        let (_, pass) = self.pass.insert(made.unwrap_or_else(|| (method, pass(gpu, method, &context.camera.response))));
+        let over_ev = self.params.over_ev(&context.recorded);
+        let by = [photographic_gain(over_ev) as f32, (0.2 * over_ev) as f32, 0.0, 0.0];
+        let uniform = constants(gpu, "exposure", bytemuck::cast_slice(&by));
+        let color = run.pool.get(gpu, "exposed colour", 0, layer.size, COLOR, 1);
+        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view)];
+        pass.run(gpu, run.encoder, &slots, &[&color], layer.size);
+        Layer { color, ..layer }
+    }
+}
+
+/// One premultiplied pixel of the layer, exposed.
+pub fn twin(rgba: [f64; 4], method: Method, over_ev: f64, response: &Response) -> [f64; 4] {
+    let [r, g, b, a] = rgba;
+    let exposed = |light: f64| match method {
+        Method::Photographic => light * photographic_gain(over_ev),
+        Method::Additive if a > 0.0 => a * response.decode(additive(response.encode(light / a), over_ev)),
+        Method::Additive => 0.0,
+    };
+    [exposed(r), exposed(g), exposed(b), a]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::PhotoSettings;
+
+    #[test]
+    fn stops_worked_by_hand() {
+        let linear = Response { curve: Curve::Linear, ..Default::default() };
+        assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Photographic, 2.0, &linear), [0.8, 0.4, 0.0, 0.5]);
+        // Half covered by 0.4 and 0.2: one stop adds 0.2 to the display value.
+        let [r, g, _, a] = twin([0.2, 0.1, 0.0, 0.5], Method::Additive, 1.0, &linear);
+        assert!((r - 0.3).abs() < 1e-12 && (g - 0.2).abs() < 1e-12 && a == 0.5);
+        assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Additive, -5.0, &linear), [0.0, 0.0, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn a_frame_is_exposed_as_the_recording_says() {
+        let of = |time_s, gain| FrameExposure { time_s, gain, ..Default::default() };
+        let params = Exposure { reference_s: Some(0.01), ..Default::default() };
+        assert_eq!(params.over_ev(&of(Some(0.02), None)), 1.0);
+        assert_eq!(params.over_ev(&of(Some(0.02), Some(2.0))), 2.0);
+        assert_eq!(params.over_ev(&of(None, Some(2.0))), 0.0);
+        assert_eq!(Exposure::default().over_ev(&of(Some(0.02), Some(2.0))), 0.0);
+        let params = Exposure { ev: -0.5, ..params };
+        assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
+        // f/4, 1/50 s, ISO 400: 0.02 · 4 / 16 = 5 ms at f/1 and ISO 100.
+        let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), focal_length_m: None };
+        assert_eq!(gathered_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));
+        assert_eq!(gathered_s(&of(Some(0.0), None)), None);
+    }
+}

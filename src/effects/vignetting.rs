@@ -1,0 +1,156 @@
+//! Vignetting: light is lost away from the picture's middle (camera/falloff.rs).
+//!
+//! gain = cos⁴θ to the power `natural`, times the part of the opening that a rim leaves free. Multiplies the layer's
+//! light; what it covers stays covered. The rim takes the opening from `camera.lens`: stopping down makes it go away.
+//! The gain is worked out at the corners of 128 cells across the picture and interpolated: within 1e-4 for the natural
+//! part of a lens that sees 90°.
+//!
+//! Not modelled: pixel vignetting, colour shading, and what a rim does to the shape of blurred highlights (cat's eyes).
+
+use glam::DVec2;
+
+use super::{Effect, FrameContext, Stage};
+use crate::camera::falloff::{Rim, natural};
+use crate::camera::{Geometry, Opening};
+use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
+use crate::params::{Params, Value};
+use crate::render::{COLOR, Layer, LayerRun};
+
+crate::params! {
+    /// Parameters of the vignetting.
+    pub struct Vignetting in "vignetting" {
+        "natural: how much of the fall-off with cos⁴ of the angle: 1 is all of it; 0 is off"
+        natural: f64 = 0.0, "1", 0.0..=2.0;
+        "mechanical: how far before the lens's opening a rim stands; 0 is off"
+        rim_distance_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "mechanical: radius of that rim; at least that of the widest opening"
+        rim_radius_mm: f64 = 20.0, "mm", 0.1..=1000.0;
+    }
+}
+
+/// Across the picture.
+const CELLS: u32 = 128;
+
+#[derive(Debug, Default)]
+pub struct VignettingEffect {
+    params: Vignetting,
+    pass: Option<FullscreenPass>,
+    grid: Option<Grid>,
+}
+
+/// The gain over a picture, and what it holds for.
+#[derive(Debug)]
+struct Grid {
+    of: (Geometry, Option<Opening>, Vignetting),
+    gains: Texture,
+    cells: [u32; 2],
+}
+
+/// `Vignetting` of shaders/vignetting.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Uniform {
+    cells: [f32; 4],
+    origin: [i32; 4],
+}
+
+impl Grid {
+    fn new(gpu: &Gpu, geometry: &Geometry, opening: Option<Opening>, params: &Vignetting) -> Self {
+        let picture = [geometry.intrinsics.width_px, geometry.intrinsics.height_px];
+        let down = (f64::from(CELLS) * f64::from(picture[1]) / f64::from(picture[0])).ceil() as u32;
+        let cells = [CELLS, down.clamp(1, 4 * CELLS)];
+        let texels: Vec<f32> = (0..=cells[1])
+            .flat_map(|y| (0..=cells[0]).map(move |x| [x, y]))
+            .map(|corner| {
+                let [x, y] = [0, 1].map(|i| f64::from(corner[i]) / f64::from(cells[i]) * f64::from(picture[i]));
+                twin(params, geometry, opening, DVec2::new(x, y)) as f32
+            })
+            .collect();
+        let (columns, rows) = (cells[0] + 1, cells[1] + 1);
+        let gains = Texture::new(gpu, "vignetting", columns, rows, wgpu::TextureFormat::R32Float, 1);
+        gains.write(gpu, columns, rows, &texels);
+        Self { of: (geometry.clone(), opening, params.clone()), gains, cells }
+    }
+
+    fn holds_for(&self, context: &FrameContext<'_>, params: &Vignetting) -> bool {
+        let (geometry, opening, of) = &self.of;
+        geometry == context.geometry && *opening == context.opening && of == params
+    }
+}
+
+impl Effect for VignettingEffect {
+    fn stage(&self) -> Stage {
+        Stage::Layer
+    }
+    fn summary(&self) -> &'static str {
+        "darkens objects towards the picture's corners as the lens does"
+    }
+    fn params(&self) -> &dyn Params {
+        &self.params
+    }
+    fn params_mut(&mut self) -> &mut dyn Params {
+        &mut self.params
+    }
+    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
+        self.params.natural == 0.0 && self.params.rim_distance_mm == 0.0
+    }
+    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+        vec![("", vec![("natural", Value::Number(1.0))])]
+    }
+
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+        let gpu = run.gpu;
+        let grid = match self.grid.take().filter(|grid| grid.holds_for(context, &self.params)) {
+            Some(grid) => grid,
+            None => Grid::new(gpu, context.geometry, context.opening, &self.params),
+        };
+        let pass =
+            self.pass.get_or_insert_with(|| FullscreenPass::new(gpu, "vignetting", &assemble("vignetting"), &[COLOR]));
+        let i = &context.geometry.intrinsics;
+        let [across, down] = grid.cells.map(|cells| cells as f32);
+        let uniform = Uniform {
+            cells: [across / i.width_px as f32, down / i.height_px as f32, across, down],
+            origin: [context.drawn.x0, context.drawn.y0, 0, 0],
+        };
+        let uniform = constants(gpu, "vignetting", bytemuck::bytes_of(&uniform));
+        let color = run.pool.get(gpu, "vignetted colour", 0, layer.size, COLOR, 1);
+        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view), Slot::Texture(&grid.gains.view)];
+        pass.run(gpu, run.encoder, &slots, &[&color], layer.size);
+        self.grid = Some(grid);
+        Layer { color, ..layer }
+    }
+}
+
+/// The gain on light at a place in the picture (px), 0 to 1; 0 where the lens has no ray.
+pub fn twin(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
+    let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
+    let ray = ray.truncate();
+    let rim = Rim { distance_m: 1e-3 * params.rim_distance_mm, radius_m: 1e-3 * params.rim_radius_mm };
+    let free = if rim.distance_m > 0.0 { rim.gain(opening.map_or(0.0, |o| o.diameter_m), ray) } else { 1.0 };
+    natural(ray).powf(params.natural) * free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Distortion, Intrinsics};
+
+    #[test]
+    fn the_gain_worked_by_hand() {
+        let geometry = Geometry::new(Intrinsics { width_px: 2000, ..Default::default() }, Distortion::default());
+        // 525 px beside the middle is 45°: cos⁴ is 1/4, half of it (cos²) is 1/2.
+        let at = DVec2::new(320.0 + 525.0, 240.0);
+        let gain = |natural, rim_distance_mm, opening| {
+            let params = Vignetting { natural, rim_distance_mm, rim_radius_mm: 10.0 };
+            twin(&params, &geometry, opening, at)
+        };
+        assert!((gain(1.0, 0.0, None) - 0.25).abs() < 1e-12);
+        assert!((gain(0.5, 0.0, None) - 0.5).abs() < 1e-12);
+        // A rim of the opening's own radius, 10 mm, seen shifted by 10 mm: (2π/3 − √3/2)/π.
+        let opening = Opening { diameter_m: 0.02, focus_distance_m: 1.0, blades: 0, rotation_rad: 0.0 };
+        assert!((gain(0.0, 10.0, Some(opening)) - 0.391_002).abs() < 1e-6);
+        assert!((gain(1.0, 10.0, Some(opening)) - 0.25 * 0.391_002).abs() < 1e-6);
+        // Stopped down to a point, the rim hides nothing until it hides all.
+        assert_eq!((gain(0.0, 9.9, None), gain(0.0, 10.1, None)), (1.0, 0.0));
+    }
+}
