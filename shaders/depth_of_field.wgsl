@@ -139,13 +139,13 @@ fn level_of_taps(radius: f32, count: i32) -> f32 {
 }
 
 // The points' radius for which edges are as wide as the aperture makes them: less than the aperture's by what blurs
-// besides — the texels that the points look up (square, with straight lines between them), and the straight lines
-// between the pixels that are drawn here. An edge through a disc is wider from 10 to 90 % (2.75 σ) than one through what
+// besides: the texels that the points look up (squares; between them straight lines, 1/6, or the nearest, 1/12), and the
+// straight lines between the pixels that are drawn here. An edge through a disc is wider from 10 to 90 % (2.75 σ) than one through what
 // is rounder (2.56 σ): not all of their variance counts. The share is found by measuring (tests/depth_of_field.rs).
-fn narrowed(radius: f32, of_taps: f32) -> f32 {
+fn narrowed(radius: f32, of_taps: f32, between_texels: f32) -> f32 {
     let texel = exp2(2.0 * of_taps);
     let drawn = select(0.0, texel_px() * texel_px(), level > 0);
-    let added = (texel - 1.0) / 12.0 + texel / 6.0 + drawn / 6.0;
+    let added = (texel - 1.0) / 12.0 + texel * between_texels + drawn / 6.0;
     return sqrt(max(radius * radius - 0.85 * added / lens.circle.z, 0.0));
 }
 
@@ -166,7 +166,7 @@ fn two_taps(i: i32) -> vec4<f32> {
 fn gather(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = max(0.5 * abs(circle), HALF_PX);
     let m = level_of_taps(radius, taps);
-    let r = side_of(circle) * narrowed(radius, m);
+    let r = side_of(circle) * narrowed(radius, m, 1.0 / 6.0);
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < taps / 2; i++) {
         let t = r * two_taps(i);
@@ -179,10 +179,9 @@ fn gather(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
 // One surface with small circles, at the layer's resolution.
 fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
-    // As in `narrowed`; straight lines between pixels add 1/6 to the variance. Within a pixel they add more: a point
-    // at x blurs by |x| in all, of which the mean over a disc is 0.849 of the standard deviation.
-    let within = radius * radius * sqrt(lens.circle.z) / 0.849;
-    let r = side_of(circle) * max(sqrt(max(radius * radius - select(1.2, 0.35, taps == 4) / (6.0 * lens.circle.z), 0.0)), min(within, radius));
+    // As in `narrowed`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
+    let added = select(1.2, 0.35, taps == 4) / 6.0;
+    let r = side_of(circle) * sqrt(max(radius * radius - added / lens.circle.z, 0.0));
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < taps / 2; i++) {
         let t = r * two_taps(i);
@@ -235,8 +234,8 @@ fn gather_two(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
     let front_px = max(two.front_px, TWO_HALF_PX);
     let back_px = max(two.back_px, TWO_HALF_PX);
     let m = vec2<f32>(level_of_taps(front_px, taps), level_of_taps(back_px, taps));
-    let front_r = side_of(two.front) * narrowed(front_px, m.x);
-    let back_r = side_of(two.back) * narrowed(back_px, m.y);
+    let front_r = side_of(two.front) * narrowed(front_px, m.x, 1.0 / 12.0);
+    let back_r = side_of(two.back) * narrowed(back_px, m.y, 1.0 / 12.0);
     let texel = exp2(m);
     let mip = vec2<i32>(m) - 1;
     var near = vec4<f32>(0.0);

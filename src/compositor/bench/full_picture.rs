@@ -8,6 +8,7 @@ use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfFieldEffect;
 use crate::effects::{Effect, FrameContext};
 use crate::gpu::{Gpu, Texture, TexturePool, half_texels};
+use crate::image::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
 const FOCAL_PX: f64 = 1000.0;
@@ -56,7 +57,8 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, Su
     let copy = copy_ms(gpu, width, height)?;
     let mut rows = vec![Row { name: format!("copy at {width}x{height}"), ms: copy, copies: 1.0 }];
     let intrinsics = Intrinsics { width_px: width, height_px: height, fx_px: FOCAL_PX, ..Intrinsics::default() };
-    let camera = Camera { geometry: Some(Geometry::new(intrinsics, Default::default())), ..Camera::default() };
+    let geometry = Geometry::new(intrinsics, Default::default());
+    let camera = Camera { geometry: Some(geometry.clone()), ..Camera::default() };
     let opening = Opening { diameter_m: DIAMETER_M, focus_distance_m: FOCUS_M, blades: 0, rotation_rad: 0.0 };
     let mut pool = TexturePool::default();
     let mut effect = DepthOfFieldEffect::default();
@@ -69,6 +71,9 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, Su
         let layer = layer(gpu, width, height, circles);
         let context = FrameContext {
             camera: &camera,
+            geometry: &geometry,
+            recorded: Default::default(),
+            drawn: Rect::full(width, height),
             frame: 0,
             seed: 0,
             exposure_time_s: 0.0,

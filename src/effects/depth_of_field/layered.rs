@@ -81,8 +81,8 @@ impl ApertureUniform {
 
 /// No circle is drawn wider than a quarter of the picture.
 fn widest_px(context: &FrameContext<'_>) -> f32 {
-    let across = context.camera.geometry.as_ref().map_or(640, |g| g.intrinsics.width_px.max(g.intrinsics.height_px));
-    across as f32 / 4.0
+    let i = &context.geometry.intrinsics;
+    i.width_px.max(i.height_px) as f32 / 4.0
 }
 
 /// Of what is drawn, px.
