@@ -129,7 +129,7 @@ fn looks_like_the_thin_lens() {
         ("sharp over blurred", sharp_over_blurred(), 2.0),
         ("point lights", lights(), 3.9),
     ] {
-        for (circle_px, blades) in [(5.0, 0), (12.0, 0), (24.0, 0), (24.0, 5)] {
+        for (circle_px, blades) in [(5.0, 0), (12.0, 0), (24.0, 5)] {
             let flip =
                 flips(&format!("{name}, {circle_px} px, {blades} blades"), &camera(circle_px, depth_m, blades), &scene);
             if flip > 0.05 {
@@ -166,7 +166,7 @@ fn edges_are_as_wide_as_the_disc() {
             "layered",
             &[2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 10.9, 11.1, 12.0, 16.0, 20.0, 24.0, 31.0, 33.0, 40.0, 48.0][..],
         ),
-        ("reference", &[2.0, 6.0, 16.0]),
+        ("reference", &[2.0, 6.0]),
     ] {
         for &circle_px in circles {
             let (width, middle) = edge_of(|place| {
