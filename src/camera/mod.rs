@@ -2,6 +2,7 @@
 
 pub mod accumulation;
 mod aperture;
+pub mod curved;
 mod distortion;
 pub mod exposure;
 pub mod falloff;
@@ -11,6 +12,7 @@ pub mod grain;
 mod lens;
 pub mod metering;
 mod noise;
+pub mod projection;
 mod response;
 pub mod stops;
 mod thin_lens;
