@@ -18,7 +18,7 @@ pub mod stops;
 mod thin_lens;
 
 pub use aperture::Aperture;
-pub use distortion::Distortion;
+pub use distortion::{Distortion, LensModel};
 pub use exposure::Exposure;
 pub use film::{Film, FilmError, LensType};
 pub use geometry::{Geometry, Intrinsics};
