@@ -13,7 +13,7 @@ use crate::image::LinearImage;
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;
 /// Of a face, px a side: half a gigabyte.
-pub const LARGEST_FACE_PX: u32 = 8192;
+const LARGEST_FACE_PX: u32 = 8192;
 const SMALLEST_FACE_PX: u32 = 64;
 /// Places in a pixel along each side.
 const PLACES: std::ops::RangeInclusive<f64> = 3.0..=32.0;
@@ -112,8 +112,14 @@ fn survey(curved: &Curved) -> (f64, Vec<Face>) {
     (finest, seen)
 }
 
-/// The side of a face that loses nothing of a picture, px; above [`LARGEST_FACE_PX`] so much is drawn.
-pub fn wanted_face_px(curved: &Curved) -> f64 {
+/// Where a picture would need larger faces than are drawn, to lose nothing of it: their side wanted and drawn, px.
+pub fn limits(curved: &Curved) -> Option<(u32, u32)> {
+    let wanted = wanted_face_px(curved).ceil() as u32;
+    (wanted > LARGEST_FACE_PX).then_some((wanted, LARGEST_FACE_PX))
+}
+
+/// The side of a face that loses nothing of a picture, px.
+fn wanted_face_px(curved: &Curved) -> f64 {
     // A face is coarsest in its middle, side/2 texels a radian. Two texels a pixel.
     4.0 / survey(curved).0
 }
@@ -246,9 +252,9 @@ mod tests {
         };
         assert_eq!(Resampler::new(&fisheye(60.0)).needed, [Face::Front]);
         assert_eq!(Resampler::new(&fisheye(180.0)).needed.len(), 5);
-        // 57.3 px a radian along the radius, a little more across it far out.
+        // 57.3 px a radian along the radius, up to π/2 times that across it far out: in between on diagonals.
         let wanted = wanted_face_px(&fisheye(180.0));
-        assert!((4.0 * 57.29..4.0 * 60.0).contains(&wanted), "{wanted}");
+        assert!((4.0 * 57.29..4.0 * 72.0).contains(&wanted), "{wanted}");
         let all =
             Curved { curve: Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }, width_px: 360, height_px: 180 };
         assert_eq!(Resampler::new(&all).needed.len(), 6);
