@@ -301,7 +301,10 @@ fn the_program_frames_a_scene_with_every_camera() {
                 .enumerate_pixels()
                 .filter(|(x, y, p)| (*x == 0 || *y == 0 || *x == 95 || *y == 63) && p.0[3] > 128)
                 .count();
-            assert!(cut == 0 || ["off-centre", "environment"].contains(&camera), "{camera} {model}: {cut} pixels at the frame");
+            assert!(
+                cut == 0 || ["off-centre", "environment"].contains(&camera),
+                "{camera} {model}: {cut} pixels at the frame"
+            );
         }
     }
 }

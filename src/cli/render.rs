@@ -44,7 +44,7 @@ pub struct Args {
     /// What is up in the picture; else the scene's up
     #[arg(long, value_name = "X,Y,Z", value_parser = vector::<3>, allow_hyphen_values = true)]
     up: Option<[f64; 3]>,
-    /// Leave the environment's picture out: nothing behind the objects
+    /// Leave the environment's picture out (parallel rays do anyway): nothing behind the objects
     #[arg(long)]
     transparent: bool,
     /// A .png, or a .exr in linear light
@@ -140,7 +140,8 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &text);
     }
     let has_picture = matches!(scene.lighting.environment, Environment::Map(_));
-    let shot = Shot { projection, pose, background: has_picture && !args.transparent };
+    let background = has_picture && !args.transparent && args.camera != Kind::Orthographic;
+    let shot = Shot { projection, pose, background };
     let gpu = Gpu::open()?;
     let mut renderer = Renderer::new(&gpu, scene);
     renderer.warnings().iter().for_each(|text| warn(args.quiet, text));

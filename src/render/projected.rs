@@ -68,7 +68,8 @@ impl Projection {
 pub struct Shot {
     pub projection: Projection,
     pub pose: Pose,
-    /// Whether the environment's picture, where there is one, stands behind the objects.
+    /// Whether the environment's picture, where there is one, stands behind the objects. Not with parallel rays, which
+    /// all see the one place of it.
     pub background: bool,
 }
 
@@ -102,7 +103,8 @@ pub fn take(gpu: &Gpu, renderer: &mut Renderer, shot: &Shot) -> Result<LinearIma
             sum
         }
     };
-    if let (true, Environment::Map(map)) = (shot.background, &renderer.scene().lighting.environment) {
+    let background = shot.background && !matches!(shot.projection, Projection::Orthographic { .. });
+    if let (true, Environment::Map(map)) = (background, &renderer.scene().lighting.environment) {
         let turn = map.map_from_world.as_dquat() * shot.pose.world_from_camera_rotation();
         lay_over(&mut image, &shot.projection, &panorama::sharp(map), turn);
     }
@@ -159,6 +161,8 @@ fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Le
 /// What is drawn, 16-bit floats as they come from the GPU.
 pub struct Drawn {
     pub width: u32,
+    /// Outside of it nothing is.
+    pub rect: Rect,
     pub rgba: Vec<[half::f16; 4]>,
 }
 
@@ -192,7 +196,6 @@ impl Studio<'_> {
     /// Draws the objects by a geometry; with `parallel` its focal lengths are px a metre.
     fn draw(&mut self, geometry: &Geometry, pose: Pose, parallel: bool) -> Result<Drawn, GpuError> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
-        let mut drawn = Drawn { width, rgba: vec![[half::f16::ZERO; 4]; width as usize * height as usize] };
         let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0 };
         let keys = ViewKeys::new(shutter, |_| pose);
         let footprint = self.renderer.footprint(geometry, &keys);
@@ -200,6 +203,7 @@ impl Studio<'_> {
         // A hair behind the farthest point; its rectangle is told for rays through one point.
         let parallel_to_m = parallel.then(|| 1.01 * footprint.depths_m[1].max(2.0 * NEAR_M));
         let rect = if parallel { full } else { footprint.rect.intersection(&full) };
+        let mut drawn = Drawn { width, rect, rgba: vec![[half::f16::ZERO; 4]; width as usize * height as usize] };
         for y0 in (rect.y0..rect.y1).step_by(TILE_PX as usize) {
             for x0 in (rect.x0..rect.x1).step_by(TILE_PX as usize) {
                 let tile = Rect::new(x0, y0, x0 + TILE_PX, y0 + TILE_PX).intersection(&rect);

@@ -8,7 +8,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use super::projected::Drawn;
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
-use crate::image::LinearImage;
+use crate::image::{LinearImage, Rect};
 
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;
@@ -156,6 +156,7 @@ impl<'a> Resampler<'a> {
         let [right, down, forward] = face.axes();
         let half = 0.5 * f64::from(self.face_px);
         let centre = half + f64::from(MARGIN_PX);
+        let place = |d: DVec3| DVec2::new(d.dot(right), d.dot(down)) / d.dot(forward) * half + centre;
         over_rows(&mut sum.rgba, row_length, |y, row| {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let at = DVec2::new(x as f64, y as f64);
@@ -166,6 +167,11 @@ impl<'a> Resampler<'a> {
                         let wide = a.angle_between(b).max(a.angle_between(c)).max(a.angle_between(d));
                         // No place in the pixel is farther from the corner than that; faces end at 54.7°.
                         if a.angle_between(forward) > 0.96 + 2.0 * wide {
+                            continue;
+                        }
+                        // Directions far from the face's axis have no place on it.
+                        let before = [a, b, c, d].into_iter().all(|d| d.dot(forward) > 0.3);
+                        if before && misses([a, b, c, d].map(place), drawn.rect) {
                             continue;
                         }
                         // Texels at the face's rim are twice as fine.
@@ -182,8 +188,7 @@ impl<'a> Resampler<'a> {
                     if Face::of(d) != face {
                         continue;
                     }
-                    let on_face = DVec2::new(d.dot(right), d.dot(down)) / d.dot(forward) * half + centre;
-                    let texel = between(drawn, on_face);
+                    let texel = between(drawn, place(d));
                     (0..4).for_each(|c| mean[c] += texel[c]);
                 }
                 let share = 1.0 / (places * places) as f32;
@@ -191,6 +196,18 @@ impl<'a> Resampler<'a> {
             }
         });
     }
+}
+
+/// Whether a pixel with these corners on a face, most of its own size around it included, sees nothing of what is drawn.
+fn misses(corners: [DVec2; 4], rect: Rect) -> bool {
+    let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
+    let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
+    let around = 2.0 + (high - low);
+    let (low, high) = (low - around, high + around);
+    high.x < f64::from(rect.x0)
+        || high.y < f64::from(rect.y0)
+        || low.x > f64::from(rect.x1)
+        || low.y > f64::from(rect.y1)
 }
 
 /// Between the four texels around a place.
