@@ -298,7 +298,7 @@ mod tests {
         /// One round trip for all models, over all they see.
         #[test]
         fn round_trip(
-            around in 0.0f64..6.283, share in 0.0f64..1.0, k1 in -0.4f64..0.4, k2 in -0.1f64..0.1, p in -0.004f64..0.004,
+            around in 0.0..std::f64::consts::TAU, share in 0.0f64..1.0, k1 in -0.4f64..0.4, k2 in -0.1f64..0.1, p in -0.004f64..0.004,
             k in prop::array::uniform4(-0.05f64..0.05),
         ) {
             let brown = Distortion { k1, k2, p1: p, p2: -p, ..Default::default() };

@@ -17,7 +17,7 @@ pub enum Depth {
 
 impl Depth {
     /// From −1..1 to this depth.
-    fn from_signed(self) -> DMat4 {
+    fn of_signed(self) -> DMat4 {
         match self {
             Self::Signed => DMat4::IDENTITY,
             Self::ZeroToOne => DMat4::from_translation(0.5 * DVec3::Z) * DMat4::from_scale(DVec3::new(1.0, 1.0, 0.5)),
@@ -78,7 +78,7 @@ pub fn perspective(fov_y_rad: f64, aspect: f64, near_m: f64, far_m: f64, depth: 
         DVec4::new(0.0, 0.0, a, -1.0),
         DVec4::new(0.0, 0.0, b, 0.0),
     );
-    depth.from_signed() * signed
+    depth.of_signed() * signed
 }
 
 /// The shear that moves the centre of a window, at a distance in front of the camera, onto the axis.
@@ -104,7 +104,7 @@ pub fn orthographic(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DM
     let to_middle = DVec3::new(-window.centre().x, -window.centre().y, 0.5 * (near_m + far_m));
     let half = window.half_size();
     let to_unit = DVec3::new(1.0 / half.x, 1.0 / half.y, -2.0 / (far_m - near_m));
-    depth.from_signed() * DMat4::from_scale(to_unit) * DMat4::from_translation(to_middle)
+    depth.of_signed() * DMat4::from_scale(to_unit) * DMat4::from_translation(to_middle)
 }
 
 /// Device coordinates to places in a picture, px; depth stays. With `y_down` row 0 is the upper one (Lemme p.24-27).
