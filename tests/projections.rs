@@ -244,8 +244,9 @@ fn the_environment_stands_behind_and_shows_through_in_part() {
     let (width, height) = (256, 128);
     // By longitude: red to the right of the map's middle (−z), green to its left; above is bright.
     let rgb = (0..width * height)
-        .map(|i| match (i % width >= width / 2, i / width < height / 2) {
-            (right, above) => [f32::from(u8::from(right)), f32::from(u8::from(!right)), f32::from(u8::from(above))],
+        .map(|i| {
+            let (right, above) = (i % width >= width / 2, i / width < height / 2);
+            [f32::from(u8::from(right)), f32::from(u8::from(!right)), f32::from(u8::from(above))]
         })
         .collect();
     let map = EnvironmentMap {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::accumulate::Accumulate;
 use super::bounds::{Bounds, Footprint, footprint};
@@ -15,6 +15,7 @@ use super::view::{Shutter, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
 use crate::image::Rect;
+use crate::pose::Pose;
 use crate::scene::{Scene, Vertex};
 
 /// A mesh on the GPU.
@@ -126,6 +127,25 @@ impl Renderer {
     pub fn footprint(&self, geometry: &Geometry, keys: &ViewKeys) -> Footprint {
         let bounds: Vec<_> = self.meshes.iter().map(|m| m.bounds).collect();
         footprint(&self.scene, &bounds, geometry, keys)
+    }
+
+    /// Whether anything can be in the picture of a pinhole without distortion: no part whose box lies beyond one of the
+    /// picture's sides.
+    pub fn in_view(&self, geometry: &Geometry, pose: &Pose) -> bool {
+        let i = &geometry.intrinsics;
+        let (low, high) = (
+            DVec2::new(-i.cx_px / i.fx_px, -i.cy_px / i.fy_px),
+            DVec2::new((f64::from(i.width_px) - i.cx_px) / i.fx_px, (f64::from(i.height_px) - i.cy_px) / i.fy_px),
+        );
+        self.scene.objects.iter().flat_map(|o| &o.parts).any(|part| {
+            let Some(bounds) = self.meshes[part.mesh].bounds else { return false };
+            let corners = bounds.corners().map(|c| pose.transform_point(part.world_from_mesh.transform_point3(c)));
+            let beyond = |side: &dyn Fn(DVec3) -> f64| corners.iter().all(|&c| side(c) < 0.0);
+            !(beyond(&|c| c.x - low.x * c.z)
+                || beyond(&|c| high.x * c.z - c.x)
+                || beyond(&|c| c.y - low.y * c.z)
+                || beyond(&|c| high.y * c.z - c.y))
+        })
     }
 
     /// The middle of each object's bounding box in the world, metres; `None` for an empty one.

@@ -97,7 +97,11 @@ pub fn take(gpu: &Gpu, renderer: &mut Renderer, shot: &Shot) -> Result<LinearIma
             for face in Face::ALL.into_iter().filter(|face| resampler.needs(*face)) {
                 let turn = face.face_from_camera();
                 let pose = Pose::new(turn * shot.pose.rotation, turn * shot.pose.translation_m);
-                let drawn = studio.draw(&resampler.face_geometry(), pose, false)?;
+                let geometry = resampler.face_geometry();
+                if !studio.renderer.in_view(&geometry, &pose) {
+                    continue;
+                }
+                let drawn = studio.draw(&geometry, pose, false)?;
                 resampler.add(face, &drawn, &mut sum);
             }
             sum
