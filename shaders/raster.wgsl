@@ -7,6 +7,8 @@
 // What a draw call is made for: each mixture is a pipeline of its own, so that an untextured
 // thing does not pay for five textures (software drivers work through both sides of an `if`).
 override rolling: bool = false;                // rows have times of their own
+override fisheye: bool = false;                // the lens's model is OpenCV's fisheye
+override parallel: bool = false;               // rays are parallel; focal lengths are px a metre
 override has_colors: bool = false;             // of vertices
 override has_base_color: bool = false;         // textures
 override has_metallic_roughness: bool = false;
@@ -30,12 +32,12 @@ const PI: f32 = 3.14159265;
 struct View {
     rect_px: vec4<f32>,       // x0, y0, width, height of the target in the picture
     focal_px: vec4<f32>,      // fx, fy, cx, cy
-    distortion: vec4<f32>,    // k1, k2, p1, p2
-    lens: vec4<f32>,          // k3, valid radius, slope at it, near plane (m)
+    distortion: vec4<f32>,    // k1, k2, p1, p2; of a fisheye k1, k2, k3, k4
+    lens: vec4<f32>,          // k3, valid radius (of a fisheye angle), slope at it, near plane (m)
     shutter: vec4<f32>,       // sample time (s), half step for velocity (s), readout (s), picture height (px)
     keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
     mean_velocity: vec4<f32>, // of the objects on the whole (px/s)
-    aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m)
+    aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m); far plane of parallel rays (m)
     // Rotation, and the camera's position, at the sample time and a half step before and after.
     moment_rotation: array<vec4<f32>, 3>,
     moment_eye: array<vec4<f32>, 3>,
@@ -142,14 +144,28 @@ fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
     return p * radial + tangential;
 }
 
-// OpenCV's model, carried on along its tangent beyond the valid radius (camera/distortion.rs). Through a point l of the
-// aperture what is at the focus distance d is seen where the middle sees it: (p − l)/z + l/d.
+// OpenCV's models, carried on along their tangent beyond the valid radius (camera/distortion.rs). Through a point l of the
+// aperture what is at the focus distance d is seen where the middle sees it: (p − l)/z + l/d. What is beside or behind
+// a fisheye is not drawn: triangles end at the near plane.
 fn project(p: vec3<f32>) -> vec2<f32> {
+    if parallel {
+        return p.xy * view.focal_px.xy + view.focal_px.zw;
+    }
     let n = (p.xy - view.aperture.xy) / max(p.z, 0.5 * view.lens.w) + view.aperture.xy * view.aperture.z;
     let r = length(n);
-    let valid = min(r, view.lens.y);
     let direction = n / max(r, 1e-12);
-    let d = distort_polynomial(direction * valid) + direction * (view.lens.z * (r - valid));
+    var d: vec2<f32>;
+    if fisheye {
+        let theta = atan(r);
+        let valid = min(theta, view.lens.y);
+        let k = view.distortion;
+        let t = valid * valid;
+        let rim = valid * (1.0 + t * (k.x + t * (k.y + t * (k.z + t * k.w))));
+        d = direction * (rim + view.lens.z * (theta - valid));
+    } else {
+        let valid = min(r, view.lens.y);
+        d = distort_polynomial(direction * valid) + direction * (view.lens.z * (r - valid));
+    }
     return d * view.focal_px.xy + view.focal_px.zw;
 }
 
@@ -201,10 +217,16 @@ fn vertex(corner: Corner) -> Fragment {
 
     let local_px = here.at_px + corner.mirror_offset.yz - view.rect_px.xy;
     let device = vec2<f32>(2.0, -2.0) * local_px / view.rect_px.zw + vec2<f32>(-1.0, 1.0);
-    let w = max(here.depth_m, 0.5 * view.lens.w);
-    var out: Fragment;
+    var w = max(here.depth_m, 0.5 * view.lens.w);
     // Depth reversed without a far plane: near/z, 1 at the near plane.
-    out.at = vec4<f32>(device * w, view.lens.w, w);
+    var z = view.lens.w;
+    if parallel {
+        // Along a line, 1 at the near plane and 0 at the far one.
+        w = 1.0;
+        z = (view.aperture.w - here.depth_m) / (view.aperture.w - view.lens.w);
+    }
+    var out: Fragment;
+    out.at = vec4<f32>(device * w, z, w);
     out.position = position;
     out.normal = n;
     out.tangent = vec4<f32>(t, corner.tangent.w * mirror);
@@ -317,7 +339,11 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
         n = -n;
     }
     // The eye is the origin: positions are around the camera.
-    let towards_eye = -normalize(in.position);
+    var towards_eye = -normalize(in.position);
+    if parallel {
+        let q = view.moment_rotation[0];
+        towards_eye = rotate(vec4<f32>(-q.xyz, q.w), vec3<f32>(0.0, 0.0, -1.0));
+    }
     let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
     let f0 = mix(vec3<f32>(0.04), base, metallic);
     let once = albedo(roughness, n_v);

@@ -81,6 +81,21 @@ impl LayerImage {
     }
 }
 
+/// A picture of light: linear, premultiplied R, G, B, A, row by row from the top left, `width * height` values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinearImage {
+    pub width: u32,
+    pub height: u32,
+    pub rgba: Vec<[f32; 4]>,
+}
+
+impl LinearImage {
+    /// All transparent.
+    pub fn empty(width: u32, height: u32) -> Self {
+        Self { width, height, rgba: vec![[0.0; 4]; width as usize * height as usize] }
+    }
+}
+
 /// A rectangle of whole pixels, half-open: columns `x0..x1`, rows `y0..y1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rect {

@@ -44,8 +44,10 @@ pub enum ProfileError {
          length follows from fx_px and film_width_mm"
     )]
     TwoOpenings { path: PathBuf },
-    #[error("{path}: camera.distortion.model = {found} is not known; accepted is \"opencv\"")]
-    Model { path: PathBuf, found: String },
+    #[error(
+        "{path}: camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model"
+    )]
+    Coefficient { path: PathBuf, name: &'static str, model: Value },
 }
 
 /// What is wrong with a `--set table.name=value`.
@@ -136,7 +138,13 @@ impl Rig {
         for (name, value) in root {
             self.read_table(&name, value, &path, settings)?;
         }
-        Ok(())
+        match self.distortion.missing() {
+            Some(name) => {
+                let model = self.distortion.get("model").unwrap_or(Value::None);
+                Err(ProfileError::Coefficient { path, name, model })
+            }
+            None => Ok(()),
+        }
     }
 
     fn read_table(
@@ -165,12 +173,6 @@ impl Rig {
             let as_value = match &value {
                 toml::Value::Table(_) if table == "camera" => {
                     self.read_table(&format!("camera.{key}"), value, path, settings)?;
-                    continue;
-                }
-                toml::Value::String(model) if table == "camera.distortion" && key == "model" => {
-                    if model != "opencv" {
-                        return Err(ProfileError::Model { path: path.to_owned(), found: value.to_string() });
-                    }
                     continue;
                 }
                 toml::Value::Boolean(b) => Value::Bool(*b),
@@ -251,7 +253,10 @@ mod tests {
         assert!(e.contains("[nosie]") && e.contains("motion_blur"), "{e}");
         assert!(error("version = 2\n").contains("version"));
         assert!(error("[camera]\n").contains("missing"));
-        assert!(error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n").contains("opencv"));
+        let e = error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n");
+        assert!(e.contains("accepted is opencv | opencv_fisheye"), "{e}");
+        let e = error("version = 1\n[camera.distortion]\nmodel = \"opencv_fisheye\"\np1 = 0.1\n");
+        assert!(e.contains("camera.distortion.p1") && e.contains("opencv_fisheye has no p1"), "{e}");
     }
 
     #[test]

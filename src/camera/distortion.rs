@@ -1,45 +1,77 @@
-//! Lens distortion after OpenCV (Brown-Conrady): radial k1, k2, k3 and tangential p1, p2.
+//! Lens distortion after OpenCV: Brown-Conrady for ordinary lenses, Kannala-Brandt for fish-eyes.
+//!
+//! To add a model: a name in [`LensModel`], its branch in `valid`, `slope`, `project` and `unproject` here and in
+//! `project` of shaders/raster.wgsl, its parameters in `Distortion::missing`. The round trip below is for all models.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
+
+crate::choices! {
+    /// How a lens takes rays to places.
+    pub enum LensModel {
+        /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + tangential p1, p2, on x/z and y/z: OpenCV's `projectPoints`.
+        Opencv = "opencv",
+        /// θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the axis: OpenCV's `fisheye::projectPoints`.
+        OpencvFisheye = "opencv_fisheye",
+    }
+}
 
 crate::params! {
-    /// Coefficients of OpenCV's model, on normalised image coordinates (x/z, y/z).
+    /// Coefficients of OpenCV's models, on normalised image coordinates.
     pub struct Distortion in "camera.distortion" {
-        "radial, r²" k1: f64 = 0.0, "1", -100.0..=100.0;
-        "radial, r⁴" k2: f64 = 0.0, "1", -1000.0..=1000.0;
-        "tangential" p1: f64 = 0.0, "1", -10.0..=10.0;
-        "tangential" p2: f64 = 0.0, "1", -10.0..=10.0;
-        "radial, r⁶" k3: f64 = 0.0, "1", -10000.0..=10000.0;
+        "how the lens takes rays to places" model: LensModel = LensModel::Opencv;
+        "radial, r² (θ² of a fisheye)" k1: f64 = 0.0, "1", -100.0..=100.0;
+        "radial, r⁴ (θ⁴)" k2: f64 = 0.0, "1", -1000.0..=1000.0;
+        "tangential; not of a fisheye" p1: f64 = 0.0, "1", -10.0..=10.0;
+        "tangential; not of a fisheye" p2: f64 = 0.0, "1", -10.0..=10.0;
+        "radial, r⁶ (θ⁶)" k3: f64 = 0.0, "1", -10000.0..=10000.0;
+        "radial, θ⁸ of a fisheye alone" k4: f64 = 0.0, "1", -10000.0..=10000.0;
     }
 }
 
 /// The polynomial is trusted out to where it still grows this fast.
 const LEAST_SLOPE: f64 = 0.05;
-/// No lens of this model sees beyond 84° off its axis: tan 84° ≈ 9.5.
+/// No lens of the model opencv sees beyond 84° off its axis: tan 84° ≈ 9.5.
 const LARGEST_RADIUS: f64 = 10.0;
+/// No fisheye sees straight back, where one direction would be a whole circle: 177°.
+const LARGEST_ANGLE_RAD: f64 = 3.1;
 
 impl Distortion {
     pub fn is_identity(&self) -> bool {
         *self == Self::default()
     }
 
-    /// d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶).
-    pub fn slope(&self, r: f64) -> f64 {
-        let r2 = r * r;
-        1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * 7.0 * self.k3))
+    fn is_fisheye(&self) -> bool {
+        self.model == LensModel::OpencvFisheye
     }
 
-    /// The radius (normalised, undistorted) out to which the radial polynomial is one to one.
-    /// Beyond it the polynomial folds back and would draw things twice; there the map goes on
-    /// along its tangent, see [`Distortion::distort`].
+    /// A coefficient that is not 0 and that the model does not have.
+    pub fn missing(&self) -> Option<&'static str> {
+        let unused: &[_] = match self.model {
+            LensModel::Opencv => &[("k4", self.k4)],
+            LensModel::OpencvFisheye => &[("p1", self.p1), ("p2", self.p2)],
+        };
+        unused.iter().find(|(_, value)| *value != 0.0).map(|(name, _)| *name)
+    }
+
+    /// d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶); of a fisheye with θ for r, and k4 θ⁸.
+    pub fn slope(&self, r: f64) -> f64 {
+        let r2 = r * r;
+        let k4 = if self.is_fisheye() { self.k4 } else { 0.0 };
+        1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * (7.0 * self.k3 + r2 * 9.0 * k4)))
+    }
+
+    /// The radius (normalised, undistorted), of a fisheye the angle (rad), out to which the radial polynomial is one to
+    /// one. Beyond it the polynomial folds back and would draw things twice; there the map goes on along its tangent,
+    /// see [`Distortion::distort`].
     pub fn valid_radius(&self) -> f64 {
-        if self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0 {
+        if !self.is_fisheye() && self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0 {
             return f64::INFINITY;
         }
-        // The slope is a cubic in r²: scan, then bisect to the first crossing.
+        let largest = if self.is_fisheye() { LARGEST_ANGLE_RAD } else { LARGEST_RADIUS };
+        // The slope is a polynomial in r²: scan, then bisect to the first crossing.
         let step = 1e-2;
         let mut r = 0.0;
-        while r < LARGEST_RADIUS {
+        while r < largest {
             if self.slope(r + step) < LEAST_SLOPE {
                 let (mut low, mut high) = (r, r + step);
                 for _ in 0..50 {
@@ -50,7 +82,37 @@ impl Distortion {
             }
             r += step;
         }
-        LARGEST_RADIUS
+        largest
+    }
+
+    /// Where a direction (x right, y down, z forward, any length) lands in normalised coordinates. `None` for what is
+    /// not before the camera, z ≤ 0; of a fisheye, which may see more than half of the world, for what is neither
+    /// before it nor within the valid angle.
+    pub fn project(&self, direction: DVec3, valid_radius: f64) -> Option<DVec2> {
+        let d = direction;
+        if self.is_fisheye() && d.is_finite() {
+            let theta = d.truncate().length().atan2(d.z);
+            let seen = d != DVec3::ZERO && (d.z > 0.0 || theta <= valid_radius);
+            return seen.then(|| d.truncate().normalize_or_zero() * self.fisheye(theta, valid_radius));
+        }
+        (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
+    }
+
+    /// The direction (unit length) that lands at a place; the inverse of [`Distortion::project`]. `None` where none does.
+    pub fn unproject(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec3> {
+        if !self.is_fisheye() {
+            return self.undistort(distorted, valid_radius).map(|p| p.extend(1.0).normalize());
+        }
+        let theta_d = distorted.length();
+        let rim = self.fisheye(valid_radius, valid_radius);
+        let theta = if theta_d > rim {
+            valid_radius + (theta_d - rim) / self.slope(valid_radius)
+        } else {
+            self.fisheye_inverse(theta_d, valid_radius)
+        };
+        let seen = theta < std::f64::consts::FRAC_PI_2 || theta <= valid_radius;
+        let towards = distorted.try_normalize().unwrap_or(DVec2::X);
+        (seen && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
     }
 
     /// Distorts normalised coordinates (x/z, y/z), OpenCV's `projectPoints`:
@@ -60,12 +122,43 @@ impl Distortion {
     /// the map stays one to one and nothing outside comes back into the picture.
     pub fn distort(&self, p: DVec2, valid_radius: f64) -> DVec2 {
         let r = p.length();
+        if self.is_fisheye() {
+            return p.normalize_or_zero() * self.fisheye(r.atan(), valid_radius);
+        }
         if r > valid_radius {
             let direction = p / r;
             return self.polynomial(direction * valid_radius)
                 + direction * (self.slope(valid_radius) * (r - valid_radius));
         }
         self.polynomial(p)
+    }
+
+    /// θ_d of a fisheye, carried on beyond the valid angle.
+    fn fisheye(&self, theta: f64, valid: f64) -> f64 {
+        let rim = theta.min(valid);
+        let t = rim * rim;
+        let radial = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
+        rim * radial + self.slope(valid) * (theta - rim)
+    }
+
+    /// θ of θ_d, which lies between 0 and the valid angle's; Newton's method kept between bounds.
+    fn fisheye_inverse(&self, theta_d: f64, valid: f64) -> f64 {
+        let (mut low, mut high) = (0.0, valid);
+        let mut theta = theta_d.min(valid);
+        for _ in 0..60 {
+            let error = self.fisheye(theta, valid) - theta_d;
+            if error.abs() < 1e-15 {
+                break;
+            }
+            if error > 0.0 {
+                high = theta
+            } else {
+                low = theta
+            }
+            let newton = theta - error / self.slope(theta);
+            theta = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        }
+        theta
     }
 
     fn polynomial(&self, p: DVec2) -> DVec2 {
@@ -77,9 +170,9 @@ impl Distortion {
         )
     }
 
-    /// The inverse of [`Distortion::distort`] by Newton's method with a numeric Jacobian and
+    /// The inverse of [`Distortion::distort`] of the model opencv by Newton's method with a numeric Jacobian and
     /// step halving. `None` where no undistorted point is found within 1e-10.
-    pub fn undistort(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
+    fn undistort(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
         let mut p = distorted;
         let mut error = (self.distort(p, valid_radius) - distorted).length();
         for _ in 0..60 {
@@ -121,7 +214,60 @@ mod tests {
     use proptest::prelude::*;
 
     /// The published model of the camera of TUM's fr1 recordings.
-    const FR1: Distortion = Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633 };
+    const FR1: Distortion =
+        Distortion { model: LensModel::Opencv, k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, k4: 0.0 };
+
+    fn fisheye([k1, k2, k3, k4]: [f64; 4]) -> Distortion {
+        Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() }
+    }
+
+    #[test]
+    fn fisheye_worked_by_hand() {
+        // (1, 1, √2): 45° off the axis. θ = 0.785398, θ² = 0.616850; 1 + 0.0616850 − 0.0190252 + 0.0070415 − 0.0014478
+        // = 1.0482535, times θ = 0.823296.
+        let lens = fisheye([0.1, -0.05, 0.03, -0.01]);
+        let at = lens.project(DVec3::new(1.0, 1.0, 2f64.sqrt()), lens.valid_radius()).unwrap();
+        assert!((at - DVec2::splat(0.823_296 / 2f64.sqrt())).length() < 1e-6, "{at}");
+        // Without coefficients equal angles are equal distances, behind the camera too: 120° off the axis.
+        let equal = fisheye([0.0; 4]);
+        let at = equal.project(DVec3::new(0.0, 3f64.sqrt(), -1.0), equal.valid_radius()).unwrap();
+        assert!((at - DVec2::new(0.0, 120f64.to_radians())).length() < 1e-12, "{at}");
+        assert_eq!(equal.project(DVec3::NEG_Z, equal.valid_radius()), None);
+        assert_eq!(equal.project(DVec3::ZERO, equal.valid_radius()), None);
+    }
+
+    #[test]
+    fn a_fisheye_that_folds_goes_on_and_never_comes_back() {
+        // θ(1 − 0.1 θ²): slope 1 − 0.3 θ² reaches 0.05 at θ = √(0.95/0.3) = 1.78, 102°.
+        let lens = fisheye([-0.1, 0.0, 0.0, 0.0]);
+        let valid = lens.valid_radius();
+        assert!((valid - (0.95f64 / 0.3).sqrt()).abs() < 1e-9);
+        let seen = |degrees: f64| {
+            let (s, c) = degrees.to_radians().sin_cos();
+            lens.project(DVec3::new(s, 0.0, c), valid)
+        };
+        assert!(seen(101.0).is_some() && seen(103.0).is_none());
+        // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°; between there and 90° it goes on.
+        let lens = fisheye([-0.3, 0.0, 0.0, 0.0]);
+        let valid = lens.valid_radius();
+        let mut last = -1.0;
+        for i in 0..900 {
+            let (s, c) = (f64::from(i) * 0.1).to_radians().sin_cos();
+            let at = lens.project(DVec3::new(s, 0.0, c), valid).unwrap();
+            assert!(at.x > last && at.y == 0.0, "folds back at {i}");
+            last = at.x;
+            let back = lens.unproject(at, valid).unwrap();
+            assert!((back - DVec3::new(s, 0.0, c)).length() < 1e-9, "{i}: {back}");
+        }
+        assert_eq!(lens.unproject(DVec2::new(9.0, 0.0), valid), None);
+    }
+
+    #[test]
+    fn coefficients_of_the_other_model_are_told() {
+        assert_eq!(Distortion { p2: 0.1, ..fisheye([0.0; 4]) }.missing(), Some("p2"));
+        assert_eq!(Distortion { k4: 0.1, ..FR1 }.missing(), Some("k4"));
+        assert_eq!((FR1.missing(), fisheye([0.1; 4]).missing()), (None, None));
+    }
 
     #[test]
     fn worked_by_hand() {
@@ -149,13 +295,22 @@ mod tests {
     }
 
     proptest! {
+        /// One round trip for all models, over all they see.
         #[test]
-        fn round_trip(x in -0.9f64..0.9, y in -0.7f64..0.7, k1 in -0.4f64..0.4, k2 in -0.1f64..0.1, p in -0.004f64..0.004) {
-            for model in [FR1, Distortion { k1, k2, p1: p, p2: -p, k3: 0.0 }] {
+        fn round_trip(
+            around in 0.0..std::f64::consts::TAU, share in 0.0f64..1.0, k1 in -0.4f64..0.4, k2 in -0.1f64..0.1, p in -0.004f64..0.004,
+            k in prop::array::uniform4(-0.05f64..0.05),
+        ) {
+            let brown = Distortion { k1, k2, p1: p, p2: -p, ..Default::default() };
+            for model in [FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4])] {
                 let valid = model.valid_radius();
-                prop_assume!(x.hypot(y) < 0.95 * valid);
-                let back = model.undistort(model.distort(DVec2::new(x, y), valid), valid).unwrap();
-                prop_assert!((back - DVec2::new(x, y)).length() < 1e-7, "{back}");
+                let theta = share * match model.model {
+                    LensModel::Opencv => (0.95 * valid).atan().min(0.85),
+                    LensModel::OpencvFisheye => valid,
+                };
+                let d = DVec3::new(theta.sin() * around.cos(), theta.sin() * around.sin(), theta.cos());
+                let back = model.unproject(model.project(3.0 * d, valid).unwrap(), valid).unwrap();
+                prop_assert!((back - d).length() < 1e-7, "{:?}: {} {}", model, d, back);
             }
         }
     }

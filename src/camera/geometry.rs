@@ -33,7 +33,7 @@ impl Geometry {
         Self { intrinsics, distortion, valid_radius }
     }
 
-    /// The normalised radius beyond which the distortion is carried on along its tangent.
+    /// The normalised radius (of a fisheye the angle, rad) beyond which the distortion is carried on along its tangent.
     pub fn valid_radius(&self) -> f64 {
         self.valid_radius
     }
@@ -44,27 +44,33 @@ impl Geometry {
     }
 
     /// Where a point before the camera (OpenCV axes, metres) lands, px.
-    /// `None` at or behind the camera's plane, z ≤ 0.
+    /// `None` at or behind the camera's plane, z ≤ 0; of a fisheye, beyond what it sees.
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
-        if point_in_camera.z <= 0.0 || point_in_camera.z.is_nan() {
-            return None;
-        }
-        Some(self.distorted_px(point_in_camera.truncate() / point_in_camera.z))
+        self.distortion.project(point_in_camera, self.valid_radius).map(|d| self.raster_px(d))
     }
 
-    /// Where a ray with normalised coordinates (x/z, y/z) lands, px.
-    pub fn distorted_px(&self, normalised: DVec2) -> DVec2 {
-        let d = self.distortion.distort(normalised, self.valid_radius);
+    fn raster_px(&self, d: DVec2) -> DVec2 {
         let i = &self.intrinsics;
         DVec2::new(i.fx_px * d.x + i.cx_px, i.fy_px * d.y + i.cy_px)
     }
 
-    /// The ray through a place in the picture, scaled to z = 1; times a depth it is the point.
+    /// Where a ray with normalised coordinates (x/z, y/z) lands, px.
+    pub fn distorted_px(&self, normalised: DVec2) -> DVec2 {
+        self.raster_px(self.distortion.distort(normalised, self.valid_radius))
+    }
+
+    /// The direction (unit length) that is seen at a place in the picture; of a fisheye it may point backwards.
     /// `None` where the distortion has no inverse there.
-    pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
+    pub fn direction(&self, at_px: DVec2) -> Option<DVec3> {
         let i = &self.intrinsics;
         let d = DVec2::new((at_px.x - i.cx_px) / i.fx_px, (at_px.y - i.cy_px) / i.fy_px);
-        self.distortion.undistort(d, self.valid_radius).map(|p| p.extend(1.0))
+        self.distortion.unproject(d, self.valid_radius)
+    }
+
+    /// The ray through a place in the picture, scaled to z = 1; times a depth it is the point.
+    /// `None` where the distortion has no inverse there, and where a fisheye looks sideways or back.
+    pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
+        self.direction(at_px).filter(|d| d.z > 1e-9).map(|d| d / d.z)
     }
 
     /// The same camera at another picture size (pixel for pixel the same view).
@@ -98,7 +104,7 @@ mod tests {
     fn fr1() -> Geometry {
         Geometry::new(
             Intrinsics { fx_px: 517.3, fy_px: 516.5, cx_px: 319.1, cy_px: 255.8, ..Default::default() },
-            Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633 },
+            Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, ..Default::default() },
         )
     }
 

@@ -2,6 +2,7 @@
 
 pub mod accumulation;
 mod aperture;
+pub mod curved;
 mod distortion;
 pub mod exposure;
 pub mod falloff;
@@ -11,12 +12,13 @@ pub mod grain;
 mod lens;
 pub mod metering;
 mod noise;
+pub mod projection;
 mod response;
 pub mod stops;
 mod thin_lens;
 
 pub use aperture::Aperture;
-pub use distortion::Distortion;
+pub use distortion::{Distortion, LensModel};
 pub use exposure::Exposure;
 pub use film::{Film, FilmError, LensType};
 pub use geometry::{Geometry, Intrinsics};

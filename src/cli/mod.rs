@@ -8,6 +8,7 @@ mod doctor;
 mod inspect;
 mod meter;
 mod params;
+mod render;
 mod simulate;
 
 use std::io::{IsTerminal, Write};
@@ -34,6 +35,8 @@ enum Command {
     Inspect(inspect::Args),
     /// Say how bright a frame's scene is and which settings would expose it correctly
     Meter(meter::Args),
+    /// Take a picture of a scene alone, through any camera
+    Render(render::Args),
     /// List every parameter: unit, range, default, help
     Params(params::Args),
     /// Say what this machine has, what is missing and how to get it
@@ -60,6 +63,7 @@ pub fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Meter(args) => meter::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),

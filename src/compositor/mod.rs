@@ -223,6 +223,7 @@ impl Compositor {
             mean_px_per_s: footprint.mean_px_per_s,
             rect: drawn,
             occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
+            parallel_to_m: None,
         };
         let mut layer = self.renderer.draw(&mut run, &view, &plan);
         for (n, &i) in active.iter().enumerate() {

@@ -12,12 +12,13 @@ use glam::{DQuat, DVec3};
 
 use super::parts::{NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
 use super::{Kind, OpenOptions, RecordingError, listing};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::tracking::text::{self, TextError};
 use crate::tracking::tum::{NormNotes, unit_quaternion};
 
-const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0)";
+const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
+                      SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
 
 /// A registered image.
 #[derive(Debug)]
@@ -88,15 +89,17 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
         let value = text::number(&mut record, name)?;
         match *name {
             "f" => values.extend([("fx_px", value), ("fy_px", value)]),
-            "k4" | "k5" | "k6" if value == 0.0 => {}
-            "k4" | "k5" | "k6" => {
+            // These divide.
+            "k4" | "k5" | "k6" if model == "FULL_OPENCV" && value == 0.0 => {}
+            "k4" | "k5" | "k6" if model == "FULL_OPENCV" => {
                 return Err(format!("FULL_OPENCV with {name} = {value} is not supported; 0 is needed"));
             }
             name => values.push((name, value)),
         }
     }
     text::end(record)?;
-    geometry_from(&values).map(|geometry| (id, geometry)).map_err(|e| e.to_string())
+    let lens = if model.ends_with("_FISHEYE") { LensModel::OpencvFisheye } else { LensModel::Opencv };
+    geometry_from(lens, &values).map(|geometry| (id, geometry)).map_err(|e| e.to_string())
 }
 
 /// The parameters of a camera model in COLMAP's order, by our names; `f` stands for both focal lengths.
@@ -108,6 +111,9 @@ fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
         "RADIAL" => &["f", "cx_px", "cy_px", "k1", "k2"],
         "OPENCV" => &["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2"],
         "FULL_OPENCV" => &["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+        "SIMPLE_RADIAL_FISHEYE" => &["f", "cx_px", "cy_px", "k1"],
+        "RADIAL_FISHEYE" => &["f", "cx_px", "cy_px", "k1", "k2"],
+        "OPENCV_FISHEYE" => &["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "k3", "k4"],
         _ => return None,
     })
 }
@@ -224,6 +230,21 @@ mod tests {
         ] {
             let landed = cameras(text).unwrap()[&1].project(DVec3::new(0.4, 0.2, 2.0)).unwrap();
             assert!((landed - DVec2::from(expected)).length() < 1e-9, "{text}: {landed}");
+        }
+    }
+
+    #[test]
+    fn fisheyes_land_where_their_formula_says() {
+        // u = 0.75, v = 1: r = 1.25, θ = 0.896055, θ² = 0.802915; along (0.6, 0.8).
+        for (text, radial) in [
+            ("1 SIMPLE_RADIAL_FISHEYE 640 480 100 320 240 0.1", 1.080_291_5),
+            ("1 RADIAL_FISHEYE 640 480 100 320 240 0.1 -0.2", 0.951_357_1),
+            // θ⁶ = 0.517617, θ⁸ = 0.415602
+            ("1 OPENCV_FISHEYE 640 480 100 100 320 240 0.1 -0.2 0.3 -0.4", 0.940_401_4),
+        ] {
+            let landed = cameras(text).unwrap()[&1].project(DVec3::new(1.5, 2.0, 2.0)).unwrap();
+            let expected = DVec2::new(320.0, 240.0) + 89.605_5 * radial * DVec2::new(0.6, 0.8);
+            assert!((landed - expected).length() < 1e-3, "{text}: {landed} {expected}");
         }
     }
 

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::parts::{DepthFiles, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
 use super::{Kind, OpenOptions, RecordingError, listing};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::source::still;
 use crate::tracking::text;
@@ -80,12 +80,13 @@ impl Camera {
 
     /// The geometry; sizes that are not given come from the picture. `None` without a focal length.
     fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
-        if let Some(model) = self.camera_model.as_deref().filter(|m| !MODELS.contains(m)) {
-            return Err(format!("camera_model is {model}; accepted are {}", MODELS.join(", ")));
+        let known = || MODELS.iter().chain(&FISHEYES);
+        if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
+            let names: Vec<_> = known().copied().collect();
+            return Err(format!("camera_model is {model}; accepted are {}", names.join(", ")));
         }
-        if self.is_fisheye == Some(true) || self.k4.is_some_and(|k4| k4 != 0.0) {
-            return Err("a fisheye camera (is_fisheye, k4) is not supported; undistort the pictures first".to_owned());
-        }
+        let named = self.camera_model.as_deref().is_some_and(|m| FISHEYES.contains(&m));
+        let model = if named || self.is_fisheye == Some(true) { LensModel::OpencvFisheye } else { LensModel::Opencv };
         let (w, h) = match (self.w, self.h) {
             (Some(w), Some(h)) => (w, h),
             _ => {
@@ -93,7 +94,11 @@ impl Camera {
                 (header.width.into(), header.height.into())
             }
         };
-        let from_angle = self.camera_angle_x.map(|angle| 0.5 * w / (0.5 * angle).tan());
+        // Distortion aside.
+        let from_angle = self.camera_angle_x.map(|angle| match model {
+            LensModel::Opencv => 0.5 * w / (0.5 * angle).tan(),
+            LensModel::OpencvFisheye => w / angle,
+        });
         let Some(fl_x) = self.fl_x.or(from_angle) else { return Ok(None) };
         let values = [
             ("width_px", w),
@@ -105,14 +110,22 @@ impl Camera {
             ("k1", self.k1.unwrap_or(0.0)),
             ("k2", self.k2.unwrap_or(0.0)),
             ("k3", self.k3.unwrap_or(0.0)),
+            ("k4", self.k4.unwrap_or(0.0)),
             ("p1", self.p1.unwrap_or(0.0)),
             ("p2", self.p2.unwrap_or(0.0)),
         ];
-        geometry_from(&values).map(Some).map_err(|e| e.to_string())
+        let geometry = geometry_from(model, &values).map_err(|e| e.to_string())?;
+        match (geometry.distortion.missing(), model) {
+            (None, _) => Ok(Some(geometry)),
+            (Some(name), LensModel::Opencv) => Err(format!("{name} is not 0, which is supported of a fisheye alone")),
+            (Some(name), LensModel::OpencvFisheye) => Err(format!("{name} is not 0, and a fisheye has none")),
+        }
     }
 }
 
 const MODELS: [&str; 4] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "perspective"];
+/// nerfstudio's words for OpenCV's fisheye model.
+const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
     serde_json::from_str(json.trim_start_matches('\u{feff}')).map_err(|e| RecordingError::content(file, e))
@@ -225,9 +238,18 @@ mod tests {
         let g = t.frames[0].camera.clone().or(&t.camera).geometry(Path::new("")).unwrap().unwrap();
         let i = &g.intrinsics;
         assert_eq!((i.fx_px, i.fy_px, i.cx_px, i.cy_px, g.distortion.k1), (400.0, 400.0, 300.5, 240.0, 0.1));
-        let mut fisheye = t.camera.clone();
-        fisheye.camera_model = Some("OPENCV_FISHEYE".to_owned());
-        assert!(fisheye.geometry(Path::new("")).unwrap_err().contains("accepted are OPENCV, PINHOLE"));
+        let model = |name: &str, k4| {
+            let camera = Camera { camera_model: Some(name.to_owned()), k4, ..t.camera.clone() };
+            camera.geometry(Path::new("")).map(|g| g.unwrap().distortion)
+        };
+        for name in ["OPENCV_FISHEYE", "fisheye"] {
+            let d = model(name, Some(0.2)).unwrap();
+            assert_eq!((d.model, d.k1, d.k4), (LensModel::OpencvFisheye, 0.1, 0.2));
+        }
+        let instant = Camera { is_fisheye: Some(true), camera_model: None, ..t.camera.clone() };
+        assert_eq!(instant.geometry(Path::new("")).unwrap().unwrap().distortion.model, LensModel::OpencvFisheye);
+        assert!(model("OPENCV", Some(0.2)).unwrap_err().contains("k4 is not 0"));
+        assert!(model("FOV", None).unwrap_err().contains("accepted are OPENCV, PINHOLE"));
     }
 
     proptest! {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::{Kind, OpenOptions, Recording, RecordingError, listing};
-use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use crate::frame::{FrameExposure, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
@@ -156,9 +156,9 @@ pub fn track_from(poses: Vec<(f64, Pose)>, max_gap_s: Option<f64>, file: &Path) 
     PoseTrack::new(poses, max_gap_s).map_err(|e| RecordingError::content(file, e))
 }
 
-/// A camera's geometry from parameters by their own names; out of range is an error that names it.
-pub fn geometry_from(values: &[(&str, f64)]) -> Result<Geometry, ParamError> {
-    let (mut intrinsics, mut distortion) = (Intrinsics::default(), Distortion::default());
+/// A camera's geometry from its lens's model and parameters by their own names; out of range is an error that names it.
+pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometry, ParamError> {
+    let (mut intrinsics, mut distortion) = (Intrinsics::default(), Distortion { model, ..Distortion::default() });
     for (name, value) in values {
         match distortion.get(name) {
             Some(_) => distortion.set(name, &Value::Number(*value))?,

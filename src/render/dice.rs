@@ -5,7 +5,7 @@
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::view::{NEAR_M, ViewKeys};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, LensModel};
 use crate::scene::{Mesh, Vertex};
 
 /// How far the picture of an edge may lie from the drawn one, px.
@@ -30,6 +30,35 @@ impl Bend {
         if geometry.distortion.is_identity() && readout_time_s == 0.0 {
             return Self { safe_px: f64::INFINITY };
         }
+        let by_curvature = if geometry.distortion.model == LensModel::OpencvFisheye {
+            Self::of_fisheye(geometry)
+        } else {
+            Self::of_opencv(geometry)
+        };
+        Self { safe_px: if readout_time_s > 0.0 { by_curvature.min(LONGEST_PX) } else { by_curvature } }
+    }
+
+    /// Radially, where all the bending is: how far an edge's middle lies from its chord's, for edges of 8 px.
+    fn of_fisheye(geometry: &Geometry) -> f64 {
+        let (mut largest, mut steepest) = (0.0f64, 1.0f64);
+        // To 89.5° off the axis; an edge that ends beyond has been looked at up to there.
+        for n in 0..200 {
+            let theta = f64::from(n) / 200.0 * 89.5f64.to_radians();
+            steepest = steepest.max(geometry.distortion.slope(theta.min(geometry.valid_radius())));
+            let at = geometry.distorted_px(DVec2::new(theta.tan(), 0.0));
+            for side in [DVec2::new(4.0, 0.0), DVec2::new(0.0, 4.0)] {
+                let ends = [at + side, at - side].map(|px| geometry.unproject(px));
+                let [Some(a), Some(b)] = ends else { continue };
+                let middle = geometry.distorted_px(0.5 * (a + b).truncate());
+                largest = largest.max(middle.distance(at) / 8.0);
+            }
+        }
+        // 8 px leave it by `largest` · 8: L px by `largest` / 8 · L². What is judged by its length before the lens may
+        // get longer by it.
+        (8.0 * TOLERANCE_PX / largest.max(1e-9)).sqrt() / steepest
+    }
+
+    fn of_opencv(geometry: &Geometry) -> f64 {
         let i = &geometry.intrinsics;
         let h = 4.0 / i.fx_px;
         let mut largest = 0.0f64;
@@ -45,8 +74,7 @@ impl Bend {
                 }
             }
         }
-        let by_curvature = (8.0 * TOLERANCE_PX / largest.max(1e-9)).sqrt();
-        Self { safe_px: if readout_time_s > 0.0 { by_curvature.min(LONGEST_PX) } else { by_curvature } }
+        (8.0 * TOLERANCE_PX / largest.max(1e-9)).sqrt()
     }
 }
 

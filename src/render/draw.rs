@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::accumulate::Accumulate;
 use super::bounds::{Bounds, Footprint, footprint};
@@ -12,9 +12,10 @@ use super::material::bind_groups;
 use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant};
 use super::plan::{Layer, LayerRun, Sample, SamplePlan};
 use super::view::{Shutter, ViewKeys, ViewUniform};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, LensModel};
 use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
 use crate::image::Rect;
+use crate::pose::Pose;
 use crate::scene::{Scene, Vertex};
 
 /// A mesh on the GPU.
@@ -54,6 +55,9 @@ pub struct View<'a> {
     pub rect: Rect,
     /// The real scene's depth over `rect` (metres, 0 unknown), and how much nearer it must be.
     pub occlusion: Option<(&'a Texture, f32)>,
+    /// Rays are parallel, up to this distance (m) from the camera's plane: `geometry` has no distortion, and its focal
+    /// lengths are px a metre.
+    pub parallel_to_m: Option<f64>,
 }
 
 /// One draw call.
@@ -125,6 +129,25 @@ impl Renderer {
         footprint(&self.scene, &bounds, geometry, keys)
     }
 
+    /// Whether anything can be in the picture of a pinhole without distortion: no part whose box lies beyond one of the
+    /// picture's sides.
+    pub fn in_view(&self, geometry: &Geometry, pose: &Pose) -> bool {
+        let i = &geometry.intrinsics;
+        let (low, high) = (
+            DVec2::new(-i.cx_px / i.fx_px, -i.cy_px / i.fy_px),
+            DVec2::new((f64::from(i.width_px) - i.cx_px) / i.fx_px, (f64::from(i.height_px) - i.cy_px) / i.fy_px),
+        );
+        self.scene.objects.iter().flat_map(|o| &o.parts).any(|part| {
+            let Some(bounds) = self.meshes[part.mesh].bounds else { return false };
+            let corners = bounds.corners().map(|c| pose.transform_point(part.world_from_mesh.transform_point3(c)));
+            let beyond = |side: &dyn Fn(DVec3) -> f64| corners.iter().all(|&c| side(c) < 0.0);
+            !(beyond(&|c| c.x - low.x * c.z)
+                || beyond(&|c| high.x * c.z - c.x)
+                || beyond(&|c| c.y - low.y * c.z)
+                || beyond(&|c| high.y * c.z - c.y))
+        })
+    }
+
     /// The middle of each object's bounding box in the world, metres; `None` for an empty one.
     pub fn object_centres(&self) -> Vec<Option<DVec3>> {
         self.scene
@@ -186,18 +209,21 @@ impl Renderer {
             let mesh = &self.scene.meshes[part.mesh];
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
-            let diced = dice(mesh, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend)
-                .map(|(v, i)| {
-                    let (base, start) = (vertices.len() as i32, indices.len() as u32);
-                    vertices.extend(v);
-                    indices.extend(i);
-                    (base, start..indices.len() as u32)
-                });
+            let cut = || dice(mesh, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
+            // Parallel rays leave straight what is straight, behind the camera too.
+            let diced = view.parallel_to_m.map_or_else(cut, |_| None).map(|(v, i)| {
+                let (base, start) = (vertices.len() as i32, indices.len() as u32);
+                vertices.extend(v);
+                indices.extend(i);
+                (base, start..indices.len() as u32)
+            });
             let centre = 0.5 * (corners[0] + corners[7]);
             let variant = Variant {
                 colors: gpu_mesh.has_colors,
                 mirrored: part.world_from_mesh.matrix3.determinant() < 0.0,
                 rolling: view.shutter.readout_time_s > 0.0,
+                fisheye: view.geometry.distortion.model == LensModel::OpencvFisheye,
+                parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),
                 ..Variant::of(&self.scene.materials[mesh.material], &self.scene.lighting)
             };

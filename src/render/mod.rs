@@ -10,10 +10,14 @@ mod material;
 mod panorama;
 mod pipeline;
 mod plan;
+mod projected;
+mod resample;
 mod view;
 
 pub use bounds::Footprint;
 pub use draw::{Renderer, View};
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, LayerRun, Sample, SamplePlan};
+pub use projected::{Projection, Shot, take};
+pub use resample::limits;
 pub use view::{Shutter, ViewKeys};

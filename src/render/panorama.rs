@@ -21,7 +21,7 @@ fn direction(x: u32, y: u32, width: u32, height: u32) -> Vec3 {
 }
 
 /// Between the four texels around a direction.
-fn at(level: &Level, d: Vec3) -> Vec3 {
+pub fn at(level: &Level, d: Vec3) -> Vec3 {
     let (width, height, texels) = (level.0 as usize, level.1 as usize, &level.2);
     let x = (d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5) * width as f32 - 0.5;
     let y = (d.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI * height as f32 - 0.5).clamp(0.0, (height - 1) as f32);
@@ -30,6 +30,11 @@ fn at(level: &Level, d: Vec3) -> Vec3 {
     let (right, bottom) = ((left + 1) % width, (top + 1).min(height - 1));
     let row = |y: usize| texels[y * width + left].lerp(texels[y * width + right], fx);
     row(top).lerp(row(bottom), fy)
+}
+
+/// The panorama at its own size.
+pub fn sharp(map: &EnvironmentMap) -> Level {
+    resampled(map, map.width, map.height)
 }
 
 /// The panorama at a given size, each texel the mean of those it covers.

@@ -32,6 +32,10 @@ pub struct Variant {
     pub environment_map: bool,
     /// Rows are read one after another.
     pub rolling: bool,
+    /// OpenCV's fisheye model.
+    pub fisheye: bool,
+    /// Rays are parallel.
+    pub parallel: bool,
     /// The real scene's depth is known.
     pub hidden_by_depth: bool,
 }
@@ -65,6 +69,8 @@ impl Variant {
         let [base_color, metallic_roughness, normals, occlusion, emissive] = self.textures;
         let features = [
             ("rolling", self.rolling),
+            ("fisheye", self.fisheye),
+            ("parallel", self.parallel),
             ("has_colors", self.colors),
             ("has_base_color", base_color),
             ("has_metallic_roughness", metallic_roughness),

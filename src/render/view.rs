@@ -4,6 +4,7 @@ use glam::{DQuat, DVec3};
 
 use super::draw::View;
 use super::plan::Sample;
+use crate::camera::LensModel;
 use crate::pose::Pose;
 
 /// As in shaders/raster.wgsl.
@@ -95,6 +96,10 @@ impl ViewUniform {
         let i = &geometry.intrinsics;
         let d = &geometry.distortion;
         let valid = geometry.valid_radius();
+        let (k3_or_p1, k4_or_p2) = match d.model {
+            LensModel::Opencv => (d.p1, d.p2),
+            LensModel::OpencvFisheye => (d.k3, d.k4),
+        };
         // A large finite number stands for "everywhere".
         let (valid, slope) = if valid.is_finite() { (valid, geometry.rim_slope()) } else { (1e9, 1.0) };
         let count = keys.poses.len();
@@ -115,7 +120,7 @@ impl ViewUniform {
         Self {
             rect_px: [rect.x0 as f32, rect.y0 as f32, rect.width() as f32, rect.height() as f32],
             focal_px: [i.fx_px as f32, i.fy_px as f32, i.cx_px as f32, i.cy_px as f32],
-            distortion: [d.k1 as f32, d.k2 as f32, d.p1 as f32, d.p2 as f32],
+            distortion: [d.k1, d.k2, k3_or_p1, k4_or_p2].map(|k| k as f32),
             lens: [d.k3 as f32, valid as f32, slope as f32, NEAR_M as f32],
             shutter: [
                 time_s as f32,
@@ -125,7 +130,7 @@ impl ViewUniform {
             ],
             keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
             mean_velocity: [mean_px_per_s[0], mean_px_per_s[1], 0.0, 0.0],
-            aperture: [lens_x as f32, lens_y as f32, (1.0 / focus_distance_m) as f32, 0.0],
+            aperture: [lens_x, lens_y, 1.0 / focus_distance_m, view.parallel_to_m.unwrap_or(0.0)].map(|v| v as f32),
             moment_rotation: moments.map(|(q, _)| q.as_quat().to_array()),
             moment_eye: moments.map(|(_, eye)| eye.as_vec3().extend(0.0).to_array()),
             key_rotation,

@@ -48,6 +48,7 @@ fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneEr
     let mut loader = Loader::default();
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("glb" | "gltf") => {
+            loader.scene.up_in_world = world_up;
             let model = loader.model(path, None)?;
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             loader.place(path, &model, name, DAffine3::IDENTITY, DEFAULT_WHITE_LX)?;

@@ -33,6 +33,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     pub objects: Vec<Object>,
     pub lighting: Lighting,
+    /// The world's up, where it is known: a unit vector.
+    pub up_in_world: Option<DVec3>,
     /// What is odd or not supported, each said once.
     pub warnings: Vec<String>,
 }

@@ -100,6 +100,7 @@ pub(super) fn read(loader: &mut Loader, file: &Path, recording_up: Option<DVec3>
         Some(up) => up.axis(file, "up")?,
         None => recording_up.unwrap_or(DVec3::Z),
     };
+    loader.scene.up_in_world = Some(world_up);
     let white_lx = scene.light.white_lx.unwrap_or(DEFAULT_WHITE_LX);
     if !(white_lx > 0.0 && white_lx.is_finite()) {
         return Err(SceneError::bad(file, "light.white_lx", white_lx, "more than 0"));

@@ -196,5 +196,5 @@ fn geometry(options: &Options) -> Geometry {
         readout_time_s,
         ..Intrinsics::default()
     };
-    Geometry::new(intrinsics, Distortion { k1, k2, p1, p2, k3: 0.0 })
+    Geometry::new(intrinsics, Distortion { k1, k2, p1, p2, ..Distortion::default() })
 }

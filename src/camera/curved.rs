@@ -1,0 +1,167 @@
+//! Cameras beyond the pinhole, whose pictures are no plane's: a place in the picture is a direction.
+//!
+//! Directions have the camera's axes: x right, y down, z forward. Places are raster px, the upper left corner at
+//! (0, 0). "The circle" is the one that touches the picture's two nearer sides.
+
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3};
+
+/// How directions become places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Curve {
+    /// Equal angles from the axis are equal distances: θ = r·fov/2, r = 1 on the circle (Lemme p.36-39). Up to 2π.
+    Fisheye { fov_rad: f64 },
+    /// θ = y·fov_y/2 above and φ = x·fov_x/2 to the right of the axis, x and y from −1 to 1 across the picture
+    /// (Lemme p.41-42): longitude and latitude, equirectangular. Up to 2π by π.
+    Environment { fov_rad: DVec2 },
+    /// Stereographic, seen from the point of the unit sphere behind the camera: r = tan(θ/2)/tan(fov/4) on the circle's
+    /// radius. Of a camera that looks down it makes a little planet (Lemme p.40). Below 2π.
+    LittlePlanet { fov_rad: f64 },
+}
+
+/// A curved camera with its picture's size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Curved {
+    pub curve: Curve,
+    pub width_px: u32,
+    pub height_px: u32,
+}
+
+/// Less than this share of the length off the axis behind the camera, a direction has no place of its own.
+const ON_AXIS: f64 = 1e-12;
+
+impl Curved {
+    fn half_px(&self) -> DVec2 {
+        0.5 * DVec2::new(self.width_px.into(), self.height_px.into())
+    }
+
+    /// Where a direction (any length) lands, px, be it in the picture or beyond it. `None` for no direction at all, for
+    /// one that the curve does not reach, and for straight back, which has no one place.
+    pub fn project(&self, direction: DVec3) -> Option<DVec2> {
+        let d = direction.try_normalize()?;
+        let half = self.half_px();
+        let off_axis = d.truncate().length();
+        let theta = off_axis.atan2(d.z);
+        let radius = match self.curve {
+            Curve::Environment { fov_rad } => {
+                let (phi, above) = (d.x.atan2(d.z), (-d.y).atan2(d.x.hypot(d.z)));
+                return Some(half + half * DVec2::new(2.0 * phi / fov_rad.x, -2.0 * above / fov_rad.y));
+            }
+            Curve::Fisheye { fov_rad } => 2.0 * theta / fov_rad,
+            Curve::LittlePlanet { fov_rad } => (0.5 * theta).tan() / (0.25 * fov_rad).tan(),
+        };
+        if off_axis < ON_AXIS {
+            return (d.z > 0.0).then_some(half);
+        }
+        Some(half + d.truncate() * (radius * half.min_element() / off_axis))
+    }
+
+    /// The direction (unit length) that is seen at a place, px. `None` where nothing is: beyond the circle of a
+    /// fish-eye, and where angles would pass all the way round.
+    pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
+        let half = self.half_px();
+        let from_middle = at_px - half;
+        let r = from_middle.length() / half.min_element();
+        let theta = match self.curve {
+            Curve::Environment { fov_rad } => {
+                let DVec2 { x: phi, y: below } = 0.5 * fov_rad * from_middle / half;
+                // A rounding's breadth is left to the picture's own rim.
+                let inside = phi.abs() <= PI * (1.0 + 1e-12) && below.abs() <= 0.5 * PI * (1.0 + 1e-12);
+                let d = DVec3::new(phi.sin() * below.cos(), below.sin(), phi.cos() * below.cos());
+                return inside.then_some(d);
+            }
+            Curve::Fisheye { fov_rad } => 0.5 * r * fov_rad,
+            Curve::LittlePlanet { fov_rad } => 2.0 * (r * (0.25 * fov_rad).tan()).atan(),
+        };
+        if matches!(self.curve, Curve::Fisheye { .. }) && (r > 1.0 + 1e-12 || theta > PI * (1.0 + 1e-12)) {
+            return None;
+        }
+        let towards = from_middle.try_normalize().unwrap_or(DVec2::X);
+        Some((towards * theta.sin()).extend(theta.cos()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn degrees(d: f64) -> f64 {
+        d.to_radians()
+    }
+
+    const RIGHT_BELOW: DVec3 = DVec3::new(1.0, 1.0, 0.0);
+
+    #[test]
+    fn fisheye_by_hand() {
+        // 180° over 400 px: 90° are 200 px, 45° are 100.
+        let f = Curved { curve: Curve::Fisheye { fov_rad: PI }, width_px: 600, height_px: 400 };
+        let at = f.project(DVec3::new(2.0, 0.0, 2.0)).unwrap();
+        assert!((at - DVec2::new(400.0, 200.0)).length() < 1e-9, "{at}");
+        let at = f.project(RIGHT_BELOW).unwrap();
+        assert!((at - DVec2::new(300.0, 200.0) - DVec2::splat(200.0 / 2f64.sqrt())).length() < 1e-9, "{at}");
+        assert_eq!(f.unproject(DVec2::new(300.0, 200.0)), Some(DVec3::Z));
+        assert_eq!(f.unproject(DVec2::new(501.0, 200.0)), None, "beyond the circle");
+        assert_eq!(f.project(DVec3::NEG_Z), None);
+    }
+
+    #[test]
+    fn environment_by_hand() {
+        let fov_rad = DVec2::new(2.0 * PI, PI);
+        let e = Curved { curve: Curve::Environment { fov_rad }, width_px: 720, height_px: 360 };
+        // Two px a degree: 90° to the right; 30° above and 60° to the left.
+        assert!((e.project(DVec3::X).unwrap() - DVec2::new(540.0, 180.0)).length() < 1e-9);
+        let d = DVec3::new(-degrees(60.0).sin() * degrees(30.0).cos(), -0.5, 0.5 * degrees(30.0).cos());
+        assert!((e.project(d).unwrap() - DVec2::new(240.0, 120.0)).length() < 1e-9);
+        assert!((e.unproject(DVec2::new(360.0, 0.0)).unwrap() - DVec3::NEG_Y).length() < 1e-12, "up is at the top");
+    }
+
+    #[test]
+    fn little_planet_by_hand() {
+        // 180° on the circle: tan 45° = 1; 90° off the axis lies on it, 45° at tan 22.5° = √2 − 1 of it.
+        let p = Curved { curve: Curve::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
+        assert!((p.project(DVec3::X).unwrap() - DVec2::new(200.0, 100.0)).length() < 1e-9);
+        let at = p.project(DVec3::new(0.0, 1.0, 1.0)).unwrap();
+        assert!((at - DVec2::new(100.0, 100.0 + 100.0 * (2f64.sqrt() - 1.0))).length() < 1e-9, "{at}");
+        // It keeps angles: small steps along and across the radius are equally long.
+        let step = 1e-4;
+        let seen = |theta: f64, phi: f64| {
+            p.project(DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())).unwrap()
+        };
+        let along = seen(2.0 + step, 0.3).distance(seen(2.0 - step, 0.3));
+        let across = seen(2.0, 0.3 + step / 2f64.sin()).distance(seen(2.0, 0.3 - step / 2f64.sin()));
+        assert!((along / across - 1.0).abs() < 1e-6, "{along} {across}");
+    }
+
+    proptest! {
+        #[test]
+        fn round_trip_over_the_whole_picture(x in 0.0f64..=1.0, y in 0.0f64..=1.0, fov in 0.1f64..6.2, wide in 1u32..900, high in 1u32..900) {
+            let curves = [
+                Curve::Fisheye { fov_rad: fov },
+                Curve::LittlePlanet { fov_rad: fov },
+                Curve::Environment { fov_rad: DVec2::new(fov, 0.5 * fov) },
+                Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) },
+            ];
+            for curve in curves {
+                let c = Curved { curve, width_px: wide, height_px: high };
+                let at = DVec2::new(x * f64::from(wide), y * f64::from(high));
+                let Some(d) = c.unproject(at) else {
+                    let r = 2.0 * (at - c.half_px()).length() / f64::from(wide.min(high));
+                    let beyond = matches!(curve, Curve::Fisheye { .. }) && r > 1.0;
+                    prop_assert!(beyond, "nothing at {}", at);
+                    continue;
+                };
+                prop_assert!((d.length() - 1.0).abs() < 1e-12);
+                // Straight up, down and back have many places.
+                if d.truncate().length() < 1e-4 && d.z < 0.0 || (d.x.hypot(d.z) < 1e-4 && matches!(curve, Curve::Environment { .. })) {
+                    continue;
+                }
+                // Left and right rim are the same direction.
+                let off = (c.project(d).unwrap() - at).abs();
+                let off = if matches!(curve, Curve::Environment { .. }) { off.x.min((off.x - f64::from(wide)).abs()).max(off.y) } else { off.length() };
+                prop_assert!(off < 1e-6 * f64::from(wide.max(high)), "{curve:?} {at} {d}: {off}");
+            }
+        }
+    }
+}

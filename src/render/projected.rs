@@ -1,0 +1,246 @@
+//! Single pictures of a scene through any camera: the pinhole, parallel rays, and curved ones by cube map.
+//!
+//! All are drawn by the one [`Renderer`], finer than the picture and in tiles, so that memory goes with the picture and
+//! not with what is drawn for it. A curved camera's picture is put together from up to six pinhole pictures of 90°.
+//! Not modelled: what the lens does beyond its projection (depth of field, vignetting, motion).
+
+use glam::{DQuat, DVec2, DVec3};
+
+use super::draw::{Renderer, View};
+use super::panorama;
+use super::plan::{LayerRun, SamplePlan};
+use super::resample::{Face, Resampler, over_rows};
+use super::view::{NEAR_M, Shutter, ViewKeys};
+use crate::camera::curved::Curved;
+use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::gpu::{Gpu, GpuError, ReadbackSet, TexturePool};
+use crate::image::{LinearImage, Rect};
+use crate::pose::Pose;
+use crate::scene::Environment;
+
+/// How places in a picture and directions before the camera belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Projection {
+    /// Through one point; a principal point off the middle makes it off-centre.
+    Perspective(Geometry),
+    /// Parallel rays, the camera's position in the picture's middle.
+    Orthographic {
+        width_px: u32,
+        height_px: u32,
+        px_per_m: f64,
+    },
+    Curved(Curved),
+}
+
+impl Projection {
+    /// Width and height of the picture, px.
+    pub fn size_px(&self) -> (u32, u32) {
+        match self {
+            Self::Perspective(g) => (g.intrinsics.width_px, g.intrinsics.height_px),
+            Self::Orthographic { width_px, height_px, .. } => (*width_px, *height_px),
+            Self::Curved(c) => (c.width_px, c.height_px),
+        }
+    }
+
+    /// Along which direction (camera's axes, unit length) is looked at a place; `None` where nothing is seen.
+    pub fn direction(&self, at_px: DVec2) -> Option<DVec3> {
+        match self {
+            Self::Perspective(g) => g.direction(at_px),
+            Self::Orthographic { .. } => Some(DVec3::Z),
+            Self::Curved(c) => c.unproject(at_px),
+        }
+    }
+
+    /// Where a point (camera's axes, metres) lands, px.
+    pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
+        match self {
+            Self::Perspective(g) => g.project(point_in_camera),
+            Self::Orthographic { width_px, height_px, px_per_m } => (point_in_camera.z > 0.0).then(|| {
+                0.5 * DVec2::new((*width_px).into(), (*height_px).into()) + *px_per_m * point_in_camera.truncate()
+            }),
+            Self::Curved(c) => c.project(point_in_camera),
+        }
+    }
+}
+
+/// A picture to be taken.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    pub projection: Projection,
+    pub pose: Pose,
+    /// Whether the environment's picture, where there is one, stands behind the objects. Not with parallel rays, which
+    /// all see the one place of it.
+    pub background: bool,
+}
+
+/// Drawn pixels to each of the picture's, along each side; of four samples each.
+const FINER: u32 = 2;
+/// Tiles of what is drawn, px a side: a gigabyte of multisampled targets would be 3600.
+const TILE_PX: i32 = 1024;
+
+/// Takes a picture; transparent where neither object nor background is seen.
+pub fn take(gpu: &Gpu, renderer: &mut Renderer, shot: &Shot) -> Result<LinearImage, GpuError> {
+    let (width, height) = shot.projection.size_px();
+    let mut studio = Studio { gpu, renderer, pool: TexturePool::default(), readbacks: ReadbackSet::default() };
+    let mut image = match &shot.projection {
+        Projection::Perspective(g) => {
+            let fine = g.resized(width * FINER, height * FINER);
+            studio.draw(&fine, shot.pose, false)?.shrunk(FINER)
+        }
+        Projection::Orthographic { px_per_m, .. } => {
+            let fine = parallel_geometry(width * FINER, height * FINER, px_per_m * f64::from(FINER));
+            studio.draw(&fine, shot.pose, true)?.shrunk(FINER)
+        }
+        Projection::Curved(curved) => {
+            let resampler = Resampler::new(curved);
+            let mut sum = LinearImage::empty(width, height);
+            for face in Face::ALL.into_iter().filter(|face| resampler.needs(*face)) {
+                let turn = face.face_from_camera();
+                let pose = Pose::new(turn * shot.pose.rotation, turn * shot.pose.translation_m);
+                let geometry = resampler.face_geometry();
+                if !studio.renderer.in_view(&geometry, &pose) {
+                    continue;
+                }
+                let drawn = studio.draw(&geometry, pose, false)?;
+                resampler.add(face, &drawn, &mut sum);
+            }
+            sum
+        }
+    };
+    let background = shot.background && !matches!(shot.projection, Projection::Orthographic { .. });
+    if let (true, Environment::Map(map)) = (background, &renderer.scene().lighting.environment) {
+        let turn = map.map_from_world.as_dquat() * shot.pose.world_from_camera_rotation();
+        lay_over(&mut image, &shot.projection, &panorama::sharp(map), turn);
+    }
+    Ok(image)
+}
+
+fn parallel_geometry(width_px: u32, height_px: u32, px_per_m: f64) -> Geometry {
+    let intrinsics = Intrinsics {
+        width_px,
+        height_px,
+        fx_px: px_per_m,
+        fy_px: px_per_m,
+        cx_px: 0.5 * f64::from(width_px),
+        cy_px: 0.5 * f64::from(height_px),
+        ..Intrinsics::default()
+    };
+    Geometry::new(intrinsics, Distortion::default())
+}
+
+/// Puts a panorama behind a picture. In a pixel that sees only in part the panorama shows in that part alone.
+fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Level, map_from_camera: DQuat) {
+    let row_length = image.width as usize;
+    // Texels of the map a radian.
+    let texels = f64::from(map.0) / std::f64::consts::TAU;
+    over_rows(&mut image.rgba, row_length, |y, row| {
+        for (x, pixel) in row.iter_mut().enumerate() {
+            if pixel[3] >= 1.0 {
+                continue;
+            }
+            let at = DVec2::new(x as f64, y as f64);
+            let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|c| projection.direction(at + DVec2::from(c)));
+            let steps = match corners {
+                [Some(a), Some(b), Some(c)] => {
+                    (a.angle_between(b).max(a.angle_between(c)) * texels).ceil().clamp(2.0, 16.0)
+                }
+                _ => 4.0,
+            } as u32;
+            let mut sum = glam::Vec4::ZERO;
+            for n in 0..steps * steps {
+                let inside = DVec2::new(f64::from(n % steps) + 0.5, f64::from(n / steps) + 0.5) / f64::from(steps);
+                if let Some(d) = projection.direction(at + inside) {
+                    sum += panorama::at(map, (map_from_camera * d).as_vec3()).extend(1.0);
+                }
+            }
+            let mean = sum / (steps * steps) as f32;
+            if mean.w > 0.0 {
+                let shown = (mean.w - pixel[3]).max(0.0) / mean.w;
+                *pixel = (glam::Vec4::from(*pixel) + mean * shown).into();
+            }
+        }
+    });
+}
+
+/// What is drawn, 16-bit floats as they come from the GPU.
+pub struct Drawn {
+    pub width: u32,
+    /// Outside of it nothing is.
+    pub rect: Rect,
+    pub rgba: Vec<[half::f16; 4]>,
+}
+
+impl Drawn {
+    /// Means of squares of pixels.
+    fn shrunk(&self, finer: u32) -> LinearImage {
+        let (finer, wide) = (finer as usize, self.width as usize);
+        let (width, height) = (wide / finer, self.rgba.len() / wide.max(1) / finer);
+        let mean = |i: usize| {
+            let (x, y) = (i % width * finer, i / width * finer);
+            let mut sum = [0.0; 4];
+            for (dy, dx) in (0..finer).flat_map(|dy| (0..finer).map(move |dx| (dy, dx))) {
+                let texel = self.rgba[(y + dy) * wide + x + dx];
+                (0..4).for_each(|c| sum[c] += texel[c].to_f32());
+            }
+            sum.map(|v| v / (finer * finer) as f32)
+        };
+        LinearImage { width: width as u32, height: height as u32, rgba: (0..width * height).map(mean).collect() }
+    }
+}
+
+/// What is needed to draw.
+struct Studio<'a> {
+    gpu: &'a Gpu,
+    renderer: &'a mut Renderer,
+    pool: TexturePool,
+    readbacks: ReadbackSet,
+}
+
+impl Studio<'_> {
+    /// Draws the objects by a geometry; with `parallel` its focal lengths are px a metre.
+    fn draw(&mut self, geometry: &Geometry, pose: Pose, parallel: bool) -> Result<Drawn, GpuError> {
+        let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
+        let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0 };
+        let keys = ViewKeys::new(shutter, |_| pose);
+        let footprint = self.renderer.footprint(geometry, &keys);
+        let full = Rect::full(width, height);
+        // A hair behind the farthest point; its rectangle is told for rays through one point.
+        let parallel_to_m = parallel.then(|| 1.01 * footprint.depths_m[1].max(2.0 * NEAR_M));
+        let rect = if parallel { full } else { footprint.rect.intersection(&full) };
+        let mut drawn = Drawn { width, rect, rgba: vec![[half::f16::ZERO; 4]; width as usize * height as usize] };
+        for y0 in (rect.y0..rect.y1).step_by(TILE_PX as usize) {
+            for x0 in (rect.x0..rect.x1).step_by(TILE_PX as usize) {
+                let tile = Rect::new(x0, y0, x0 + TILE_PX, y0 + TILE_PX).intersection(&rect);
+                let view = View {
+                    geometry,
+                    keys: &keys,
+                    shutter,
+                    mean_px_per_s: [0.0; 2],
+                    rect: tile,
+                    occlusion: None,
+                    parallel_to_m,
+                };
+                self.draw_tile(&view, &mut drawn)?;
+            }
+        }
+        Ok(drawn)
+    }
+
+    fn draw_tile(&mut self, view: &View<'_>, drawn: &mut Drawn) -> Result<(), GpuError> {
+        let gpu = self.gpu;
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let mut run = LayerRun { gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: false };
+        let layer = self.renderer.draw(&mut run, view, &SamplePlan::single());
+        let mut readback = self.readbacks.copy(gpu, &mut encoder, &layer.color, layer.size);
+        readback.submitted(gpu.queue.submit([encoder.finish()]));
+        let (tile, stride) = (view.rect, drawn.width as usize);
+        readback.rows(gpu, |row, bytes| {
+            let start = (tile.y0 as usize + row) * stride + tile.x0 as usize;
+            for (texel, bytes) in drawn.rgba[start..].iter_mut().zip(bytes.chunks_exact(8)) {
+                *texel = std::array::from_fn(|c| half::f16::from_le_bytes([bytes[2 * c], bytes[2 * c + 1]]));
+            }
+        })?;
+        self.readbacks.give_back(readback);
+        Ok(())
+    }
+}

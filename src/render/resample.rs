@@ -1,0 +1,279 @@
+//! A curved camera's picture out of the six pictures around it.
+//!
+//! Each pixel is the mean of places inside it, as many as it covers texels of the faces and at least nine, each read
+//! between four texels. Faces are drawn a little wider than 90°, so that this needs no neighbour at their seams.
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::projected::Drawn;
+use crate::camera::curved::Curved;
+use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::image::{LinearImage, Rect};
+
+/// Texels of a face beyond its 90°, on each side.
+const MARGIN_PX: u32 = 2;
+/// Of a face, px a side: half a gigabyte.
+const LARGEST_FACE_PX: u32 = 8192;
+const SMALLEST_FACE_PX: u32 = 64;
+/// Places in a pixel along each side.
+const PLACES: std::ops::RangeInclusive<f64> = 3.0..=32.0;
+
+/// A side of the cube around the camera, by where it is looked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Face {
+    Front,
+    Back,
+    Left,
+    Right,
+    Up,
+    Down,
+}
+
+impl Face {
+    pub const ALL: [Self; 6] = [Self::Front, Self::Back, Self::Left, Self::Right, Self::Up, Self::Down];
+
+    /// The face's x, y and z axes (right, down, forward) in the camera's.
+    fn axes(self) -> [DVec3; 3] {
+        let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+        match self {
+            Self::Front => [x, y, z],
+            Self::Back => [-x, y, -z],
+            Self::Left => [z, y, -x],
+            Self::Right => [-z, y, x],
+            Self::Up => [x, z, -y],
+            Self::Down => [x, -z, y],
+        }
+    }
+
+    /// The turn from the camera's axes to the face's.
+    pub fn face_from_camera(self) -> DQuat {
+        let [x, y, z] = self.axes();
+        DQuat::from_mat3(&DMat3::from_cols(x, y, z).transpose())
+    }
+
+    /// The face that a direction goes through.
+    fn of(d: DVec3) -> Self {
+        let a = d.abs();
+        match () {
+            () if a.z >= a.x && a.z >= a.y => {
+                if d.z > 0.0 {
+                    Self::Front
+                } else {
+                    Self::Back
+                }
+            }
+            () if a.x >= a.y => {
+                if d.x > 0.0 {
+                    Self::Right
+                } else {
+                    Self::Left
+                }
+            }
+            () => {
+                if d.y > 0.0 {
+                    Self::Down
+                } else {
+                    Self::Up
+                }
+            }
+        }
+    }
+}
+
+/// What is needed to make a picture of faces.
+#[derive(Debug)]
+pub struct Resampler<'a> {
+    curved: &'a Curved,
+    /// Of a face's 90°.
+    face_px: u32,
+    needed: Vec<Face>,
+}
+
+/// The smallest angle between neighbouring pixels, along whichever side of the pixel it is larger: nothing finer can be
+/// seen; and the faces that are.
+fn survey(curved: &Curved) -> (f64, Vec<Face>) {
+    const STEPS: u32 = 96;
+    let size = DVec2::new(curved.width_px.into(), curved.height_px.into());
+    let mut finest = f64::INFINITY;
+    let mut seen = Vec::new();
+    for n in 0..=STEPS * STEPS + 2 * STEPS {
+        let at = DVec2::new((n % (STEPS + 1)).into(), (n / (STEPS + 1)).into()) / f64::from(STEPS) * size;
+        let Some(d) = curved.unproject(at) else { continue };
+        let face = Face::of(d);
+        if !seen.contains(&face) {
+            seen.push(face);
+        }
+        let inwards = (0.5 * size - at).signum();
+        let step = |to: DVec2| curved.unproject(at + to * inwards).map(|e| e.angle_between(d));
+        if let (Some(x), Some(y)) = (step(DVec2::X), step(DVec2::Y)) {
+            finest = finest.min(x.max(y));
+        }
+    }
+    (finest, seen)
+}
+
+/// Where a picture would need larger faces than are drawn, to lose nothing of it: their side wanted and drawn, px.
+pub fn limits(curved: &Curved) -> Option<(u32, u32)> {
+    let wanted = wanted_face_px(curved).ceil() as u32;
+    (wanted > LARGEST_FACE_PX).then_some((wanted, LARGEST_FACE_PX))
+}
+
+/// The side of a face that loses nothing of a picture, px.
+fn wanted_face_px(curved: &Curved) -> f64 {
+    // A face is coarsest in its middle, side/2 texels a radian. Two texels a pixel.
+    4.0 / survey(curved).0
+}
+
+impl<'a> Resampler<'a> {
+    pub fn new(curved: &'a Curved) -> Self {
+        let wanted = wanted_face_px(curved).ceil();
+        let face_px = wanted.clamp(SMALLEST_FACE_PX.into(), LARGEST_FACE_PX.into()) as u32;
+        Self { curved, face_px, needed: survey(curved).1 }
+    }
+
+    pub fn needs(&self, face: Face) -> bool {
+        self.needed.contains(&face)
+    }
+
+    pub fn face_geometry(&self) -> Geometry {
+        let (side, half) = (self.face_px + 2 * MARGIN_PX, 0.5 * f64::from(self.face_px));
+        let centre = half + f64::from(MARGIN_PX);
+        let intrinsics = Intrinsics {
+            width_px: side,
+            height_px: side,
+            fx_px: half,
+            fy_px: half,
+            cx_px: centre,
+            cy_px: centre,
+            ..Intrinsics::default()
+        };
+        Geometry::new(intrinsics, Distortion::default())
+    }
+
+    /// Adds what a face shows to the picture. A picture's faces together make it whole.
+    pub fn add(&self, face: Face, drawn: &Drawn, sum: &mut LinearImage) {
+        let row_length = sum.width as usize;
+        let [right, down, forward] = face.axes();
+        let half = 0.5 * f64::from(self.face_px);
+        let centre = half + f64::from(MARGIN_PX);
+        let place = |d: DVec3| DVec2::new(d.dot(right), d.dot(down)) / d.dot(forward) * half + centre;
+        over_rows(&mut sum.rgba, row_length, |y, row| {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let at = DVec2::new(x as f64, y as f64);
+                let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+                    .map(|c| self.curved.unproject(at + DVec2::from(c)));
+                let places = match corners {
+                    [Some(a), Some(b), Some(c), Some(d)] => {
+                        let wide = a.angle_between(b).max(a.angle_between(c)).max(a.angle_between(d));
+                        // No place in the pixel is farther from the corner than that; faces end at 54.7°.
+                        if a.angle_between(forward) > 0.96 + 2.0 * wide {
+                            continue;
+                        }
+                        // Directions far from the face's axis have no place on it.
+                        let before = [a, b, c, d].into_iter().all(|d| d.dot(forward) > 0.3);
+                        if before && misses([a, b, c, d].map(place), drawn.rect) {
+                            continue;
+                        }
+                        // Texels at the face's rim are twice as fine.
+                        (2.0 * wide * half).ceil()
+                    }
+                    _ => 8.0,
+                };
+                let places = places.clamp(*PLACES.start(), *PLACES.end()) as u32;
+                let mut mean = [0.0f32; 4];
+                for n in 0..places * places {
+                    let inside =
+                        DVec2::new(f64::from(n % places) + 0.5, f64::from(n / places) + 0.5) / f64::from(places);
+                    let Some(d) = self.curved.unproject(at + inside) else { continue };
+                    if Face::of(d) != face {
+                        continue;
+                    }
+                    let texel = between(drawn, place(d));
+                    (0..4).for_each(|c| mean[c] += texel[c]);
+                }
+                let share = 1.0 / (places * places) as f32;
+                (0..4).for_each(|c| pixel[c] += mean[c] * share);
+            }
+        });
+    }
+}
+
+/// Whether a pixel with these corners on a face, most of its own size around it included, sees nothing of what is drawn.
+fn misses(corners: [DVec2; 4], rect: Rect) -> bool {
+    let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
+    let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
+    let around = 2.0 + (high - low);
+    let (low, high) = (low - around, high + around);
+    high.x < f64::from(rect.x0)
+        || high.y < f64::from(rect.y0)
+        || low.x > f64::from(rect.x1)
+        || low.y > f64::from(rect.y1)
+}
+
+/// Between the four texels around a place.
+fn between(drawn: &Drawn, at: DVec2) -> [f32; 4] {
+    let (width, corner) = (drawn.width as usize, (at - 0.5).floor());
+    let f = (at - 0.5 - corner).as_vec2();
+    let first = corner.y as usize * width + corner.x as usize;
+    let weights =
+        [(0, (1.0 - f.x) * (1.0 - f.y)), (1, f.x * (1.0 - f.y)), (width, (1.0 - f.x) * f.y), (width + 1, f.x * f.y)];
+    let mut sum = [0.0; 4];
+    for (offset, weight) in weights {
+        // The margin holds all places; rounding may leave it by nothing that matters.
+        let texel = drawn.rgba.get(first + offset).copied().unwrap_or_default();
+        (0..4).for_each(|c| sum[c] += texel[c].to_f32() * weight);
+    }
+    sum
+}
+
+/// Fills a picture's rows on all processors: `fill(row number, row)`.
+pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let rows = values.len().div_ceil(row_length.max(1));
+    let band = rows.div_ceil(4 * threads).max(1);
+    let bands = std::sync::Mutex::new(values.chunks_mut((row_length * band).max(1)).enumerate());
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
+                while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
+                    rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
+                }
+            });
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::curved::Curve;
+    use std::f64::consts::PI;
+
+    #[test]
+    fn faces_are_turned_not_mirrored_and_look_where_they_say() {
+        for face in Face::ALL {
+            let [x, y, z] = face.axes();
+            assert_eq!(x.cross(y), z, "{face:?}");
+            assert_eq!(Face::of(z), face);
+            assert!((face.face_from_camera() * z - DVec3::Z).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn only_faces_that_are_seen_are_drawn_and_as_fine_as_needed() {
+        let fisheye = |degrees: f64| Curved {
+            curve: Curve::Fisheye { fov_rad: degrees.to_radians() },
+            width_px: 180,
+            height_px: 180,
+        };
+        assert_eq!(Resampler::new(&fisheye(60.0)).needed, [Face::Front]);
+        assert_eq!(Resampler::new(&fisheye(180.0)).needed.len(), 5);
+        // 57.3 px a radian along the radius, up to π/2 times that across it far out: in between on diagonals.
+        let wanted = wanted_face_px(&fisheye(180.0));
+        assert!((4.0 * 57.29..4.0 * 72.0).contains(&wanted), "{wanted}");
+        let all =
+            Curved { curve: Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }, width_px: 360, height_px: 180 };
+        assert_eq!(Resampler::new(&all).needed.len(), 6);
+    }
+}

@@ -1,0 +1,107 @@
+//! A single picture of light: PNG for people, OpenEXR for programs.
+
+use std::io;
+use std::path::Path;
+
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder, ImageError};
+
+use super::SinkError;
+use super::atomic::write_atomically;
+use crate::camera::Response;
+use crate::image::LinearImage;
+
+/// Writes `.png` (8 bits, encoded by the response, alpha where something is transparent) or `.exr` (32-bit linear
+/// premultiplied R, G, B, A). The file is whole or not there; one that exists is kept unless `force`.
+pub fn write(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
+    check(path, force)?;
+    if extension(path) == "png" { write_png(path, image, response) } else { write_exr(path, image) }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
+}
+
+/// Whether a picture can be written there: its name says a known kind, and nothing is replaced unasked.
+pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
+    match extension(path).as_str() {
+        "png" | "exr" if path.exists() && !force => Err(SinkError::Exists { path: path.to_owned() }),
+        "png" | "exr" => Ok(()),
+        other => {
+            let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
+            let problem = format!("a picture cannot be written with {found}; accepted are .png and .exr");
+            Err(SinkError::Refused { path: path.to_owned(), problem })
+        }
+    }
+}
+
+fn write_png(path: &Path, image: &LinearImage, response: &Response) -> Result<(), SinkError> {
+    let code = |light: f32| (255.0 * response.encode(f64::from(light))).round() as u8;
+    // Half a code of the alpha is no transparency.
+    let opaque = image.rgba.iter().all(|p| p[3] >= 1.0 - 0.5 / 255.0);
+    let channels = if opaque { 3 } else { 4 };
+    let mut bytes = Vec::with_capacity(channels * image.rgba.len());
+    for &[r, g, b, a] in &image.rgba {
+        let whole = if a > 0.0 { 1.0 / a } else { 0.0 };
+        bytes.extend([r, g, b].map(|light| code(light * whole)));
+        if !opaque {
+            bytes.push((255.0 * a.clamp(0.0, 1.0)).round() as u8);
+        }
+    }
+    let color = if opaque { ExtendedColorType::Rgb8 } else { ExtendedColorType::Rgba8 };
+    write_atomically(path, |writer| {
+        PngEncoder::new(writer).write_image(&bytes, image.width, image.height, color).map_err(|error| match error {
+            ImageError::IoError(error) => error,
+            other => io::Error::other(other),
+        })
+    })
+}
+
+fn write_exr(path: &Path, image: &LinearImage) -> Result<(), SinkError> {
+    use exr::prelude::*;
+    let (width, height) = (image.width as usize, image.height as usize);
+    let channels = SpecificChannels::rgba(|at: Vec2<usize>| {
+        let [r, g, b, a] = image.rgba[at.1 * width + at.0];
+        (r, g, b, a)
+    });
+    let out = Image::from_channels((width, height), channels);
+    write_atomically(path, |writer| {
+        out.write().to_buffered(writer).map_err(|error| match error {
+            exr::error::Error::Io(error) => error,
+            other => io::Error::other(other),
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_back_as_light() {
+        let folder = tempfile::tempdir().unwrap();
+        // Linear 0.18 is code 117.6; half covered it is the same colour at half the alpha.
+        let rgba = vec![[0.18, 1.0, 0.0, 1.0], [0.09, 0.5, 0.0, 0.5], [0.0; 4]];
+        let mut picture = LinearImage { width: 3, height: 1, rgba };
+        let [png, exr] = ["a.png", "a.exr"].map(|name| folder.path().join(name));
+        write(&png, &picture, &Response::default(), false).unwrap();
+        let read = image::open(&png).unwrap().to_rgba8();
+        assert_eq!(read.into_raw(), [118, 255, 0, 255, 118, 255, 0, 128, 0, 0, 0, 0]);
+        write(&exr, &picture, &Response::default(), false).unwrap();
+        let read = exr::prelude::read_first_flat_layer_from_file(&exr).unwrap();
+        let values: Vec<Vec<f32>> =
+            read.layer_data.channel_data.list.iter().map(|c| c.sample_data.values_as_f32().collect()).collect();
+        assert_eq!(
+            values,
+            [vec![1.0, 0.5, 0.0], vec![0.0; 3], vec![1.0, 0.5, 0.0], vec![0.18, 0.09, 0.0]],
+            "A, B, G, R"
+        );
+
+        assert!(write(&png, &picture, &Response::default(), false).unwrap_err().to_string().contains("--force"));
+        picture.rgba.iter_mut().for_each(|p| p[3] = 1.0);
+        write(&png, &picture, &Response::default(), true).unwrap();
+        assert_eq!(image::open(&png).unwrap().color(), image::ColorType::Rgb8, "no alpha where nothing is transparent");
+        let refused = write(Path::new("a.gif"), &picture, &Response::default(), true).unwrap_err().to_string();
+        assert_eq!(refused, "a.gif: a picture cannot be written with .gif; accepted are .png and .exr");
+    }
+}
