@@ -435,17 +435,8 @@ fn whole(in: Fragment, @builtin(front_facing) front: bool) -> Out {
     return surface(in, front, base_of(in));
 }
 
-struct PartlyOut {
-    @location(0) color: vec4<f32>,
-    @location(1) geometry: vec4<u32>,
-    @builtin(sample_mask) mask: u32,
-}
-
-// Where some of the surface is cut out, or hidden by the real scene.
-@fragment
-fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
-    let base = base_of(in);
-    let out = surface(in, front, base);
+// Which of the four samples of a pixel are there, where some of the surface is cut out, or hidden by the real scene.
+fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
     var mask = 0xfu;
     if masked {
         // The cut-off's edge as coverage of the four samples, one pixel wide.
@@ -459,5 +450,29 @@ fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
             mask = 0u;
         }
     }
-    return PartlyOut(out.color, out.geometry, mask);
+    return mask;
+}
+
+struct PartlyOut {
+    @location(0) color: vec4<f32>,
+    @location(1) geometry: vec4<u32>,
+    @builtin(sample_mask) mask: u32,
+}
+
+@fragment
+fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
+    let base = base_of(in);
+    let out = surface(in, front, base);
+    return PartlyOut(out.color, out.geometry, samples_of(in, base));
+}
+
+// The same by whole pixels, for OpenGL: the translation of shaders for it cannot write masks of samples.
+@fragment
+fn partly_by_pixels(in: Fragment, @builtin(front_facing) front: bool) -> Out {
+    let base = base_of(in);
+    let out = surface(in, front, base);
+    if samples_of(in, base) < 3u {
+        discard;
+    }
+    return out;
 }

@@ -32,8 +32,11 @@ fn camera(circle_px: f64, depth_m: f64, blades: u32) -> Camera {
     camera
 }
 
-/// Unlit rectangles facing the camera, in one mesh: corners (px from the middle, as seen), depth (m), linear colour.
-fn rectangles(all: &[([f64; 2], [f64; 2], f64, [f32; 3])]) -> Scene {
+/// Corners (px from the middle, as seen), depth (m), linear colour.
+type Rectangle = ([f64; 2], [f64; 2], f64, [f32; 3]);
+
+/// Unlit rectangles facing the camera, in one mesh.
+fn rectangles(all: &[Rectangle]) -> Scene {
     let (mut vertices, mut indices) = (Vec::new(), Vec::new());
     for (number, (low, high, depth_m, color)) in (0u32..).zip(all) {
         let corner = |x: f64, y: f64| Vertex {

@@ -172,7 +172,8 @@ fn program_time_s(ev: f64, limits: &Limits) -> f64 {
     if spare_ev <= 0.0 {
         return (widest - ev).exp2();
     }
-    limits.hand_held_s * (-0.5 * spare_ev).exp2()
+    // Where the shutter goes no faster, the rest is the opening's.
+    (limits.hand_held_s * (-0.5 * spare_ev).exp2()).max(limits.shortest_s)
 }
 
 /// The film speed that would make manual settings right, from third stops of ISO 100 to 25600,

@@ -164,15 +164,23 @@ pub fn run(args: Args) -> Result<()> {
     }
     let unknown_exposure = camera.exposure.time_s.is_none() && camera.exposure.shutter_angle_deg.is_none();
     if unknown_exposure && recording.exposure.iter().all(|e| e.time_s.is_none()) && !args.plain {
-        let taken = if recording.kind.has_times() {
-            "half the frame interval is taken"
+        let text = if recording.kind.has_times() {
+            "nothing says how long the frames were exposed: half the frame interval is taken"
         } else {
             // Between pictures whose times mean nothing there is no motion to blur along.
             camera.exposure.time_s = Some(0.0);
-            "nothing is blurred by motion, for the pictures bear no times"
+            "the pictures bear no times, so that nothing is blurred by motion"
         };
-        let text = "nothing says how long the frames were exposed";
-        warn(args.quiet, &format!("{text}: {taken}; --set camera.exposure.time_s=SECONDS sets it"));
+        warn(args.quiet, &format!("{text}; --set camera.exposure.time_s=SECONDS sets an exposure"));
+    }
+    if camera.noise.is_none() && !args.plain {
+        let text =
+            "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it";
+        warn(args.quiet, &format!("{text}; `locard calibrate noise` measures it from pictures of a scene at rest"));
+    }
+    if let Some(geometry) = camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(0)) {
+        // A lens that cannot be is refused before anything is written.
+        camera.lens.opening(geometry)?;
     }
 
     let interrupted = interruption()?;
