@@ -465,14 +465,3 @@ fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
     let out = surface(in, front, base);
     return PartlyOut(out.color, out.geometry, samples_of(in, base));
 }
-
-// The same by whole pixels, for OpenGL: the translation of shaders for it cannot write masks of samples.
-@fragment
-fn partly_by_pixels(in: Fragment, @builtin(front_facing) front: bool) -> Out {
-    let base = base_of(in);
-    let out = surface(in, front, base);
-    if samples_of(in, base) < 3u {
-        discard;
-    }
-    return out;
-}

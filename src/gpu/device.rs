@@ -18,7 +18,7 @@ pub struct Gpu {
 pub enum GpuError {
     /// `besides`: what a variable leaves out, empty where none does.
     #[error(
-        "no graphics adapter was found{besides}: Locard needs a Vulkan, Metal, DirectX 12 or OpenGL ES 3.1 driver; \
+        "no graphics adapter was found{besides}: Locard needs a Vulkan, Metal or DirectX 12 driver; \
          on Debian or Ubuntu without a graphics card `apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
     )]
     NoAdapter { besides: String },
@@ -42,18 +42,13 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
-/// All adapters of this machine, best first; OpenGL's only where there are no others, for
-/// opening it is slow and talks on stderr.
+/// All adapters of this machine, best first; none of OpenGL's, by whose shaders nothing is drawn.
 pub fn adapters() -> Vec<AdapterReport> {
     available().iter().map(report).collect()
 }
 
 fn available() -> Vec<wgpu::Adapter> {
-    if let Some(backends) = Backends::from_env() {
-        return ranked(backends);
-    }
-    let adapters = ranked(Backends::PRIMARY);
-    if adapters.is_empty() { ranked(Backends::GL) } else { adapters }
+    ranked(Backends::from_env().unwrap_or(Backends::PRIMARY) & Backends::PRIMARY)
 }
 
 fn report(adapter: &wgpu::Adapter) -> AdapterReport {
@@ -67,22 +62,18 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// Discrete before integrated before software; Vulkan, Metal and DirectX before OpenGL.
+/// Discrete before integrated before software.
 fn ranked(backends: Backends) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = backends;
     let mut adapters = pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(backends));
     adapters.retain(|a| a.get_info().backend != wgpu::Backend::Noop);
-    adapters.sort_by_key(|a| {
-        let info = a.get_info();
-        let kind = match info.device_type {
-            DeviceType::DiscreteGpu => 0,
-            DeviceType::IntegratedGpu => 1,
-            DeviceType::VirtualGpu => 2,
-            DeviceType::Other => 3,
-            DeviceType::Cpu => 4,
-        };
-        (kind, info.backend == wgpu::Backend::Gl)
+    adapters.sort_by_key(|a| match a.get_info().device_type {
+        DeviceType::DiscreteGpu => 0,
+        DeviceType::IntegratedGpu => 1,
+        DeviceType::VirtualGpu => 2,
+        DeviceType::Other => 3,
+        DeviceType::Cpu => 4,
     });
     adapters
 }
@@ -95,7 +86,7 @@ fn names(adapters: &[wgpu::Adapter]) -> Vec<String> {
 /// Why there is none: the machine has none, or none of the kind that `WGPU_BACKEND` asks for.
 fn no_adapter() -> GpuError {
     let besides = std::env::var("WGPU_BACKEND").ok().map(|asked| {
-        let there = [Backends::PRIMARY, Backends::GL].map(|b| names(&ranked(b))).concat();
+        let there = names(&ranked(Backends::PRIMARY));
         let left_out =
             if there.is_empty() { String::new() } else { format!(", which leaves out {}", there.join("; ")) };
         format!(" with WGPU_BACKEND={asked}{left_out}")

@@ -185,11 +185,7 @@ impl Pipelines {
             multisample: wgpu::MultisampleState { count: SAMPLES, ..Default::default() },
             fragment: Some(wgpu::FragmentState {
                 module: &self.module,
-                entry_point: Some(match (partly, gpu.info.backend == wgpu::Backend::Gl) {
-                    (false, _) => "whole",
-                    (true, false) => "partly",
-                    (true, true) => "partly_by_pixels",
-                }),
+                entry_point: Some(if partly { "partly" } else { "whole" }),
                 compilation_options,
                 targets: &[
                     Some(wgpu::ColorTargetState {
