@@ -8,7 +8,6 @@ mod gpu;
 
 use std::path::Path;
 
-use locard::camera::Geometry;
 use locard::compositor::Settings;
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
@@ -31,7 +30,6 @@ fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Ran
     rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
     rig.intrinsics.readout_time_s = readout_time_s;
     let camera = rig.camera();
-    let geometry: Geometry = camera.geometry.clone().unwrap();
     let scene = locard::scene::load(&twin, recording.up).unwrap();
     let gpu = gpu::gpu();
     let mut lengths = Vec::new();
