@@ -153,7 +153,6 @@ fn the_noise_is_its_twin() {
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,
             opening: None,
-            focal_px: FOCAL_PX,
             depths_m: [1.0, 1.0],
             drawn: Rect::new(0, 0, 0, 0),
             objects: &[],

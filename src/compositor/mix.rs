@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-use crate::camera::{Camera, Curve};
-use crate::effects::MixedInputs;
+use crate::camera::Camera;
+use crate::effects::{MixedInputs, response_constants};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
@@ -47,15 +47,10 @@ impl Mixer {
             Some(noise) => noise.table().into_iter().map(|[r, g, b]| [r, g, b, 0.0]).collect(),
             None => vec![[0.0; 4]; 256],
         };
-        let curve = match camera.response.curve {
-            Curve::Srgb => 0.0,
-            Curve::Linear => 1.0,
-            Curve::Gamma => 2.0,
-        };
         Self {
             passes: HashMap::new(),
             sigma: constants(gpu, "sigma", bytemuck::cast_slice(&sigma)),
-            constants: [("curve", curve), ("gamma", camera.response.gamma)],
+            constants: response_constants(&camera.response),
         }
     }
 

@@ -177,7 +177,6 @@ impl Compositor {
             interval_s: job.interval_s,
             fastest_px_per_s: footprint.fastest_px_per_s,
             opening,
-            focal_px: intrinsics.fx_px,
             depths_m: footprint.depths_m,
             drawn: Rect::new(0, 0, 0, 0),
             objects: &objects,

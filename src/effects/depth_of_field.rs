@@ -47,7 +47,7 @@ pub struct DepthOfFieldEffect {
 /// Diameters of the circles of all that is drawn, px: the least and the largest.
 fn circles_px(context: &FrameContext<'_>) -> [f32; 2] {
     let Some(opening) = context.opening else { return [0.0; 2] };
-    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.focal_px, depth) as f32);
+    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
     let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
     [least, near.abs().max(far.abs())]
 }

@@ -10,9 +10,9 @@
 //! Not modelled: what exposure does to noise (noise.rs goes by the code value that comes out) and to blur (its length
 //! is the camera's exposure time already).
 
-use super::{Effect, FrameContext, Stage};
+use super::{Effect, FrameContext, Stage, response_constants};
+use crate::camera::Response;
 use crate::camera::exposure::{additive, photographic_gain};
-use crate::camera::{Curve, Response};
 use crate::frame::FrameExposure;
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
 use crate::params::{Params, Value};
@@ -59,14 +59,10 @@ impl Exposure {
 }
 
 fn pass(gpu: &Gpu, method: Method, response: &Response) -> FullscreenPass {
-    let curve = match response.curve {
-        Curve::Srgb => 0.0,
-        Curve::Linear => 1.0,
-        Curve::Gamma => 2.0,
-    };
+    let response = response_constants(response);
     let (fragment, constants): (_, &[_]) = match method {
         Method::Photographic => ("photographic", &[]),
-        Method::Additive => ("additive", &[("curve", curve), ("gamma", response.gamma)]),
+        Method::Additive => ("additive", &response),
     };
     let options = Options { fragment, constants, ..Options::default() };
     FullscreenPass::with(gpu, "exposure", &assemble("exposure"), &[COLOR], &options)
@@ -122,6 +118,7 @@ pub fn twin(rgba: [f64; 4], method: Method, over_ev: f64, response: &Response) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Curve;
     use crate::frame::PhotoSettings;
 
     #[test]

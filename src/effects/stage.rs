@@ -1,6 +1,6 @@
 //! What an effect is: its stage, what it reads and what it gives.
 
-use crate::camera::{Camera, Geometry, Opening};
+use crate::camera::{Camera, Curve, Geometry, Opening, Response};
 use crate::frame::FrameExposure;
 use crate::gpu::Texture;
 use crate::image::Rect;
@@ -42,8 +42,6 @@ pub struct FrameContext<'a> {
     pub fastest_px_per_s: f32,
     /// The lens; none for a pinhole.
     pub opening: Option<Opening>,
-    /// Of the picture, in pixel widths.
-    pub focal_px: f64,
     /// Between which depths all points of the objects lie, metres.
     pub depths_m: [f64; 2],
     /// What of the picture the layer covers; may reach beyond it. Known once passes are recorded, empty before.
@@ -66,6 +64,16 @@ pub struct MixedInputs {
     /// Empty for none.
     pub uniform: Vec<u8>,
     pub textures: Vec<Texture>,
+}
+
+/// The values of the `override`s curve and gamma, for shaders that import shared/response.
+pub fn response_constants(response: &Response) -> [(&'static str, f64); 2] {
+    let curve = match response.curve {
+        Curve::Srgb => 0.0,
+        Curve::Linear => 1.0,
+        Curve::Gamma => 2.0,
+    };
+    [("curve", curve), ("gamma", response.gamma)]
 }
 
 /// An effect with its parameters.

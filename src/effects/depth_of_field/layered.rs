@@ -8,8 +8,8 @@
 //! 4. The layer's own, which picks up 3.
 //!
 //! The points are spread evenly over the opening (camera/aperture.rs) and look up texels as wide as they are apart. All
-//! that these steps blur besides is taken off the points' spread, so that the width of edges is the opening's. Every point sums with the same weight, and straight lines between texels share out each
-//! texel's light in whole: energy is kept.
+//! that these steps blur besides is taken off the points' spread, so that the width of edges is the opening's. Every point sums
+//! with the same weight, and straight lines between texels share out each texel's light in whole: energy is kept.
 
 use crate::camera::{Aperture, Opening};
 use crate::effects::FrameContext;
@@ -25,8 +25,10 @@ const LEVELS: u32 = 4;
 const DRAWN: usize = 3;
 /// Points of the opening at each lower resolution.
 const TAPS: [usize; DRAWN] = [16, 64, 64];
-/// The least radius that is gathered at a lower resolution, px.
-const TWO_HALF_PX: f32 = 2.5;
+/// From which radii half, a quarter and an eighth of the resolution may be asked for, px: by any tile, and the most that
+/// one asks for. As in shaders/shared/lens.wgsl; a test compares them.
+const FIRST_PX: [f32; DRAWN] = [2.5, 16.0, 32.0];
+const LAST_PX: [f32; DRAWN] = [2.5, 8.0, 32.0];
 
 #[derive(Debug)]
 pub struct Passes {
@@ -57,7 +59,6 @@ struct ApertureUniform {
     four: [[f32; 2]; 4],
     eight: [[f32; 2]; 8],
     sixteen: [[f32; 2]; 16],
-    thirty_two: [[f32; 2]; 32],
     sixty_four: [[f32; 2]; 64],
 }
 
@@ -73,7 +74,6 @@ impl ApertureUniform {
             four: points(aperture, &[4]),
             eight: points(aperture, &[2, 6]),
             sixteen: points(aperture, &[4, 12]),
-            thirty_two: points(aperture, &[4, 10, 18]),
             sixty_four: points(aperture, &[4, 12, 20, 28]),
         }
     }
@@ -95,10 +95,9 @@ pub fn reach_px(context: &FrameContext<'_>) -> f32 {
     1.5 * largest_radius_px(context) + 3.0
 }
 
-/// The lower resolution at which a radius is gathered, as in shaders/shared/lens.wgsl: the lowest that any tile may ask
-/// for, and the highest.
+/// The lower resolution at which a radius is gathered: the lowest that any tile may ask for, and the highest.
 fn levels_of(radius: f32) -> [usize; 2] {
-    [[TWO_HALF_PX, 16.0, 32.0], [TWO_HALF_PX, 8.0, 32.0]].map(|from| from.iter().filter(|&&f| radius >= f).count())
+    [FIRST_PX, LAST_PX].map(|from| from.iter().filter(|&&f| radius >= f).count())
 }
 
 impl Passes {
@@ -169,7 +168,7 @@ impl Passes {
         let lens = LensUniform {
             size: [width as i32, height as i32, side as i32, tiles.0 as i32],
             circle: [
-                (context.focal_px * opening.diameter_m) as f32,
+                (context.geometry.intrinsics.fx_px * opening.diameter_m) as f32,
                 (1.0 / opening.focus_distance_m) as f32,
                 aperture.variance() as f32,
                 2.0 * largest,
@@ -229,5 +228,22 @@ impl Passes {
         let geometry = run.pool.get(gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
         run_tiles(gpu, run.encoder, &[&self.passing], &slots, &[&geometry], layer.size, count);
         Layer { color: out, geometry, size: layer.size }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_are_the_shaders() {
+        let shader = assemble("shared/lens");
+        let value = |name: &str| -> f32 {
+            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: f32 = "))).unwrap();
+            line.trim_end_matches(';').parse().unwrap()
+        };
+        assert_eq!(FIRST_PX, [value("TWO_HALF_PX"), value("TWO_QUARTER_PX"), value("EIGHTH_PX")]);
+        assert_eq!(LAST_PX, [value("TWO_HALF_PX").min(value("HALF_PX")), value("QUARTER_PX"), value("EIGHTH_PX")]);
+        assert_eq!(super::super::SHARP_PX, value("SHARP_PX"));
     }
 }
