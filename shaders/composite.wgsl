@@ -7,12 +7,14 @@
 // The camera's response: of the whole run, so that the shader holds nothing else.
 override curve: f32 = 0.0;
 override gamma: f32 = 1.0;
+// Whether the whole picture is one photograph: then real pixels have their noise as it was before they were exposed.
+override photograph: f32 = 0.0;
 
 struct Composite {
     origin: vec4<i32>,  // of the rectangle in the picture: x, y; of the rectangle in the camera texture: z, w
     size: vec4<i32>,    // of the rectangle: x, y; of the camera texture: z, w
     layer: vec4<i32>,   // of the rectangle in the layer: x, y; the layer's size: z, w
-    scale: vec4<f32>,   // largest code value, unused
+    scale: vec4<f32>,   // largest code value; of a photograph: factor on the real light, share of its noise's variance left
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -57,7 +59,13 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
     let mixed = encode(light, curve, gamma);
     let before = slope_at(code, real_light, curve, gamma);
     let after = slope_at(mixed, light, curve, gamma);
-    let s = w * after / before * sigma_at(code);
+    var s = w * after / before * sigma_at(code);
+    if photograph > 0.0 {
+        let recorded_light = real_light / composite.scale.y;
+        let recorded = encode(recorded_light, curve, gamma);
+        let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.scale.y;
+        s = w * after / slope * sigma_at(recorded) * sqrt(composite.scale.z);
+    }
     let variance = s * s;
     return Mixed(mixed, variance);
 }
@@ -68,7 +76,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
     let virtual_light = layer_at(p);
-    if virtual_light.a == 0.0 {
+    if virtual_light.a == 0.0 && photograph == 0.0 {
         return camera_codes(p);
     }
     var pixel = mixed_at(p, virtual_light.rgb, vec3<f32>(virtual_light.a));

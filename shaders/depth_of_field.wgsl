@@ -215,7 +215,7 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
 
 struct Layers { front: vec4<f32>, back: vec4<f32> }
 
-// Of sums and of the weights that went into them. Where nothing of the farther one is seen, the nearer one is whole.
+// Of sums and of the weights that went into them. What shines through the nearer one is known to be empty. Where nothing of the farther one is seen, the nearer one is whole.
 fn layers(near: vec4<f32>, near_weight: f32, far: vec4<f32>, far_weight: f32) -> Layers {
     let front = near / max(near_weight, 1e-6);
     let back = select(front / max(front.a, 1e-6), far / max(far_weight, 1e-6), far_weight > 0.0);
@@ -248,8 +248,9 @@ fn gather_two(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
         near += select(select(1.0, 0.5, range.y >= two.split), 0.0, range.x >= two.split) * textureLoad(colors, q, mip.x);
         let r = vec2<i32>(floor((at_px - back_r * t) / texel.y));
         let seen = select(0.0, 1.0, textureLoad(circles, r, mip.y).x >= two.split);
-        far += seen * textureLoad(colors, r, mip.y);
-        far_weight += seen;
+        let light = textureLoad(colors, r, mip.y);
+        far += seen * light;
+        far_weight += max(seen, 1.0 - light.a);
     }
     return layers(near, f32(taps), far, far_weight);
 }
@@ -274,9 +275,9 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers 
             let w = covers(two.front_px, away);
             near += select(0.0, w, is_near) * c;
             near_weight += w;
-            let v = select(covers(two.back_px, away), 0.0, is_near);
-            far += v * c;
-            far_weight += v;
+            let v = covers(two.back_px, away);
+            far += select(v, 0.0, is_near) * c;
+            far_weight += select(v, v * (1.0 - c.a), is_near);
         }
     }
     let fine = layers(near, near_weight, far, far_weight);

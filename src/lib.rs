@@ -33,9 +33,10 @@ pub mod compositor;
 pub mod profile;
 pub mod profile_noise;
 
-// 6: frames in; profile, figures or test footage out
+// 6: frames in; profile, photographs, figures or test footage out
 pub mod calibrate;
 pub mod measure;
+pub mod photo;
 pub mod simulate;
 
 // 7: the face

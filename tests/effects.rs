@@ -153,6 +153,7 @@ fn the_noise_is_its_twin() {
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,
             opening: None,
+            photograph: None,
             depths_m: [1.0, 1.0],
             drawn: Rect::new(0, 0, 0, 0),
             objects: &[],
@@ -300,6 +301,7 @@ fn grain_without_a_speed_to_start_from_is_refused() {
         time_offset_s: 0.0,
         interval_s: 1.0 / 30.0,
         want_layer: false,
+        photograph: None,
     };
     let error = compositor.submit(job).unwrap_err().to_string();
     assert!(error.contains("noise.iso") && error.contains("camera.exposure.iso"), "{error}");

@@ -93,6 +93,7 @@ fn composite(
             time_offset_s: 0.0,
             interval_s: site.recording.frame_interval_s,
             want_layer: layers,
+            photograph: None,
         };
         let pending = compositor.submit(job).unwrap();
         out.push(compositor.collect(pending).unwrap());

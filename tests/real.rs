@@ -68,6 +68,7 @@ fn composite(
                 time_offset_s: 0.0,
                 interval_s: recording.frame_interval_s,
                 want_layer: true,
+                photograph: None,
             };
             let pending = compositor.submit(job).unwrap();
             (frame, compositor.collect(pending).unwrap())

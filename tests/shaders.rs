@@ -51,14 +51,17 @@ fn every_file_is_embedded() {
 #[test]
 fn the_composite_validates_with_every_combination_of_mixed_effects() {
     let effects = effects::all();
-    let hooks: Vec<_> = effects.iter().filter_map(|e| Some((e.params().table(), e.mixed_wgsl()?))).collect();
-    assert!(hooks.len() >= 2);
-    for bits in 0..1usize << hooks.len() {
-        let some: Vec<_> = hooks.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, h)| *h).collect();
-        let text = mixed_shader(&some);
-        validate(&format!("composite {bits:b}"), &text);
-        for (name, _) in &some {
-            assert!(text.contains(&format!("pixel = apply_{name}(p, pixel);")));
+    for photograph in [false, true] {
+        let hook = |e: &Box<dyn effects::Effect>| Some((e.params().table(), e.mixed_wgsl(photograph)?));
+        let hooks: Vec<_> = effects.iter().filter_map(hook).collect();
+        assert!(hooks.len() >= 2);
+        for bits in 0..1usize << hooks.len() {
+            let some: Vec<_> = hooks.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, h)| *h).collect();
+            let text = mixed_shader(&some);
+            validate(&format!("composite {bits:b}"), &text);
+            for (name, _) in &some {
+                assert!(text.contains(&format!("pixel = apply_{name}(p, pixel);")));
+            }
         }
     }
 }

@@ -262,6 +262,13 @@ fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry
     Ok(())
 }
 
+/// The camera that took a frame.
+pub fn camera_of(recording: &Recording, rig: &Rig, frame: usize) -> Result<crate::camera::Geometry> {
+    let own = rig.camera().geometry;
+    check_camera(recording, &own)?;
+    own.or_else(|| recording.geometry_at_frame(frame).cloned()).context("the recording has no camera")
+}
+
 /// That frames are not put among the recording's own, where they would be taken for them.
 fn check_output(recording: &Recording, out: &OutPath) -> Result<()> {
     let (OutPath::Folder(path) | OutPath::Video(path)) = out else { return Ok(()) };

@@ -3,12 +3,13 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use serde_json::{Value, json};
 
+use super::light::{self, Known, SceneLight, limits, scene_light};
 use crate::camera::exposure::{Settings, scene_ev};
-use crate::camera::metering::{Limits, Metered, Mode, PictureLight, iso_for, meter};
-use crate::camera::{Exposure, Lens, stops};
+use crate::camera::metering::{Limits, Metered, Mode, iso_for, meter};
+use crate::camera::stops;
 use crate::compositor::Settings as Effects;
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
@@ -27,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     frame: usize,
     /// The light on the scene, in lux; else it is estimated from the picture and its settings
-    #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = lux)]
+    #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = light::lux)]
     lux: Option<f64>,
     /// The f-number to meter for, as in 2.8; else the recording's
     #[arg(long, value_name = "F", allow_hyphen_values = true, value_parser = stops::parse_f_number)]
@@ -39,7 +40,7 @@ pub struct Args {
     #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
     iso: Option<f64>,
     /// Stops brighter than correct that are wanted, -5 to 5
-    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = compensation)]
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = light::compensation)]
     compensation: f64,
     /// The camera, where the recording does not know it
     #[arg(long)]
@@ -53,61 +54,6 @@ pub struct Args {
     /// As JSON
     #[arg(long)]
     json: bool,
-}
-
-fn number_in(text: &str, accepts: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
-    text.trim().parse().ok().filter(|v| accepts(*v)).ok_or_else(|| format!("{text} is refused: accepted is {accepted}"))
-}
-
-fn lux(text: &str) -> Result<f64, String> {
-    number_in(text, |v| v > 0.0 && v <= 1e7, "more than 0 and up to 10000000 lux (500 in a room, 100000 in the sun)")
-}
-
-fn compensation(text: &str) -> Result<f64, String> {
-    number_in(text, |v| v.abs() <= 5.0, "-5 to 5")
-}
-
-/// Aperture, time and film speed as far as they are known.
-#[derive(Clone, Copy, Default)]
-struct Known {
-    f_number: Option<f64>,
-    time_s: Option<f64>,
-    iso: Option<f64>,
-}
-
-impl Known {
-    fn or(self, other: Self) -> Self {
-        Self {
-            f_number: self.f_number.or(other.f_number),
-            time_s: self.time_s.or(other.time_s),
-            iso: self.iso.or(other.iso),
-        }
-    }
-
-    /// What a profile or `--set` says; an instant or a pinhole is no exposure.
-    fn of(rig: &Rig) -> Self {
-        let time_s = rig.exposure.time_s.filter(|t| *t > 0.0);
-        // Where a diameter stands instead, the lens knows what that makes.
-        let lens = rig.camera().geometry.and_then(|geometry| rig.lens.thin_lens(&geometry).ok().flatten());
-        let f_number = rig.lens.f_number.or(lens.map(|lens| lens.f_number()));
-        Self { f_number, time_s, iso: rig.exposure.iso }
-    }
-
-    fn settings(self) -> Option<Settings> {
-        let settings = Settings { f_number: self.f_number?, time_s: self.time_s?, iso: self.iso? };
-        Some(settings.exact())
-    }
-
-    fn missing(self) -> Vec<&'static str> {
-        let named = [(self.f_number, "the f-number"), (self.time_s, "the shutter time"), (self.iso, "the film speed")];
-        named.into_iter().filter(|(known, _)| known.is_none()).map(|(_, name)| name).collect()
-    }
-}
-
-/// The light on the scene, and where that is known from.
-struct SceneLight {
-    lux: f64,
-    picture: Option<PictureLight>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -124,20 +70,13 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(geometry) = recording.geometry_at_frame(frame) {
         rig.default_geometry(geometry);
     }
-    // What is typed stands above what the picture says, that above the profile.
-    let profile = Known::of(&rig);
-    (rig.lens, rig.exposure) = (Lens::default(), Exposure::default());
+    let taken = Known::taken(&rig, &args.set, &recording, frame)?;
     for text in &args.set {
         rig.set_text(text, &mut effects)?;
     }
-    let typed = Known::of(&rig);
-    let said = recording.exposure.get(frame).copied().unwrap_or_default();
-    let photo = said.photo;
-    let recorded = Known { f_number: photo.f_number, time_s: photo.time_s.or(said.time_s), iso: photo.iso };
-    let taken = typed.or(recorded).or(profile);
     let asked = Known { f_number: args.aperture, time_s: args.shutter, iso: args.iso }.or(taken);
 
-    let scene = scene_light(args, &recording, &rig, taken)?;
+    let scene = scene_light(args.lux, &recording, frame, &rig, taken)?;
     let report = Report { args, asked, scene, limits: limits(&rig, asked) };
     let mut out = std::io::stdout().lock();
     if args.json {
@@ -146,43 +85,6 @@ pub fn run(args: &Args) -> Result<()> {
         return Ok(());
     }
     report.print(&mut out)
-}
-
-fn scene_light(args: &Args, recording: &Recording, rig: &Rig, taken: Known) -> Result<SceneLight> {
-    if let Some(lux) = args.lux {
-        return Ok(SceneLight { lux, picture: None });
-    }
-    let Some(settings) = taken.settings() else {
-        bail!(
-            "nothing says how bright the scene is: {} of frame {} not known (EXIF, a profile or --set \
-             camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…); give that, or the light by --lux",
-            taken.missing().join(" and "),
-            if taken.missing().len() == 1 { format!("{} is", args.frame) } else { format!("{} are", args.frame) }
-        );
-    };
-    let frame = recording.frames(args.frame..args.frame + 1)?.next().context("the frame cannot be read")??;
-    let picture = PictureLight::of(&frame.pixels, &rig.response);
-    let lux = settings.illuminance_of_picture_lx(picture.mean).with_context(|| {
-        format!("frame {} is black: it does not tell how bright the scene is; give the light by --lux", args.frame)
-    })?;
-    Ok(SceneLight { lux, picture: Some(picture) })
-}
-
-/// What the camera can choose from: a usual lens', and the person's own aperture.
-fn limits(rig: &Rig, asked: Known) -> Limits {
-    let mut limits = Limits::default();
-    if let Some(f_number) = asked.f_number {
-        limits.widest_f_number = limits.widest_f_number.min(f_number);
-        limits.narrowest_f_number = limits.narrowest_f_number.max(f_number);
-    }
-    match rig.camera().geometry {
-        Some(geometry) => {
-            // As long as a 35 mm film's side by the picture's longer one.
-            let i = &geometry.intrinsics;
-            limits.for_focal_length(36.0 * i.fx_px / f64::from(i.width_px.max(i.height_px)))
-        }
-        None => limits,
-    }
 }
 
 struct Report<'a> {

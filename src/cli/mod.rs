@@ -6,8 +6,10 @@ mod calibrate;
 mod composite;
 mod doctor;
 mod inspect;
+mod light;
 mod meter;
 mod params;
+mod photo;
 mod render;
 mod simulate;
 
@@ -35,6 +37,8 @@ enum Command {
     Inspect(inspect::Args),
     /// Say how bright a frame's scene is and which settings would expose it correctly
     Meter(meter::Args),
+    /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a camera
+    Photo(photo::Args),
     /// Take a picture of a scene alone, through any camera
     Render(render::Args),
     /// List every parameter: unit, range, default, help
@@ -63,6 +67,7 @@ pub fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Meter(args) => meter::run(&args),
+        Command::Photo(args) => photo::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),

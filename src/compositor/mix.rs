@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 
 use crate::camera::Camera;
-use crate::effects::{MixedInputs, response_constants};
+use crate::camera::exposure::photographic_gain;
+use crate::effects::{MixedInputs, Photograph, response_constants};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
@@ -35,7 +36,8 @@ type Effects = Vec<(&'static str, &'static str)>;
 /// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
 #[derive(Debug)]
 pub struct Mixer {
-    passes: HashMap<(Effects, wgpu::TextureFormat), FullscreenPass>,
+    /// For effects, a format, and whether it is a photograph.
+    passes: HashMap<(Effects, wgpu::TextureFormat, bool), FullscreenPass>,
     sigma: wgpu::Buffer,
     /// The response, for the shader.
     constants: [(&'static str, f64); 2],
@@ -54,15 +56,15 @@ impl Mixer {
         }
     }
 
-    /// Records the composite over `shown`; the layer covers `drawn`, which contains it.
+    /// Records the composite over `shown`; the layer covers `drawn`, beyond which it is empty.
     pub fn mix(
         &mut self,
         run: &mut LayerRun<'_>,
         pixels: &Pixels,
         layer: &Layer,
-        drawn: Rect,
-        shown: Rect,
+        [drawn, shown]: [Rect; 2],
         effects: &[MixedEffect],
+        photograph: Option<&Photograph>,
     ) -> Texture {
         let gpu = run.gpu;
         let format = match pixels.codes {
@@ -76,19 +78,22 @@ impl Mixer {
         let size = (shown.width(), shown.height());
         let out = run.pool.get(gpu, "composite", 0, size, format, 1);
 
+        let (gain, left) = photograph.map_or((1.0, 1.0), |p| (photographic_gain(p.over_ev), p.noise_left));
         let uniform = CompositeUniform {
             origin: [shown.x0, shown.y0, shown.x0 - sent.x0, shown.y0 - sent.y0],
             size: [size.0 as i32, size.1 as i32, sent.width() as i32, sent.height() as i32],
             layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0, drawn.width() as i32, drawn.height() as i32],
-            scale: [pixels.max_code() as f32, 0.0, 0.0, 0.0],
+            scale: [pixels.max_code() as f32, gain as f32, left as f32, 0.0],
         };
         let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
         let uniform_of =
             |e: &MixedEffect| (!e.inputs.uniform.is_empty()).then(|| constants(gpu, e.name, &e.inputs.uniform));
         let uniforms: Vec<_> = effects.iter().map(uniform_of).collect();
         let names: Effects = effects.iter().map(|e| (e.name, e.wgsl)).collect();
-        let pass = self.passes.entry((names.clone(), format)).or_insert_with(|| {
-            let options = Options { constants: &self.constants, ..Options::default() };
+        let pass = self.passes.entry((names.clone(), format, photograph.is_some())).or_insert_with(|| {
+            let [curve, gamma] = self.constants;
+            let whole = ("photograph", f64::from(u8::from(photograph.is_some())));
+            let options = Options { constants: &[curve, gamma, whole], ..Options::default() };
             FullscreenPass::with(gpu, "composite", &shader(&names), &[format], &options)
         });
         let mut slots = vec![

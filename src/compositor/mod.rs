@@ -7,8 +7,8 @@ mod occlusion;
 mod run;
 mod settings;
 
-use crate::camera::{Camera, Geometry, LensError};
-use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Stage};
+use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening};
+use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
 use crate::image::{Codes, LayerImage, Pixels, Rect};
@@ -22,7 +22,7 @@ pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
 use mix::{MixedEffect, Mixer};
-use occlusion::RayCache;
+use occlusion::{RayCache, enlarged};
 
 /// A frame with all that its picture depends on.
 #[derive(Debug)]
@@ -36,6 +36,23 @@ pub struct Job<'a> {
     pub interval_s: f64,
     /// Whether the virtual layer is wanted too.
     pub want_layer: bool,
+    /// None where virtual things are added to the recording and nothing else is changed.
+    pub photograph: Option<Part<'a>>,
+}
+
+/// A part of a photograph. The job's frame holds the real pixels of the whole, exposed as the photograph is; its
+/// geometry is the photograph's.
+#[derive(Clone, Copy, Debug)]
+pub struct Part<'a> {
+    /// Which columns and rows are made; the others stay as they are.
+    pub region: Rect,
+    pub photograph: Photograph,
+    /// The virtual camera's; none for a pinhole.
+    pub opening: Option<Opening>,
+    pub exposure_time_s: f64,
+    /// The recording's camera, and where in its pictures the photograph lies.
+    pub recorded: &'a Geometry,
+    pub framed: Framed,
 }
 
 /// A composited frame.
@@ -144,7 +161,10 @@ impl Compositor {
     pub fn submit(&mut self, job: Job<'_>) -> Result<Pending, SubmitError> {
         let frame = job.frame;
         let time_s = frame.timestamp_s + job.time_offset_s;
-        let exposure_time_s = self.exposure_time_s(&frame, job.interval_s);
+        let exposure_time_s = match &job.photograph {
+            Some(part) => part.exposure_time_s,
+            None => self.exposure_time_s(&frame, job.interval_s),
+        };
         let mut stats = FrameStats {
             frame: frame.index,
             timestamp_s: frame.timestamp_s,
@@ -159,7 +179,10 @@ impl Compositor {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
         let intrinsics = &job.geometry.intrinsics;
-        let opening = self.camera.lens.opening(job.geometry)?;
+        let opening = match &job.photograph {
+            Some(part) => part.opening,
+            None => self.camera.lens.opening(job.geometry)?,
+        };
         let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s };
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
@@ -177,6 +200,7 @@ impl Compositor {
             interval_s: job.interval_s,
             fastest_px_per_s: footprint.fastest_px_per_s,
             opening,
+            photograph: job.photograph.map(|part| part.photograph),
             depths_m: footprint.depths_m,
             drawn: Rect::new(0, 0, 0, 0),
             objects: &objects,
@@ -192,10 +216,18 @@ impl Compositor {
         };
         // What lies outside the picture and can be seen in it is drawn too.
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
-        let reach = picture.grown(total(|e, c| e.reach_px(c)));
+        let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
+        let reach = region.grown(total(|e, c| e.reach_px(c)));
         let drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
-        let shown = drawn.intersection(&picture);
-        if footprint.rect.is_empty() || shown.is_empty() {
+        let mut shown = drawn.intersection(&region);
+        let mut drawn = drawn;
+        if job.photograph.is_some() && !region.is_empty() {
+            // All of it is made, also where nothing virtual lies.
+            if footprint.rect.is_empty() || shown.is_empty() {
+                drawn = Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1);
+            }
+            shown = region;
+        } else if footprint.rect.is_empty() || shown.is_empty() {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
         let context = FrameContext { drawn, ..context };
@@ -205,7 +237,15 @@ impl Compositor {
         let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
         let occlusion = depth.and_then(|depth| {
             let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
-            let texels = self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn);
+            let texels = match &job.photograph {
+                None => self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn),
+                Some(part) => {
+                    let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
+                    let whole = Rect::full(width_px, height_px);
+                    let texels = self.rays.of(part.recorded).reproject(depth, &measured, &keys.middle(), whole);
+                    enlarged(&texels, (width_px, height_px), &part.framed, drawn)
+                }
+            };
             let size = (drawn.width(), drawn.height());
             let texture = self.pool.get(&gpu, "real depth", 0, size, wgpu::TextureFormat::R32Float, 1);
             texture.write(&gpu, size.0, size.1, &texels);
@@ -236,12 +276,13 @@ impl Compositor {
         let mut mixed = Vec::new();
         for &i in &active {
             let effect = &mut self.settings.effects[i];
-            if let Some(wgsl) = effect.mixed_wgsl() {
+            if let Some(wgsl) = effect.mixed_wgsl(context.photograph.is_some()) {
                 let inputs = effect.mixed_inputs(&mut run, &context, shown);
                 mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
             }
         }
-        let out = self.mixer.mix(&mut run, &frame.pixels, &layer, drawn, shown, &mixed);
+        let photograph = context.photograph.as_ref();
+        let out = self.mixer.mix(&mut run, &frame.pixels, &layer, [drawn, shown], &mixed, photograph);
         let size = (shown.width(), shown.height());
         let mut codes = self.readbacks.copy(&gpu, &mut encoder, &out, size);
         let mut layer_back = job.want_layer.then(|| {

@@ -7,7 +7,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::camera::Geometry;
+use crate::camera::{Framed, Geometry};
 use crate::image::{DepthMap, Rect};
 use crate::pose::Pose;
 
@@ -17,6 +17,21 @@ pub struct Rays {
     geometry: Geometry,
     /// x/z and y/z, row by row; NaN where the distortion has no inverse.
     normalised: Vec<[f32; 2]>,
+}
+
+/// Depths of a picture of `size`, seen in a part of it: over `rect` of the part, each pixel takes the one it lies on. 0
+/// outside of the picture.
+pub fn enlarged(texels: &[f32], size: (u32, u32), framed: &Framed, rect: Rect) -> Vec<f32> {
+    let (width, height) = (f64::from(size.0), f64::from(size.1));
+    let columns = rect.x0..rect.x1;
+    (rect.y0..rect.y1)
+        .flat_map(|y| columns.clone().map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)))
+        .map(|at| {
+            let from = framed.source_px(at);
+            let inside = from.x >= 0.0 && from.y >= 0.0 && from.x < width && from.y < height;
+            if inside { texels[from.y as usize * size.0 as usize + from.x as usize] } else { 0.0 }
+        })
+        .collect()
 }
 
 /// The rays of the camera asked for last.

@@ -59,6 +59,7 @@ impl Compositor {
                 time_offset_s: stream.time_offset_s,
                 interval_s,
                 want_layer: stream.want_layers,
+                photograph: None,
             };
             let work = self.submit(job).map_err(|source| RunError::Submit { frame: index, source })?;
             pending.push_back((index, work));

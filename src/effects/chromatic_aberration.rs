@@ -70,10 +70,22 @@ impl ChromaticAberration {
     }
 }
 
-/// Principal point and half diagonal of a picture, px.
-fn middle_and_half_diagonal_px(geometry: &Geometry) -> (DVec2, f64) {
+/// Principal point of a picture, px.
+fn middle_px(geometry: &Geometry) -> DVec2 {
+    DVec2::new(geometry.intrinsics.cx_px, geometry.intrinsics.cy_px)
+}
+
+fn half_diagonal_px(geometry: &Geometry) -> f64 {
     let i = &geometry.intrinsics;
-    (DVec2::new(i.cx_px, i.cy_px), 0.5 * f64::from(i.width_px).hypot(f64::from(i.height_px)))
+    0.5 * f64::from(i.width_px).hypot(f64::from(i.height_px))
+}
+
+/// That of the camera's whole picture, of which this one may be a part, px of this one.
+fn of_whole_px(context: &FrameContext<'_>) -> f64 {
+    match (context.photograph, &context.camera.geometry) {
+        (Some(photograph), Some(whole)) => photograph.enlargement * half_diagonal_px(whole),
+        _ => half_diagonal_px(context.geometry),
+    }
 }
 
 impl Passes {
@@ -104,7 +116,7 @@ impl Effect for ChromaticAberrationEffect {
         self.params == ChromaticAberration::default()
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        let (middle, half_diagonal) = middle_and_half_diagonal_px(context.geometry);
+        let (middle, half_diagonal) = (middle_px(context.geometry), of_whole_px(context));
         let i = &context.geometry.intrinsics;
         let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
         let farthest = middle.abs().max((size - middle).abs()).length();
@@ -120,7 +132,7 @@ impl Effect for ChromaticAberrationEffect {
     fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
         let gpu = run.gpu;
         let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
-        let (middle, half_diagonal) = middle_and_half_diagonal_px(context.geometry);
+        let (middle, half_diagonal) = (middle_px(context.geometry), of_whole_px(context));
         let in_layer = middle - DVec2::new(f64::from(context.drawn.x0), f64::from(context.drawn.y0));
         let (red, blue) = (self.params.of_red(), self.params.of_blue());
         let uniform = Uniform {
@@ -143,7 +155,7 @@ impl Effect for ChromaticAberrationEffect {
         Layer { color, geometry, size: layer.size }
     }
 
-    fn mixed_wgsl(&self) -> Option<&'static str> {
+    fn mixed_wgsl(&self, _photograph: bool) -> Option<&'static str> {
         Some(include_str!("../../shaders/chromatic_aberration_over.wgsl"))
     }
     fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {
@@ -170,7 +182,7 @@ pub fn source_px(part: Lateral, at_px: DVec2, middle_px: DVec2, half_diagonal_px
 /// `width * height` premultiplied pixels of the whole picture; outside is empty.
 pub fn twin(params: &ChromaticAberration, geometry: &Geometry, rgba: &[[f64; 4]]) -> Vec<[[f64; 3]; 2]> {
     let (width, height) = (i64::from(geometry.intrinsics.width_px), i64::from(geometry.intrinsics.height_px));
-    let (middle, half_diagonal) = middle_and_half_diagonal_px(geometry);
+    let (middle, half_diagonal) = (middle_px(geometry), half_diagonal_px(geometry));
     let at = |x: i64, y: i64| {
         let inside = x >= 0 && y >= 0 && x < width && y < height;
         if inside { rgba[(y * width + x) as usize] } else { [0.0; 4] }

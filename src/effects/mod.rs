@@ -18,7 +18,7 @@ pub mod point_spread;
 mod stage;
 pub mod vignetting;
 
-pub use stage::{Effect, EffectError, FrameContext, MixedInputs, ObjectMotion, Stage, response_constants};
+pub use stage::{Effect, EffectError, FrameContext, MixedInputs, ObjectMotion, Photograph, Stage, response_constants};
 
 /// Every effect at its defaults, in the order of the light.
 pub fn all() -> Vec<Box<dyn Effect>> {

@@ -65,6 +65,12 @@ struct BlurUniform {
 }
 
 impl MotionBlurEffect {
+    /// A photograph's slow shutter sees more than one motion: that is drawn moment by moment.
+    fn method(&self, context: &FrameContext<'_>) -> Method {
+        let slow = context.photograph.is_some() && context.exposure_time_s > context.interval_s;
+        if slow && self.params.method == Method::Velocity { Method::Reference } else { self.params.method }
+    }
+
     /// The longest blur of this frame, px.
     fn longest_px(context: &FrameContext<'_>) -> f32 {
         context.fastest_px_per_s * context.exposure_time_s as f32
@@ -123,7 +129,7 @@ impl Effect for MotionBlurEffect {
         0.5 * Self::longest_px(context) + 2.0
     }
     fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
-        match self.params.method {
+        match self.method(context) {
             // The renderer's rectangle spans the exposure already.
             Method::Velocity | Method::Reference => 1.0,
             Method::Copies => self.reach_px(context),
@@ -134,7 +140,7 @@ impl Effect for MotionBlurEffect {
     }
 
     fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
-        match self.params.method {
+        match self.method(context) {
             Method::Velocity => plan,
             Method::Copies => SamplePlan { samples: self.copies(context), ..plan },
             Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
@@ -146,7 +152,7 @@ impl Effect for MotionBlurEffect {
     }
 
     fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
-        if self.params.method != Method::Velocity {
+        if self.method(context) != Method::Velocity {
             return layer;
         }
         let gpu = run.gpu;

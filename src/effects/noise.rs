@@ -53,13 +53,16 @@ impl Noise {
     /// How film and picture differ from the calibrated ones.
     pub fn ratios(&self, context: &FrameContext<'_>) -> GrainRatios {
         let calibrated = &context.camera.geometry.as_ref().unwrap_or(context.geometry).intrinsics;
-        if !self.is_grain() {
+        if context.photograph.is_none() && !self.is_grain() {
             return GrainRatios::default();
         }
         let over = |new: Option<f64>, old: Option<f64>| new.zip(old).map_or(1.0, |(new, old)| new / old);
+        // A photograph's film is its own.
+        let photograph = context.photograph;
+        let film_width_mm = photograph.map(|p| p.film_width_mm).or(self.film_width_mm);
         GrainRatios {
-            iso: over(self.iso, context.camera.exposure.iso),
-            film_width: over(self.film_width_mm, Some(calibrated.film_width_mm)),
+            iso: photograph.map_or_else(|| over(self.iso, context.camera.exposure.iso), |p| p.iso_ratio),
+            film_width: over(film_width_mm, Some(calibrated.film_width_mm)),
             picture_width: f64::from(context.geometry.intrinsics.width_px) / f64::from(calibrated.width_px),
         }
     }
@@ -235,8 +238,8 @@ impl Effect for NoiseEffect {
             ("grain", vec![("iso", Value::Number(1600.0))]),
         ]
     }
-    fn mixed_wgsl(&self) -> Option<&'static str> {
-        Some(if self.params.magnification <= 1.0 && !self.params.is_grain() {
+    fn mixed_wgsl(&self, photograph: bool) -> Option<&'static str> {
+        Some(if self.params.magnification <= 1.0 && !photograph && !self.params.is_grain() {
             include_str!("../../shaders/noise.wgsl")
         } else {
             include_str!("../../shaders/noise_grain.wgsl")

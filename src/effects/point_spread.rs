@@ -97,6 +97,13 @@ impl Passes {
     }
 }
 
+impl PointSpreadEffect {
+    /// In the picture that is made. What is blurred in the camera's is so in an enlargement of it; at most 8 px.
+    fn sigma_px(&self, context: &FrameContext<'_>) -> f64 {
+        (self.params.sigma_px * context.enlargement()).min(8.0)
+    }
+}
+
 impl Effect for PointSpreadEffect {
     fn stage(&self) -> Stage {
         Stage::Layer
@@ -110,20 +117,20 @@ impl Effect for PointSpreadEffect {
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
     }
-    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         // Narrower, and no tap reaches the neighbours.
-        taps(self.params.sigma_px).len() < 2
+        taps(self.sigma_px(context)).len() < 2
     }
-    fn reach_px(&self, _: &FrameContext<'_>) -> f32 {
-        taps(self.params.sigma_px).len() as f32 - 1.0
+    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
+        taps(self.sigma_px(context)).len() as f32 - 1.0
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", vec![("sigma_px", Value::Number(0.7))])]
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, _: &FrameContext<'_>, layer: Layer) -> Layer {
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
         let gpu = run.gpu;
-        let sigma_px = self.params.sigma_px;
+        let sigma_px = self.sigma_px(context);
         let made = self.passes.take().filter(|(of, _)| *of == sigma_px);
         let (_, passes) = self.passes.insert(made.unwrap_or_else(|| (sigma_px, Passes::new(gpu, sigma_px))));
         let mut uniform =

@@ -23,6 +23,20 @@ pub struct ObjectMotion {
     pub per_frame_px: [f32; 2],
 }
 
+/// A photograph of the whole augmented picture with a virtual camera, and how it differs from the recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Photograph {
+    /// Stops brighter than the recording.
+    pub over_ev: f64,
+    /// Film speed over the recording's.
+    pub iso_ratio: f64,
+    pub film_width_mm: f64,
+    /// Pixels of the photograph for one of the recording.
+    pub enlargement: f64,
+    /// What enlarging and summing leave of the variance of the real pixels' noise, 0 to 1.
+    pub noise_left: f64,
+}
+
 /// What effects may know of the frame. A pure function of the frames and poses around it.
 #[derive(Clone, Debug)]
 pub struct FrameContext<'a> {
@@ -42,6 +56,8 @@ pub struct FrameContext<'a> {
     pub fastest_px_per_s: f32,
     /// The lens; none for a pinhole.
     pub opening: Option<Opening>,
+    /// None where virtual things are added to the recording and nothing else is changed.
+    pub photograph: Option<Photograph>,
     /// Between which depths all points of the objects lie, metres.
     pub depths_m: [f64; 2],
     /// What of the picture the layer covers; may reach beyond it. Known once passes are recorded, empty before.
@@ -64,6 +80,13 @@ pub struct MixedInputs {
     /// Empty for none.
     pub uniform: Vec<u8>,
     pub textures: Vec<Texture>,
+}
+
+impl FrameContext<'_> {
+    /// Pixels of the picture that is made for one of the camera's.
+    pub fn enlargement(&self) -> f64 {
+        self.photograph.map_or(1.0, |photograph| photograph.enlargement)
+    }
 }
 
 /// The values of the `override`s curve and gamma, for shaders that import shared/response.
@@ -118,8 +141,8 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// The effect's part of the composite's shader: WGSL that defines
     /// `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`. Its bindings are numbered from 4,
     /// first a uniform where there is one, then textures. An effect of the layer stage may have one too: it comes before
-    /// those of the mixed stage.
-    fn mixed_wgsl(&self) -> Option<&'static str> {
+    /// those of the mixed stage. In a photograph the function is called for every pixel, else for those with A > 0.
+    fn mixed_wgsl(&self, _photograph: bool) -> Option<&'static str> {
         None
     }
     /// Records what that part reads, for the rectangle `shown` of the picture.

@@ -19,5 +19,5 @@ pub use draw::{Renderer, View};
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, LayerRun, Sample, SamplePlan};
 pub use projected::{Projection, Shot, take};
-pub use resample::limits;
+pub use resample::{limits, over_rows};
 pub use view::{Shutter, ViewKeys};

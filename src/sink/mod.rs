@@ -4,6 +4,7 @@
 mod atomic;
 pub mod exr;
 mod folder;
+pub mod photograph;
 pub mod picture;
 pub mod raw;
 mod video;

@@ -70,7 +70,15 @@ pub fn composite(
 ) -> Composited {
     let geometry = camera.geometry.clone().expect("a camera with geometry");
     let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
-    let job = Job { frame, geometry: &geometry, track, time_offset_s: 0.0, interval_s: 1.0 / 30.0, want_layer: true };
+    let job = Job {
+        frame,
+        geometry: &geometry,
+        track,
+        time_offset_s: 0.0,
+        interval_s: 1.0 / 30.0,
+        want_layer: true,
+        photograph: None,
+    };
     let pending = compositor.submit(job).expect("submitted");
     compositor.collect(pending).expect("collected")
 }

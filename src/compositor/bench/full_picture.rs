@@ -80,6 +80,7 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, Su
             interval_s: 1.0,
             fastest_px_per_s: 0.0,
             opening: Some(opening),
+            photograph: None,
             depths_m: range.map(depth_m),
             objects: &[],
         };

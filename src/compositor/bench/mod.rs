@@ -203,6 +203,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
                 time_offset_s: 0.0,
                 interval_s: INTERVAL_S,
                 want_layer: false,
+                photograph: None,
             };
             let start = Instant::now();
             let pending = compositor.submit(job)?;

@@ -1,0 +1,121 @@
+//! How bright a recording's scene is, and with which settings its frames were taken: for the meter and for photographs.
+
+use anyhow::{Context, Result, bail};
+
+use crate::camera::Lens;
+use crate::camera::exposure::{Exposure, Settings};
+use crate::camera::metering::{Limits, PictureLight};
+use crate::compositor::Settings as Effects;
+use crate::profile::Rig;
+use crate::recording::Recording;
+
+fn number_in(text: &str, accepts: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
+    text.trim().parse().ok().filter(|v| accepts(*v)).ok_or_else(|| format!("{text} is refused: accepted is {accepted}"))
+}
+
+pub fn lux(text: &str) -> Result<f64, String> {
+    number_in(text, |v| v > 0.0 && v <= 1e7, "more than 0 and up to 10000000 lux (500 in a room, 100000 in the sun)")
+}
+
+pub fn compensation(text: &str) -> Result<f64, String> {
+    number_in(text, |v| v.abs() <= 5.0, "-5 to 5")
+}
+
+/// Aperture, time and film speed as far as they are known.
+#[derive(Clone, Copy, Default)]
+pub struct Known {
+    pub f_number: Option<f64>,
+    pub time_s: Option<f64>,
+    pub iso: Option<f64>,
+}
+
+impl Known {
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            f_number: self.f_number.or(other.f_number),
+            time_s: self.time_s.or(other.time_s),
+            iso: self.iso.or(other.iso),
+        }
+    }
+
+    /// What a profile or `--set` says; an instant or a pinhole is no exposure.
+    pub fn of(rig: &Rig) -> Self {
+        let time_s = rig.exposure.time_s.filter(|t| *t > 0.0);
+        // Where a diameter stands instead, the lens knows what that makes.
+        let lens = rig.camera().geometry.and_then(|geometry| rig.lens.thin_lens(&geometry).ok().flatten());
+        let f_number = rig.lens.f_number.or(lens.map(|lens| lens.f_number()));
+        Self { f_number, time_s, iso: rig.exposure.iso }
+    }
+
+    /// The settings that a frame was taken with. What is typed stands above what the picture says, that above the profile
+    /// (`rig`, before anything typed).
+    pub fn taken(rig: &Rig, sets: &[String], recording: &Recording, frame: usize) -> Result<Self> {
+        let mut typed = Rig { lens: Lens::default(), exposure: Exposure::default(), ..rig.clone() };
+        for text in sets {
+            typed.set_text(text, &mut Effects::default())?;
+        }
+        let said = recording.exposure.get(frame).copied().unwrap_or_default();
+        let photo = said.photo;
+        let recorded = Self { f_number: photo.f_number, time_s: photo.time_s.or(said.time_s), iso: photo.iso };
+        Ok(Self::of(&typed).or(recorded).or(Self::of(rig)))
+    }
+
+    pub fn settings(self) -> Option<Settings> {
+        let settings = Settings { f_number: self.f_number?, time_s: self.time_s?, iso: self.iso? };
+        Some(settings.exact())
+    }
+
+    pub fn missing(self) -> Vec<&'static str> {
+        let named = [(self.f_number, "the f-number"), (self.time_s, "the shutter time"), (self.iso, "the film speed")];
+        named.into_iter().filter(|(known, _)| known.is_none()).map(|(_, name)| name).collect()
+    }
+}
+
+/// The light on the scene, and where that is known from.
+pub struct SceneLight {
+    pub lux: f64,
+    pub picture: Option<PictureLight>,
+}
+
+pub fn scene_light(
+    lux: Option<f64>,
+    recording: &Recording,
+    frame: usize,
+    rig: &Rig,
+    taken: Known,
+) -> Result<SceneLight> {
+    if let Some(lux) = lux {
+        return Ok(SceneLight { lux, picture: None });
+    }
+    let Some(settings) = taken.settings() else {
+        bail!(
+            "nothing says how bright the scene is: {} of frame {} not known (EXIF, a profile or --set \
+             camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…); give that, or the light by --lux",
+            taken.missing().join(" and "),
+            if taken.missing().len() == 1 { format!("{frame} is") } else { format!("{frame} are") }
+        );
+    };
+    let picture = recording.frames(frame..frame + 1)?.next().context("the frame cannot be read")??;
+    let picture = PictureLight::of(&picture.pixels, &rig.response);
+    let lux = settings.illuminance_of_picture_lx(picture.mean).with_context(|| {
+        format!("frame {frame} is black: it does not tell how bright the scene is; give the light by --lux")
+    })?;
+    Ok(SceneLight { lux, picture: Some(picture) })
+}
+
+/// What the camera can choose from: a usual lens', and the person's own aperture.
+pub fn limits(rig: &Rig, asked: Known) -> Limits {
+    let mut limits = Limits::default();
+    if let Some(f_number) = asked.f_number {
+        limits.widest_f_number = limits.widest_f_number.min(f_number);
+        limits.narrowest_f_number = limits.narrowest_f_number.max(f_number);
+    }
+    match rig.camera().geometry {
+        Some(geometry) => {
+            // As long as a 35 mm film's side by the picture's longer one.
+            let i = &geometry.intrinsics;
+            limits.for_focal_length(36.0 * i.fx_px / f64::from(i.width_px.max(i.height_px)))
+        }
+        None => limits,
+    }
+}

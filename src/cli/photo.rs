@@ -1,0 +1,443 @@
+//! `locard photo`.
+
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context, Result, bail};
+
+use super::light::{self, Known};
+use super::{tell, warn};
+use crate::camera::exposure::{INDOORS_LX, Settings};
+use crate::camera::metering::{Limits, Mode, PictureLight, meter};
+use crate::camera::stops::{self, Step};
+use crate::camera::{Film, Geometry, Lens};
+use crate::compositor::{Compositor, Job, Settings as Effects};
+use crate::frame::Frame;
+use crate::gpu::Gpu;
+use crate::image::{Pixels, Rect};
+use crate::photo::{self, Exposed, Framing, Real, Site};
+use crate::profile::Rig;
+use crate::recording::{OpenOptions, Recording};
+use crate::sink::photograph::{self, Notes};
+use crate::words::short;
+
+/// What is taken where nobody says.
+const USUAL_ISO: f64 = 100.0;
+/// Timestamps from here on (2001-09-09) are seconds since 1970.
+const EPOCH_S: f64 = 1e9;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording
+    recording: PathBuf,
+    /// Which of its frames
+    #[arg(long, value_name = "N")]
+    frame: usize,
+    /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
+    #[arg(long)]
+    scene: PathBuf,
+    /// p (program), a (aperture priority), s (shutter priority), m (manual); else by what is set
+    #[arg(long)]
+    mode: Option<Mode>,
+    /// The f-number, as in 2.8
+    #[arg(long, value_name = "F", allow_hyphen_values = true, value_parser = stops::parse_f_number)]
+    aperture: Option<f64>,
+    /// The shutter time, as in 1/60
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = stops::parse_shutter_s)]
+    shutter: Option<f64>,
+    /// The film speed, 100 to 25600; else the recording's, or 100
+    #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
+    iso: Option<f64>,
+    /// The focal length in mm; else one that sees all of the recorded picture that the film's shape allows
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
+    focal: Option<f64>,
+    /// What is sharp: a distance in metres, inf, or auto (what is in the middle)
+    #[arg(long, default_value = "auto", allow_hyphen_values = true, value_parser = focus)]
+    focus: Focus,
+    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm; else the recording's
+    #[arg(long)]
+    film: Option<Film>,
+    /// Width of the photograph; else as many pixels as the recording has there
+    #[arg(long, value_name = "PX")]
+    width: Option<u32>,
+    /// Stops brighter than correct that are wanted, -5 to 5
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = light::compensation)]
+    compensation: f64,
+    /// The light on the scene, in lux; else it is estimated from the picture and its settings
+    #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = light::lux)]
+    lux: Option<f64>,
+    /// A series in which one setting goes through its range, and a contact sheet
+    #[arg(long, value_enum)]
+    bracket: Option<Bracket>,
+    /// The camera, where the recording does not know it, and the effects' parameters
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// Set a parameter, as in --set camera.lens.blades=5; of camera.exposure and camera.lens.f_number, what the recording
+    /// was taken with
+    #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
+    sets: Vec<String>,
+    /// Seed of the grain
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// A .jpg or .png; of a series, NAME-1.jpg and so on, and NAME-sheet.jpg
+    #[arg(short = 'o', long = "output", value_name = "FILE")]
+    output: PathBuf,
+    /// Replace pictures that exist
+    #[arg(long)]
+    force: bool,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, default_value_t = 1.0, value_name = "M")]
+    metres_per_unit: f64,
+    /// No warnings
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Focus {
+    Auto,
+    Metres(f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Bracket {
+    /// f/2.8 to f/22
+    Aperture,
+    /// Three stops to both sides
+    Shutter,
+    /// ISO 100 to 25600
+    Iso,
+    /// From half the distance to twice
+    Focus,
+}
+
+fn focus(text: &str) -> Result<Focus, String> {
+    let metres = match text.trim().trim_end_matches('m').trim_end() {
+        "auto" => return Ok(Focus::Auto),
+        "inf" | "infinity" => Some(f64::INFINITY),
+        number => number.parse().ok().filter(|m: &f64| (0.01..=1e5).contains(m)),
+    };
+    metres.map(Focus::Metres).ok_or_else(|| format!("{text} is refused: accepted are auto, inf, and 0.01 to 100000 m"))
+}
+
+fn focal_length(text: &str) -> Result<f64, String> {
+    let mm = text.trim().trim_end_matches("mm").trim_end().parse().ok().filter(|mm| (1.0..=5000.0).contains(mm));
+    mm.ok_or_else(|| format!("{text} is refused: accepted is 1 to 5000 mm"))
+}
+
+/// One photograph of a series.
+struct Asked {
+    settings: Settings,
+    /// Stops brighter than wanted that nothing was left to choose against.
+    over_ev: f64,
+    focus_distance_m: f64,
+}
+
+/// What the person set, in a mode.
+struct Dials {
+    mode: Mode,
+    set: Settings,
+    lux: f64,
+    compensation_ev: f64,
+    limits: Limits,
+    focus_distance_m: f64,
+}
+
+impl Dials {
+    fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
+        let by_settings = match (args.aperture, args.shutter) {
+            (Some(_), Some(_)) => Mode::Manual,
+            (Some(_), None) => Mode::AperturePriority,
+            (None, Some(_)) => Mode::ShutterPriority,
+            (None, None) => Mode::Program,
+        };
+        let mode = args.mode.unwrap_or(by_settings);
+        let needs = |given: Option<f64>, modes: [Mode; 2], name: &str| {
+            if modes.contains(&mode) && given.is_none() {
+                bail!("--mode {} needs --{name}", mode.letter());
+            }
+            Ok(given.unwrap_or(1.0))
+        };
+        // A bracket goes through what it varies.
+        let varied = |what: Bracket, given: Option<f64>, usual: f64| match args.bracket {
+            Some(bracket) if bracket == what => given.or(Some(usual)),
+            _ => given,
+        };
+        let f_number = varied(Bracket::Aperture, args.aperture, 8f64.sqrt());
+        let time_s = varied(Bracket::Shutter, args.shutter, limits.hand_held_s);
+        let set = Settings {
+            f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
+            time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
+            iso: args.iso.or(taken.iso).unwrap_or(USUAL_ISO),
+        };
+        Ok(Self {
+            mode,
+            set: set.exact(),
+            lux,
+            compensation_ev: args.compensation,
+            limits,
+            focus_distance_m: f64::INFINITY,
+        })
+    }
+
+    fn metered(&self, mode: Mode, set: Settings) -> Asked {
+        let metered = meter(mode, self.lux, set, self.compensation_ev, &self.limits);
+        Asked { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
+    }
+
+    /// What is varied stays as it is set; in manual mode all the rest does too, else the camera makes up for it.
+    fn series(&self, bracket: Option<Bracket>) -> Vec<Asked> {
+        let manual = self.mode == Mode::Manual;
+        let usual = self.metered(self.mode, self.set);
+        let Some(bracket) = bracket else { return vec![usual] };
+        let Limits { widest_f_number, narrowest_f_number, shortest_s, longest_s, .. } = self.limits;
+        let full = |value: f64, least: f64, most: f64| (least * 0.999..=most * 1.001).contains(&value);
+        match bracket {
+            Bracket::Aperture => {
+                let mode = if manual { Mode::Manual } else { Mode::AperturePriority };
+                let stops = stops::f_numbers(Step::Full).into_iter().map(|stop| stop.exact);
+                let stops = stops.filter(|n| full(*n, widest_f_number, narrowest_f_number));
+                stops.map(|f_number| self.metered(mode, Settings { f_number, ..self.set })).collect()
+            }
+            Bracket::Shutter => {
+                let mode = if manual { Mode::Manual } else { Mode::ShutterPriority };
+                let middle = if manual { self.set.time_s } else { usual.settings.time_s };
+                let times = (-3..=3).map(|stops| middle * f64::from(stops).exp2());
+                let times = times.filter(|t| full(*t, shortest_s, longest_s));
+                times.map(|time_s| self.metered(mode, Settings { time_s, ..self.set })).collect()
+            }
+            Bracket::Iso => {
+                let speeds = stops::iso_speeds(Step::Full).into_iter().map(|stop| stop.exact);
+                speeds.map(|iso| self.metered(self.mode, Settings { iso, ..self.set })).collect()
+            }
+            Bracket::Focus => (-3..=3)
+                .map(|thirds| {
+                    let focus_distance_m = self.focus_distance_m * (f64::from(thirds) / 3.0).exp2();
+                    Asked { focus_distance_m, settings: usual.settings, over_ev: usual.over_ev }
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A recording, opened, with the frame that is photographed.
+struct Scene<'a> {
+    args: &'a Args,
+    recording: Recording,
+    rig: Rig,
+    whole: Geometry,
+    frame: Frame,
+    compositor: Compositor,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
+    let recording = Recording::open(&args.recording, &options)?;
+    let index = args.frame;
+    if index >= recording.frame_count() {
+        bail!("--frame {index}: the recording has the frames 0..{}", recording.frame_count());
+    }
+    recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
+    let (mut rig, mut effects) = (Rig::default(), Effects::default());
+    for profile in recording.camera_profile.iter().chain(&args.profile) {
+        rig.read(profile, &mut effects)?;
+    }
+    if let Some(geometry) = recording.geometry_at_frame(index) {
+        rig.default_geometry(geometry);
+    }
+    let taken = Known::taken(&rig, &args.sets, &recording, index)?;
+    for text in &args.sets {
+        rig.set_text(text, &mut effects)?;
+    }
+    effects.seed = args.seed;
+    let whole = super::composite::camera_of(&recording, &rig, index)?;
+
+    // All that can be refused is, before anything is drawn.
+    let focal_length_m = args.focal.map(|mm| 1e-3 * mm);
+    let given_m = match args.focus {
+        Focus::Metres(distance_m) => distance_m,
+        Focus::Auto => f64::INFINITY,
+    };
+    Framing::new(&whole, args.film, focal_length_m, given_m, args.width)?;
+    let scene = crate::scene::load(&args.scene, recording.up)?;
+    for text in recording.warnings.iter().chain(&scene.warnings) {
+        warn(args.quiet, text);
+    }
+    let lux = match (args.lux, taken.settings()) {
+        (None, None) => {
+            let text =
+                format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken");
+            warn(args.quiet, &text);
+            INDOORS_LX
+        }
+        _ => light::scene_light(args.lux, &recording, index, &rig, taken)?.lux,
+    };
+    let asked = Known { f_number: args.aperture, ..Known::default() };
+    let mut dials = Dials::new(args, taken, lux, light::limits(&rig, asked))?;
+    let count = dials.series(args.bracket).len();
+    for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
+        photograph::check(&path, args.force)?;
+    }
+
+    let frame = recording.frames(index..index + 1)?.next().context("the frame cannot be read")??;
+    let camera = rig.camera();
+    if camera.noise.is_none() {
+        let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; `locard \
+                    calibrate noise` measures it from pictures of a scene at rest";
+        warn(args.quiet, text);
+    }
+    let compositor = Compositor::new(Gpu::open()?, camera, effects, scene);
+    for text in compositor.warnings() {
+        warn(args.quiet, &text);
+    }
+    let mut site = Scene { args, recording, rig, whole, frame, compositor };
+    dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
+    let mut sheet = Vec::new();
+    for (n, asked) in dials.series(args.bracket).iter().enumerate() {
+        let framing = Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width)?;
+        let pixels = site.take(&dials, asked, &framing, taken)?;
+        let path = path_of(args, &(n + 1).to_string());
+        photograph::write(&path, &pixels, Some(&site.notes(&dials, asked, &framing)), args.force)?;
+        tell(args.quiet, &format!("{}: {}", path.display(), label(asked, &framing).replace('\n', ", ")));
+        if args.bracket.is_some() {
+            sheet.extend(photo::small(&pixels).map(|small| (small, label(asked, &framing))));
+        }
+    }
+    if args.bracket.is_some() {
+        let path = path_of(args, "sheet");
+        photograph::write(&path, &photo::contact_sheet(&sheet), None, args.force)?;
+        tell(args.quiet, &format!("{}", path.display()));
+    }
+    Ok(())
+}
+
+/// Of a single photograph the name that was given, of a series one with a part behind a hyphen.
+fn path_of(args: &Args, part: &str) -> PathBuf {
+    if args.bracket.is_none() {
+        return args.output.clone();
+    }
+    let text = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    let (stem, extension) = (text(args.output.file_stem()), text(args.output.extension()));
+    args.output.with_file_name(format!("{stem}-{part}.{extension}"))
+}
+
+fn label(asked: &Asked, framing: &Framing) -> String {
+    let off =
+        if asked.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", asked.over_ev) } else { String::new() };
+    let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);
+    let focus = match framing.focus_distance_m {
+        far if far.is_infinite() => "infinity".to_owned(),
+        near => format!("{near:.2} m"),
+    };
+    format!("{}\n{lens} at {focus}{off}", asked.settings)
+}
+
+impl Scene<'_> {
+    fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<f64> {
+        if let Focus::Metres(distance_m) = self.args.focus {
+            return Ok(distance_m);
+        }
+        let pending = self.compositor.submit(Job {
+            frame: self.frame.clone(),
+            geometry: &self.whole,
+            track: &self.recording.track,
+            time_offset_s: self.recording.time_offset_s,
+            interval_s: self.recording.frame_interval_s,
+            want_layer: true,
+            photograph: None,
+        })?;
+        let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
+        let framing = Framing::new(&self.whole, self.args.film, focal_length_m, f64::INFINITY, self.args.width)?;
+        let (width, height) = framing.size();
+        let corner = framing.framed.source_px(glam::DVec2::new(f64::from(width), f64::from(height)));
+        let seen = Rect::new(
+            framing.framed.left_px as i32,
+            framing.framed.top_px as i32,
+            corner.x.round() as i32,
+            corner.y.round() as i32,
+        );
+        let found = photo::distance_m(&layer, self.frame.depth.as_ref(), seen);
+        if found.is_none() {
+            warn(self.args.quiet, "there is nothing to focus on: infinity is sharp; --focus sets a distance");
+        }
+        Ok(found.unwrap_or(f64::INFINITY))
+    }
+
+    fn take(&mut self, dials: &Dials, asked: &Asked, framing: &Framing, taken: Known) -> Result<Pixels> {
+        let (args, recording) = (self.args, &self.recording);
+        let has_times = recording.kind.has_times();
+        let (range, weights) = if has_times {
+            let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
+            photo::shutter_weights(times, interval_s, args.frame, asked.settings.time_s)
+        } else {
+            (args.frame..args.frame + 1, vec![1.0])
+        };
+        let mut frames = Vec::with_capacity(weights.len());
+        for (frame, weight) in recording.frames(range)?.zip(weights) {
+            frames.push((weight, frame?.pixels));
+        }
+        let response = &self.rig.response;
+        // By the frame itself: what it shows is what was metered.
+        let mean = PictureLight::of(&self.frame.pixels, response).mean;
+        let gain = if mean > 0.0 { asked.settings.mean_light(dials.lux) / mean } else { 1.0 };
+        // The recording's own settings leave its light as it is, whatever roundings say.
+        let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
+        let real = Real::new(&frames, response, &framing.framed, framing.size(), gain);
+        drop(frames);
+        let lens = Lens {
+            f_number: Some(asked.settings.f_number),
+            aperture_diameter_mm: None,
+            focus_distance_m: Some(asked.focus_distance_m).filter(|d| d.is_finite()),
+            ..self.rig.lens.clone()
+        };
+        let measured_at = self.rig.exposure.iso.or(taken.iso);
+        let exposed = Exposed {
+            opening: lens.opening(&framing.geometry)?,
+            time_s: if has_times { asked.settings.time_s } else { 0.0 },
+            over_ev: gain.log2(),
+            iso_ratio: measured_at.map_or(1.0, |iso| asked.settings.iso / iso),
+        };
+        let site = Site {
+            recorded: &self.whole,
+            track: &recording.track,
+            time_offset_s: recording.time_offset_s,
+            interval_s: recording.frame_interval_s,
+            frame: args.frame,
+            timestamp_s: self.frame.timestamp_s,
+            exposure: self.frame.exposure,
+            depth: self.frame.depth.as_ref(),
+        };
+        Ok(photo::take(&mut self.compositor, &site, framing, real, &exposed)?)
+    }
+
+    fn notes(&self, dials: &Dials, asked: &Asked, framing: &Framing) -> Notes {
+        let Settings { f_number, time_s, iso } = asked.settings;
+        let focal_length_mm = 1e3 * framing.focal_length_m;
+        let recorded_s = Some(self.frame.timestamp_s).filter(|t| *t >= EPOCH_S);
+        let now_s = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Notes {
+            // As they are engraved, like a camera writes them.
+            f_number: stops::marked(&stops::f_numbers(Step::Third), f_number),
+            time_s: stops::marked(&stops::shutter_times_s(Step::Third), time_s),
+            iso: stops::marked(&stops::iso_speeds(Step::Third), iso),
+            focal_length_mm,
+            equivalent_mm: framing.film.equivalent_35mm(focal_length_mm),
+            focus_distance_m: asked.focus_distance_m,
+            compensation_ev: dials.compensation_ev,
+            program: match dials.mode {
+                Mode::Manual => 1,
+                Mode::Program => 2,
+                Mode::AperturePriority => 3,
+                Mode::ShutterPriority => 4,
+            },
+            taken_s: recorded_s.unwrap_or_else(now_s),
+            description: format!(
+                "frame {} of {} at {} s",
+                self.args.frame,
+                name(&self.recording.path),
+                short(self.frame.timestamp_s)
+            ),
+        }
+    }
+}

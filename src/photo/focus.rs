@@ -1,0 +1,65 @@
+//! What an automatic focus looks at: the nearest thing, real or virtual, around the picture's middle.
+
+use crate::image::{DepthMap, LayerImage, Rect};
+
+/// Side of the focus field as a part of the picture's.
+const FIELD: f64 = 0.06;
+/// What covers less of a pixel is no thing to focus on.
+const COVERED: f32 = 0.5;
+
+/// How far away it is, metres: the median over the focus field of what is nearer at each pixel, real or virtual; where
+/// nothing is known there, over the virtual things of the whole picture. `None` without any.
+pub fn distance_m(layer: &LayerImage, depth: Option<&DepthMap>, picture: Rect) -> Option<f64> {
+    let around = |part: f64| {
+        let half = |side: u32| (0.5 * part * f64::from(side)).ceil() as i32;
+        let middle = [(picture.x0 + picture.x1) / 2, (picture.y0 + picture.y1) / 2];
+        let (w, h) = (half(picture.width()), half(picture.height()));
+        let whole = Rect::full(layer.width, layer.height);
+        Rect::new(middle[0] - w, middle[1] - h, middle[0] + w, middle[1] + h).intersection(&whole)
+    };
+    let depth = depth.filter(|d| (d.width, d.height) == (layer.width, layer.height));
+    let nearest = |i: usize, real: bool| {
+        let drawn = Some(layer.depth_m[i]).filter(|_| layer.rgba[i][3] > COVERED);
+        let measured = depth.filter(|_| real).map(|d| d.depth_m[i]);
+        [drawn, measured].into_iter().flatten().filter(|z| *z > 0.0).min_by(f32::total_cmp)
+    };
+    let median = |rect: Rect, real: bool| {
+        let width = layer.width as usize;
+        let index = |y: i32, x: i32| y as usize * width + x as usize;
+        let mut found: Vec<f32> = (rect.y0..rect.y1)
+            .flat_map(|y| (rect.x0..rect.x1).filter_map(move |x| nearest(index(y, x), real)))
+            .collect();
+        found.sort_by(f32::total_cmp);
+        found.get(found.len() / 2).map(|z| f64::from(*z))
+    };
+    median(around(FIELD), true).or_else(|| median(around(1.0), false))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearer_of_real_and_virtual_in_the_middle() {
+        let mut layer = LayerImage::empty(100, 100);
+        let mut depth = DepthMap { width: 100, height: 100, depth_m: vec![2.0; 10000], timestamp_s: 0.0 };
+        let whole = Rect::full(100, 100);
+        assert_eq!(distance_m(&layer, None, whole), None);
+        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
+        // A thing at the side counts where nothing else is known.
+        (layer.rgba[10 * 100 + 10], layer.depth_m[10 * 100 + 10]) = ([1.0; 4], 0.7);
+        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
+        depth.depth_m.fill(0.0);
+        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(f64::from(0.7f32)));
+        // One in the middle, nearer than the wall; a faint one is not looked at.
+        depth.depth_m.fill(2.0);
+        for y in 45..55 {
+            for x in 45..55 {
+                (layer.rgba[y * 100 + x], layer.depth_m[y * 100 + x]) = ([0.9; 4], 1.25);
+            }
+        }
+        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(1.25));
+        layer.rgba.iter_mut().for_each(|p| *p = p.map(|c| 0.2 * c));
+        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
+    }
+}

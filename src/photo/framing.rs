@@ -1,0 +1,166 @@
+//! What of the recorded picture a film and a lens see.
+
+use crate::camera::{Film, FilmError, Framed, Geometry, ThinLens, ThinLensError};
+
+/// The virtual camera's film, lens and picture, and where that lies in the recorded one.
+#[derive(Clone, Debug)]
+pub struct Framing {
+    pub film: Film,
+    /// Of the lens focused at infinity, metres.
+    pub focal_length_m: f64,
+    /// Up to infinity.
+    pub focus_distance_m: f64,
+    pub framed: Framed,
+    /// The camera that takes the photograph.
+    pub geometry: Geometry,
+}
+
+/// What cannot be framed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FramingError {
+    #[error(
+        "a focal length of {found_mm:.1} mm on {film} sees more than the recording, {sees_deg:.1} degrees across where \
+         there are {has_deg:.1}: accepted is {least_mm:.2} mm or more"
+    )]
+    TooWide { found_mm: f64, film: Film, sees_deg: f64, has_deg: f64, least_mm: f64 },
+    #[error("a picture {found} px wide and {height} px high is refused: accepted are sides of 16 to 20000 px")]
+    Size { found: u32, height: u32 },
+    #[error("camera.film_width_mm with the picture's shape: {0}")]
+    Film(#[from] FilmError),
+    #[error(transparent)]
+    Lens(#[from] ThinLensError),
+}
+
+const SIDE_PX: std::ops::RangeInclusive<u32> = 16..=20000;
+
+impl Framing {
+    /// Frames the middle of a camera's picture. Without a film, the camera's own; without a focal length (metres), the
+    /// one that sees as much as there is; without a width, as many pixels as the recording has there.
+    /// With a focal length f the image stands at v = f·d/(d − f) (vSLRcam (2)): focusing nearer narrows the view.
+    pub fn new(
+        whole: &Geometry,
+        film: Option<Film>,
+        focal_length_m: Option<f64>,
+        focus_distance_m: f64,
+        width_px: Option<u32>,
+    ) -> Result<Self, FramingError> {
+        let i = &whole.intrinsics;
+        let (whole_width, whole_height) = (f64::from(i.width_px), f64::from(i.height_px));
+        let film = match film {
+            Some(film) => film.turned_for(i.width_px, i.height_px),
+            None => Film::new(i.film_width_mm, i.film_width_mm * whole_height / whole_width)?,
+        };
+        let aspect = film.width_mm() / film.height_mm();
+        let most = whole_width.min(whole_height * aspect);
+        // A part `columns` wide is what stands on the film at the image distance fx · film width / columns.
+        let across = i.fx_px * 1e-3 * film.width_mm();
+        let columns = match focal_length_m {
+            Some(f) => {
+                // Refuses a focus within the focal length, and what is no length.
+                let columns = across / ThinLens::with_diameter(f, 0.0, focus_distance_m)?.image_distance_m();
+                if columns > most * (1.0 + 1e-6) {
+                    let degrees = |columns: f64| 2.0 * (0.5 * columns / i.fx_px).atan().to_degrees();
+                    let least_m = ThinLens::focal_length_behind_m(across / most, focus_distance_m);
+                    return Err(FramingError::TooWide {
+                        found_mm: 1e3 * f,
+                        film,
+                        sees_deg: degrees(columns),
+                        has_deg: degrees(most),
+                        // So that what is printed is accepted.
+                        least_mm: (1e5 * least_m).ceil() * 1e-2,
+                    });
+                }
+                columns.min(most)
+            }
+            None => most,
+        };
+        let width = width_px.unwrap_or(columns.round() as u32);
+        let step = if width_px.is_none() && columns.fract() == 0.0 { 1.0 } else { columns / f64::from(width) };
+        let height = (columns / aspect / step).round() as u32;
+        if !SIDE_PX.contains(&width) || !SIDE_PX.contains(&height) {
+            return Err(FramingError::Size { found: width, height });
+        }
+        let edge = |whole: f64, pixels: u32| {
+            let edge = 0.5 * (whole - step * f64::from(pixels));
+            // Pixel on pixel where it can be.
+            if step == 1.0 { edge.floor() } else { edge }
+        };
+        let framed = Framed { left_px: edge(whole_width, width), top_px: edge(whole_height, height), step };
+        let v = across / (step * f64::from(width));
+        Ok(Self {
+            film,
+            focal_length_m: focal_length_m.unwrap_or_else(|| ThinLens::focal_length_behind_m(v, focus_distance_m)),
+            focus_distance_m,
+            framed,
+            geometry: framed.geometry(whole, width, height, film.width_mm()),
+        })
+    }
+
+    /// Width and height, px.
+    pub fn size(&self) -> (u32, u32) {
+        (self.geometry.intrinsics.width_px, self.geometry.intrinsics.height_px)
+    }
+
+    /// Pixels of the photograph for one of the recording.
+    pub fn enlargement(&self) -> f64 {
+        1.0 / self.framed.step
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Distortion, Intrinsics};
+
+    fn close(found: f64, expected: f64, within: f64) {
+        assert!((found - expected).abs() <= within, "{found} is not {expected}");
+    }
+
+    /// 640×480 with fx 525, film 36 mm: v = 525 · 36 / 640 = 29.53125 mm.
+    fn whole() -> Geometry {
+        Geometry::new(Intrinsics::default(), Distortion::default())
+    }
+
+    #[test]
+    fn by_itself_it_is_the_recorded_picture_pixel_for_pixel() {
+        let framing = Framing::new(&whole(), None, None, f64::INFINITY, None).unwrap();
+        assert_eq!(framing.geometry, whole());
+        assert!(framing.framed.is_exact());
+        close(framing.focal_length_m, 0.029_531_25, 1e-12);
+        // Focused at 1 m the same image distance is that of a shorter lens: 29.53125 / 1.02953125.
+        let near = Framing::new(&whole(), None, None, 1.0, None).unwrap();
+        close(near.focal_length_m, 0.028_684_17, 1e-8);
+        assert_eq!(near.geometry, whole());
+    }
+
+    #[test]
+    fn lens_and_film_worked_by_hand() {
+        // 36×24 of a 4:3 picture is 640 × 426.67.
+        let film: Film = "36x24".parse().unwrap();
+        let full = Framing::new(&whole(), Some(film), None, f64::INFINITY, None).unwrap();
+        assert_eq!((full.size(), full.framed.top_px), ((640, 427), 26.0));
+        // 59.0625 mm is twice 29.53125: half of the columns.
+        let tele = Framing::new(&whole(), Some(film), Some(0.059_062_5), f64::INFINITY, Some(960)).unwrap();
+        close(tele.enlargement(), 3.0, 1e-9);
+        assert_eq!(tele.size(), (960, 640));
+        close(tele.framed.left_px, 160.0, 1e-9);
+        close(tele.geometry.intrinsics.fx_px, 1575.0, 1e-6);
+        // At 1 m it stands at 59.0625 / 0.9409375 = 62.770 mm: 301.1 columns.
+        let near = Framing::new(&whole(), Some(film), Some(0.059_062_5), 1.0, None).unwrap();
+        close(near.framed.step * f64::from(near.size().0), 301.1, 1e-6);
+        // A smaller film behind the same lens sees less.
+        let small = Framing::new(&whole(), Some("aps-c".parse().unwrap()), Some(0.05), f64::INFINITY, None).unwrap();
+        close(small.framed.step * f64::from(small.size().0), 525.0 * 23.6 / 50.0, 1e-9);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_what_is_accepted() {
+        let film = Some("36x24".parse().unwrap());
+        let error = Framing::new(&whole(), film, Some(0.020), f64::INFINITY, None).unwrap_err().to_string();
+        assert!(error.contains("20.0 mm") && error.contains("29.54 mm or more"), "{error}");
+        assert!(Framing::new(&whole(), film, Some(0.029_54), f64::INFINITY, None).is_ok());
+        let error = Framing::new(&whole(), film, Some(0.05), 0.04, None).unwrap_err().to_string();
+        assert!(error.contains("within the focal length"), "{error}");
+        assert!(Framing::new(&whole(), film, None, 1.0, Some(5)).is_err());
+    }
+}

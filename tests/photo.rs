@@ -1,0 +1,273 @@
+//! Photographs: what is added to the real part, what is drawn, and what the command writes.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/board.rs"]
+mod board;
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use std::process::{Command, Output};
+
+use board::{FOCAL_PX, board, sideways};
+use locard::camera::grain::{self, GrainRatios};
+use locard::camera::{Camera, Framed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
+use locard::compositor::{Compositor, Job, Part, Settings};
+use locard::effects::Photograph;
+use locard::image::{Codes, Pixels, Rect};
+use locard::photo::{Exposed, Framing, Real, Site, take};
+use locard::scene::Scene;
+
+const TIME_S: f64 = 0.02;
+
+/// σ grows from 2 codes in the dark to 4; no correlations.
+fn noise() -> NoiseProfile {
+    let bins: Vec<NoiseBin> =
+        (0..16).map(|i| NoiseBin { code: 8.0 + 16.0 * f64::from(i), sigma: 2.0 + f64::from(i) / 7.5 }).collect();
+    NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.0; 3],
+        neighbour_correlation: [0.0; 2],
+    }
+}
+
+fn camera(geometry: &Geometry, noise: Option<NoiseProfile>) -> Camera {
+    Camera { noise, ..gpu::camera(geometry, TIME_S) }
+}
+
+/// A photograph of a picture with a scene in it.
+fn photo(camera: &Camera, scene: Scene, pixels: Pixels, framing: &Framing, exposed: Exposed) -> Pixels {
+    let gpu = gpu::gpu();
+    let recorded = camera.geometry.clone().unwrap();
+    let track = sideways([200.0, 0.0]);
+    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), Settings::default(), scene);
+    let gain = exposed.over_ev.exp2();
+    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), gain);
+    let site = Site {
+        recorded: &recorded,
+        track: &track,
+        time_offset_s: 0.0,
+        interval_s: 1.0 / 30.0,
+        frame: 3,
+        timestamp_s: 0.0,
+        exposure: Default::default(),
+        depth: None,
+    };
+    take(&mut compositor, &site, framing, real, &exposed).unwrap()
+}
+
+const AS_RECORDED: Exposed = Exposed { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };
+
+/// Grey with noise of a σ that depends on its code, mean 0, by sums of twelve even numbers of a small generator.
+fn noisy_grey(width: u32, height: u32, code: f64, noise: &NoiseProfile) -> Pixels {
+    let mut state = 1u64;
+    let mut even = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / f64::from(1u32 << 31)
+    };
+    let codes = (0..3 * width * height).map(|i| {
+        let normal = (0..12).map(|_| even()).sum::<f64>() - 6.0;
+        (257.0 * (code + noise.sigma(i as usize % 3, code) * normal)).round().clamp(0.0, 65535.0) as u16
+    });
+    Pixels { width, height, codes: Codes::U16(codes.collect()) }
+}
+
+fn mean_and_sigma(pixels: &Pixels, channel: usize) -> (f64, f64) {
+    let places = (0..pixels.height).flat_map(|y| (0..pixels.width).map(move |x| (x, y)));
+    let codes: Vec<f64> = places.map(|(x, y)| f64::from(pixels.at(x, y)[channel])).collect();
+    let mean = codes.iter().sum::<f64>() / codes.len() as f64;
+    (mean, (codes.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / codes.len() as f64).sqrt())
+}
+
+#[test]
+fn taken_as_it_was_recorded_it_is_the_composited_frame() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, Some(noise()));
+    let codes = (0..3 * 320 * 240u32).map(|i| (i * 7919 % 251) as u8).collect();
+    let pixels = Pixels::from_u8(320, 240, codes).unwrap();
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let photo = photo(&camera, board([60.0, 50.0], 0.5), pixels.clone(), &framing, AS_RECORDED);
+    let frame = gpu::frame(3, 0.0, pixels.clone());
+    let track = sideways([200.0, 0.0]);
+    let done = gpu::composite(&gpu::gpu(), &camera, Settings::default(), board([60.0, 50.0], 0.5), &track, frame);
+    let layer = done.layer.unwrap();
+    let mut apart = 0;
+    for y in 0..240 {
+        for x in 0..320 {
+            let (a, b) = (photo.at(x, y), done.pixels.at(x, y));
+            if layer.rgba[(y * 320 + x) as usize][3] == 0.0 {
+                assert_eq!(a, pixels.at(x, y), "a real pixel lacks nothing");
+            }
+            // 16 bits are rounded once more, and what lies on a half may fall to the other side.
+            assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 1), "{x} {y}: {a:?} {b:?}");
+            apart += usize::from(a != b);
+        }
+    }
+    assert!(apart < 320 * 240 / 200, "{apart} pixels differ");
+}
+
+#[test]
+fn real_and_virtual_pixels_get_the_films_grain() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = noise();
+    let camera = camera(&geometry, Some(noise.clone()));
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let response = Response::default();
+    for (iso_ratio, over_ev) in [(1.0, 0.0), (8.0, 0.0), (8.0, 1.0), (16.0, -1.0)] {
+        let exposed = Exposed { iso_ratio, over_ev, ..AS_RECORDED };
+        let pixels = noisy_grey(400, 300, 90.0, &noise);
+        let done = photo(&camera, Scene::default(), pixels, &framing, exposed);
+        // Two, four times the light of code 90.
+        let code = 255.0 * response.encode(over_ev.exp2() * response.decode(90.0 / 255.0));
+        let ratios = GrainRatios { iso: iso_ratio, ..Default::default() };
+        for channel in 0..3 {
+            let wanted = grain::sigma(&noise, &response, channel, code, &ratios);
+            let (mean, sigma) = mean_and_sigma(&done, channel);
+            assert!((mean - code).abs() < 0.6, "{iso_ratio} {over_ev}: mean {mean}, {code} wanted");
+            // Coarse grains are fewer: 120,000 pixels in patches of 2 by 2 tell σ within 0.5 %, and rounding adds 1/12.
+            let wanted = (wanted * wanted + 1.0 / 12.0).sqrt();
+            assert!((sigma / wanted - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {sigma}, {wanted} wanted");
+        }
+    }
+    // A virtual board of the same light has the same grain as the real picture around it.
+    let exposed = Exposed { iso_ratio: 8.0, ..AS_RECORDED };
+    let light = response.decode(90.0 / 255.0) as f32;
+    let all = photo(&camera, board([900.0, 900.0], light), gpu::grey(400, 300, 255), &framing, exposed);
+    let wanted = grain::sigma(&noise, &response, 1, 90.0, &GrainRatios { iso: 8.0, ..Default::default() });
+    let (mean, sigma) = mean_and_sigma(&all, 1);
+    assert!((mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.03, "{mean} {sigma}, {wanted} wanted");
+}
+
+#[test]
+fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, None);
+    // Half of the picture, four times as large: enlarged eight times.
+    let film = locard::camera::Film::new(36.0, 27.0).unwrap();
+    let focal_m = 2.0 * 0.036 * FOCAL_PX / 320.0;
+    let framing = Framing::new(&geometry, Some(film), Some(focal_m), f64::INFINITY, Some(1280)).unwrap();
+    assert!((framing.enlargement() - 8.0).abs() < 1e-9);
+    let exposed = Exposed { over_ev: 1.0, time_s: 0.0, ..AS_RECORDED };
+    let done = photo(&camera, board([40.0, 30.0], 0.8), gpu::grey(320, 240, 60), &framing, exposed);
+    let response = Response::default();
+    let real = (255.0 * response.encode(2.0 * response.decode(60.0 / 255.0))).round() as u32;
+    // The board's edges at 160 ± 40 of 320 are at 640 ± 320 of 1280, and sharp there. 1.6 times white clips.
+    let row: Vec<u32> = (0..1280).map(|x| done.at(x, 480)[1]).collect();
+    assert!(row[..319].iter().chain(&row[961..]).all(|&c| c == real), "{real}: {:?}", &row[310..330]);
+    assert!(row[321..959].iter().all(|&c| c == 255));
+}
+
+#[test]
+fn parts_join_without_a_seam() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, Some(noise()));
+    let opening = Opening { diameter_m: 0.02, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
+    let track = sideways([200.0, 0.0]);
+    let made = |regions: &[Rect]| {
+        let gpu = gpu::gpu();
+        let mut compositor =
+            Compositor::new(gpu.clone(), camera.clone(), Settings::default(), board([60.0, 50.0], 0.5));
+        let photograph =
+            Photograph { over_ev: 0.5, iso_ratio: 4.0, film_width_mm: 36.0, enlargement: 1.0, noise_left: 1.0 };
+        regions.iter().fold(gpu::grey(320, 240, 90), |pixels, region| {
+            let part = Part {
+                region: *region,
+                photograph,
+                opening: Some(opening),
+                exposure_time_s: TIME_S,
+                recorded: &geometry,
+                framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
+            };
+            let job = Job {
+                frame: gpu::frame(3, 0.0, pixels),
+                geometry: &geometry,
+                track: &track,
+                time_offset_s: 0.0,
+                interval_s: 1.0 / 30.0,
+                want_layer: false,
+                photograph: Some(part),
+            };
+            let pending = compositor.submit(job).unwrap();
+            compositor.collect(pending).unwrap().pixels
+        })
+    };
+    let whole = made(&[Rect::full(320, 240)]);
+    let parts = made(&[
+        Rect::new(0, 0, 130, 110),
+        Rect::new(130, 0, 320, 110),
+        Rect::new(0, 110, 130, 240),
+        Rect::new(130, 110, 320, 240),
+    ]);
+    let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
+    let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
+    // Points of the filter fall on other texels of the smaller pictures where a part begins elsewhere: a few codes.
+    let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+    assert!(far < a.len() / 50 && worst <= 4, "{far} of {} differ by more than a code, the worst by {worst}", a.len());
+}
+
+fn locard(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).output().unwrap()
+}
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+fn shoot(arguments: &[&str]) -> Output {
+    let (recording, scene) = (format!("{ROOT}/recordings/demo"), format!("{ROOT}/scenes/demo.toml"));
+    let _gpu = gpu::gpu();
+    locard(&[&["photo", &recording, "--scene", &scene][..], arguments].concat())
+}
+
+#[test]
+fn a_bracket_is_a_series_with_a_sheet_and_exif() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("door.jpg");
+    let out = out.to_str().unwrap();
+    let series = ["--frame", "10", "--bracket", "iso", "--lux", "300", "--aperture", "4", "--focus", "1.5", "-o", out];
+    let done = shoot(&series);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(done.stdout.is_empty());
+    let settings =
+        |n: usize| locard::source::exif::read_settings(&folder.path().join(format!("door-{n}.jpg"))).unwrap();
+    for (n, iso) in [100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0, 25600.0].into_iter().enumerate() {
+        let settings = settings(n + 1);
+        assert_eq!((settings.iso, settings.f_number), (Some(iso), Some(4.0)));
+    }
+    // EV of 300 lx at ISO 100 is 6.91: f/4 wants 16/120 s, of which 1/8 is the nearest; two stops faster film 1/30.
+    let part = |n| (1.0 / settings(n).time_s.unwrap()).round();
+    assert_eq!([part(1), part(3)], [8.0, 30.0]);
+    assert!(image::image_dimensions(folder.path().join("door-sheet.jpg")).unwrap().0 > 1400);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 10);
+    let again = shoot(&series);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("door-1.jpg: exists already"));
+}
+
+#[test]
+fn what_no_camera_can_is_refused_with_what_is_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.jpg");
+    let out = out.to_str().unwrap();
+    let cases: [(&[&str], &[&str]); 10] = [
+        (&["--frame", "4000"], &["--frame 4000", "the recording has the frames 0.."]),
+        (&["--frame", "1", "--aperture", "0"], &["an aperture of 0", "0.5 to 256"]),
+        (&["--frame", "1", "--shutter", "0"], &["a shutter time of 0", "more than 0"]),
+        (&["--frame", "1", "--iso", "50"], &["a film speed of 50", "ISO 100 to 25600"]),
+        (&["--frame", "1", "--focal", "20"], &["20.0 mm", "sees more than the recording", "or more"]),
+        (&["--frame", "1", "--focal", "100", "--focus", "0.05"], &["0.05 m", "within the focal length"]),
+        (&["--frame", "1", "--film", "huge"], &["huge is no film format", "36x24"]),
+        (&["--frame", "1", "--mode", "a"], &["--mode a needs --aperture"]),
+        (&["--frame", "1", "--mode", "x"], &["no mode", "p (program)"]),
+        (&["--frame", "1", "--set", "camera.lens.blades=2"], &["camera.lens.blades = 2", "3 to 32"]),
+    ];
+    for (arguments, expected) in cases {
+        let done = shoot(&[arguments, &["-o", out]].concat());
+        let text = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {text}");
+        for part in expected {
+            assert!(text.contains(part), "{arguments:?}: {text}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{arguments:?} left something");
+    }
+    let done = shoot(&["--frame", "1", "-o", "a.gif"]);
+    assert!(String::from_utf8_lossy(&done.stderr).contains("accepted are .jpg and .png"));
+}
