@@ -139,11 +139,11 @@ fn lights() -> Scene {
 #[test]
 fn looks_like_the_thin_lens() {
     let mut missed = Vec::new();
-    // What the paper's methods reach at 5, 12 and 24 px, and a tenth more.
+    // Of the papers' methods what they reach, and a tenth more.
     for (name, scene, depth_m, most) in [
-        ("blurred over sharp", blurred_over_sharp(), 0.5, [0.05, 0.5, 0.5]),
-        ("sharp over blurred", sharp_over_blurred(), 2.0, [0.05, 0.5, 0.5]),
-        ("point lights", lights(), 3.9, [0.05, 0.5, 0.5]),
+        ("blurred over sharp", blurred_over_sharp(), 0.5, [0.05, 0.078, 0.064]),
+        ("sharp over blurred", sharp_over_blurred(), 2.0, [0.05, 0.138, 0.059]),
+        ("point lights", lights(), 3.9, [0.05, 0.066, 0.028]),
     ] {
         for (circle_px, blades) in [(5.0, 0), (12.0, 0), (24.0, 5)] {
             let flips =
@@ -334,7 +334,8 @@ fn poisson_is_the_mean_over_each_pixels_own_circle() {
         let layer = composited(&camera(circle_px, 2.0, 0), scene, "poisson").layer.unwrap();
         let (mean, worst) = differences(&layer.rgba, &twin);
         println!("{circle_px} px: mean {mean:.4}, worst {worst:.3}");
-        assert!(mean < 0.5, "{circle_px} px: mean {mean}, worst {worst}");
+        // 48 points stand for the whole disc, most coarsely where the light falls.
+        assert!(mean < 0.003 + 0.0004 * circle_px, "{circle_px} px: mean {mean}, worst {worst}");
     }
 }
 
@@ -342,7 +343,7 @@ fn poisson_is_the_mean_over_each_pixels_own_circle() {
 fn diffusion_is_the_papers_stamps() {
     let text = |t: &str| Value::Text(t.to_owned());
     for (circle_px, blades, more) in [
-        (5.0, 0, vec![]),
+        (6.0, 0, vec![]),
         (12.0, 5, vec![("rim", Value::Number(0.1))]),
         (12.0, 3, vec![("mix", text("printed"))]),
         (20.0, 0, vec![("shape", text("star")), ("gaussian_px", Value::Number(1.5))]),
@@ -365,7 +366,8 @@ fn diffusion_is_the_papers_stamps() {
         }
         let (mean, worst) = differences(&layer.rgba, &twin);
         println!("{circle_px} px, {blades} blades, {more:?}: mean {mean:.5}, worst {worst:.4}");
-        assert!(mean < 0.5, "{more:?}: mean {mean}, worst {worst}");
+        // Texels and sums of 16-bit floats: 2^-11 each.
+        assert!(mean < 2e-4 && worst < 2e-3, "{more:?}: mean {mean}, worst {worst}");
     }
 }
 

@@ -59,7 +59,7 @@ pub fn poisson_disc(count: usize) -> Vec<[f64; 2]> {
         if free && dart[0].hypot(dart[1]) <= 1.0 {
             points.push(dart);
         }
-        apart *= 0.999;
+        apart *= 0.9999;
     }
     let n = count.max(1) as f64;
     let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / n);
