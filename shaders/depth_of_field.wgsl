@@ -105,11 +105,6 @@ fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> 
     return tile_corner(v, i, 1.0, 6.0, false);
 }
 
-// vSLRcam (8) in pixels: fx · D · (1/d_s − 1/d_o).
-fn circle_of(depth: f32) -> f32 {
-    return clamp(lens.circle.x * (lens.circle.y - 1.0 / max(depth, 1e-6)), -lens.circle.w, lens.circle.w);
-}
-
 // Nearest and farthest circle in a pixel of the layer.
 fn circles_in_layer(p: vec2<i32>) -> vec2<f32> {
     let depth = unpack_geometry(textureLoad(geometry, p, 0)).x;

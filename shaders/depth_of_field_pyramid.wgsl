@@ -17,9 +17,7 @@ fn first(@builtin(position) at: vec4<f32>) -> Out {
     for (var i = 0; i < 4; i++) {
         let p = low + vec2<i32>(i & 1, i >> 1);
         let depth = unpack_geometry(textureLoad(geometry, p, 0)).x;
-        // vSLRcam (8) in pixels: fx · D · (1/d_s − 1/d_o).
-        let signed_px = lens.circle.x * (lens.circle.y - 1.0 / max(depth, 1e-6));
-        let circle = clamp(signed_px, -lens.circle.w, lens.circle.w);
+        let circle = circle_of(depth);
         let there = depth > 0.0 && all(p < lens.size.xy);
         out.color += select(vec4<f32>(0.0), 0.25 * textureLoad(color, p, 0), there);
         out.circles.x = min(out.circles.x, select(NOTHING, circle, there));

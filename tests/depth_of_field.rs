@@ -11,11 +11,11 @@ use board::{FOCAL_PX, both, sideways};
 use glam::DAffine3;
 use locard::camera::{Aperture, Camera, Opening};
 use locard::compositor::Composited;
-use locard::effects::depth_of_field;
+use locard::effects::depth_of_field::{self, diffusion, poisson};
 use locard::image::Pixels;
 use locard::measure::edge::edge;
 use locard::measure::flip::{PIXELS_PER_DEGREE, mean_flip};
-use locard::params::Value;
+use locard::params::{Params, Value};
 use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
 
 const WIDTH: u32 = 320;
@@ -78,30 +78,42 @@ fn checks(low: [f64; 2], high: [f64; 2], cell_px: f64, depth_m: f64, colors: [[f
 }
 
 fn composited(camera: &Camera, scene: Scene, method: &str) -> Composited {
+    composited_with(camera, scene, method, &[])
+}
+
+fn composited_with(camera: &Camera, scene: Scene, method: &str, more: &[(&str, Value)]) -> Composited {
     // A camera picture with something in it.
     let codes =
         (0..HEIGHT * WIDTH).flat_map(|i| [60 + (i % WIDTH / 4) as u8, 90, 60 + (i / WIDTH / 4) as u8]).collect();
     let frame = gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap());
-    let settings = gpu::settings(&[("depth_of_field", "method", Value::Text(method.to_owned()))]);
+    let mut sets = vec![("depth_of_field", "method", Value::Text(method.to_owned()))];
+    sets.extend(more.iter().map(|(name, value)| ("depth_of_field", *name, value.clone())));
+    let settings = gpu::settings(&sets);
     gpu::composite(&gpu::gpu(), camera, settings, scene, &sideways([0.0; 2]), frame)
 }
 
+const METHODS: [&str; 3] = ["layered", "poisson", "diffusion"];
+
 /// How the methods' pictures look beside the reference, over both their footprints.
-fn flips(name: &str, camera: &Camera, scene: &Scene) -> f64 {
-    let reference = composited(camera, scene.clone(), "reference");
-    let found = composited(camera, scene.clone(), "layered");
-    let alphas = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| p[3] > 0.0).collect::<Vec<_>>();
-    let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&found)).map(|(a, b)| *a || b).collect();
-    if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
-        for (kind, done) in [("reference", &reference), ("layered", &found)] {
+fn flips(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
+    let write = |method: &str, done: &Composited| {
+        if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
             let locard::image::Codes::U8(codes) = &done.pixels.codes else { unreachable!() };
-            let path = std::path::Path::new(&folder).join(format!("{name}-{kind}.png"));
+            let path = std::path::Path::new(&folder).join(format!("{name}-{method}.png"));
             image::save_buffer(path, codes, WIDTH, HEIGHT, image::ColorType::Rgb8).unwrap();
         }
-    }
-    let flip = mean_flip(&reference.pixels, &found.pixels, Some(&mask), PIXELS_PER_DEGREE).unwrap();
-    println!("{name}: mean FLIP {flip:.4}");
-    flip
+    };
+    let alphas = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| p[3] > 0.0).collect::<Vec<_>>();
+    let reference = composited(camera, scene.clone(), "reference");
+    write("reference", &reference);
+    let flips = METHODS.map(|method| {
+        let found = composited(camera, scene.clone(), method);
+        write(method, &found);
+        let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&found)).map(|(a, b)| *a || b).collect();
+        mean_flip(&reference.pixels, &found.pixels, Some(&mask), PIXELS_PER_DEGREE).unwrap()
+    });
+    println!("{name}: mean FLIP layered {:.4}, poisson {:.4}, diffusion {:.4}", flips[0], flips[1], flips[2]);
+    flips
 }
 
 const GREENS: [[f32; 3]; 2] = [[0.05, 0.45, 0.1], [0.7, 0.7, 0.75]];
@@ -127,16 +139,19 @@ fn lights() -> Scene {
 #[test]
 fn looks_like_the_thin_lens() {
     let mut missed = Vec::new();
-    for (name, scene, depth_m) in [
-        ("blurred over sharp", blurred_over_sharp(), 0.5),
-        ("sharp over blurred", sharp_over_blurred(), 2.0),
-        ("point lights", lights(), 3.9),
+    // Of the papers' methods what they reach, and a tenth more.
+    for (name, scene, depth_m, most) in [
+        ("blurred over sharp", blurred_over_sharp(), 0.5, [0.05, 0.078, 0.064]),
+        ("sharp over blurred", sharp_over_blurred(), 2.0, [0.05, 0.138, 0.059]),
+        ("point lights", lights(), 3.9, [0.05, 0.066, 0.028]),
     ] {
         for (circle_px, blades) in [(5.0, 0), (12.0, 0), (24.0, 5)] {
-            let flip =
+            let flips =
                 flips(&format!("{name}, {circle_px} px, {blades} blades"), &camera(circle_px, depth_m, blades), &scene);
-            if flip > 0.05 {
-                missed.push((name, circle_px, blades, flip));
+            for ((method, flip), most) in METHODS.iter().zip(flips).zip(most) {
+                if flip > most {
+                    missed.push((name, circle_px, blades, method, flip));
+                }
             }
         }
     }
@@ -203,12 +218,14 @@ fn a_lights_energy_is_kept() {
     for circle_px in [2.0, 3.0, 5.0, 6.9, 7.1, 9.0, 12.0, 24.0, 33.0, 48.0, 70.0] {
         for at in [[-0.5, -0.5], [3.2, 1.7]] {
             let light = rectangles(&[(at, [at[0] + 3.0, at[1] + 3.0], 2.0, [400.0, 300.0, 200.0])]);
-            let sum = |camera: &Camera| {
-                let layer = composited(camera, light.clone(), "layered").layer.unwrap();
-                layer.rgba.iter().map(|p| f64::from(p[0])).sum::<f64>()
-            };
-            let (sharp, blurred) = (sum(&camera(0.01, 2.0, 0)), sum(&camera(circle_px, 2.0, 0)));
-            assert!((blurred / sharp - 1.0).abs() < 0.02, "{circle_px} px at {at:?}: {:.4}", blurred / sharp);
+            for method in ["layered", "diffusion"] {
+                let sum = |camera: &Camera| {
+                    let layer = composited(camera, light.clone(), method).layer.unwrap();
+                    layer.rgba.iter().map(|p| f64::from(p[0])).sum::<f64>()
+                };
+                let ratio = sum(&camera(circle_px, 2.0, 0)) / sum(&camera(0.01, 2.0, 0));
+                assert!((ratio - 1.0).abs() < 0.02, "{method}, {circle_px} px at {at:?}: {ratio:.4}");
+            }
         }
     }
 }
@@ -269,5 +286,101 @@ fn a_surface_in_one_depth_is_the_twin() {
             "{circle_px} px, {blades} blades: mean {}, worst {worst}",
             sum / area
         );
+    }
+}
+
+/// A light and a board before a wall, as drawn without blur, and the signed circle of each pixel (NaN: nothing there).
+fn two_depths(circle_px: f64) -> (Scene, Vec<[f64; 4]>, Vec<f64>) {
+    let wall = rectangles(&[([-60.0, -50.0], [60.0, 50.0], 2.0, [0.3, 0.2, 0.1])]);
+    let before = rectangles(&[
+        ([-20.0, -30.0], [10.0, 5.0], 0.8, [0.1, 0.5, 0.9]),
+        ([30.0, 20.0], [33.0, 23.0], 0.8, [40.0, 30.0, 20.0]),
+    ]);
+    let sharp = |scene: &Scene| composited(&camera(0.01, 2.0, 0), scene.clone(), "layered").layer.unwrap().rgba;
+    let near = sharp(&before);
+    let scene = both(wall, before);
+    let all: Vec<[f64; 4]> = sharp(&scene).iter().map(|p| p.map(f64::from)).collect();
+    // (8): 1/d_s − 1/d_o is 1/2 for the wall, −1/4 for what stands before it.
+    let circle = |(p, near): (&[f64; 4], &[f32; 4])| match (near[3] > 0.0, p[3] > 0.0) {
+        (true, _) => -0.5 * circle_px,
+        (false, true) => circle_px,
+        (false, false) => f64::NAN,
+    };
+    let circles = all.iter().zip(&near).map(circle).collect();
+    (scene, all, circles)
+}
+
+/// Mean and largest difference over what is covered by either, of values up to `top`.
+fn differences(found: &[[f32; 4]], twin: &[[f64; 4]]) -> (f64, f64) {
+    let (mut sum, mut count, mut worst) = (0.0, 0.0, 0.0f64);
+    for (a, b) in found.iter().zip(twin).filter(|(a, b)| a[3] > 0.0 || b[3] > 0.0) {
+        let error = (0..4).map(|c| (f64::from(a[c]) - b[c]).abs() / b[c].max(1.0)).fold(0.0, f64::max);
+        worst = worst.max(error);
+        sum += error;
+        count += 1.0;
+    }
+    (sum / f64::max(count, 1.0), worst)
+}
+
+#[test]
+fn poisson_is_the_mean_over_each_pixels_own_circle() {
+    for circle_px in [4.0, 10.0, 20.0] {
+        let (scene, sharp, circles) = two_depths(circle_px);
+        let twin = poisson::twin(
+            &sharp,
+            WIDTH as usize,
+            &circles.iter().map(|c| if c.is_nan() { 0.0 } else { *c }).collect::<Vec<_>>(),
+        );
+        let layer = composited(&camera(circle_px, 2.0, 0), scene, "poisson").layer.unwrap();
+        let (mean, worst) = differences(&layer.rgba, &twin);
+        println!("{circle_px} px: mean {mean:.4}, worst {worst:.3}");
+        // 48 points stand for the whole disc, most coarsely where the light falls.
+        assert!(mean < 0.003 + 0.0004 * circle_px, "{circle_px} px: mean {mean}, worst {worst}");
+    }
+}
+
+#[test]
+fn diffusion_is_the_papers_stamps() {
+    let text = |t: &str| Value::Text(t.to_owned());
+    for (circle_px, blades, more) in [
+        (6.0, 0, vec![]),
+        (12.0, 5, vec![("rim", Value::Number(0.1))]),
+        (12.0, 3, vec![("mix", text("printed"))]),
+        (20.0, 0, vec![("shape", text("star")), ("gaussian_px", Value::Number(1.5))]),
+        (20.0, 0, vec![("shape", text("heart")), ("mix", text("printed")), ("mix_ratio", Value::Number(0.5))]),
+        (20.0, 6, vec![("shape", text("star")), ("blend_below", Value::Number(0.6))]),
+        (20.0, 0, vec![("largest_radius_px", Value::Number(7.0))]),
+    ] {
+        let (scene, sharp, circles) = two_depths(circle_px);
+        let camera = camera(circle_px, 2.0, blades);
+        let opening = camera.lens.opening(&camera.geometry.clone().unwrap()).unwrap().unwrap();
+        let mut params = depth_of_field::DepthOfField::default();
+        more.iter().for_each(|(name, value)| params.set(name, value).unwrap());
+        let limit = 2.0 * f64::from(params.largest_radius_px);
+        let circles: Vec<f64> = circles.iter().map(|c| if c.is_nan() { *c } else { c.clamp(-limit, limit) }).collect();
+        let twin = diffusion::twin(&sharp, WIDTH as usize, &circles, &opening, &params);
+        let layer = composited_with(&camera, scene, "diffusion", &more).layer.unwrap();
+        if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
+            let path = std::path::Path::new(&folder).join(format!("diffusion-{circle_px}-{blades}-{}.png", more.len()));
+            gpu::write_layer_png(&path, &layer.rgba, WIDTH, HEIGHT);
+        }
+        let (mean, worst) = differences(&layer.rgba, &twin);
+        println!("{circle_px} px, {blades} blades, {more:?}: mean {mean:.5}, worst {worst:.4}");
+        // Texels and sums of 16-bit floats: 2^-11 each.
+        assert!(mean < 2e-4 && worst < 2e-3, "{more:?}: mean {mean}, worst {worst}");
+    }
+}
+
+#[test]
+fn shapes_that_a_method_does_not_know_are_refused() {
+    let camera = camera(12.0, 2.0, 0);
+    for method in ["layered", "poisson", "reference"] {
+        let settings = gpu::settings(&[
+            ("depth_of_field", "method", Value::Text(method.to_owned())),
+            ("depth_of_field", "shape", Value::Text("heart".to_owned())),
+        ]);
+        let effect = settings.effects.iter().find(|e| e.params().table() == "depth_of_field").unwrap();
+        let error = effect.check(&camera).unwrap_err().to_string();
+        assert!(error.contains("depth_of_field.shape is refused") && error.contains("diffusion"), "{error}");
     }
 }

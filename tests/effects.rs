@@ -47,6 +47,40 @@ fn silhouettes_blur_over_the_analytic_length() {
 }
 
 #[test]
+fn accumulation_is_the_papers_finite_sum() {
+    // 20 ms at 500 frames a second: n = 10, α = 0.676 (14); 20 px in ten steps of 2 px.
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let sets = [
+        ("motion_blur", "method", Value::Text("accumulation".to_owned())),
+        ("motion_blur", "frames_per_s", Value::Number(500.0)),
+    ];
+    let track = sideways([20.0 / EXPOSURE_S, 0.0]);
+    let draw = |index: usize| {
+        let frame = gpu::frame(index, 0.0, gpu::grey(320, 240, 0));
+        let camera = gpu::camera(&geometry, EXPOSURE_S);
+        gpu::composite(&gpu::gpu(), &camera, gpu::settings(&sets), board([60.0, 50.0], 0.8), &track, frame)
+            .layer
+            .unwrap()
+    };
+    let layer = draw(0);
+    // The board reaches from 100 to 220 px in the middle of the exposure. Its newest frame is 10 px further to the right and
+    // weighs 1 − α, the oldest 10 px to the left and weighs α^10 = 1/50.
+    let alpha = 0.676_243_f64;
+    let weight = |i: i32| if i == 10 { 0.02 } else { (1.0 - alpha) * alpha.powi(i) };
+    for x in 85..235 {
+        let covered = |i: i32| {
+            let shift = 10 - 2 * i;
+            (100 + shift..220 + shift).contains(&x)
+        };
+        let twin: f64 = (0..=10).filter(|i| covered(*i)).map(weight).sum();
+        let found = f64::from(layer.rgba[120 * 320 + x as usize][3]);
+        assert!((found - twin).abs() < 1e-3, "{x}: {found}, not {twin}");
+    }
+    // Whatever was drawn before.
+    assert_eq!(layer.rgba, draw(7).rgba);
+}
+
+#[test]
 fn a_diagonal_blur_is_the_mean_over_the_shutter() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let still = blurred(&geometry, [0.0, 0.0], "velocity").layer.unwrap();

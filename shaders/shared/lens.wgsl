@@ -2,7 +2,7 @@
 struct Lens {
     size: vec4<i32>,      // layer width and height (px), tile side (px), columns of tiles
     circle: vec4<f32>,    // fx · diameter (px·m), 1 / focus distance (1/m), the shape's variance, largest diameter drawn (px)
-    texture: vec4<f32>,   // 1 / size of the textures of the layer (1/px), unused
+    texture: vec4<f32>,   // 1 / size of the textures of the layer (1/px), steps of the blur factor (Wang), unused
 }
 
 // Where there is no surface: the nearest circle, and less it the farthest.
@@ -25,4 +25,9 @@ fn level_of(radius: f32) -> f32 {
 
 fn level_of_two(radius: f32) -> f32 {
     return 1.0 + select(0.0, 1.0, radius >= TWO_QUARTER_PX) + select(0.0, 1.0, radius >= EIGHTH_PX);
+}
+
+// vSLRcam (8) in pixels: fx · D · (1/d_s − 1/d_o).
+fn circle_of(depth: f32) -> f32 {
+    return clamp(lens.circle.x * (lens.circle.y - 1.0 / max(depth, 1e-6)), -lens.circle.w, lens.circle.w);
 }

@@ -9,17 +9,27 @@
 //!   blurred alpha (depth_of_field/layered.rs).
 //! - `reference`: the thin lens itself. The layer is drawn through many points of the opening and summed, at least two
 //!   for each square pixel of the largest circle, up to 16,384: slow, and what the others are judged by.
+//! - `poisson`: vSLRcam's, a Poisson disc as wide as the pixel's own circle, and a second one over it
+//!   (depth_of_field/poisson.rs).
+//! - `diffusion`: Wang's, each pixel's light spread over the opening's picture, from the most blurred to the sharpest; the
+//!   only one that knows stars and hearts (depth_of_field/diffusion.rs).
 //!
 //! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
 //! `layered`: more than two surfaces behind each other within one circle, circles wider than a quarter of the picture
 //! (drawn that wide), and real things before a blurred object, over which its blur reaches.
 
+pub mod diffusion;
 mod layered;
+pub mod operator;
+pub mod poisson;
+mod surroundings;
 
-use super::{Effect, FrameContext, Stage};
-use crate::camera::Aperture;
+use super::{Effect, EffectError, FrameContext, Stage};
+use crate::camera::{Aperture, Camera};
 use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, Sample, SamplePlan};
+use diffusion::Mix;
+use operator::Shape;
 
 /// Circles below this are points, px.
 const SHARP_PX: f32 = 0.7;
@@ -27,14 +37,30 @@ const MOST_POINTS: u32 = 1 << 14;
 
 crate::choices! {
     /// How depth of field is made.
-    pub enum Method { Layered = "layered", Reference = "reference" }
+    pub enum Method { Layered = "layered", Poisson = "poisson", Diffusion = "diffusion", Reference = "reference" }
 }
 
 crate::params! {
     /// Parameters of the depth of field; the lens stands in `camera.lens`.
     pub struct DepthOfField in "depth_of_field" {
-        "layered: filter, near and far apart; reference: through many points of the lens"
+        "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
         method: Method = Method::Layered;
+        "poisson: points of the first disc"
+        points: u32 = 48, "1", 8.0..=64.0;
+        "diffusion: lens (its blades or circle), star (as many points as blades, else 5) or heart"
+        shape: Shape = Shape::Lens;
+        "diffusion: how much brighter the rim is drawn, for each px of radius (lambda)"
+        rim: f32 = 0.02, "1/px", 0.0..=1.0;
+        "diffusion: standard deviation of the Gaussian that smooths the shape"
+        gaussian_px: f32 = 0.5, "px", 0.0..=4.0;
+        "diffusion: no shape is drawn larger (R_K)"
+        largest_radius_px: f32 = 36.0, "px", 1.0..=64.0;
+        "diffusion: conserving keeps light; printed: as in the paper"
+        mix: Mix = Mix::Conserving;
+        "diffusion: K of the printed mix"
+        mix_ratio: f32 = 0.7, "1", 0.0..=1.0;
+        "diffusion: below this blur factor (0 to 1) the original is mixed in (w)"
+        blend_below: f32 = 0.1, "1", 0.0..=1.0;
     }
 }
 
@@ -42,6 +68,8 @@ crate::params! {
 pub struct DepthOfFieldEffect {
     params: DepthOfField,
     layered: Option<layered::Passes>,
+    poisson: Option<poisson::Passes>,
+    diffusion: Option<diffusion::Passes>,
 }
 
 /// Diameters of the circles of all that is drawn, px: the least and the largest.
@@ -91,8 +119,20 @@ impl Effect for DepthOfFieldEffect {
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         circles_px(context)[1] < SHARP_PX
     }
+    fn check(&self, _: &Camera) -> Result<(), EffectError> {
+        if self.params.shape != Shape::Lens && self.params.method != Method::Diffusion {
+            return Err(EffectError {
+                parameter: "depth_of_field.shape",
+                reason: "star and heart are drawn by depth_of_field.method = diffusion alone; accepted with this method is lens",
+            });
+        }
+        Ok(())
+    }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        layered::reach_px(context)
+        match self.params.method {
+            Method::Diffusion => diffusion::reach_px(&self.params, context),
+            Method::Layered | Method::Poisson | Method::Reference => layered::reach_px(context),
+        }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         // The benchmark's lens is a pinhole; what this costs over a whole picture is measured by itself.
@@ -101,7 +141,7 @@ impl Effect for DepthOfFieldEffect {
 
     fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
         match self.params.method {
-            Method::Layered => plan,
+            Method::Layered | Method::Poisson | Method::Diffusion => plan,
             Method::Reference => Self::reference(context, plan),
         }
     }
@@ -111,12 +151,24 @@ impl Effect for DepthOfFieldEffect {
     }
 
     fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
-        match (self.params.method, context.opening) {
-            (Method::Layered, Some(opening)) => {
-                let gpu = run.gpu;
+        let Some(opening) = context.opening else { return layer };
+        let (gpu, params) = (run.gpu, &self.params);
+        match params.method {
+            Method::Layered => {
                 self.layered.get_or_insert_with(|| layered::Passes::new(gpu)).run(run, context, &opening, layer)
             }
-            _ => layer,
+            Method::Poisson => {
+                let points = params.points as usize;
+                let made = self.poisson.take().filter(|p| p.are_of(points));
+                let passes = self.poisson.insert(made.unwrap_or_else(|| poisson::Passes::new(gpu, points)));
+                passes.run(run, context, &opening, layer)
+            }
+            Method::Diffusion => {
+                let made = self.diffusion.take().filter(|p| p.are_of(params));
+                let passes = self.diffusion.insert(made.unwrap_or_else(|| diffusion::Passes::new(gpu, params)));
+                passes.run(run, context, &opening, layer)
+            }
+            Method::Reference => layer,
         }
     }
 }

@@ -6,6 +6,9 @@
 //! - `copies`: Fischer 2006, §Motion blur: semi-transparent copies of each object along the
 //!   blur vector of its centre, centred on it, above a threshold. The paper's vector spans a
 //!   whole frame interval; here it is scaled by exposure time over interval.
+//! - `accumulation`: vSLRcam (13) and (14), the recursive accumulation of frames as the finite sum that it is
+//!   (camera/accumulation.rs): the exposure's n + 1 frames, the newest at its end and the strongest, the oldest at its
+//!   beginning. It trails, where a shutter is a box, and so few frames are seen apart.
 //! - `reference`: the layer drawn at many moments and summed, at least two for each pixel of
 //!   blur: slow, and what the others are judged by.
 //!
@@ -13,24 +16,27 @@
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
 use super::{Effect, FrameContext, Stage};
+use crate::camera::accumulation::{self, MOST_STEPS};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
 use crate::params::{Params, Value};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun, Sample, SamplePlan};
 
 crate::choices! {
     /// How motion blur is made.
-    pub enum Method { Velocity = "velocity", Copies = "copies", Reference = "reference" }
+    pub enum Method { Velocity = "velocity", Copies = "copies", Accumulation = "accumulation", Reference = "reference" }
 }
 
 crate::params! {
     /// Parameters of the motion blur.
     pub struct MotionBlur in "motion_blur" {
-        "velocity: filter along each pixel's motion; copies: the paper's; reference: many samples"
+        "velocity: filter along each pixel's motion; copies: Fischer's; accumulation: vSLRcam's; reference: many samples"
         method: Method = Method::Velocity;
         "shortest blur that is drawn"
         threshold_px: f32 = 0.5, "px", 0.0..=64.0;
         "number of copies of the method copies"
         copies: u32 = 8, "1", 2.0..=64.0;
+        "rate at which the method accumulation draws within the exposure"
+        frames_per_s: f64 = 80.0, "1/s", 1.0..=10000.0;
     }
 }
 
@@ -97,6 +103,17 @@ impl MotionBlurEffect {
             .collect()
     }
 
+    /// Frames with the weights of vSLRcam (13), newest first; no more than 10,000 of them.
+    fn accumulation(&self, context: &FrameContext<'_>) -> Vec<Sample> {
+        let n = accumulation::steps(context.exposure_time_s, self.params.frames_per_s).unwrap_or(MOST_STEPS);
+        let weights = accumulation::weights(n);
+        let back = context.exposure_time_s / n.max(1) as f64;
+        // A single frame stands in the middle.
+        let newest_s = 0.5 * back * n as f64;
+        let at = |i: usize| newest_s - i as f64 * back;
+        weights.iter().enumerate().map(|(i, &w)| Sample { time_s: at(i), ..Sample::plain(w as f32) }).collect()
+    }
+
     /// Moments evenly over the exposure, two for each pixel of the longest blur, at least 32.
     fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
         let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, 4096);
@@ -131,7 +148,7 @@ impl Effect for MotionBlurEffect {
     fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
         match self.method(context) {
             // The renderer's rectangle spans the exposure already.
-            Method::Velocity | Method::Reference => 1.0,
+            Method::Velocity | Method::Accumulation | Method::Reference => 1.0,
             Method::Copies => self.reach_px(context),
         }
     }
@@ -143,6 +160,7 @@ impl Effect for MotionBlurEffect {
         match self.method(context) {
             Method::Velocity => plan,
             Method::Copies => SamplePlan { samples: self.copies(context), ..plan },
+            Method::Accumulation => SamplePlan { samples: self.accumulation(context), ..plan },
             Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
         }
     }

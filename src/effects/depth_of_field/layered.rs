@@ -17,6 +17,7 @@ use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, constant
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
 use super::circles_px;
+use super::surroundings::{Tiling, lens};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
@@ -41,15 +42,6 @@ pub struct Passes {
     full: [FullscreenPass; 6],
     passing: FullscreenPass,
     between: wgpu::Sampler,
-}
-
-/// `Lens` of shaders/shared/lens.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct LensUniform {
-    size: [i32; 4],
-    circle: [f32; 4],
-    texture: [f32; 4],
 }
 
 /// `Aperture` of shaders/depth_of_field.wgsl.
@@ -86,7 +78,7 @@ fn widest_px(context: &FrameContext<'_>) -> f32 {
 }
 
 /// Of what is drawn, px.
-fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
+pub fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
     0.5 * circles_px(context)[1].min(widest_px(context))
 }
 
@@ -151,9 +143,8 @@ impl Passes {
         let gpu = run.gpu;
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
-        // 3×3 tiles must reach as far as light is spread; an eighth of the resolution divides them.
-        let side = ((reach_px(context).ceil() as u32).div_ceil(8) * 8).max(32);
-        let tiles = (width.div_ceil(side), height.div_ceil(side));
+        let tiling = Tiling::new(layer.size, reach_px(context));
+        let tiles = tiling.tiles;
         let count = tiles.0 * tiles.1;
 
         let [own, around, needed] =
@@ -165,17 +156,7 @@ impl Passes {
         let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
 
         let aperture = Aperture::of(opening);
-        let lens = LensUniform {
-            size: [width as i32, height as i32, side as i32, tiles.0 as i32],
-            circle: [
-                (context.geometry.intrinsics.fx_px * opening.diameter_m) as f32,
-                (1.0 / opening.focus_distance_m) as f32,
-                aperture.variance() as f32,
-                2.0 * largest,
-            ],
-            texture: [1.0 / layer.color.width as f32, 1.0 / layer.color.height as f32, 0.0, 0.0],
-        };
-        let lens = constants(gpu, "lens", bytemuck::bytes_of(&lens));
+        let lens = lens(gpu, context, opening, &layer, tiling, largest, 0);
         let points = constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture)));
 
         for level in 0..LEVELS as usize {

@@ -1,0 +1,202 @@
+//! The method `poisson`: vSLRcam 2008, section 3.2, Depth of Field.
+//!
+//! Each pixel becomes the mean over a Poisson disc, as wide as its own circle of confusion (8) and around it; the
+//! regular pattern that so few points leave goes when a second Poisson disc is laid over the result. As the paper says, a
+//! sharp surface leaks into the blurred one beside it, and a blurred one ends sharply on a sharp one: points of
+//! other depths are neither rejected nor weighted. The opening is a disc, whatever its blades.
+//!
+//! Beyond the paper, which knows neither: a pixel where nothing was drawn takes the widest circle around it, so that
+//! silhouettes dissolve over the camera's pixels; and the first disc is narrower by what the second one adds to the
+//! variance.
+
+use crate::camera::Opening;
+use crate::effects::FrameContext;
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
+use crate::render::{COLOR, Layer, LayerRun};
+
+use super::layered::{largest_radius_px, reach_px};
+use super::surroundings::{Surroundings, Tiling, lens};
+
+/// Most points of the first disc, and those of the second: as in shaders/depth_of_field_poisson.wgsl.
+pub const MOST_POINTS: usize = 64;
+const SECOND: usize = 16;
+/// Radius of the second disc, in radii of a disc as large as one point's share of the first.
+const OVERLAP: f32 = 1.5;
+
+/// `Discs` of shaders/depth_of_field_poisson.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct DiscsUniform {
+    radii: [f32; 4],
+    first: [[f32; 4]; MOST_POINTS],
+    second: [[f32; 4]; SECOND],
+}
+
+#[derive(Debug)]
+pub struct Passes {
+    points: usize,
+    surroundings: Surroundings,
+    first: FullscreenPass,
+    second: FullscreenPass,
+    between: wgpu::Sampler,
+    discs: wgpu::Buffer,
+}
+
+/// So many points in the unit disc, none nearer to another than a Poisson disc allows (Cook 1986: dart throwing; the
+/// distance shrinks until all fit). Then they are moved and scaled to the disc's own middle and variance, 1/4.
+pub fn poisson_disc(count: usize) -> Vec<[f64; 2]> {
+    // Knuth's generator (TAOCP 2, 3.3.4): the same points on every machine.
+    let mut state = 1u64;
+    let mut random = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let mut points: Vec<[f64; 2]> = Vec::with_capacity(count);
+    let mut apart = 2.0;
+    while points.len() < count {
+        let dart = [2.0 * random() - 1.0, 2.0 * random() - 1.0];
+        let free = points.iter().all(|p| (p[0] - dart[0]).hypot(p[1] - dart[1]) >= apart);
+        if free && dart[0].hypot(dart[1]) <= 1.0 {
+            points.push(dart);
+        }
+        apart *= 0.9999;
+    }
+    let n = count.max(1) as f64;
+    let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / n);
+    points.iter_mut().for_each(|p| *p = [p[0] - middle[0], p[1] - middle[1]]);
+    let variance = points.iter().map(|p| p[0] * p[0] + p[1] * p[1]).sum::<f64>() / (2.0 * n);
+    let scale = if variance > 0.0 { 0.5 / variance.sqrt() } else { 1.0 };
+    points.iter().map(|p| p.map(|c| c * scale)).collect()
+}
+
+/// Radii of both discs over the circle's; their squares sum to 1.
+fn radii(points: usize) -> [f32; 2] {
+    let second = OVERLAP / (points as f32).sqrt();
+    [(1.0 - second * second).max(0.0).sqrt(), second]
+}
+
+impl Passes {
+    pub fn new(gpu: &Gpu, points: usize) -> Self {
+        let shader = assemble("depth_of_field_poisson");
+        let pass = |fragment, formats: &[wgpu::TextureFormat]| {
+            let number = [("points", points as f64)];
+            let options = Options { fragment, constants: &number, ..Options::default() };
+            FullscreenPass::with(gpu, "poisson", &shader, formats, &options)
+        };
+        fn texels<const N: usize>(count: usize) -> [[f32; 4]; N] {
+            let mut all = [[0.0; 4]; N];
+            for (to, [x, y]) in all.iter_mut().zip(poisson_disc(count)) {
+                *to = [x as f32, y as f32, 0.0, 0.0];
+            }
+            all
+        }
+        let [first, second] = radii(points);
+        let discs = DiscsUniform { radii: [first, second, 0.0, 0.0], first: texels(points), second: texels(SECOND) };
+        Self {
+            points,
+            surroundings: Surroundings::new(gpu),
+            first: pass("first", &[COLOR; 2]),
+            second: pass("second", &[COLOR]),
+            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("between pixels"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            discs: constants(gpu, "discs", bytemuck::bytes_of(&discs)),
+        }
+    }
+
+    /// Whether they were made for so many points.
+    pub fn are_of(&self, points: usize) -> bool {
+        self.points == points
+    }
+
+    pub fn run(&self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, opening: &Opening, layer: Layer) -> Layer {
+        let gpu = run.gpu;
+        let tiling = Tiling::new(layer.size, reach_px(context));
+        let lens = lens(gpu, context, opening, &layer, tiling, largest_radius_px(context), 0);
+        let around = self.surroundings.run(run, &lens, &layer, tiling);
+        let [filtered, radii, out] = ["poisson colour", "poisson radii", "focused colour"]
+            .map(|p| run.pool.get(gpu, p, 0, layer.size, COLOR, 1));
+        let slots = |color, geometry| {
+            [
+                Slot::Buffer(&lens),
+                Slot::Buffer(&self.discs),
+                Slot::Texture(color),
+                Slot::Sampler(&self.between),
+                geometry,
+            ]
+        };
+        let [a, b, c, d, e] = slots(&layer.color.view, Slot::Texture(&layer.geometry.view));
+        let first = [a, b, c, d, e, Slot::Texture(&around.view)];
+        self.first.run(gpu, run.encoder, &first, &[&filtered, &radii], layer.size);
+        let second = slots(&filtered.view, Slot::Texture(&radii.view));
+        self.second.run(gpu, run.encoder, &second, &[&out], layer.size);
+        self.surroundings.passed(run, &lens, &around, layer, out)
+    }
+}
+
+/// A layer by the formula: each pixel the mean over the disc of its own circle, `circles_px` wide (0 where nothing was
+/// drawn: there the widest one). `rgba` holds `width * height` premultiplied pixels; outside is empty.
+pub fn twin(rgba: &[[f64; 4]], width: usize, circles_px: &[f64]) -> Vec<[f64; 4]> {
+    let height = rgba.len() / width.max(1);
+    let widest = circles_px.iter().fold(0.0f64, |m, c| m.max(c.abs()));
+    // Parts of a pixel along a side.
+    const PARTS: i64 = 4;
+    let mean = |i: usize| {
+        let radius = 0.5 * if rgba[i][3] > 0.0 { circles_px[i].abs() } else { widest };
+        let (x, y) = ((i % width) as i64, (i / width) as i64);
+        let reach = radius.ceil() as i64 + 1;
+        let (mut sum, mut area) = ([0.0; 4], 0.0);
+        for v in y - reach..=y + reach {
+            for u in x - reach..=x + reach {
+                let inside = (0..PARTS * PARTS)
+                    .filter(|k| {
+                        let part = |k: i64| (k as f64 + 0.5) / PARTS as f64 - 0.5;
+                        ((u - x) as f64 + part(k % PARTS)).hypot((v - y) as f64 + part(k / PARTS)) <= radius
+                    })
+                    .count() as f64;
+                area += inside;
+                if u >= 0 && v >= 0 && u < width as i64 && v < height as i64 {
+                    let q = rgba[v as usize * width + u as usize];
+                    (0..4).for_each(|c| sum[c] += inside * q[c]);
+                }
+            }
+        }
+        if area > 0.0 { sum.map(|c| c / area) } else { rgba[i] }
+    };
+    (0..rgba.len()).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_apart_and_spread_as_the_disc() {
+        for count in [8, SECOND, 48, MOST_POINTS] {
+            let points = poisson_disc(count);
+            assert_eq!(points.len(), count);
+            let mut nearest = f64::INFINITY;
+            for (i, p) in points.iter().enumerate() {
+                assert!(p[0].hypot(p[1]) < 1.3, "{count}: {p:?}");
+                for q in &points[..i] {
+                    nearest = nearest.min((p[0] - q[0]).hypot(p[1] - q[1]));
+                }
+            }
+            // The densest packing's distance.
+            let hexagonal = (2.0 * std::f64::consts::PI / (3f64.sqrt() * count as f64)).sqrt();
+            assert!(nearest > 0.6 * hexagonal, "{count}: {nearest} of {hexagonal}");
+            let mean = |f: &dyn Fn(&[f64; 2]) -> f64| points.iter().map(f).sum::<f64>() / count as f64;
+            assert!(mean(&|p| p[0]).abs() < 1e-12 && mean(&|p| p[1]).abs() < 1e-12);
+            assert!((mean(&|p| p[0] * p[0] + p[1] * p[1]) - 0.5).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn both_discs_have_the_circles_variance() {
+        let [first, second] = radii(48);
+        assert!((first * first + second * second - 1.0).abs() < 1e-6);
+    }
+}
