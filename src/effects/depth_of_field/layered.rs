@@ -41,6 +41,34 @@ pub struct Passes {
     full: [FullscreenPass; 6],
     passing: FullscreenPass,
     between: wgpu::Sampler,
+    /// The last that was looked through; it seldom changes.
+    shape: Option<Shape>,
+}
+
+/// What hangs on the opening's blades alone, and not on its size or focus.
+#[derive(Debug)]
+struct Shape {
+    blades: u32,
+    rotation_rad: f64,
+    variance: f32,
+    /// `ApertureUniform`.
+    points: wgpu::Buffer,
+}
+
+impl Shape {
+    fn new(gpu: &Gpu, opening: &Opening) -> Self {
+        let aperture = Aperture::of(opening);
+        Self {
+            blades: opening.blades,
+            rotation_rad: opening.rotation_rad,
+            variance: aperture.variance() as f32,
+            points: constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture))),
+        }
+    }
+
+    fn is_of(&self, opening: &Opening) -> bool {
+        (self.blades, self.rotation_rad) == (opening.blades, opening.rotation_rad)
+    }
 }
 
 /// `Lens` of shaders/shared/lens.wgsl.
@@ -144,10 +172,17 @@ impl Passes {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
+            shape: None,
         }
     }
 
-    pub fn run(&self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, opening: &Opening, layer: Layer) -> Layer {
+    pub fn run(
+        &mut self,
+        run: &mut LayerRun<'_>,
+        context: &FrameContext<'_>,
+        opening: &Opening,
+        layer: Layer,
+    ) -> Layer {
         let gpu = run.gpu;
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
@@ -164,19 +199,19 @@ impl Passes {
             .map(|purpose| run.pool.pyramid(gpu, purpose, layer.size, COLOR, DRAWN as u32));
         let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
 
-        let aperture = Aperture::of(opening);
+        let shape = self.shape.take().filter(|shape| shape.is_of(opening));
+        let shape = &*self.shape.insert(shape.unwrap_or_else(|| Shape::new(gpu, opening)));
         let lens = LensUniform {
             size: [width as i32, height as i32, side as i32, tiles.0 as i32],
             circle: [
                 (context.geometry.intrinsics.fx_px * opening.diameter_m) as f32,
                 (1.0 / opening.focus_distance_m) as f32,
-                aperture.variance() as f32,
+                shape.variance,
                 2.0 * largest,
             ],
             texture: [1.0 / layer.color.width as f32, 1.0 / layer.color.height as f32, 0.0, 0.0],
         };
         let lens = constants(gpu, "lens", bytemuck::bytes_of(&lens));
-        let points = constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture)));
 
         for level in 0..LEVELS as usize {
             let size = (width.div_ceil(2 << level), height.div_ceil(2 << level));
@@ -198,7 +233,7 @@ impl Passes {
         // What is drawn into cannot be read: other textures stand for the lower resolutions first.
         let mut slots = [
             Slot::Buffer(&lens),
-            Slot::Buffer(&points),
+            Slot::Buffer(&shape.points),
             Slot::Texture(&needed.view),
             Slot::Texture(&own.view),
             Slot::Texture(&layer.color.view),
