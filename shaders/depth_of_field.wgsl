@@ -210,7 +210,8 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
 
 struct Layers { front: vec4<f32>, back: vec4<f32> }
 
-// Of sums and of the weights that went into them. What shines through the nearer one is known to be empty. Where nothing of the farther one is seen, the nearer one is whole.
+// Of sums and of the weights that went into them. What shows through the nearer one is known to be empty. Where nothing
+// is known of the farther one, the nearer one is whole.
 fn layers(near: vec4<f32>, near_weight: f32, far: vec4<f32>, far_weight: f32) -> Layers {
     let front = near / max(near_weight, 1e-6);
     let back = select(front / max(front.a, 1e-6), far / max(far_weight, 1e-6), far_weight > 0.0);

@@ -53,12 +53,10 @@ struct PointLight {
 }
 
 struct Light {
-    environment: vec4<f32>, // x: levels of the picture
+    environment: vec4<f32>, // where there is no picture, its colour; w: levels of the picture
     sun_towards: array<vec4<f32>, MAX_SUNS>,
     sun_color: array<vec4<f32>, MAX_SUNS>,
     points: array<PointLight, MAX_POINTS>,
-    // Irradiance over π as second-order spherical harmonics, world axes.
-    irradiance: array<vec4<f32>, 9>,
     // Rows of the rotation from the world to the environment's axes.
     map_row0: vec4<f32>,
     map_row1: vec4<f32>,
@@ -80,6 +78,7 @@ struct Material {
 @group(0) @binding(3) var environment_sampler: sampler;
 @group(0) @binding(4) var real_depth: texture_2d<f32>;
 @group(0) @binding(5) var albedo_table: texture_2d<f32>;
+@group(0) @binding(6) var irradiance_table: texture_2d<f32>;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_color_texture: texture_2d<f32>;
@@ -282,25 +281,30 @@ fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     return color * reached * (s.matt + f * s.gain * specular_pi(s, n_l, h));
 }
 
-// Ramamoorthi and Hanrahan 2001 (13); the cosine's factors are in the coefficients.
+// Where a direction lies in the environment's picture, 0 to 1: y up, −z in the middle.
+fn on_map(direction: vec3<f32>) -> vec2<f32> {
+    let d = vec3<f32>(dot(light.map_row0.xyz, direction), dot(light.map_row1.xyz, direction), dot(light.map_row2.xyz, direction));
+    return vec2<f32>(atan2(d.x, -d.z) / (2.0 * PI) + 0.5, acos(clamp(d.y, -1.0, 1.0)) / PI);
+}
+
+// What a white matt surface that faces there looks like: render/irradiance.rs.
 fn irradiance_over_pi(n: vec3<f32>) -> vec3<f32> {
-    let l = &light.irradiance;
-    return max(vec3<f32>(0.0), (*l)[0].xyz
-        + (*l)[1].xyz * n.y + (*l)[2].xyz * n.z + (*l)[3].xyz * n.x
-        + (*l)[4].xyz * (n.x * n.y) + (*l)[5].xyz * (n.y * n.z) + (*l)[6].xyz * (3.0 * n.z * n.z - 1.0)
-        + (*l)[7].xyz * (n.x * n.z) + (*l)[8].xyz * (n.x * n.x - n.y * n.y));
+    if !has_map {
+        return light.environment.xyz;
+    }
+    // The first and the last row lie on the poles.
+    let rows = f32(textureDimensions(irradiance_table).y);
+    let at = on_map(n);
+    let between = vec2<f32>(at.x, (at.y * (rows - 1.0) + 0.5) / rows);
+    return textureSampleLevel(irradiance_table, environment_sampler, between, 0.0).rgb;
 }
 
 // Radiance of the environment blurred as a lobe of this roughness around the direction.
 fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     if !has_map {
-        return light.irradiance[0].xyz;
+        return light.environment.xyz;
     }
-    let d = vec3<f32>(dot(light.map_row0.xyz, direction), dot(light.map_row1.xyz, direction), dot(light.map_row2.xyz, direction));
-    // y up, −z in the middle.
-    let u = atan2(d.x, -d.z) / (2.0 * PI) + 0.5;
-    let v = acos(clamp(d.y, -1.0, 1.0)) / PI;
-    return textureSampleLevel(environment, environment_sampler, vec2<f32>(u, v), roughness * (light.environment.x - 1.0)).rgb;
+    return textureSampleLevel(environment, environment_sampler, on_map(direction), roughness * (light.environment.w - 1.0)).rgb;
 }
 
 // Scale and bias of F0 under uniform light, and the mean of their sum over all views: render/albedo.rs.

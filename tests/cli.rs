@@ -2,19 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "common/program.rs"]
+mod program;
+
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
-fn locard(arguments: &[&str]) -> Output {
-    // Without it Mesa's device selection complains where there is no XDG_RUNTIME_DIR.
-    Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).env("NODEVICE_SELECT", "1").output().unwrap()
-}
-
-fn said(arguments: &[&str]) -> String {
-    let output = locard(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
+use program::{locard, program, refused, said};
 
 #[test]
 fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
@@ -41,10 +35,8 @@ fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
     assert_eq!(report["frames"].as_array().unwrap().len(), 2);
 
     // Once more: what is there is kept, and that is all there is to say.
-    let again = locard(&arguments);
-    let text = String::from_utf8(again.stderr).unwrap();
-    assert_eq!((again.status.code(), text.lines().count()), (Some(2), 1), "{text}");
-    assert!(text.contains("exists already"), "{text}");
+    let text = refused(&arguments);
+    assert!(text.contains("exists already") && text.lines().count() == 1, "{text}");
 
     // The same frames as raw values: only they are on the standard output.
     let raw = locard(&[&["composite", "recordings/demo"], &scene[..], &["-o", "-"]].concat());
@@ -127,14 +119,6 @@ fn pictures_without_times_are_not_blurred_by_motion() {
     }
 }
 
-/// What the program refused with, and that it was one line.
-fn refused(arguments: &[&str]) -> String {
-    let output = locard(arguments);
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
-    text
-}
-
 /// Six of the demonstration's frames, the fourth cut off in the middle, in a folder of its own.
 fn with_a_truncated_frame(folder: &Path) {
     std::fs::create_dir(folder.join("rgb")).unwrap();
@@ -170,6 +154,17 @@ fn a_run_that_fails_leaves_no_video_and_loses_none() {
     assert!(text.contains("00003.jpg") && text.contains("truncated"), "{text}");
     let text = refused(&["calibrate", "noise", &path("nowhere"), "-o", &path("p.toml")]);
     assert!(text.contains("nowhere") && !Path::new(&path("p.toml")).exists(), "{text}");
+}
+
+#[test]
+fn inspect_names_the_pictures_that_end_too_early() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let text = said(&["inspect", temp.path().to_str().unwrap()]);
+    assert!(text.contains("files      6 pictures, 1 ends too early; pixels are not decoded\n"), "{text}");
+    assert!(text.contains("00003.jpg: the JPEG is truncated"), "{text}");
+    let text = said(&["inspect", "recordings/demo"]);
+    assert!(text.contains("files      144 pictures, none ends too early; pixels are not decoded\n"), "{text}");
 }
 
 #[test]
@@ -209,10 +204,9 @@ fn an_interrupted_run_leaves_nothing_unfinished() {
     // What a run that was killed left behind does not stand in the way.
     std::fs::write(&partial, "half of a video").unwrap();
     let left_behind = |file: std::fs::Metadata| file.len() == 15;
-    let mut running = Command::new(env!("CARGO_BIN_EXE_locard"))
+    let mut running = program()
         .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o"])
         .arg(&video)
-        .env("NODEVICE_SELECT", "1")
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
@@ -227,14 +221,38 @@ fn an_interrupted_run_leaves_nothing_unfinished() {
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
 }
 
+#[cfg(unix)]
+#[test]
+fn an_interrupted_simulation_leaves_nothing() {
+    let temp = tempfile::tempdir().unwrap();
+    for signal in ["-INT", "-TERM"] {
+        // A short lens makes a crude site, which is soon lit.
+        let sets = ["focal_px=20", "width_px=32", "height_px=24", "frames=10000"].map(|set| ["--set", set]);
+        let mut running = program()
+            .args(["simulate", "-o"])
+            .arg(temp.path().join("site"))
+            .args(sets.as_flattened())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let begun = || std::fs::read_dir(temp.path()).unwrap().count() > 0;
+        while !begun() && running.try_wait().unwrap().is_none() {
+            std::thread::yield_now();
+        }
+        assert!(begun());
+        Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
+        let output = running.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), text.lines().count()), (Some(130), 1), "{text}");
+        assert!(text.starts_with("locard: interrupted; nothing was written"), "{text}");
+        assert!(!begun());
+    }
+}
+
 /// Variables that leave out every adapter are blamed, and what they leave out is named.
 #[test]
 fn a_filter_that_leaves_nothing_is_told_from_a_missing_driver() {
-    let output = Command::new(env!("CARGO_BIN_EXE_locard"))
-        .arg("doctor")
-        .envs([("WGPU_ADAPTER_NAME", "no such card"), ("NODEVICE_SELECT", "1")])
-        .output()
-        .unwrap();
+    let output = program().arg("doctor").env("WGPU_ADAPTER_NAME", "no such card").output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(2), "{text}");
     assert!(text.contains("WGPU_ADAPTER_NAME=no such card leaves out every graphics adapter"), "{text}");

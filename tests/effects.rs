@@ -46,6 +46,23 @@ fn silhouettes_blur_over_the_analytic_length() {
     }
 }
 
+/// vSLRcam (12), H = ∫ E dt over the open shutter: a board of 0.8 whose side moves from 90 to 110 px lies before the middle
+/// of pixel 92, at 92.5 px, for an eighth of the time, and so on. What it sheds in all is 0.8 on 120 px: 96.
+#[test]
+fn exposure_is_the_sum_over_the_open_shutter() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for (method, within) in [("velocity", 0.03), ("copies", 0.02), ("reference", 0.02)] {
+        let layer = blurred(&geometry, [20.0, 0.0], method).layer.unwrap();
+        let row = &layer.rgba[120 * 320..121 * 320];
+        for (x, expected) in [(88, 0.0), (92, 0.1), (94, 0.18), (99, 0.38), (104, 0.58), (107, 0.7), (111, 0.8)] {
+            let found = f64::from(row[x][0]);
+            assert!((found - expected).abs() < within, "{method}, {x}: {found}, not {expected}");
+        }
+        let sum: f64 = row.iter().map(|p| f64::from(p[0])).sum();
+        assert!((sum - 96.0).abs() < 0.5, "{method}: {sum}");
+    }
+}
+
 #[test]
 fn accumulation_is_the_papers_finite_sum() {
     // 20 ms at 500 frames a second: n = 10, α = 0.676 (14); 20 px in ten steps of 2 px.

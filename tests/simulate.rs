@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use glam::{DVec2, DVec3};
@@ -249,8 +250,12 @@ fn a_recording_holds_what_was_simulated() {
     let out = folder.path().join("some/site");
     let options = Options { board: true, ..small() };
     let mut told = Vec::new();
-    run(&out, &options, false, &mut |done, of| told.push((done, of))).unwrap();
-    assert_eq!(told, [(1, 3), (2, 3), (3, 3)]);
+    let mut tell = |done, of| {
+        told.push((done, of));
+        ControlFlow::Continue(())
+    };
+    run(&out, &options, false, &mut tell).unwrap();
+    assert_eq!(told, [(0, 3), (1, 3), (2, 3), (3, 3)]);
     assert_eq!(fs::read_dir(out.parent().unwrap()).unwrap().count(), 1, "nothing else is left behind");
 
     let simulation = Simulation::new(&options).unwrap();
@@ -291,10 +296,21 @@ fn a_recording_holds_what_was_simulated() {
 }
 
 #[test]
+fn what_is_stopped_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("site");
+    for last in [0, 2] {
+        let mut stop = |done, _| if done < last { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        assert!(matches!(run(&out, &small(), false, &mut stop), Err(SimulateError::Stopped)));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "after {last}");
+    }
+}
+
+#[test]
 fn what_is_there_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("site");
-    let mut quiet = |_, _| ();
+    let mut quiet = |_, _| ControlFlow::Continue(());
     run(&out, &small(), false, &mut quiet).unwrap();
     assert!(matches!(run(&out, &small(), false, &mut quiet), Err(SimulateError::Exists(_))));
     run(&out, &Options { frames: 1, ..small() }, true, &mut quiet).unwrap();

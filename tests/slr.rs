@@ -3,29 +3,12 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod common;
-
-use std::process::{Command, Output};
+#[path = "common/program.rs"]
+mod program;
 
 use locard::camera::{Film, ThinLens};
 use locard::recording::{OpenOptions, Recording};
-
-fn locard(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).env("NODEVICE_SELECT", "1").output().unwrap()
-}
-
-fn said(arguments: &[&str]) -> String {
-    let output = locard(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// What it says when it refuses: one line, and exit 2.
-fn refused(arguments: &[&str]) -> String {
-    let output = locard(arguments);
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{text}");
-    text
-}
+use program::{refused, said};
 
 fn json(arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&said(&[arguments, &["--json"]].concat())).unwrap()

@@ -105,15 +105,12 @@ pub fn additive(display_value: f64, over_ev: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+    use crate::camera::tests::close;
     use proptest::prelude::*;
 
-    fn close(found: f64, expected: f64, within: f64) {
-        assert!((found - expected).abs() <= within, "{found} is not {expected}");
-    }
-
-    fn set(f_number: f64, time_s: f64, iso: f64) -> Settings {
+    pub fn set(f_number: f64, time_s: f64, iso: f64) -> Settings {
         Settings { f_number, time_s, iso }
     }
 

@@ -101,12 +101,9 @@ impl Lateral {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::tests::close;
     use crate::camera::{Distortion, Intrinsics};
     use proptest::prelude::*;
-
-    fn close(found: f64, expected: f64, within: f64) {
-        assert!((found - expected).abs() <= within, "{found} is not {expected}");
-    }
 
     #[test]
     fn cos4_worked_by_hand() {

@@ -189,16 +189,9 @@ pub fn iso_for(illuminance_lx: f64, set: Settings, compensation_ev: f64) -> Mete
 mod tests {
     use super::*;
     use crate::camera::Curve;
-    use crate::camera::exposure::illuminance_lx;
+    use crate::camera::exposure::{illuminance_lx, tests::set};
+    use crate::camera::tests::close;
     use proptest::prelude::*;
-
-    fn close(found: f64, expected: f64, within: f64) {
-        assert!((found - expected).abs() <= within, "{found} is not {expected}");
-    }
-
-    fn set(f_number: f64, time_s: f64, iso: f64) -> Settings {
-        Settings { f_number, time_s, iso }
-    }
 
     #[test]
     fn light_of_a_picture_worked_by_hand() {

@@ -38,3 +38,10 @@ pub struct Camera {
     pub response: Response,
     pub noise: Option<NoiseProfile>,
 }
+
+#[cfg(test)]
+mod tests {
+    pub fn close(found: f64, expected: f64, within: f64) {
+        assert!((found - expected).abs() <= within, "{found} is not {expected}");
+    }
+}

@@ -165,11 +165,8 @@ impl ThinLens {
 mod tests {
     use super::*;
     use crate::camera::Film;
+    use crate::camera::tests::close;
     use proptest::prelude::*;
-
-    fn close(found: f64, expected: f64, within: f64) {
-        assert!((found - expected).abs() <= within, "{found} is not {expected}");
-    }
 
     #[test]
     fn f_number_of_the_paper() {

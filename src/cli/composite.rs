@@ -16,6 +16,8 @@ use crate::recording::{OpenOptions, Recording};
 use crate::sink::{self, OutPath, SinkOptions};
 use crate::words::count;
 
+const INTERRUPTED: Interrupted = Interrupted("frames that were finished stay, a video does not");
+
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder or file of the recording
@@ -84,6 +86,11 @@ pub fn parse_range(text: &str) -> Result<(Option<usize>, Option<usize>), String>
 /// The frames asked for, checked against those there are.
 pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) -> Result<Range<usize>> {
     let (a, b) = asked.unwrap_or_default();
+    if let (Some(a), Some(b)) = (a, b)
+        && a >= b
+    {
+        bail!("--frames {a}..{b}: there is no frame in it; the end, which is not part of it, must be above the start");
+    }
     let range = a.unwrap_or(0)..b.unwrap_or(count);
     if range.start >= range.end || range.end > count {
         bail!("--frames {}..{}: the recording has the frames 0..{count}", range.start, range.end);
@@ -217,7 +224,7 @@ pub fn run(args: Args) -> Result<()> {
     bar.finish_and_clear();
     // Ctrl-C reaches our ffmpeg too: that it stopped is no news then.
     if streamed.is_err() && interrupted.load(Ordering::SeqCst) {
-        return Err(Interrupted.into());
+        return Err(INTERRUPTED.into());
     }
     streamed?;
 
@@ -340,7 +347,7 @@ fn stream(
     // Checked before: every frame has one or the other, or takes the first one's.
     let first = about(0).0.context("the recording has no camera")?;
     let frames = recording.frames(range)?.map(|frame| match interrupted.load(Ordering::SeqCst) {
-        true => Err(Interrupted.into()),
+        true => Err(INTERRUPTED.into()),
         false => frame.map_err(Stop::from),
     });
     let stream = Stream {
@@ -392,6 +399,11 @@ mod tests {
         assert!(parse_range("4-5").is_err() && parse_range("a..b").is_err());
         assert_eq!(frame_range(Some((Some(3), None)), 9).unwrap(), 3..9);
         assert!(frame_range(Some((Some(3), Some(10))), 9).unwrap_err().to_string().contains("0..9"));
-        assert!(frame_range(Some((Some(3), Some(3))), 9).is_err());
+        for empty in [(3, 3), (50, 40)] {
+            let text = frame_range(Some((Some(empty.0), Some(empty.1))), 9).unwrap_err().to_string();
+            assert!(text.contains("there is no frame in it"), "{text}");
+        }
+        let text = frame_range(Some((Some(9), None)), 9).unwrap_err().to_string();
+        assert!(text.contains("--frames 9..9: the recording has the frames 0..9"), "{text}");
     }
 }

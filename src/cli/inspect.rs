@@ -34,6 +34,9 @@ pub struct Args {
     metres_per_unit: f64,
 }
 
+/// More damaged pictures than these are counted only.
+const MOST_DAMAGED: usize = 10;
+
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parsed: Option<Vec<f64>> =
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
@@ -166,8 +169,20 @@ fn recording(args: &Args) -> Result<()> {
             None => writeln!(out, "camera     unknown: give a --profile")?,
         },
     }
+    let (files, damaged) = recording.check_ends();
+    if files > 0 {
+        let files = count(files, "picture");
+        match damaged.len() {
+            0 => writeln!(out, "files      {files}, none ends too early; pixels are not decoded")?,
+            1 => writeln!(out, "files      {files}, 1 ends too early; pixels are not decoded")?,
+            more => writeln!(out, "files      {files}, {more} end too early; pixels are not decoded")?,
+        }
+    }
     for text in &recording.warnings {
         writeln!(out, "odd        {text}")?;
+    }
+    for problem in damaged.iter().take(MOST_DAMAGED) {
+        writeln!(out, "odd        {problem}")?;
     }
     Ok(())
 }

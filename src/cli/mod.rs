@@ -91,10 +91,10 @@ pub fn main() -> ExitCode {
 /// What shells expect of a program that Ctrl-C ended.
 const INTERRUPTED: u8 = 130;
 
-/// A person stopped the program; what was unfinished is removed on the way out.
+/// A person stopped the program; what was unfinished is removed on the way out. Says what stays.
 #[derive(Debug, thiserror::Error)]
-#[error("interrupted; frames that were finished stay, a video does not")]
-struct Interrupted;
+#[error("interrupted; {0}")]
+struct Interrupted(&'static str);
 
 /// Becomes true when Ctrl-C is pressed or the program is asked to end; the second time it ends at once.
 fn interruption() -> anyhow::Result<Arc<AtomicBool>> {

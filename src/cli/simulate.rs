@@ -1,13 +1,15 @@
 //! `locard simulate`.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 use anyhow::{Result, bail};
 
-use super::{progress, tell};
+use super::{Interrupted, interruption, progress, tell};
 use crate::params::{Params, Value};
-use crate::simulate::{self, Options};
+use crate::simulate::{self, Options, SimulateError};
 use crate::words::{count, shown_unit};
 
 #[derive(clap::Args)]
@@ -45,8 +47,21 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let Some(output) = &args.output else { bail!("-o DIR is missing") };
     let bar = progress(args.quiet, options.frames as usize);
-    simulate::run(output, &options, args.force, &mut |done, _| bar.set_position(done as u64))?;
+    // Until something is written Ctrl-C may end the program at once.
+    let mut interrupted = None;
+    let done = simulate::run(output, &options, args.force, &mut |done, _| {
+        bar.set_position(done as u64);
+        match interrupted.get_or_insert_with(interruption) {
+            Ok(asked) if !asked.load(Ordering::SeqCst) => ControlFlow::Continue(()),
+            _ => ControlFlow::Break(()),
+        }
+    });
     bar.finish_and_clear();
+    interrupted.transpose()?;
+    match done {
+        Err(SimulateError::Stopped) => return Err(Interrupted("nothing was written").into()),
+        done => done?,
+    }
     tell(args.quiet, &format!("{}: {}", count(options.frames as usize, "frame"), output.display()));
     Ok(())
 }

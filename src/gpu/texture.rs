@@ -77,7 +77,7 @@ const STEP_PX: u32 = 48;
 
 /// Lends textures by purpose; one is made anew only when the size class changes.
 ///
-/// Sizes are rounded up to [`STEP_PX`], so that a moving object's rectangle does not make new
+/// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
 /// textures each frame; what lies beyond the asked size is never read.
 #[derive(Debug, Default)]
 pub struct TexturePool {

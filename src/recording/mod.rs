@@ -24,6 +24,7 @@ pub use frames::Frames;
 use crate::camera::Geometry;
 use crate::frame::FrameExposure;
 use crate::pose::Pose;
+use crate::source::{SourceError, still};
 use crate::tracking::{NoPose, PoseTrack};
 use parts::Pictures;
 
@@ -157,6 +158,21 @@ impl Recording {
             Pictures::Stills(files) => files,
             Pictures::Video(video) => std::slice::from_ref(&video.file),
         }
+    }
+
+    /// How many pictures there are, depth too, and what is wrong with those whose files end too early. Pixels are not
+    /// decoded; of a video nothing is looked at.
+    pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
+        let frames = match &*self.pictures {
+            Pictures::Stills(files) => files.as_slice(),
+            Pictures::Video(_) => &[],
+        };
+        let depth = self.depth.iter().flat_map(|depth| depth.iter().flatten());
+        let mut files: Vec<&Path> = frames.iter().chain(depth.map(|(_, file)| file)).map(PathBuf::as_path).collect();
+        // One depth picture may serve several frames.
+        files.sort_unstable();
+        files.dedup();
+        (files.len(), files.into_iter().filter_map(|file| still::check_end(file).err()).collect())
     }
 
     pub fn has_depth(&self) -> bool {

@@ -313,6 +313,10 @@ impl Renderer {
                     binding: 5,
                     resource: wgpu::BindingResource::TextureView(&self.environment.albedo),
                 },
+                wgpu::BindGroupEntry {
+                    binding: 6,
+                    resource: wgpu::BindingResource::TextureView(&self.environment.irradiance),
+                },
             ],
         });
         let color = run.pool.get(gpu, "samples colour", 0, size, COLOR, SAMPLES);

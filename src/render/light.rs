@@ -1,9 +1,10 @@
-//! Lights on the GPU: suns, points, and the environment as harmonics and blurred panoramas.
+//! Lights on the GPU: suns, points, and the environment as pictures of irradiance and blurred panoramas.
 
 use glam::{DVec3, Mat3, Vec3};
 
 use super::albedo;
-use super::panorama::{Level, blurred_levels, harmonics};
+use super::irradiance::irradiance_over_pi;
+use super::panorama::{Level, blurred_levels};
 use crate::gpu::{Gpu, half_texels};
 use crate::scene::{Environment, Lighting};
 use crate::words::count;
@@ -29,17 +30,20 @@ pub struct LightUniform {
     sun_towards: [[f32; 4]; MAX_SUNS],
     sun_color: [[f32; 4]; MAX_SUNS],
     points: [PointUniform; MAX_POINTS],
-    irradiance: [[f32; 4]; 9],
     map_rows: [[f32; 4]; 3],
 }
 
 /// The environment, made once a scene.
 #[derive(Debug)]
 pub struct EnvironmentLight {
+    /// Blurred for shine.
     pub view: wgpu::TextureView,
+    /// The table of render/irradiance.rs.
+    pub irradiance: wgpu::TextureView,
     pub sampler: wgpu::Sampler,
+    /// Where there is no panorama.
+    color: Vec3,
     levels: u32,
-    irradiance: [[f32; 4]; 9],
     map_from_world: Mat3,
     /// The table of render/albedo.rs.
     pub albedo: wgpu::TextureView,
@@ -54,11 +58,10 @@ impl LightUniform {
     /// are left out; [`unsupported`] says so.
     pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3) -> Self {
         let mut uniform = Self {
-            environment: [environment.levels as f32, 0.0, 0.0, 0.0],
+            environment: wide(environment.color, environment.levels as f32),
             sun_towards: Default::default(),
             sun_color: Default::default(),
             points: Default::default(),
-            irradiance: environment.irradiance,
             map_rows: [0, 1, 2].map(|i| wide(environment.map_from_world.row(i), 0.0)),
         };
         for (i, sun) in lighting.suns.iter().take(MAX_SUNS).enumerate() {
@@ -104,20 +107,25 @@ impl EnvironmentLight {
         let steps = albedo::STEPS as u32;
         let table = albedo::table().into_iter().map(|[x, y, z, _]| Vec3::new(x, y, z)).collect();
         let albedo = upload(gpu, "albedo", &[(steps, steps, table)]);
-        match environment {
+        let (color, levels, irradiance, map_from_world) = match environment {
             Environment::Uniform(color) => {
-                let mut irradiance = [[0.0; 4]; 9];
-                irradiance[0] = wide(*color, 0.0);
-                let view = upload(gpu, "environment", &[(1, 1, vec![*color])]);
-                Self { view, sampler, levels: 0, irradiance, map_from_world: Mat3::IDENTITY, albedo }
+                let all = (1, 1, vec![*color]);
+                (*color, vec![all.clone()], all, Mat3::IDENTITY)
             }
             Environment::Map(map) => {
-                let map_from_world = Mat3::from_quat(map.map_from_world);
                 let levels = blurred_levels(map);
-                let view = upload(gpu, "environment", &levels);
-                let irradiance = harmonics(map, map_from_world.transpose()).map(|c| wide(c, 0.0));
-                Self { view, sampler, levels: levels.len() as u32, irradiance, map_from_world, albedo }
+                let irradiance = irradiance_over_pi(&levels[0]);
+                (Vec3::ZERO, levels, irradiance, Mat3::from_quat(map.map_from_world))
             }
+        };
+        Self {
+            view: upload(gpu, "environment", &levels),
+            irradiance: upload(gpu, "irradiance", &[irradiance]),
+            sampler,
+            color,
+            levels: levels.len() as u32,
+            map_from_world,
+            albedo,
         }
     }
 }

@@ -5,6 +5,7 @@ mod albedo;
 mod bounds;
 mod dice;
 mod draw;
+mod irradiance;
 mod light;
 mod material;
 mod panorama;

@@ -223,6 +223,7 @@ fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
             entry(3, ShaderStages::FRAGMENT, sampler),
             entry(4, ShaderStages::FRAGMENT, texture(false)),
             entry(5, ShaderStages::FRAGMENT, texture(true)),
+            entry(6, ShaderStages::FRAGMENT, texture(true)),
         ],
     });
     let mut entries = vec![entry(0, ShaderStages::FRAGMENT, buffer)];

@@ -139,7 +139,7 @@ pub struct TextureUse {
     pub texture: usize,
     /// 0 or 1.
     pub uv_set: u32,
-    /// KHR_texture_transform as rows of a 2×3 matrix: u' = rows[0]·(u, v, 1).
+    /// KHR_texture_transform as rows of a 2×3 matrix: `u' = rows[0]·(u, v, 1)`.
     pub transform: [[f32; 3]; 2],
 }
 

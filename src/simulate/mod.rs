@@ -88,6 +88,8 @@ pub enum SimulateError {
     NotARecording(PathBuf),
     #[error("{path}: cannot be written: {source}; check that the disk has room and the folder is yours")]
     Write { path: PathBuf, source: std::io::Error },
+    #[error("stopped; nothing is left of it")]
+    Stopped,
     #[error("{what}: cannot be encoded: {source}")]
     Encode { what: String, source: image::ImageError },
     #[error(

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::io::Cursor;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use glam::DVec3;
@@ -27,15 +28,19 @@ const PANORAMA_AT_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
 
 /// Simulates a recording into the folder `out`, which appears when it is whole. A recording
 /// that exists is replaced where `force` is set; another folder never is, unless it is empty.
-/// `progress` is told (frames done, of).
+/// `progress` is told (frames done, of), first (0, of) before anything is written; where it says so, the work stops and
+/// nothing is left of it.
 pub fn run(
     out: &Path,
     options: &Options,
     force: bool,
-    progress: &mut dyn FnMut(usize, usize),
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     check_place(out, force)?;
     let simulation = Simulation::new(options)?;
+    if progress(0, options.frames as usize).is_break() {
+        return Err(SimulateError::Stopped);
+    }
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let name = out.file_name().map_or("recording".into(), |n| n.to_string_lossy().into_owned());
     let beside = |what: &str| parent.join(format!(".{name}.{what}-{}", std::process::id()));
@@ -87,7 +92,7 @@ fn fill(
     folder: &Path,
     name: &str,
     simulation: &Simulation,
-    progress: &mut dyn FnMut(usize, usize),
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     let options = simulation.options();
     let save = |path: &str, bytes: &[u8]| {
@@ -117,7 +122,9 @@ fn fill(
         if options.format == Format::Jpg && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
             surveyed.push((picture, clean));
         }
-        progress(frame + 1, frames);
+        if progress(frame + 1, frames).is_break() {
+            return Err(SimulateError::Stopped);
+        }
     }
     save("rgb.txt", rgb.as_bytes())?;
     save("depth.txt", depth.as_bytes())?;

@@ -53,6 +53,40 @@ pub fn read_depth(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result
     Ok(DepthMap { width, height, depth_m, timestamp_s })
 }
 
+/// That a picture's file does not end too early; what its pixels hold is not looked at.
+pub fn check_end(file: &Path) -> Result<(), SourceError> {
+    let bytes = read(file)?;
+    let end = match bytes {
+        _ if bytes.starts_with(PNG_SIGNATURE) => png_end(&bytes),
+        _ if bytes.starts_with(JPEG_SIGNATURE) => jpeg_end(&bytes),
+        _ => Err(NEITHER.to_owned()),
+    };
+    end.map_err(|problem| SourceError::content(file, problem))
+}
+
+/// From chunk to chunk, each its length, its name, so many bytes and a sum of four, to the last.
+fn png_end(bytes: &[u8]) -> Result<(), String> {
+    let mut rest = bytes.get(PNG_SIGNATURE.len()..);
+    while let Some((length, after)) = rest.and_then(<[u8]>::split_first_chunk) {
+        let last = after.starts_with(b"IEND");
+        rest = after.get(u32::from_be_bytes(*length) as usize + 8..);
+        if last && rest.is_some() {
+            return Ok(());
+        }
+    }
+    Err("the PNG is truncated: its last chunk is missing".to_owned())
+}
+
+/// The decoder fills what is missing with grey; an end marker after the first scan tells a whole file. Inside a scan FF
+/// is always followed by 00 or a restart marker.
+fn jpeg_end(bytes: &[u8]) -> Result<(), String> {
+    let mut reader = Cursor::new(bytes);
+    jpeg_header(&mut reader)?;
+    let scan = bytes.get(reader.position() as usize..).unwrap_or_default();
+    let ended = scan.windows(2).any(|pair| pair == b"\xff\xd9");
+    ended.then_some(()).ok_or_else(|| "the JPEG is truncated: its end marker is missing".to_owned())
+}
+
 fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
     std::fs::read(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })
 }
@@ -63,14 +97,7 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         return from_decoder(image::codecs::png::PngDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
     }
     if bytes.starts_with(JPEG_SIGNATURE) {
-        // The decoder fills what is missing with grey; an end marker after the first scan tells
-        // a whole file. Inside a scan FF is always followed by 00 or a restart marker.
-        let mut reader = Cursor::new(bytes);
-        jpeg_header(&mut reader)?;
-        let scan = bytes.get(reader.position() as usize..).unwrap_or_default();
-        if !scan.windows(2).any(|pair| pair == b"\xff\xd9") {
-            return Err("the JPEG is truncated: its end marker is missing".to_owned());
-        }
+        jpeg_end(bytes)?;
         return from_decoder(image::codecs::jpeg::JpegDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
     }
     Err(NEITHER.to_owned())
@@ -202,6 +229,12 @@ mod tests {
                 }
                 assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes pass", whole.len());
             }
+            let (_folder, file) = saved(&whole);
+            check_end(&file).unwrap();
+            for length in 0..whole.len() {
+                std::fs::write(&file, &whole[..length]).unwrap();
+                assert!(check_end(&file).is_err(), "the end of {length} of {} bytes passes", whole.len());
+            }
         }
         let (_folder, file) = saved(&jpeg()[..400]);
         let error = read_pixels(&file).unwrap_err().to_string();
@@ -225,6 +258,7 @@ mod tests {
             let bytes = [start, &bytes].concat();
             let _ = decode(&bytes);
             let _ = header(&mut Cursor::new(&bytes));
+            let _ = png_end(&bytes);
         }
 
         #[test]

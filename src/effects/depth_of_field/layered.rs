@@ -42,6 +42,32 @@ pub struct Passes {
     full: [FullscreenPass; 6],
     passing: FullscreenPass,
     between: wgpu::Sampler,
+    /// The last that was looked through; it seldom changes.
+    shape: Option<Shape>,
+}
+
+/// What hangs on the opening's blades alone, and not on its size or focus.
+#[derive(Debug)]
+struct Shape {
+    blades: u32,
+    rotation_rad: f64,
+    /// `ApertureUniform`.
+    points: wgpu::Buffer,
+}
+
+impl Shape {
+    fn new(gpu: &Gpu, opening: &Opening) -> Self {
+        let aperture = Aperture::of(opening);
+        Self {
+            blades: opening.blades,
+            rotation_rad: opening.rotation_rad,
+            points: constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture))),
+        }
+    }
+
+    fn is_of(&self, opening: &Opening) -> bool {
+        (self.blades, self.rotation_rad) == (opening.blades, opening.rotation_rad)
+    }
 }
 
 /// `Aperture` of shaders/depth_of_field.wgsl.
@@ -136,10 +162,17 @@ impl Passes {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
+            shape: None,
         }
     }
 
-    pub fn run(&self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, opening: &Opening, layer: Layer) -> Layer {
+    pub fn run(
+        &mut self,
+        run: &mut LayerRun<'_>,
+        context: &FrameContext<'_>,
+        opening: &Opening,
+        layer: Layer,
+    ) -> Layer {
         let gpu = run.gpu;
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
@@ -155,9 +188,9 @@ impl Passes {
             .map(|purpose| run.pool.pyramid(gpu, purpose, layer.size, COLOR, DRAWN as u32));
         let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
 
-        let aperture = Aperture::of(opening);
         let lens = lens(gpu, context, opening, &layer, tiling, largest, 0);
-        let points = constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture)));
+        let shape = self.shape.take().filter(|shape| shape.is_of(opening));
+        let shape = &*self.shape.insert(shape.unwrap_or_else(|| Shape::new(gpu, opening)));
 
         for level in 0..LEVELS as usize {
             let size = (width.div_ceil(2 << level), height.div_ceil(2 << level));
@@ -179,7 +212,7 @@ impl Passes {
         // What is drawn into cannot be read: other textures stand for the lower resolutions first.
         let mut slots = [
             Slot::Buffer(&lens),
-            Slot::Buffer(&points),
+            Slot::Buffer(&shape.points),
             Slot::Texture(&needed.view),
             Slot::Texture(&own.view),
             Slot::Texture(&layer.color.view),

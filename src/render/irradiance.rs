@@ -1,0 +1,170 @@
+//! What a panorama sheds on matt surfaces: a small picture of irradiance, by the surface's direction.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{Vec3, Vec3A};
+
+use super::panorama::{Level, direction, resampled};
+
+/// A lamp's light ends with a kink where a surface turns away from it: between texels that is off by up to a quarter of
+/// their distance, 1.2 % of what faces the lamp. Columns go round; the first and the last row lie on the poles, for what
+/// faces straight up is what there is most of.
+const WIDTH: u32 = 128;
+const HEIGHT: u32 = WIDTH / 2 + 1;
+/// The panorama is summed up in patches, each of so many texels either way.
+const PATCHES: u32 = 64;
+const PATCH: u32 = 4;
+
+/// A part of the panorama, as seen from the middle.
+#[derive(Clone, Copy, Default)]
+struct Patch {
+    /// Radiance times solid angle (sr).
+    light: Vec3,
+    /// The mean of its directions, weighted by solid angle. As long as that is; so is a surface that sees all of the
+    /// patch lit by n · middle without error.
+    middle: Vec3,
+    /// The same, weighted by the light too: a lamp is smaller than a patch.
+    middle_of_light: Vec3,
+    solid_sr: f32,
+}
+
+fn patches(panorama: &Level) -> Vec<Patch> {
+    let (width, height) = (PATCHES * PATCH, PATCHES / 2 * PATCH);
+    let (.., texels) = resampled((panorama.0, panorama.1, &panorama.2), width, height);
+    let mut patches = vec![Patch::default(); (PATCHES * PATCHES / 2) as usize];
+    let mut brightness = vec![0.0; patches.len()];
+    for (i, &texel) in (0..).zip(&texels) {
+        let (x, y) = (i % width, i / width);
+        let towards = direction(x, y, width, height);
+        // Between the texel's upper and lower edge.
+        let edge = |y: u32| (y as f32 / height as f32 * PI).cos();
+        let solid_sr = (edge(y) - edge(y + 1)) * TAU / width as f32;
+        let at = (y / PATCH * PATCHES + x / PATCH) as usize;
+        let patch = &mut patches[at];
+        patch.light += texel * solid_sr;
+        patch.middle += towards * solid_sr;
+        patch.middle_of_light += towards * (texel.element_sum() * solid_sr);
+        patch.solid_sr += solid_sr;
+        brightness[at] += texel.element_sum() * solid_sr;
+    }
+    for (patch, brightness) in patches.iter_mut().zip(brightness) {
+        patch.middle /= patch.solid_sr;
+        patch.middle_of_light = if brightness > 0.0 { patch.middle_of_light / brightness } else { patch.middle };
+    }
+    patches
+}
+
+/// Irradiance over π by the direction in which a surface faces, in the panorama's axes: what a white matt surface looks
+/// like there. The mean of all light weighted by the cosine, so that of an even panorama it is that panorama.
+pub fn irradiance_over_pi(panorama: &Level) -> Level {
+    let patches = patches(panorama);
+    let lights: Vec<_> = patches.iter().map(|p| (Vec3A::from(p.light), Vec3A::from(p.middle_of_light))).collect();
+    let mut texels = Vec::with_capacity((WIDTH * HEIGHT) as usize);
+    for y in 0..HEIGHT {
+        let (sin, cos) = (y as f32 / (HEIGHT - 1) as f32 * PI).sin_cos();
+        let facing = |x: u32| {
+            let (sin_phi, cos_phi) = (((x as f32 + 0.5) / WIDTH as f32 - 0.5) * TAU).sin_cos();
+            Vec3::new(sin * sin_phi, cos, -sin * cos_phi)
+        };
+        // π, but for the patches' size. All columns see the same patches, turned or mirrored.
+        let whole: f32 = patches.iter().map(|patch| patch.solid_sr * patch.middle.dot(facing(0)).max(0.0)).sum();
+        texels.extend((0..WIDTH).map(|x| {
+            let normal = Vec3A::from(facing(x));
+            let sum = |sum: Vec3A, &(light, middle): &(Vec3A, Vec3A)| sum + light * middle.dot(normal).max(0.0);
+            Vec3::from(lights.iter().fold(Vec3A::ZERO, sum)) / whole
+        }));
+    }
+    (WIDTH, HEIGHT, texels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the shader looks it up.
+    fn seen(level: &Level, n: Vec3) -> Vec3 {
+        let (width, height) = (level.0 as usize, level.1 as usize);
+        let x = (n.x.atan2(-n.z) / TAU + 0.5) * width as f32 - 0.5;
+        let y = n.y.clamp(-1.0, 1.0).acos() / PI * (height - 1) as f32;
+        let (left, top) = ((x.floor() as i64).rem_euclid(width as i64) as usize, (y as usize).min(height - 2));
+        let row = |y: usize| level.2[y * width + left].lerp(level.2[y * width + (left + 1) % width], x - x.floor());
+        row(top).lerp(row(top + 1), y - top as f32)
+    }
+
+    fn panorama(width: u32, height: u32, light: impl Fn(Vec3) -> Vec3) -> Level {
+        let texels = (0..width * height).map(|i| light(direction(i % width, i / width, width, height))).collect();
+        (width, height, texels)
+    }
+
+    /// The integral, texel by texel.
+    fn truth(panorama: &Level, n: Vec3) -> Vec3 {
+        let (width, height, texels) = panorama;
+        let (mut sum, mut whole) = (Vec3::ZERO, 0.0);
+        for (i, &texel) in (0..).zip(texels) {
+            let d = direction(i % width, i / width, *width, *height);
+            let weight = d.dot(n).max(0.0) * (1.0 - d.y * d.y).sqrt();
+            sum += texel * weight;
+            whole += weight;
+        }
+        sum / whole
+    }
+
+    /// Spread evenly, and along the axes.
+    fn normals() -> impl Iterator<Item = Vec3> {
+        let spiral = (0..300).map(|i| {
+            let y = 1.0 - (2.0 * i as f32 + 1.0) / 300.0;
+            let (s, c) = (i as f32 * 2.399_963_2).sin_cos();
+            Vec3::new((1.0 - y * y).sqrt() * c, y, (1.0 - y * y).sqrt() * s)
+        });
+        spiral.chain(Vec3::AXES.into_iter().flat_map(|a| [a, -a]))
+    }
+
+    /// The largest difference from the integral, as a share of what it says there, at least of `least`.
+    fn worst(panorama: &Level, least: f32) -> f32 {
+        let level = irradiance_over_pi(panorama);
+        let off = |n| {
+            let truth = truth(panorama, n);
+            ((seen(&level, n) - truth).abs() / truth.max(Vec3::splat(least))).max_element()
+        };
+        normals().map(off).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn an_even_panorama_lights_evenly() {
+        for (width, height) in [(1, 1), (2, 1), (100, 50), (256, 128)] {
+            let (.., texels) = irradiance_over_pi(&panorama(width, height, |_| Vec3::new(0.5, 1.0, 2.0)));
+            assert!(texels.iter().all(|t| (*t / Vec3::new(0.5, 1.0, 2.0) - 1.0).abs().max_element() < 1e-5));
+        }
+    }
+
+    #[test]
+    fn a_cosine_worked_out() {
+        // Radiance max(0, y). Facing up (1/π) ∫ cos² over the half sphere = 2/3; facing sideways half of it is seen,
+        // (1/π) ∫ y·x = 2/(3π); facing down nothing.
+        let level = irradiance_over_pi(&panorama(256, 128, |d| Vec3::splat(d.y.max(0.0))));
+        for (n, expected) in [(Vec3::Y, 2.0 / 3.0), (Vec3::X, 2.0 / (3.0 * PI)), (Vec3::NEG_Y, 0.0)] {
+            assert!((seen(&level, n).x - expected).abs() < 1e-3, "{n}: {} {expected}", seen(&level, n));
+        }
+    }
+
+    #[test]
+    fn a_small_bright_lamp_lights_as_the_integral_says() {
+        for towards in [Vec3::Y, Vec3::new(0.3, 0.9, 0.2), Vec3::new(0.7, -0.1, -0.6), Vec3::new(-0.02, 0.3, 1.0)] {
+            // 6° across. Nine tenths of what faces it is its light.
+            let shine = |d: Vec3| if d.angle_between(towards) < 3f32.to_radians() { 1300.0 } else { 0.1 };
+            let lit = panorama(256, 128, |d| shine(d) * Vec3::new(1.0, 0.8, 0.5));
+            let brightest = truth(&lit, towards.normalize());
+            let off = worst(&lit, brightest.min_element());
+            assert!(off < 0.02, "{towards}: {off} of the brightest, {brightest}");
+        }
+    }
+
+    #[test]
+    fn the_demonstrations_light_is_what_the_integral_says() {
+        let scene = crate::scene::load(std::path::Path::new("scenes/demo.toml"), None).unwrap();
+        let crate::scene::Environment::Map(map) = scene.lighting.environment else { panic!("a panorama") };
+        let panorama = super::super::panorama::sharp(&map);
+        let off = worst(&panorama, 0.0);
+        assert!(off < 0.02, "{off}");
+    }
+}
