@@ -6,8 +6,8 @@
 mod board;
 #[path = "common/gpu.rs"]
 mod gpu;
-
-use std::process::{Command, Output};
+#[path = "common/program.rs"]
+mod program;
 
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
@@ -161,7 +161,7 @@ fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
 fn parts_join_without_a_seam() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, Some(noise()));
-    let opening = Opening { diameter_m: 0.02, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
+    let opening = Opening { diameter_m: 0.03, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
     let track = sideways([200.0, 0.0]);
     let made = |regions: &[Rect]| {
         let gpu = gpu::gpu();
@@ -201,21 +201,16 @@ fn parts_join_without_a_seam() {
     let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
     let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
     // Points of the filter fall on other texels of the smaller pictures where a part begins elsewhere: a few codes.
-    if std::env::var_os("SEAM").is_some() { for y in (0..240).step_by(6) { let s: String = (0..320).step_by(3).map(|x| { let d=(0..3).map(|c| a[3*(y*320+x)+c].abs_diff(b[3*(y*320+x)+c])).max().unwrap(); if d>9 {'#'} else {char::from(b'0'+d)} }).collect(); println!("{s}"); } }
     let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(far < a.len() / 50 && worst <= 4, "{far} of {} differ by more than a code, the worst by {worst}", a.len());
 }
 
-fn locard(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).output().unwrap()
-}
-
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-fn shoot(arguments: &[&str]) -> Output {
+fn shoot(arguments: &[&str]) -> std::process::Output {
     let (recording, scene) = (format!("{ROOT}/recordings/demo"), format!("{ROOT}/scenes/demo.toml"));
     let _gpu = gpu::gpu();
-    locard(&[&["photo", &recording, "--scene", &scene][..], arguments].concat())
+    program::locard(&[&["photo", &recording, "--scene", &scene][..], arguments].concat())
 }
 
 #[test]
