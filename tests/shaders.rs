@@ -52,8 +52,8 @@ fn every_file_is_embedded() {
 fn the_composite_validates_with_every_combination_of_mixed_effects() {
     let effects = effects::all();
     for photograph in [false, true] {
-        let hook = |e: &Box<dyn effects::Effect>| Some((e.params().table(), e.mixed_wgsl(photograph)?));
-        let hooks: Vec<_> = effects.iter().filter_map(hook).collect();
+        let hook = |e: &dyn effects::Effect| Some((e.params().table(), e.mixed_wgsl(photograph)?));
+        let hooks: Vec<_> = effects.iter().filter_map(|e| hook(e.as_ref())).collect();
         assert!(hooks.len() >= 2);
         for bits in 0..1usize << hooks.len() {
             let some: Vec<_> = hooks.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, h)| *h).collect();

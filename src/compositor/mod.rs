@@ -222,8 +222,8 @@ impl Compositor {
         let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
         let reach = region.grown(total(|e, c| e.reach_px(c)));
         let drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
-        // Lower resolutions have pixels of their own: the same ones in every part of a photograph, and in every frame.
-        let on_grid = |edge: i32| if opening.is_some() { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
+        // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
+        let on_grid = |edge: i32| if job.photograph.is_some() { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
         let mut shown = drawn.intersection(&region);
         let mut drawn = drawn;
