@@ -222,6 +222,8 @@ fn a_bracket_is_a_series_with_a_sheet_and_exif() {
     let done = shoot(&series);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert!(done.stdout.is_empty());
+    let text = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert_eq!(text.matches("the real part stays as sharp").count(), 1, "{text}");
     let settings =
         |n: usize| locard::source::exif::read_settings(&folder.path().join(format!("door-{n}.jpg"))).unwrap();
     for (n, iso) in [100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0, 25600.0].into_iter().enumerate() {

@@ -10,7 +10,7 @@ use super::{tell, warn};
 use crate::camera::exposure::{INDOORS_LX, Settings};
 use crate::camera::metering::{Limits, Mode, PictureLight, meter};
 use crate::camera::stops::{self, Step};
-use crate::camera::{Film, Geometry, Lens};
+use crate::camera::{Film, Geometry, Lens, Opening};
 use crate::compositor::{Compositor, Job, Settings as Effects};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
@@ -293,9 +293,15 @@ pub fn run(args: &Args) -> Result<()> {
     let mut site = Scene { args, recording, rig, whole, frame, compositor };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     let mut sheet = Vec::new();
+    let mut told = false;
     for (n, asked) in dials.series(args.bracket).iter().enumerate() {
         let framing = Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width)?;
-        let pixels = site.take(&dials, asked, &framing, taken)?;
+        let opening = site.lens(asked).opening(&framing.geometry)?;
+        if !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
+            warn(args.quiet, "virtual things alone are out of focus: the real part stays as sharp as it was recorded");
+            told = true;
+        }
+        let pixels = site.take(&dials, asked, &framing, opening, taken)?;
         let path = path_of(args, &(n + 1).to_string());
         photograph::write(&path, &pixels, Some(&site.notes(&dials, asked, &framing)), args.force)?;
         tell(args.quiet, &format!("{}: {}", path.display(), label(asked, &framing).replace('\n', ", ")));
@@ -332,6 +338,13 @@ fn label(asked: &Asked, framing: &Framing) -> String {
     format!("{}\n{lens} at {focus}{off}", asked.settings)
 }
 
+/// Whether things at half the distance that is sharp, or behind it at infinity, would show that they are not.
+fn blurs(opening: &Opening, framing: &Framing) -> bool {
+    let fx_px = framing.geometry.intrinsics.fx_px;
+    let nearer = if framing.focus_distance_m.is_finite() { 0.5 * framing.focus_distance_m } else { 1.0 };
+    [nearer, f64::INFINITY].into_iter().any(|distance_m| opening.circle_px(fx_px, distance_m).abs() > 1.5)
+}
+
 impl Scene<'_> {
     fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<f64> {
         if let Focus::Metres(distance_m) = self.args.focus {
@@ -363,7 +376,23 @@ impl Scene<'_> {
         Ok(found.unwrap_or(f64::INFINITY))
     }
 
-    fn take(&mut self, dials: &Dials, asked: &Asked, framing: &Framing, taken: Known) -> Result<Pixels> {
+    fn lens(&self, asked: &Asked) -> Lens {
+        Lens {
+            f_number: Some(asked.settings.f_number),
+            aperture_diameter_mm: None,
+            focus_distance_m: Some(asked.focus_distance_m).filter(|d| d.is_finite()),
+            ..self.rig.lens.clone()
+        }
+    }
+
+    fn take(
+        &mut self,
+        dials: &Dials,
+        asked: &Asked,
+        framing: &Framing,
+        opening: Option<Opening>,
+        taken: Known,
+    ) -> Result<Pixels> {
         let (args, recording) = (self.args, &self.recording);
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times {
@@ -384,15 +413,9 @@ impl Scene<'_> {
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
         let real = Real::new(&frames, response, &framing.framed, framing.size(), gain);
         drop(frames);
-        let lens = Lens {
-            f_number: Some(asked.settings.f_number),
-            aperture_diameter_mm: None,
-            focus_distance_m: Some(asked.focus_distance_m).filter(|d| d.is_finite()),
-            ..self.rig.lens.clone()
-        };
         let measured_at = self.rig.exposure.iso.or(taken.iso);
         let exposed = Exposed {
-            opening: lens.opening(&framing.geometry)?,
+            opening,
             time_s: if has_times { asked.settings.time_s } else { 0.0 },
             over_ev: gain.log2(),
             iso_ratio: measured_at.map_or(1.0, |iso| asked.settings.iso / iso),
