@@ -15,6 +15,7 @@ use locard::camera::{Camera, Framed, Geometry, NoiseBin, NoiseProfile, Opening, 
 use locard::compositor::{Compositor, Job, Part, Settings};
 use locard::effects::Photograph;
 use locard::image::{Codes, Pixels, Rect};
+use locard::params::Value;
 use locard::photo::{Exposed, Framing, Real, Site, take};
 use locard::scene::Scene;
 
@@ -37,10 +38,21 @@ fn camera(geometry: &Geometry, noise: Option<NoiseProfile>) -> Camera {
 
 /// A photograph of a picture with a scene in it.
 fn photo(camera: &Camera, scene: Scene, pixels: Pixels, framing: &Framing, exposed: Exposed) -> Pixels {
+    photo_with(Settings::default(), camera, scene, pixels, framing, exposed)
+}
+
+fn photo_with(
+    settings: Settings,
+    camera: &Camera,
+    scene: Scene,
+    pixels: Pixels,
+    framing: &Framing,
+    exposed: Exposed,
+) -> Pixels {
     let gpu = gpu::gpu();
     let recorded = camera.geometry.clone().unwrap();
     let track = sideways([200.0, 0.0]);
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), Settings::default(), scene);
+    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
     let gain = exposed.over_ev.exp2();
     let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), gain);
     let site = Site {
@@ -155,6 +167,24 @@ fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
     let row: Vec<u32> = (0..1280).map(|x| done.at(x, 480)[1]).collect();
     assert!(row[..319].iter().chain(&row[961..]).all(|&c| c == real), "{real}: {:?}", &row[310..330]);
     assert!(row[321..959].iter().all(|&c| c == 255));
+}
+
+#[test]
+fn parted_colours_leave_the_real_part_alone() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, None);
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let settings = gpu::settings(&[("chromatic_aberration", "red", Value::Number(0.01))]);
+    let pixels = gpu::grey(320, 240, 60);
+    // In the upper left corner: most of the picture lies beside the layer.
+    let board = board::panel([-150.0, -110.0], [-90.0, -70.0], 0.8);
+    let done = photo_with(settings, &camera, board, pixels, &framing, AS_RECORDED);
+    for (x, y) in (60..240).flat_map(|y| (0..320).map(move |x| (x, y))).chain((0..320).map(|x| (x, 4))) {
+        assert_eq!(done.at(x, y), [60; 3], "{x} {y}");
+    }
+    // Red lies farther out: at the upper left it is seen beside white, at the lower right it is missing.
+    let columns = |channel: usize| (0..320).filter(|&x| done.at(x, 30)[channel] > 150).collect::<Vec<u32>>();
+    assert!(columns(0).first() < columns(1).first() && columns(0).last() < columns(1).last());
 }
 
 #[test]

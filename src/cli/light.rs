@@ -1,23 +1,94 @@
 //! How bright a recording's scene is, and with which settings its frames were taken: for the meter and for photographs.
 
+use std::path::PathBuf;
+
 use anyhow::{Context, Result, bail};
 
-use crate::camera::Lens;
 use crate::camera::exposure::{Exposure, Settings};
 use crate::camera::metering::{Limits, PictureLight};
+use crate::camera::{Lens, stops};
 use crate::compositor::Settings as Effects;
 use crate::profile::Rig;
-use crate::recording::Recording;
+use crate::recording::{OpenOptions, Recording};
+
+/// The film speed that is taken where nobody says: EVs are usually told for it.
+pub const USUAL_ISO: f64 = 100.0;
+
+/// What the meter and the photograph ask alike.
+#[derive(clap::Args)]
+pub struct Site {
+    /// The recording
+    pub recording: PathBuf,
+    /// Which of its frames
+    #[arg(long, value_name = "N")]
+    pub frame: usize,
+    /// The f-number, as in 2.8
+    #[arg(long, value_name = "F", allow_hyphen_values = true, value_parser = stops::parse_f_number)]
+    pub aperture: Option<f64>,
+    /// The shutter time, as in 1/60
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = stops::parse_shutter_s)]
+    pub shutter: Option<f64>,
+    /// The film speed, 100 to 25600; else the recording's
+    #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
+    pub iso: Option<f64>,
+    /// Stops brighter than correct that are wanted, -5 to 5
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = compensation)]
+    pub compensation: f64,
+    /// The light on the scene, in lux; else it is estimated from the picture and its settings
+    #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = lux)]
+    pub lux: Option<f64>,
+    /// The camera and the effects' parameters, above the recording's own
+    #[arg(long)]
+    pub profile: Option<PathBuf>,
+    /// Set a parameter, as in --set camera.lens.blades=5; of camera.exposure and camera.lens.f_number, what the recording
+    /// was taken with
+    #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
+    pub sets: Vec<String>,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, default_value_t = 1.0, value_name = "M")]
+    pub metres_per_unit: f64,
+}
+
+/// A recording with its camera.
+pub struct Opened {
+    pub recording: Recording,
+    pub rig: Rig,
+    pub effects: Effects,
+    /// With what the frame was taken.
+    pub taken: Known,
+}
+
+impl Site {
+    pub fn open(&self) -> Result<Opened> {
+        let options = OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() };
+        let recording = Recording::open(&self.recording, &options)?;
+        if self.frame >= recording.frame_count() {
+            bail!("--frame {}: the recording has the frames 0..{}", self.frame, recording.frame_count());
+        }
+        let (mut rig, mut effects) = (Rig::default(), Effects::default());
+        for profile in recording.camera_profile.iter().chain(&self.profile) {
+            rig.read(profile, &mut effects)?;
+        }
+        if let Some(geometry) = recording.geometry_at_frame(self.frame) {
+            rig.default_geometry(geometry);
+        }
+        let taken = Known::taken(&rig, &self.sets, &recording, self.frame)?;
+        for text in &self.sets {
+            rig.set_text(text, &mut effects)?;
+        }
+        Ok(Opened { recording, rig, effects, taken })
+    }
+}
 
 fn number_in(text: &str, accepts: impl Fn(f64) -> bool, accepted: &str) -> Result<f64, String> {
     text.trim().parse().ok().filter(|v| accepts(*v)).ok_or_else(|| format!("{text} is refused: accepted is {accepted}"))
 }
 
-pub fn lux(text: &str) -> Result<f64, String> {
+fn lux(text: &str) -> Result<f64, String> {
     number_in(text, |v| v > 0.0 && v <= 1e7, "more than 0 and up to 10000000 lux (500 in a room, 100000 in the sun)")
 }
 
-pub fn compensation(text: &str) -> Result<f64, String> {
+fn compensation(text: &str) -> Result<f64, String> {
     number_in(text, |v| v.abs() <= 5.0, "-5 to 5")
 }
 
@@ -39,7 +110,7 @@ impl Known {
     }
 
     /// What a profile or `--set` says; an instant or a pinhole is no exposure.
-    pub fn of(rig: &Rig) -> Self {
+    fn of(rig: &Rig) -> Self {
         let time_s = rig.exposure.time_s.filter(|t| *t > 0.0);
         // Where a diameter stands instead, the lens knows what that makes.
         let lens = rig.camera().geometry.and_then(|geometry| rig.lens.thin_lens(&geometry).ok().flatten());
@@ -49,7 +120,7 @@ impl Known {
 
     /// The settings that a frame was taken with. What is typed stands above what the picture says, that above the profile
     /// (`rig`, before anything typed).
-    pub fn taken(rig: &Rig, sets: &[String], recording: &Recording, frame: usize) -> Result<Self> {
+    fn taken(rig: &Rig, sets: &[String], recording: &Recording, frame: usize) -> Result<Self> {
         let mut typed = Rig { lens: Lens::default(), exposure: Exposure::default(), ..rig.clone() };
         for text in sets {
             typed.set_text(text, &mut Effects::default())?;

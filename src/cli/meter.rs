@@ -1,85 +1,38 @@
 //! `locard meter`.
 
 use std::io::Write;
-use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::light::{self, Known, SceneLight, limits, scene_light};
+use super::light::{Known, Opened, SceneLight, Site, USUAL_ISO, limits, scene_light};
 use crate::camera::exposure::{Settings, scene_ev};
 use crate::camera::metering::{Limits, Metered, Mode, iso_for, meter};
 use crate::camera::stops;
-use crate::compositor::Settings as Effects;
-use crate::profile::Rig;
-use crate::recording::{OpenOptions, Recording};
 use crate::words::short;
 
-/// What is taken where nobody says: EVs are usually told for it.
-const USUAL_ISO: f64 = 100.0;
 /// From this part of clipped pixels on, the picture's mean says too little.
 const CLIPPED: f64 = 0.01;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The recording
-    recording: PathBuf,
-    /// Which of its frames
-    #[arg(long, value_name = "N")]
-    frame: usize,
-    /// The light on the scene, in lux; else it is estimated from the picture and its settings
-    #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = light::lux)]
-    lux: Option<f64>,
-    /// The f-number to meter for, as in 2.8; else the recording's
-    #[arg(long, value_name = "F", allow_hyphen_values = true, value_parser = stops::parse_f_number)]
-    aperture: Option<f64>,
-    /// The shutter time to meter for, as in 1/60; else the recording's
-    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = stops::parse_shutter_s)]
-    shutter: Option<f64>,
-    /// The film speed to meter for, 100 to 25600; else the recording's
-    #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
-    iso: Option<f64>,
-    /// Stops brighter than correct that are wanted, -5 to 5
-    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = light::compensation)]
-    compensation: f64,
-    /// The camera, where the recording does not know it
-    #[arg(long)]
-    profile: Option<PathBuf>,
-    /// What the recording was taken with, as in camera.lens.f_number=4
-    #[arg(long, value_name = "TABLE.NAME=VALUE")]
-    set: Vec<String>,
-    /// Length of a nerfstudio or COLMAP unit
-    #[arg(long, default_value_t = 1.0, value_name = "M")]
-    metres_per_unit: f64,
+    #[command(flatten)]
+    site: Site,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
-    let recording = Recording::open(&args.recording, &options)?;
+    let (json, args) = (args.json, &args.site);
+    let Opened { recording, rig, taken, .. } = args.open()?;
     let frame = args.frame;
-    if frame >= recording.frame_count() {
-        bail!("--frame {frame}: the recording has the frames 0..{}", recording.frame_count());
-    }
-    let (mut rig, mut effects) = (Rig::default(), Effects::default());
-    if let Some(path) = args.profile.as_ref().or(recording.camera_profile.as_ref()) {
-        rig.read(path, &mut effects)?;
-    }
-    if let Some(geometry) = recording.geometry_at_frame(frame) {
-        rig.default_geometry(geometry);
-    }
-    let taken = Known::taken(&rig, &args.set, &recording, frame)?;
-    for text in &args.set {
-        rig.set_text(text, &mut effects)?;
-    }
     let asked = Known { f_number: args.aperture, time_s: args.shutter, iso: args.iso }.or(taken);
 
     let scene = scene_light(args.lux, &recording, frame, &rig, taken)?;
     let report = Report { args, asked, scene, limits: limits(&rig, asked) };
     let mut out = std::io::stdout().lock();
-    if args.json {
+    if json {
         let json = report.json(recording.timestamps_s.get(frame).copied().unwrap_or_default());
         writeln!(out, "{}", serde_json::to_string_pretty(&json)?)?;
         return Ok(());
@@ -88,7 +41,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 struct Report<'a> {
-    args: &'a Args,
+    args: &'a Site,
     /// The settings to meter for.
     asked: Known,
     scene: SceneLight,

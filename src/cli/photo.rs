@@ -5,49 +5,35 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
 
-use super::light::{self, Known};
+use super::light::{self, Known, Opened, USUAL_ISO};
 use super::{tell, warn};
 use crate::camera::exposure::{INDOORS_LX, Settings};
 use crate::camera::metering::{Limits, Mode, PictureLight, meter};
 use crate::camera::stops::{self, Step};
 use crate::camera::{Film, Geometry, Lens, Opening};
-use crate::compositor::{Compositor, Job, Settings as Effects};
+use crate::compositor::{Compositor, Job};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::image::{Pixels, Rect};
 use crate::photo::{self, Exposed, Framing, Real, Site};
 use crate::profile::Rig;
-use crate::recording::{OpenOptions, Recording};
+use crate::recording::Recording;
 use crate::sink::photograph::{self, Notes};
 use crate::words::short;
 
-/// What is taken where nobody says.
-const USUAL_ISO: f64 = 100.0;
 /// Timestamps from here on (2001-09-09) are seconds since 1970.
 const EPOCH_S: f64 = 1e9;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The recording
-    recording: PathBuf,
-    /// Which of its frames
-    #[arg(long, value_name = "N")]
-    frame: usize,
+    #[command(flatten)]
+    site: light::Site,
     /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
     #[arg(long)]
     scene: PathBuf,
     /// p (program), a (aperture priority), s (shutter priority), m (manual); else by what is set
     #[arg(long)]
     mode: Option<Mode>,
-    /// The f-number, as in 2.8
-    #[arg(long, value_name = "F", allow_hyphen_values = true, value_parser = stops::parse_f_number)]
-    aperture: Option<f64>,
-    /// The shutter time, as in 1/60
-    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = stops::parse_shutter_s)]
-    shutter: Option<f64>,
-    /// The film speed, 100 to 25600; else the recording's, or 100
-    #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
-    iso: Option<f64>,
     /// The focal length in mm; else one that sees all of the recorded picture that the film's shape allows
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
     focal: Option<f64>,
@@ -60,22 +46,9 @@ pub struct Args {
     /// Width of the photograph; else as many pixels as the recording has there
     #[arg(long, value_name = "PX")]
     width: Option<u32>,
-    /// Stops brighter than correct that are wanted, -5 to 5
-    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = light::compensation)]
-    compensation: f64,
-    /// The light on the scene, in lux; else it is estimated from the picture and its settings
-    #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = light::lux)]
-    lux: Option<f64>,
     /// A series in which one setting goes through its range, and a contact sheet
     #[arg(long, value_enum)]
     bracket: Option<Bracket>,
-    /// The camera, where the recording does not know it, and the effects' parameters
-    #[arg(long)]
-    profile: Option<PathBuf>,
-    /// Set a parameter, as in --set camera.lens.blades=5; of camera.exposure and camera.lens.f_number, what the recording
-    /// was taken with
-    #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
-    sets: Vec<String>,
     /// Seed of the grain
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -85,9 +58,6 @@ pub struct Args {
     /// Replace pictures that exist
     #[arg(long)]
     force: bool,
-    /// Length of a nerfstudio or COLMAP unit
-    #[arg(long, default_value_t = 1.0, value_name = "M")]
-    metres_per_unit: f64,
     /// No warnings
     #[arg(long, short)]
     quiet: bool,
@@ -145,7 +115,7 @@ struct Dials {
 
 impl Dials {
     fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
-        let by_settings = match (args.aperture, args.shutter) {
+        let by_settings = match (args.site.aperture, args.site.shutter) {
             (Some(_), Some(_)) => Mode::Manual,
             (Some(_), None) => Mode::AperturePriority,
             (None, Some(_)) => Mode::ShutterPriority,
@@ -163,18 +133,18 @@ impl Dials {
             Some(bracket) if bracket == what => given.or(Some(usual)),
             _ => given,
         };
-        let f_number = varied(Bracket::Aperture, args.aperture, 8f64.sqrt());
-        let time_s = varied(Bracket::Shutter, args.shutter, limits.hand_held_s);
+        let f_number = varied(Bracket::Aperture, args.site.aperture, 8f64.sqrt());
+        let time_s = varied(Bracket::Shutter, args.site.shutter, limits.hand_held_s);
         let set = Settings {
             f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
             time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
-            iso: args.iso.or(taken.iso).unwrap_or(USUAL_ISO),
+            iso: args.site.iso.or(taken.iso).unwrap_or(USUAL_ISO),
         };
         Ok(Self {
             mode,
             set: set.exact(),
             lux,
-            compensation_ev: args.compensation,
+            compensation_ev: args.site.compensation,
             limits,
             focus_distance_m: f64::INFINITY,
         })
@@ -227,28 +197,15 @@ struct Scene<'a> {
     rig: Rig,
     whole: Geometry,
     frame: Frame,
+    /// Of its linear light.
+    mean: f64,
     compositor: Compositor,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
-    let recording = Recording::open(&args.recording, &options)?;
-    let index = args.frame;
-    if index >= recording.frame_count() {
-        bail!("--frame {index}: the recording has the frames 0..{}", recording.frame_count());
-    }
+    let Opened { recording, rig, mut effects, taken } = args.site.open()?;
+    let index = args.site.frame;
     recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
-    let (mut rig, mut effects) = (Rig::default(), Effects::default());
-    for profile in recording.camera_profile.iter().chain(&args.profile) {
-        rig.read(profile, &mut effects)?;
-    }
-    if let Some(geometry) = recording.geometry_at_frame(index) {
-        rig.default_geometry(geometry);
-    }
-    let taken = Known::taken(&rig, &args.sets, &recording, index)?;
-    for text in &args.sets {
-        rig.set_text(text, &mut effects)?;
-    }
     effects.seed = args.seed;
     let whole = super::composite::camera_of(&recording, &rig, index)?;
 
@@ -263,16 +220,16 @@ pub fn run(args: &Args) -> Result<()> {
     for text in recording.warnings.iter().chain(&scene.warnings) {
         warn(args.quiet, text);
     }
-    let lux = match (args.lux, taken.settings()) {
+    let lux = match (args.site.lux, taken.settings()) {
         (None, None) => {
             let text =
                 format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken");
             warn(args.quiet, &text);
             INDOORS_LX
         }
-        _ => light::scene_light(args.lux, &recording, index, &rig, taken)?.lux,
+        _ => light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux,
     };
-    let asked = Known { f_number: args.aperture, ..Known::default() };
+    let asked = Known { f_number: args.site.aperture, ..Known::default() };
     let mut dials = Dials::new(args, taken, lux, light::limits(&rig, asked))?;
     let count = dials.series(args.bracket).len();
     for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
@@ -290,7 +247,8 @@ pub fn run(args: &Args) -> Result<()> {
     for text in compositor.warnings() {
         warn(args.quiet, &text);
     }
-    let mut site = Scene { args, recording, rig, whole, frame, compositor };
+    let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
+    let mut site = Scene { args, recording, rig, whole, frame, mean, compositor };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     let mut sheet = Vec::new();
     let mut told = false;
@@ -397,18 +355,21 @@ impl Scene<'_> {
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
-            photo::shutter_weights(times, interval_s, args.frame, asked.settings.time_s)
+            photo::shutter_weights(times, interval_s, args.site.frame, asked.settings.time_s)
         } else {
-            (args.frame..args.frame + 1, vec![1.0])
+            (args.site.frame..args.site.frame + 1, vec![1.0])
         };
         let mut frames = Vec::with_capacity(weights.len());
-        for (frame, weight) in recording.frames(range)?.zip(weights) {
-            frames.push((weight, frame?.pixels));
+        if range.len() == 1 {
+            frames.push((1.0, self.frame.pixels.clone()));
+        } else {
+            for (frame, weight) in recording.frames(range)?.zip(weights) {
+                frames.push((weight, frame?.pixels));
+            }
         }
         let response = &self.rig.response;
         // By the frame itself: what it shows is what was metered.
-        let mean = PictureLight::of(&self.frame.pixels, response).mean;
-        let gain = if mean > 0.0 { asked.settings.mean_light(dials.lux) / mean } else { 1.0 };
+        let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
         // The recording's own settings leave its light as it is, whatever roundings say.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
         let real = Real::new(&frames, response, &framing.framed, framing.size(), gain);
@@ -425,7 +386,7 @@ impl Scene<'_> {
             track: &recording.track,
             time_offset_s: recording.time_offset_s,
             interval_s: recording.frame_interval_s,
-            frame: args.frame,
+            frame: args.site.frame,
             timestamp_s: self.frame.timestamp_s,
             exposure: self.frame.exposure,
             depth: self.frame.depth.as_ref(),
@@ -457,7 +418,7 @@ impl Scene<'_> {
             taken_s: recorded_s.unwrap_or_else(now_s),
             description: format!(
                 "frame {} of {} at {} s",
-                self.args.frame,
+                self.args.site.frame,
                 name(&self.recording.path),
                 short(self.frame.timestamp_s)
             ),

@@ -225,15 +225,13 @@ impl Compositor {
         // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
         let on_grid = |edge: i32| if job.photograph.is_some() { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
-        let mut shown = drawn.intersection(&region);
-        let mut drawn = drawn;
-        if job.photograph.is_some() && !region.is_empty() {
-            // All of it is made, also where nothing virtual lies.
-            if footprint.rect.is_empty() || shown.is_empty() {
-                drawn = Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1);
-            }
-            shown = region;
-        } else if footprint.rect.is_empty() || shown.is_empty() {
+        let touched = drawn.intersection(&region);
+        let nothing = footprint.rect.is_empty() || touched.is_empty();
+        // All of a photograph is made, also where nothing virtual lies.
+        let whole = job.photograph.is_some() && !region.is_empty();
+        let shown = if whole { region } else { touched };
+        let drawn = if nothing { Rect::new(shown.x0, shown.y0, shown.x0 + 1, shown.y0 + 1) } else { drawn };
+        if nothing && !whole {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
         let context = FrameContext { drawn, ..context };

@@ -73,7 +73,7 @@ impl Real {
                 *out = light.map(|l| (65535.0 * response.encode(gain * f64::from(l))).round() as u16);
             }
         });
-        let codes = Codes::U16(bytemuck::cast_vec(codes.into_iter().flatten().collect::<Vec<u16>>()));
+        let codes = Codes::U16(codes.into_flattened());
         Self { pixels: Pixels { width, height, codes }, noise_left: summed * across.noise_left() * down.noise_left() }
     }
 }

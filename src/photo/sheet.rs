@@ -16,13 +16,11 @@ const INK: Rgb<u8> = Rgb([230, 230, 230]);
 
 type Picture = ImageBuffer<Rgb<u8>, Vec<u8>>;
 
-/// A photograph as small as on the sheet, so that the large ones need not be kept.
+/// A photograph as small as on the sheet, so that the large ones need not be kept. `None` for 16 bits, which no photograph
+/// has.
 pub fn small(pixels: &Pixels) -> Option<Picture> {
-    let codes = match &pixels.codes {
-        Codes::U8(codes) => codes.clone(),
-        Codes::U16(codes) => codes.iter().map(|code| (code >> 8) as u8).collect(),
-    };
-    let picture = Picture::from_raw(pixels.width, pixels.height, codes)?;
+    let Codes::U8(codes) = &pixels.codes else { return None };
+    let picture = Picture::from_raw(pixels.width, pixels.height, codes.clone())?;
     let height = (u64::from(PICTURE_PX) * u64::from(pixels.height) / u64::from(pixels.width.max(1))).max(1) as u32;
     if pixels.width > PICTURE_PX {
         return Some(imageops::thumbnail(&picture, PICTURE_PX, height));
