@@ -5,7 +5,7 @@
 
 // The resolution that is drawn: 0 the layer's, 1 half of it and so on.
 override level: i32 = 0;
-// How many points of the aperture are looked through: 4, 8, 16 or 64.
+// How many points of the aperture are looked through: 4, 8, 16, 32 or 64.
 override taps: i32 = 4;
 
 // Two points each, in radii.
@@ -13,13 +13,14 @@ struct Aperture {
     four: array<vec4<f32>, 2>,
     eight: array<vec4<f32>, 4>,
     sixteen: array<vec4<f32>, 8>,
+    thirty_two: array<vec4<f32>, 16>,
     sixty_four: array<vec4<f32>, 32>,
 }
 
 @group(0) @binding(0) var<uniform> lens: Lens;
 @group(0) @binding(1) var<uniform> aperture: Aperture;
 @group(0) @binding(2) var tiles: texture_2d<f32>;     // nearest and farthest circle, kind, levels
-@group(0) @binding(3) var middles: texture_2d<f32>;   // z: middle of a tile's circles, w: 1, or both 0
+@group(0) @binding(3) var corners: texture_2d<f32>;   // of tiles: the circle of the surface around
 @group(0) @binding(4) var color: texture_2d<f32>;
 @group(0) @binding(5) var geometry: texture_2d<u32>;
 @group(0) @binding(6) var colors: texture_2d<f32>;    // from half the resolution on
@@ -54,17 +55,10 @@ fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool
     let at = corner * f32(lens.size.z) / texel_px();
     let size = ceil(vec2<f32>(lens.size.xy) / texel_px());
     let device = min(at, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    // The mean of the tiles that meet here; beyond the picture nothing is loaded.
-    var around = vec2<f32>(0.0);
-    for (var i = 0; i < 4; i++) {
-        let p = vec2<i32>(corner) - vec2<i32>(i & 1, i >> 1);
-        let there = all(p >= vec2<i32>(0)) && all(vec2<f32>(p) * f32(lens.size.z) < vec2<f32>(lens.size.xy));
-        around += select(vec2<f32>(0.0), textureLoad(middles, p, 0).zw, there);
-    }
     var out: Corner;
     out.at = vec4<f32>(select(vec2<f32>(0.0), device, wanted && what.z >= first && what.z <= last), 0.0, 1.0);
     out.range = what.xy;
-    out.around = select(0.5 * (what.x + what.y), around.x / max(around.y, 1.0), around.y > 0.0);
+    out.around = textureLoad(corners, vec2<i32>(corner), 0).x;
     return out;
 }
 
@@ -90,19 +84,27 @@ fn any_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> 
 }
 @vertex
 fn two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
-    return tile_corner(v, i, 6.0, 6.0, false);
+    return tile_corner(v, i, 6.0, 8.0, false);
 }
 @vertex
 fn level_one_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 1.0, 5.0, true);
 }
 @vertex
-fn level_two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+fn level_two_deep_16_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 6.0, 6.0, true);
 }
 @vertex
+fn level_two_deep_32_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+    return tile_corner(v, i, 7.0, 7.0, true);
+}
+@vertex
+fn level_two_deep_64_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+    return tile_corner(v, i, 8.0, 8.0, true);
+}
+@vertex
 fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
-    return tile_corner(v, i, 1.0, 6.0, false);
+    return tile_corner(v, i, 1.0, 8.0, false);
 }
 
 // Nearest and farthest circle in a pixel of the layer.
@@ -149,7 +151,8 @@ fn side_of(circle: f32) -> f32 {
 }
 
 fn two_taps(i: i32) -> vec4<f32> {
-    if taps > 16 { return aperture.sixty_four[i]; }
+    if taps > 32 { return aperture.sixty_four[i]; }
+    if taps > 16 { return aperture.thirty_two[i]; }
     if taps > 8 { return aperture.sixteen[i]; }
     if taps > 4 { return aperture.eight[i]; }
     return aperture.four[i];

@@ -1,9 +1,11 @@
-// What there is to do in each tile: the range of circles that may reach into it, and from that its kind.
+// What there is to do in each tile: the range of circles that may reach into it, and from that its kind; and the circle
+// at each corner of tiles.
 // @import shared/fullscreen
 // @import shared/lens
 @group(0) @binding(0) var<uniform> lens: Lens;
 // Circles at a quarter; then what the step before made.
 @group(0) @binding(1) var before: texture_2d<f32>;
+@group(0) @binding(2) var touched: texture_2d<f32>;
 
 // Kinds, as shaders/depth_of_field.wgsl draws them.
 const SHARP: f32 = 1.0;
@@ -11,7 +13,11 @@ const FINE: f32 = 2.0;
 const WIDER: f32 = 3.0;
 const COARSE: f32 = 4.0;
 const ANY: f32 = 5.0;
-const TWO_DEEP: f32 = 6.0;
+// Two surfaces behind each other, by how many points their largest circle wants: as far apart as half the resolution's
+// texels, 2 px.
+const TWO_DEEP_16: f32 = 6.0;
+const TWO_DEEP_32: f32 = 7.0;
+const TWO_DEEP_64: f32 = 8.0;
 
 fn side() -> i32 { return lens.size.z; }
 
@@ -37,18 +43,54 @@ fn last_tile() -> vec2<i32> {
     return (lens.size.xy - 1) / side();
 }
 
-// Of a tile and those around it: nearest and farthest circle, the kind, and the levels of resolution that it needs
-// (first + 8 · last; 7 for none).
+// Tiles to each side from which light can come.
+fn reach_tiles() -> i32 { return i32(lens.texture.w); }
+
+// How far apart two tiles are at least, px.
+fn apart_px(tiles: vec2<i32>) -> f32 {
+    return f32(side()) * length(max(abs(vec2<f32>(tiles)) - 1.0, vec2<f32>(0.0)));
+}
+
+// How far a circle is spread (as reach_px of src/effects/depth_of_field/layered.rs), px.
+fn spread_px(circle: f32) -> f32 {
+    return 0.75 * abs(circle) + 3.0;
+}
+
+// Of a tile: how far what spreads into it is spread.
+@fragment
+fn touching(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let p = vec2<i32>(at.xy);
+    let low = max(p - reach_tiles(), vec2<i32>(0));
+    let high = min(p + reach_tiles(), last_tile());
+    var spread = 0.0;
+    for (var y = low.y; y <= high.y; y++) {
+        for (var x = low.x; x <= high.x; x++) {
+            let q = vec2<i32>(x, y);
+            let range = textureLoad(before, q, 0);
+            let own = spread_px(max(abs(range.x), abs(range.y)));
+            spread = max(spread, select(0.0, own, range.w > 0.0 && own >= apart_px(q - p)));
+        }
+    }
+    return vec4<f32>(spread, 0.0, 0.0, 0.0);
+}
+
+// Of a tile and all that is seen through circles that touch it: nearest and farthest circle, the kind, and the levels of
+// resolution that it needs (first + 8 · last; 7 for none).
 @fragment
 fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
+    let spread = textureLoad(touched, p, 0).x;
+    let low = max(p - reach_tiles(), vec2<i32>(0));
+    let high = min(p + reach_tiles(), last_tile());
     var near = NOTHING;
     var far = -NOTHING;
-    for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last_tile().y); y++) {
-        for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last_tile().x); x++) {
-            let range = textureLoad(before, vec2<i32>(x, y), 0);
-            near = min(near, range.x);
-            far = max(far, range.y);
+    for (var y = low.y; y <= high.y; y++) {
+        for (var x = low.x; x <= high.x; x++) {
+            let q = vec2<i32>(x, y);
+            let range = textureLoad(before, q, 0);
+            let seen = spread >= apart_px(q - p);
+            near = min(near, select(NOTHING, range.x, seen));
+            far = max(far, select(-NOTHING, range.y, seen));
         }
     }
     let same_side = near * far > 0.0;
@@ -61,11 +103,12 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     kind = select(kind, WIDER, largest < HALF_PX);
     kind = select(kind, FINE, largest < FEW_PX);
     kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
-    kind = select(TWO_DEEP, kind, one);
+    let two_deep = select(select(TWO_DEEP_64, TWO_DEEP_32, largest < TWO_32_PX), TWO_DEEP_16, largest < TWO_16_PX);
+    kind = select(two_deep, kind, one);
     // Of two surfaces of which one is sharp, only the other needs a lower resolution.
-    let low = select(smallest, largest, !one && smallest < TWO_HALF_PX);
+    let lowest = select(smallest, largest, !one && smallest < TWO_HALF_PX);
     let coarse = largest >= select(TWO_HALF_PX, HALF_PX, one);
-    let first_level = select(level_of_two(low), max(level_of(low), 1.0), one);
+    let first_level = select(level_of_two(lowest), max(level_of(lowest), 1.0), one);
     let last_level = select(level_of_two(largest), level_of(largest), one);
     let levels = select(7.0, first_level + 8.0 * last_level, coarse);
     return select(vec4<f32>(0.0, 0.0, 0.0, 7.0), vec4<f32>(near, far, kind, levels), near <= far);
@@ -85,4 +128,21 @@ fn needed(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         }
     }
     return vec4<f32>(textureLoad(before, p, 0).xyz, first + 8.0 * last);
+}
+
+// At a corner, the mean of the tiles that meet there: the middle of their own circles, or of those around (0 where
+// nothing is).
+@fragment
+fn corners(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let corner = vec2<i32>(at.xy);
+    var sum = vec2<f32>(0.0);
+    for (var i = 0; i < 4; i++) {
+        let p = corner - vec2<i32>(i & 1, i >> 1);
+        let own = textureLoad(before, p, 0);
+        let seen = textureLoad(touched, p, 0);
+        let there = all(p >= vec2<i32>(0)) && all(p <= last_tile()) && seen.z > 0.0;
+        let middle = select(0.5 * (seen.x + seen.y), own.z, own.w > 0.0);
+        sum += select(vec2<f32>(0.0), vec2<f32>(middle, 1.0), there);
+    }
+    return vec4<f32>(sum.x / max(sum.y, 1.0), 0.0, 0.0, 0.0);
 }

@@ -2,7 +2,7 @@
 struct Lens {
     size: vec4<i32>,      // layer width and height (px), tile side (px), columns of tiles
     circle: vec4<f32>,    // fx · diameter (px·m), 1 / focus distance (1/m), the shape's variance, largest diameter drawn (px)
-    texture: vec4<f32>,   // 1 / size of the textures of the layer (1/px), steps of the blur factor (Wang), unused
+    texture: vec4<f32>,   // 1 / size of the textures of the layer (1/px), steps of the blur factor (Wang), tiles that a circle reaches to each side
 }
 
 // Where there is no surface: the nearest circle, and less it the farthest.
@@ -16,6 +16,9 @@ const FEW_PX: f32 = 1.6;
 // The same where two surfaces are behind each other, which costs more.
 const TWO_HALF_PX: f32 = 2.5;
 const TWO_QUARTER_PX: f32 = 16.0;
+// Radii up to which 16 and 32 points are enough there (px).
+const TWO_16_PX: f32 = 4.5;
+const TWO_32_PX: f32 = 6.5;
 // Circles below this are points (px).
 const SHARP_PX: f32 = 0.7;
 

@@ -153,7 +153,9 @@ impl Effect for MotionBlurEffect {
         }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
-        ["velocity", "copies", "reference"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
+        ["velocity", "copies", "accumulation", "reference"]
+            .map(|m| (m, vec![("method", Value::Text(m.to_owned()))]))
+            .to_vec()
     }
 
     fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {

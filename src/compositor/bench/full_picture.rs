@@ -2,13 +2,14 @@
 
 use std::time::Instant;
 
-use super::{ROUNDS, Row, copy_ms, median};
+use super::{ROUNDS, Row, median};
 use crate::camera::{Camera, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfFieldEffect;
 use crate::effects::{Effect, FrameContext};
 use crate::gpu::{Gpu, Texture, TexturePool, half_texels};
 use crate::image::Rect;
+use crate::params::Value;
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
 const FOCAL_PX: f64 = 1000.0;
@@ -52,22 +53,26 @@ fn site(x: f64, y: f64) -> f64 {
     circle
 }
 
-/// Times `layered` over a whole picture: one depth after another, and a site.
-pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
-    let copy = copy_ms(gpu, width, height)?;
-    let mut rows = vec![Row { name: format!("copy at {width}x{height}"), ms: copy, copies: 1.0 }];
+/// Times the methods over a whole picture, against a copy that took `copy` ms: `layered` for one depth after another and
+/// for a site, the others for one depth.
+pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32, copy: f64) -> Result<Vec<Row>, SubmitError> {
+    let mut rows = Vec::new();
     let intrinsics = Intrinsics { width_px: width, height_px: height, fx_px: FOCAL_PX, ..Intrinsics::default() };
     let geometry = Geometry::new(intrinsics, Default::default());
     let camera = Camera { geometry: Some(geometry.clone()), ..Camera::default() };
     let opening = Opening { diameter_m: DIAMETER_M, focus_distance_m: FOCUS_M, blades: 0, rotation_rad: 0.0 };
     let mut pool = TexturePool::default();
-    let mut effect = DepthOfFieldEffect::default();
-    type Circles<'a> = Box<dyn Fn(f64, f64) -> f64 + 'a>;
-    let flat =
-        |circle: f64| (format!("circles of {circle} px"), [circle; 2], Box::new(move |_, _| circle) as Circles<'_>);
-    let mut cases: Vec<_> = [4.0, 8.0, 12.0, 24.0, 48.0].map(flat).into();
-    cases.push(("a site with circles up to 24 px".to_owned(), [-12.0, 24.0], Box::new(site)));
-    for (name, range, circles) in cases {
+    type Circles = Box<dyn Fn(f64, f64) -> f64>;
+    let flat = |method, circle: f64| {
+        (method, format!("circles of {circle} px"), [circle; 2], Box::new(move |_, _| circle) as Circles)
+    };
+    let mut cases: Vec<_> = [4.0, 8.0, 12.0, 24.0, 48.0].map(|circle| flat("layered", circle)).into();
+    cases.push(("layered", "a site with circles up to 24 px".to_owned(), [-12.0, 24.0], Box::new(site)));
+    cases.extend(["poisson", "diffusion"].map(|method| flat(method, 24.0)));
+    for (method, name, range, circles) in cases {
+        let mut effect = DepthOfFieldEffect::default();
+        let known = effect.params_mut().set("method", &Value::Text(method.to_owned()));
+        debug_assert!(known.is_ok(), "{method}");
         let layer = layer(gpu, width, height, circles);
         let context = FrameContext {
             camera: &camera,
@@ -94,7 +99,7 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, Su
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         let ms = median(times.split_off(3));
-        rows.push(Row { name: format!("depth_of_field layered, {name}"), ms, copies: ms / copy });
+        rows.push(Row { name: format!("depth_of_field {method}, {name}"), ms, copies: ms / copy });
     }
     Ok(rows)
 }

@@ -228,7 +228,6 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         }
     }
     time(ALL.to_owned(), Settings::default())?;
-    // As Wang 2012 measured.
-    rows.extend(full_picture::depth_of_field(gpu, 1024, 768)?);
+    rows.extend(full_picture::depth_of_field(gpu, width, height, copy)?);
     Ok(rows)
 }

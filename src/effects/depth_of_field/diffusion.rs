@@ -131,7 +131,7 @@ impl Passes {
         let largest = largest_radius_px(&self.params, context);
         let made = self.operators.take().filter(|o| (o.opening, o.largest_radius_px) == (*opening, largest));
         let operators = made.unwrap_or_else(|| Operators::new(gpu, &self.params, opening, largest));
-        let tiling = Tiling::new(layer.size, reach_px(&self.params, context));
+        let tiling = Tiling::coarse(layer.size, reach_px(&self.params, context));
         let lens = lens(gpu, context, opening, &layer, tiling, largest, steps(largest.into()));
         let around = self.surroundings.run(run, &lens, &layer, tiling);
         let [factors, out] = ["blur factors", "focused colour"].map(|p| run.pool.get(gpu, p, 0, layer.size, COLOR, 1));

@@ -1,8 +1,8 @@
 //! The method `layered` on the GPU.
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
-//! 2. Tiles, as wide as the largest radius or wider: from the circles that can reach into a tile follows what is to be
-//!    done there. Nothing; copying; one surface with small circles (4 or 8 points at full resolution) or with large ones
+//! 2. Tiles, a third as wide as circles reach or wider: from the circles that reach into a tile, and all that is seen
+//!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 8 points at full resolution) or with large ones
 //!    (16 points at a half, 64 at a quarter or an eighth); two surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own, which picks up 3.
@@ -34,10 +34,10 @@ const LAST_PX: [f32; DRAWN] = [2.5, 8.0, 32.0];
 #[derive(Debug)]
 pub struct Passes {
     pyramid: [FullscreenPass; 2],
-    /// Of each tile; of it and those around; with what those need.
-    tiles: [FullscreenPass; 3],
-    /// At each lower resolution for one surface and for two.
-    levels: [[FullscreenPass; 2]; DRAWN],
+    /// Of each tile; how far away it is touched from; of it and those around; with what those need; their corners.
+    tiles: [FullscreenPass; 5],
+    /// At each lower resolution for one surface, and for two through 16, 32 or 64 points.
+    levels: [[FullscreenPass; 4]; DRAWN],
     /// At the layer's resolution, for each kind of tile.
     full: [FullscreenPass; 6],
     passing: FullscreenPass,
@@ -77,6 +77,7 @@ struct ApertureUniform {
     four: [[f32; 2]; 4],
     eight: [[f32; 2]; 8],
     sixteen: [[f32; 2]; 16],
+    thirty_two: [[f32; 2]; 32],
     sixty_four: [[f32; 2]; 64],
 }
 
@@ -92,6 +93,7 @@ impl ApertureUniform {
             four: points(aperture, &[4]),
             eight: points(aperture, &[2, 6]),
             sixteen: points(aperture, &[4, 12]),
+            thirty_two: points(aperture, &[4, 11, 17]),
             sixty_four: points(aperture, &[4, 12, 20, 28]),
         }
     }
@@ -113,6 +115,13 @@ pub fn reach_px(context: &FrameContext<'_>) -> f32 {
     1.5 * largest_radius_px(context) + 3.0
 }
 
+/// Whether all that is drawn is one surface to a tile: `around` of shaders/depth_of_field_tiles.wgsl.
+fn is_one_surface(context: &FrameContext<'_>) -> bool {
+    let Some(opening) = context.opening else { return true };
+    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
+    (far - near).abs() < 1.5 + 0.3 * 0.5 * circles_px(context)[0]
+}
+
 /// The lower resolution at which a radius is gathered: the lowest that any tile may ask for, and the highest.
 fn levels_of(radius: f32) -> [usize; 2] {
     [FIRST_PX, LAST_PX].map(|from| from.iter().filter(|&&f| radius >= f).count())
@@ -126,7 +135,7 @@ impl Passes {
             FullscreenPass::with(gpu, "pyramid", &assemble("depth_of_field_pyramid"), &[COLOR, CIRCLES], &options)
         };
         let tiles = |fragment| {
-            let options = Options { fragment, bindings: &[Uniform, Floats], ..Options::default() };
+            let options = Options { fragment, bindings: &[Uniform, Floats, Floats], ..Options::default() };
             FullscreenPass::with(gpu, "circles of tiles", &assemble("depth_of_field_tiles"), &[COLOR], &options)
         };
         let bindings =
@@ -139,11 +148,13 @@ impl Passes {
         };
         Self {
             pyramid: [("first", Integers), ("next", Floats)].map(pyramid),
-            tiles: ["own", "around", "needed"].map(tiles),
+            tiles: ["own", "touching", "around", "needed", "corners"].map(tiles),
             levels: std::array::from_fn(|i| {
                 [
                     gather("level_one_deep_tiles", "level_one_deep", i + 1, TAPS[i], &[COLOR; 3]),
-                    gather("level_two_deep_tiles", "level_two_deep", i + 1, 64, &[COLOR; 3]),
+                    gather("level_two_deep_16_tiles", "level_two_deep", i + 1, 16, &[COLOR; 3]),
+                    gather("level_two_deep_32_tiles", "level_two_deep", i + 1, 32, &[COLOR; 3]),
+                    gather("level_two_deep_64_tiles", "level_two_deep", i + 1, 64, &[COLOR; 3]),
                 ]
             }),
             full: [
@@ -176,12 +187,12 @@ impl Passes {
         let gpu = run.gpu;
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
-        let tiling = Tiling::new(layer.size, reach_px(context));
+        let tiling = Tiling::fine(layer.size, reach_px(context), is_one_surface(context));
         let tiles = tiling.tiles;
         let count = tiles.0 * tiles.1;
 
-        let [own, around, needed] =
-            ["own circles", "circles around", "circles"].map(|purpose| run.pool.get(gpu, purpose, 0, tiles, COLOR, 1));
+        let [own, touched, around, needed] = ["own circles", "touched tiles", "circles around", "circles"]
+            .map(|purpose| run.pool.get(gpu, purpose, 0, tiles, COLOR, 1));
         let colors = run.pool.pyramid(gpu, "smaller layer", layer.size, COLOR, LEVELS);
         let circles = run.pool.pyramid(gpu, "smaller circles", layer.size, CIRCLES, LEVELS);
         let blurred = ["smaller blurred", "smaller front", "smaller back"]
@@ -201,12 +212,18 @@ impl Passes {
             let targets = [&colors.levels[level], &circles.levels[level]];
             self.pyramid[level.min(1)].run(gpu, run.encoder, &slots, &targets, size);
         }
-        for (pass, from, to) in [
-            (&self.tiles[0], &circles.levels[1], &own),
-            (&self.tiles[1], &own, &around),
-            (&self.tiles[2], &around, &needed),
+        let meeting = (tiles.0 + 1, tiles.1 + 1);
+        let corners = run.pool.get(gpu, "corners of tiles", 0, meeting, COLOR, 1);
+        // Where only one is read, it stands for the other too.
+        for (pass, [from, with], to, size) in [
+            (&self.tiles[0], [&circles.levels[1]; 2], &own, tiles),
+            (&self.tiles[1], [&own; 2], &touched, tiles),
+            (&self.tiles[2], [&own, &touched], &around, tiles),
+            (&self.tiles[3], [&around; 2], &needed, tiles),
+            (&self.tiles[4], [&own, &needed], &corners, meeting),
         ] {
-            pass.run(gpu, run.encoder, &[Slot::Buffer(&lens), Slot::Texture(&from.view)], &[to], tiles);
+            let slots = [Slot::Buffer(&lens), Slot::Texture(&from.view), Slot::Texture(&with.view)];
+            pass.run(gpu, run.encoder, &slots, &[to], size);
         }
 
         // What is drawn into cannot be read: other textures stand for the lower resolutions first.
@@ -214,7 +231,7 @@ impl Passes {
             Slot::Buffer(&lens),
             Slot::Buffer(&shape.points),
             Slot::Texture(&needed.view),
-            Slot::Texture(&own.view),
+            Slot::Texture(&corners.view),
             Slot::Texture(&layer.color.view),
             Slot::Texture(&layer.geometry.view),
             Slot::Texture(&colors.view),
@@ -227,9 +244,9 @@ impl Passes {
         let [least, _] = circles_px(context);
         for level in 1.max(levels_of(0.5 * least)[0])..=levels_of(largest)[1] {
             let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
-            let [one, two] = &self.levels[level - 1];
             let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
-            run_tiles(gpu, run.encoder, &[one, two], &slots, &targets, size, count);
+            let passes: Vec<_> = self.levels[level - 1].iter().collect();
+            run_tiles(gpu, run.encoder, &passes, &slots, &targets, size, count);
         }
         for (slot, blurred) in slots[8..11].iter_mut().zip(&blurred) {
             *slot = Slot::Texture(&blurred.view);

@@ -114,7 +114,7 @@ impl Passes {
 
     pub fn run(&self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, opening: &Opening, layer: Layer) -> Layer {
         let gpu = run.gpu;
-        let tiling = Tiling::new(layer.size, reach_px(context));
+        let tiling = Tiling::coarse(layer.size, reach_px(context));
         let lens = lens(gpu, context, opening, &layer, tiling, largest_radius_px(context), 0);
         let around = self.surroundings.run(run, &lens, &layer, tiling);
         let [filtered, radii, out] = ["poisson colour", "poisson radii", "focused colour"]

@@ -10,13 +10,28 @@ use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 pub struct Tiling {
     pub side_px: u32,
     pub tiles: (u32, u32),
+    /// To each side, so many tiles and a circle reach no further.
+    pub reach_tiles: u32,
 }
 
 impl Tiling {
-    /// 3×3 tiles reach at least so far; an eighth of the resolution divides them.
-    pub fn new((width, height): (u32, u32), reach_px: f32) -> Self {
+    /// Tiles of which one to each side is enough.
+    pub fn coarse(size: (u32, u32), reach_px: f32) -> Self {
         let side_px = ((reach_px.ceil() as u32).div_ceil(8) * 8).max(32);
-        Self { side_px, tiles: (width.div_ceil(side_px), height.div_ceil(side_px)) }
+        Self::of(size, side_px, 1)
+    }
+
+    /// Tiles of which up to three to each side are looked at: what is to be done changes close to where it must. Large
+    /// ones where one surface is all there is. A power of two, that an eighth of the resolution and the parts of a photograph divide
+    /// them.
+    pub fn fine(size: (u32, u32), reach_px: f32, one_surface: bool) -> Self {
+        let least_px = if one_surface { 64.0 } else { 16.0 };
+        let side_px = ((reach_px / 3.0).ceil().max(least_px) as u32).next_power_of_two();
+        Self::of(size, side_px, (reach_px.ceil() as u32).div_ceil(side_px))
+    }
+
+    fn of((width, height): (u32, u32), side_px: u32, reach_tiles: u32) -> Self {
+        Self { side_px, tiles: (width.div_ceil(side_px), height.div_ceil(side_px)), reach_tiles }
     }
 }
 
@@ -47,7 +62,12 @@ pub fn lens(
             Aperture::of(opening).variance() as f32,
             2.0 * largest_radius_px,
         ],
-        texture: [1.0 / layer.color.width as f32, 1.0 / layer.color.height as f32, steps as f32, 0.0],
+        texture: [
+            1.0 / layer.color.width as f32,
+            1.0 / layer.color.height as f32,
+            steps as f32,
+            tiling.reach_tiles as f32,
+        ],
     };
     constants(gpu, "lens", bytemuck::bytes_of(&uniform))
 }
