@@ -56,7 +56,8 @@ impl Mixer {
         }
     }
 
-    /// Records the composite over `shown`; the layer covers `drawn`, beyond which it is empty.
+    /// Records the composite over `shown`; the layer covers `drawn`, beyond which it is empty. Composites that are submitted
+    /// together need a `slot` each.
     pub fn mix(
         &mut self,
         run: &mut LayerRun<'_>,
@@ -65,6 +66,7 @@ impl Mixer {
         [drawn, shown]: [Rect; 2],
         effects: &[MixedEffect],
         photograph: Option<&Photograph>,
+        slot: usize,
     ) -> Texture {
         let gpu = run.gpu;
         let format = match pixels.codes {
@@ -73,10 +75,10 @@ impl Mixer {
         };
         // One pixel more on each side, for effects that look at neighbours.
         let sent = shown.grown(1).intersection(&Rect::full(pixels.width, pixels.height));
-        let camera = run.pool.get(gpu, "camera", 0, (sent.width(), sent.height()), format, 1);
+        let camera = run.pool.get(gpu, "camera", slot, (sent.width(), sent.height()), format, 1);
         send(gpu, &camera, pixels, sent);
         let size = (shown.width(), shown.height());
-        let out = run.pool.get(gpu, "composite", 0, size, format, 1);
+        let out = run.pool.get(gpu, "composite", slot, size, format, 1);
 
         let (gain, left) = photograph.map_or((1.0, 1.0), |p| (photographic_gain(p.over_ev), p.noise_left));
         let uniform = CompositeUniform {

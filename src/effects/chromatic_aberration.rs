@@ -16,8 +16,8 @@
 
 use glam::DVec2;
 
-use super::{Effect, FrameContext, MixedInputs, Stage};
-use crate::camera::Geometry;
+use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
+use crate::camera::{Camera, Geometry};
 use crate::camera::falloff::Lateral;
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
@@ -111,6 +111,11 @@ impl Effect for ChromaticAberrationEffect {
     }
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
+    }
+    fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        let reason = "a 360° picture is put together and has no middle from which a lens would part colours: \
+                      leave its parameters at their defaults";
+        if geometry.is_round() { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.params == ChromaticAberration::default()

@@ -22,7 +22,7 @@ use std::sync::LazyLock;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
-use crate::camera::Camera;
+use crate::camera::{Camera, Geometry};
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
@@ -220,7 +220,7 @@ impl Effect for NoiseEffect {
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
     }
-    fn check(&self, camera: &Camera) -> Result<(), EffectError> {
+    fn check(&self, camera: &Camera, _: &Geometry) -> Result<(), EffectError> {
         if self.params.iso.is_some() && camera.exposure.iso.is_none() {
             let reason = "the film speed at which the noise was measured is not known: accepted is none, or any of 100 \
                           to 25600 with camera.exposure.iso given";

@@ -107,8 +107,8 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// The table's name is the effect's.
     fn params(&self) -> &dyn Params;
     fn params_mut(&mut self) -> &mut dyn Params;
-    /// Whether the camera has what the parameters need.
-    fn check(&self, _: &Camera) -> Result<(), EffectError> {
+    /// Whether the camera, with the geometry of the frame's, has what the parameters need.
+    fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {
         Ok(())
     }
     /// Whether it would change no pixel of this frame; then it does not run.
