@@ -63,14 +63,9 @@ impl Distortion {
         let unused: &[_] = match self.model {
             LensModel::Opencv => &[("k4", self.k4)],
             LensModel::OpencvFisheye => &[("p1", self.p1), ("p2", self.p2)],
-            LensModel::Equirectangular => &[
-                ("k1", self.k1),
-                ("k2", self.k2),
-                ("k3", self.k3),
-                ("k4", self.k4),
-                ("p1", self.p1),
-                ("p2", self.p2),
-            ],
+            LensModel::Equirectangular => {
+                &[("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("k4", self.k4), ("p1", self.p1), ("p2", self.p2)]
+            }
         };
         unused.iter().find(|(_, value)| *value != 0.0).map(|(name, _)| *name)
     }
@@ -347,11 +342,13 @@ mod tests {
             k in prop::array::uniform4(-0.05f64..0.05),
         ) {
             let brown = Distortion { k1, k2, p1: p, p2: -p, ..Default::default() };
-            for model in [FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4])] {
+            let round = Distortion { model: LensModel::Equirectangular, ..Default::default() };
+            for model in [FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4]), round] {
                 let valid = model.valid_radius();
                 let theta = share * match model.model {
                     LensModel::Opencv => (0.95 * valid).atan().min(0.85),
                     LensModel::OpencvFisheye => valid,
+                    LensModel::Equirectangular => PI,
                 };
                 let d = DVec3::new(theta.sin() * around.cos(), theta.sin() * around.sin(), theta.cos());
                 let back = model.unproject(model.project(3.0 * d, valid).unwrap(), valid).unwrap();

@@ -89,6 +89,12 @@ impl Geometry {
         self.direction(at_px).filter(|d| d.z > 1e-9).map(|d| d / d.z)
     }
 
+    /// The ray through a place, so long that times a recorded depth it is the point: depth is the distance in a 360°
+    /// picture, z in any other. `None` where there is none.
+    pub fn depth_ray(&self, at_px: DVec2) -> Option<DVec3> {
+        if self.is_round() { self.direction(at_px) } else { self.unproject(at_px) }
+    }
+
     /// Whether left and right rim are the same direction: a 360° picture.
     pub fn is_round(&self) -> bool {
         self.distortion.model == LensModel::Equirectangular

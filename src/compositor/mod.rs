@@ -310,12 +310,13 @@ impl Compositor {
             }
         }
         let photograph = context.photograph.as_ref();
+        let other_film = photograph.is_some() || context.recorded_speed() != 1.0;
         let mut codes = Vec::new();
         for (slot, piece) in pieces.iter().enumerate() {
             let mut mixed = Vec::new();
             for &i in &active {
                 let effect = &mut self.settings.effects[i];
-                if let Some(wgsl) = effect.mixed_wgsl(context.photograph.is_some()) {
+                if let Some(wgsl) = effect.mixed_wgsl(other_film) {
                     let inputs = effect.mixed_inputs(&mut run, &context, piece.shown);
                     mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
                 }

@@ -51,11 +51,9 @@ impl RayCache {
 impl Rays {
     pub fn new(geometry: &Geometry) -> Self {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
-        // Of a 360° picture depth is the distance; else it is z, which is told of what lies before the camera.
-        let ray = |at| if geometry.is_round() { geometry.direction(at) } else { geometry.unproject(at) };
         let rays = (0..height)
             .flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)))
-            .map(|at| ray(at).map_or([f32::NAN; 3], |r| r.as_vec3().to_array()))
+            .map(|at| geometry.depth_ray(at).map_or([f32::NAN; 3], |r| r.as_vec3().to_array()))
             .collect();
         Self { geometry: geometry.clone(), rays }
     }

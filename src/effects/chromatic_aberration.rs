@@ -17,8 +17,8 @@
 use glam::DVec2;
 
 use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
-use crate::camera::{Camera, Geometry};
 use crate::camera::falloff::Lateral;
+use crate::camera::{Camera, Geometry};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::params::{Params, Value};
@@ -160,7 +160,7 @@ impl Effect for ChromaticAberrationEffect {
         Layer { color, geometry, size: layer.size }
     }
 
-    fn mixed_wgsl(&self, _photograph: bool) -> Option<&'static str> {
+    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
         Some(include_str!("../../shaders/chromatic_aberration_over.wgsl"))
     }
     fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {

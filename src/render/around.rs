@@ -199,7 +199,12 @@ impl AroundUniform {
                 view.shutter.velocity_step_s() as f32,
                 most_px_per_s(geometry, view.shutter) as f32,
             ],
-            views: [views.fx_px as f32, views.cx_px as f32, view.occlusion.map_or(0.0, |(_, tolerance)| tolerance), 0.0],
+            views: [
+                views.fx_px as f32,
+                views.cx_px as f32,
+                view.occlusion.map_or(0.0, |(_, tolerance)| tolerance),
+                0.0,
+            ],
             drawn,
             right: axes[0],
             down: axes[1],
@@ -231,9 +236,9 @@ impl Gather {
             let options = Options { constants: &[("fisheye", f64::from(u8::from(fisheye)))], ..Options::default() };
             FullscreenPass::with(gpu, "around", &assemble("around"), &[COLOR, GEOMETRY], &options)
         });
-        let nothing = self.nothing.get_or_insert_with(|| {
-            [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1))
-        });
+        let nothing = self
+            .nothing
+            .get_or_insert_with(|| [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1)));
         let uniform = AroundUniform::new(view, sides.iter().map(|(side, _)| side));
         let uniform = constants(gpu, "around", bytemuck::bytes_of(&uniform));
         let depth = view.occlusion.map_or(no_depth, |(texture, _)| texture);

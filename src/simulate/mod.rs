@@ -21,6 +21,8 @@ mod write;
 
 use std::path::PathBuf;
 
+use glam::DQuat;
+
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use crate::tracking::{NotAscending, PoseTrack};
 
@@ -162,6 +164,12 @@ impl Simulation {
     /// [`PoseTrack::at`] says.
     pub fn track(&self) -> &PoseTrack {
         &self.track
+    }
+
+    /// The same with the camera turned where it stands; `turn` takes its axes to the turned one's.
+    pub fn turned(mut self, turn: DQuat) -> Self {
+        self.track = self.track.turned(turn);
+        self
     }
 
     /// The middle of the middle row's exposure of a frame, seconds.

@@ -192,5 +192,9 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y:
             }
         }
     }
-    Pixel { light: sum.map(|s| s / count as f32), depth_m: ahead.map_or(0.0, |(_, t)| (t * lens.depth_share(centre)) as f32), blur_px }
+    Pixel {
+        light: sum.map(|s| s / count as f32),
+        depth_m: ahead.map_or(0.0, |(_, t)| (t * lens.depth_share(centre)) as f32),
+        blur_px,
+    }
 }
