@@ -205,7 +205,6 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
         }
         let base = floor(q - 0.5);
         let f = q - 0.5 - base;
-        let along = dot(d.xyz, around.forward[view].xyz);
         for (var i = 0; i < 4; i++) {
             let step = vec2<f32>(f32(i & 1), f32(i >> 1u));
             let texel = base + step;
@@ -219,7 +218,8 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
                 continue;
             }
             let g = geometry_at(view, p);
-            let distance_m = g.x / along;
+            let from_axis = (texel + 0.5 - around.views.y) / around.views.x;
+            let distance_m = g.x * sqrt(1.0 + dot(from_axis, from_axis));
             if distance_m > hidden_from {
                 continue;
             }

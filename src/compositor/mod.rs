@@ -351,8 +351,8 @@ impl Compositor {
                 self.readbacks.give_back(codes);
             }
             if let (Some(image), Some([color, geometry])) = (&mut layer, work.layer) {
-                for piece in &work.pieces {
-                    paste_layer(&self.gpu, &color, &geometry, piece.drawn, image)?;
+                if let Some(first) = work.pieces.first() {
+                    paste_layer(&self.gpu, &color, &geometry, first.drawn, work.pieces.len() > 1, image)?;
                 }
                 self.readbacks.give_back(color);
                 self.readbacks.give_back(geometry);
@@ -398,18 +398,21 @@ fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Res
     }
 }
 
-/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture.
+/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture; over the seam it goes on at the other
+/// rim.
 fn paste_layer(
     gpu: &Gpu,
     color: &Readback,
     geometry: &Readback,
     rect: Rect,
+    over_seam: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
     let (width, height) = (out.width as i32, out.height as i32);
     let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
     let at = |row: usize, column: usize| {
         let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
+        let x = if over_seam { x.rem_euclid(width) } else { x };
         (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
     };
     let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];

@@ -111,6 +111,10 @@ pub fn footprint_around(
             }
             None => {
                 anywhere = true;
+                let resting = keys.poses.iter().all(|pose| *pose == keys.middle());
+                if resting {
+                    continue;
+                }
                 fastest = fastest.max(if geometry.is_round() { most } else { rotation_speed(geometry, keys) });
             }
         }
