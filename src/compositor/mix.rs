@@ -12,6 +12,16 @@ use crate::render::{Layer, LayerRun};
 /// The first binding that is an effect's.
 const FIRST_EFFECT_BINDING: usize = 4;
 
+/// What of the picture is composited at once: all, or one side of the seam where a layer lies across that of a 360° picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Piece {
+    pub shown: Rect,
+    /// What the layer covers, as seen from this piece; reaches beyond the picture. Elsewhere the layer is empty.
+    pub drawn: Rect,
+    /// Pieces that are submitted together have one each.
+    pub slot: usize,
+}
+
 /// An effect's part of the composite, for one frame.
 #[derive(Debug)]
 pub struct MixedEffect {
@@ -56,19 +66,18 @@ impl Mixer {
         }
     }
 
-    /// Records the composite over `shown`; the layer covers `drawn`, beyond which it is empty. Composites that are submitted
-    /// together need a `slot` each.
+    /// Records the composite of a piece.
     pub fn mix(
         &mut self,
         run: &mut LayerRun<'_>,
         pixels: &Pixels,
         layer: &Layer,
-        [drawn, shown]: [Rect; 2],
+        piece: &Piece,
         effects: &[MixedEffect],
         photograph: Option<&Photograph>,
-        slot: usize,
     ) -> Texture {
         let gpu = run.gpu;
+        let Piece { shown, drawn, slot } = *piece;
         let format = match pixels.codes {
             Codes::U8(_) => wgpu::TextureFormat::Rgba8Uint,
             Codes::U16(_) => wgpu::TextureFormat::Rgba16Uint,

@@ -21,7 +21,7 @@ pub use mix::shader as mixed_shader;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
-use mix::{MixedEffect, Mixer};
+use mix::{MixedEffect, Mixer, Piece};
 use occlusion::{RayCache, enlarged};
 
 /// What effects at lower resolutions work in: the smallest of their tiles, a multiple of their largest pixels, px.
@@ -123,14 +123,6 @@ struct Work {
     layer: Option<[Readback; 2]>,
 }
 
-/// What of the picture came back: all at once, or two pieces where the layer lies across a 360° picture's seam.
-#[derive(Clone, Copy, Debug)]
-struct Piece {
-    shown: Rect,
-    /// What the layer covers, as seen from this piece; reaches beyond the picture.
-    drawn: Rect,
-}
-
 /// The pieces of the picture that a layer covers. In a 360° picture what is beyond a rim is at the other one.
 fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
     let width = region.width() as i32;
@@ -138,7 +130,7 @@ fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
     let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
         let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };
-        Piece { shown: drawn.intersection(&region), drawn }
+        Piece { shown: drawn.intersection(&region), drawn, slot: turn.unsigned_abs() as usize + usize::from(*turn < 0) }
     };
     turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
 }
@@ -260,7 +252,7 @@ impl Compositor {
         }
         let drawn = if nothing { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
         if whole {
-            pieces = vec![Piece { shown: region, drawn }];
+            pieces = vec![Piece { shown: region, drawn, slot: 0 }];
         }
         let seen = drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region });
         let context = FrameContext { drawn, ..context };
@@ -312,7 +304,7 @@ impl Compositor {
         let photograph = context.photograph.as_ref();
         let other_film = photograph.is_some() || context.recorded_speed() != 1.0;
         let mut codes = Vec::new();
-        for (slot, piece) in pieces.iter().enumerate() {
+        for piece in &pieces {
             let mut mixed = Vec::new();
             for &i in &active {
                 let effect = &mut self.settings.effects[i];
@@ -321,8 +313,7 @@ impl Compositor {
                     mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
                 }
             }
-            let rects = [piece.drawn, piece.shown];
-            let out = self.mixer.mix(&mut run, &frame.pixels, &layer, rects, &mixed, photograph, slot);
+            let out = self.mixer.mix(&mut run, &frame.pixels, &layer, piece, &mixed, photograph);
             let size = (piece.shown.width(), piece.shown.height());
             codes.push(self.readbacks.copy(&gpu, run.encoder, &out, size));
         }
