@@ -10,6 +10,12 @@ fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
     return k * s * s + (k * k - k) * min(read * read, s * s);
 }
 
+// By how much the camera's pixels are noisier than calibrated, where they were taken at another speed.
+fn camera_factor(code: vec3<f32>) -> vec3<f32> {
+    let s = max(sigma_at(code) * noise.shape.y, vec3<f32>(1e-6));
+    return mix(vec3<f32>(1.0), wanted_variance(code) / (s * s), noise.grain.z);
+}
+
 // The pattern at a pixel of the picture, variance 1 everywhere.
 fn pattern_at(pixel: vec2<i32>) -> vec3<f32> {
     // Patches larger than a pixel: interpolated, and the variance that interpolation takes

@@ -8,6 +8,7 @@
 // thing does not pay for five textures (software drivers work through both sides of an `if`).
 override rolling: bool = false;                // rows have times of their own
 override fisheye: bool = false;                // the lens's model is OpenCV's fisheye
+override around: bool = false;                 // a view out of a picture all around: rows are that picture's
 override parallel: bool = false;               // rays are parallel; focal lengths are px a metre
 override has_colors: bool = false;             // of vertices
 override has_base_color: bool = false;         // textures
@@ -38,6 +39,8 @@ struct View {
     keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
     mean_velocity: vec4<f32>, // of the objects on the whole (px/s)
     aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m); far plane of parallel rays (m)
+    outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it is a part of
+    outer: vec4<f32>,         // of that camera: fy, cy
     // Rotation, and the camera's position, at the sample time and a half step before and after.
     moment_rotation: array<vec4<f32>, 3>,
     moment_eye: array<vec4<f32>, 3>,
@@ -143,24 +146,40 @@ fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
     return p * radial + tangential;
 }
 
+fn fisheye_radius(theta: f32) -> f32 {
+    let valid = min(theta, view.lens.y);
+    let k = view.distortion;
+    let t = valid * valid;
+    let rim = valid * (1.0 + t * (k.x + t * (k.y + t * (k.z + t * k.w))));
+    return rim + view.lens.z * (theta - valid);
+}
+
+// In which row of the picture (px from its upper edge) a point is read; the fisheye's where this is a view out of it.
+fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
+    if !around {
+        return at.y;
+    }
+    let q = rotate(view.outer_turn, p);
+    let r = length(q.xy);
+    return q.y / max(r, 1e-12) * fisheye_radius(atan2(r, q.z)) * view.outer.x + view.outer.y;
+}
+
 // OpenCV's models, carried on along their tangent beyond the valid radius (camera/distortion.rs). Through a point l of the
 // aperture what is at the focus distance d is seen where the middle sees it: (p − l)/z + l/d. What is beside or behind
-// a fisheye is not drawn: triangles end at the near plane.
+// is not drawn: triangles end at the near plane; a fisheye that sees it is put together from views (shaders/around.wgsl).
 fn project(p: vec3<f32>) -> vec2<f32> {
     if parallel {
         return p.xy * view.focal_px.xy + view.focal_px.zw;
+    }
+    if around {
+        return p.xy / max(p.z, 0.5 * view.lens.w) * view.focal_px.xy + view.focal_px.zw;
     }
     let n = (p.xy - view.aperture.xy) / max(p.z, 0.5 * view.lens.w) + view.aperture.xy * view.aperture.z;
     let r = length(n);
     let direction = n / max(r, 1e-12);
     var d: vec2<f32>;
     if fisheye {
-        let theta = atan(r);
-        let valid = min(theta, view.lens.y);
-        let k = view.distortion;
-        let t = valid * valid;
-        let rim = valid * (1.0 + t * (k.x + t * (k.y + t * (k.z + t * k.w))));
-        d = direction * (rim + view.lens.z * (theta - valid));
+        d = direction * fisheye_radius(atan(r));
     } else {
         let valid = min(r, view.lens.y);
         d = distort_polynomial(direction * valid) + direction * (view.lens.z * (r - valid));
@@ -182,7 +201,7 @@ fn see(point: vec3<f32>, moment: u32) -> Seen {
     var p = in_camera(point, sample_s);
     var at = project(p);
     for (var i = 0; i < 4; i++) {
-        let row_s = (at.y / view.shutter.w - 0.5) * view.shutter.z;
+        let row_s = (row_of(p, at) / view.shutter.w - 0.5) * view.shutter.z;
         // Rows far outside the picture are never read; their time stays near it.
         p = in_camera(point, sample_s + clamp(row_s, -view.shutter.z, view.shutter.z));
         at = project(p);

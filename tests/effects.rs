@@ -12,7 +12,7 @@ use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Curve, Geometry, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Compositor, Job, Settings};
 use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
-use locard::frame::FrameExposure;
+use locard::frame::{FrameExposure, PhotoSettings};
 use locard::image::{Codes, Rect};
 use locard::measure::edge::box_blur;
 use locard::params::Value;
@@ -335,6 +335,57 @@ fn grain_grows_with_film_speed_and_smaller_film() {
     // A smaller film has larger grains, not more noise.
     let [_, sigma, ..] = measured(400.0, 18.0);
     assert!((sigma / 3.48 - 1.0).abs() < 0.03, "{sigma}");
+}
+
+/// A frame that was recorded at another speed has that speed's variance, and patches as calibrated; its own pixels have it
+/// too, so that an edge is as noisy as either side.
+#[test]
+fn noise_follows_the_speed_that_each_frame_was_recorded_at() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = film_camera(&geometry);
+    let photo = |iso| FrameExposure { photo: PhotoSettings { iso, ..Default::default() }, ..Default::default() };
+    let taken = |camera: &Camera, exposure: FrameExposure, settings: Settings, code: f64| {
+        let mut frame = gpu::frame(3, 0.0, gpu::grey(320, 240, 40));
+        frame.exposure = exposure;
+        let scene = board([200.0, 150.0], (code / 255.0) as f32);
+        gpu::composite(&gpu::gpu(), camera, settings, scene, &sideways([0.0, 0.0]), frame)
+    };
+    let measured = |exposure| statistics(codes(&taken(&camera, exposure, Settings::default(), 123.5)), 320);
+    // As in the test above: 11.041 k + k² at code 123.5; a gain counts where no ISO is told.
+    let gain = |gain| FrameExposure { gain: Some(gain), ..Default::default() };
+    for (exposure, variance) in [
+        (photo(Some(1600.0)), 60.164),
+        (photo(Some(100.0)), 2.823),
+        (gain(4.0), 60.164),
+        (FrameExposure { gain: Some(4.0), ..photo(Some(400.0)) }, 12.041),
+        (FrameExposure::default(), 12.041),
+    ] {
+        let [_, sigma, right, ..] = measured(exposure);
+        let expected = (variance + 1.0 / 12.0f64).sqrt();
+        assert!((sigma / expected - 1.0).abs() < 0.03, "{exposure:?}: {sigma} is not {expected}");
+        assert!(right.abs() < 0.02, "a sensor's noise gets no coarser: {right}");
+    }
+    // A speed that is asked for goes first; where the profile's is not known, nothing is known.
+    let own = gpu::settings(&[("noise", "iso", Value::Number(400.0))]);
+    let calibrated = taken(&camera, photo(None), Settings::default(), 123.5);
+    assert!(codes(&taken(&camera, photo(Some(1600.0)), own, 123.5)) == codes(&calibrated));
+    camera.exposure.iso = None;
+    assert!(codes(&taken(&camera, photo(Some(1600.0)), Settings::default(), 123.5)) == codes(&calibrated));
+}
+
+#[test]
+fn a_film_speed_without_measured_noise_is_told() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = film_camera(&geometry);
+    let with_speed = || gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
+    assert!(with_speed().idle(&camera).is_empty());
+    camera.noise = None;
+    let told = with_speed().idle(&camera);
+    assert!(told.len() == 1 && told[0].contains("noise.iso") && told[0].contains("[camera.noise]"), "{told:?}");
+    assert!(Settings::default().idle(&camera).is_empty());
+    let mut off = with_speed();
+    off.without(&["noise".to_owned()]).unwrap();
+    assert!(off.idle(&camera).is_empty());
 }
 
 #[test]

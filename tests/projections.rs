@@ -160,10 +160,10 @@ fn marks_land_where_the_formula_says_in_every_projection() {
             let step = projection.direction(at + DVec2::X).map_or(1.0, |e| e.angle_between(*d));
             let reach = 4.0f64.max(1.8 * 0.02 * 2f64.sqrt() / step).ceil();
             let inside = at.cmpgt(DVec2::splat(reach)).all() && at.cmplt(size - reach).all();
-            // A circle's rim cuts squares; a lens that is drawn directly sees what is well before it; poles are all of a row.
+            // A circle's rim cuts squares; a lens that is drawn as a plane sees what is well before it; poles are all of a row.
             let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
             let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
-            let direct = matches!(projection, Projection::Perspective(_)) && d.z < 0.2;
+            let direct = matches!(&projection, Projection::Perspective(g) if !g.sees_around()) && d.z < 0.2;
             let pole = matches!(projection, Projection::Curved(Curved { curve: Curve::Environment { .. }, .. }))
                 && d.y.abs() > 0.98;
             if !inside || !whole || direct || pole {
@@ -196,7 +196,7 @@ fn every_pixel_shows_what_lies_in_its_direction_without_seams() {
                 assert!(corners.iter().any(Option::is_some) || p[3] == 0.0, "{projection:?} {at}: beyond the circle");
                 continue;
             };
-            let direct = matches!(projection, Projection::Perspective(_)) && d.z < 0.05;
+            let direct = matches!(&projection, Projection::Perspective(g) if !g.sees_around()) && d.z < 0.05;
             if corners.iter().any(Option::is_none) || direct {
                 continue;
             }

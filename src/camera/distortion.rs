@@ -1,7 +1,10 @@
-//! Lens distortion after OpenCV: Brown-Conrady for ordinary lenses, Kannala-Brandt for fish-eyes.
+//! From rays to places: Brown-Conrady for ordinary lenses and Kannala-Brandt for fish-eyes, both after OpenCV, and
+//! longitude and latitude for 360° pictures.
 //!
 //! To add a model: a name in [`LensModel`], its branch in `valid`, `slope`, `project` and `unproject` here and in
-//! `project` of shaders/raster.wgsl, its parameters in `Distortion::missing`. The round trip below is for all models.
+//! shaders/raster.wgsl or shaders/around.wgsl, its parameters in `Distortion::missing`. The round trip below is for all.
+
+use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
@@ -12,6 +15,8 @@ crate::choices! {
         Opencv = "opencv",
         /// θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the axis: OpenCV's `fisheye::projectPoints`.
         OpencvFisheye = "opencv_fisheye",
+        /// Longitude to the right of the axis, latitude below it, rad: the whole sphere in a picture twice as wide as high.
+        Equirectangular = "equirectangular",
     }
 }
 
@@ -32,6 +37,11 @@ crate::params! {
 const LEAST_SLOPE: f64 = 0.05;
 /// No lens of the model opencv sees beyond 84° off its axis: tan 84° ≈ 9.5.
 const LARGEST_RADIUS: f64 = 10.0;
+/// Longitude to the right and latitude below, rad.
+fn longitude_latitude(d: DVec3) -> DVec2 {
+    DVec2::new(d.x.atan2(d.z), d.y.atan2(d.x.hypot(d.z)))
+}
+
 /// No fisheye sees straight back, where one direction would be a whole circle: 177°.
 const LARGEST_ANGLE_RAD: f64 = 3.1;
 
@@ -44,11 +54,18 @@ impl Distortion {
         self.model == LensModel::OpencvFisheye
     }
 
+    fn is_equirectangular(&self) -> bool {
+        self.model == LensModel::Equirectangular
+    }
+
     /// A coefficient that is not 0 and that the model does not have.
     pub fn missing(&self) -> Option<&'static str> {
         let unused: &[_] = match self.model {
             LensModel::Opencv => &[("k4", self.k4)],
             LensModel::OpencvFisheye => &[("p1", self.p1), ("p2", self.p2)],
+            LensModel::Equirectangular => {
+                &[("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("k4", self.k4), ("p1", self.p1), ("p2", self.p2)]
+            }
         };
         unused.iter().find(|(_, value)| *value != 0.0).map(|(name, _)| *name)
     }
@@ -64,7 +81,8 @@ impl Distortion {
     /// one. Beyond it the polynomial folds back and would draw things twice; there the map goes on along its tangent,
     /// see [`Distortion::distort`].
     pub fn valid_radius(&self) -> f64 {
-        if !self.is_fisheye() && self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0 {
+        let flat = !self.is_fisheye() && self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0;
+        if flat || self.is_equirectangular() {
             return f64::INFINITY;
         }
         let largest = if self.is_fisheye() { LARGEST_ANGLE_RAD } else { LARGEST_RADIUS };
@@ -90,6 +108,9 @@ impl Distortion {
     /// before it nor within the valid angle.
     pub fn project(&self, direction: DVec3, valid_radius: f64) -> Option<DVec2> {
         let d = direction;
+        if self.is_equirectangular() {
+            return (d.is_finite() && d != DVec3::ZERO).then(|| longitude_latitude(d));
+        }
         if self.is_fisheye() && d.is_finite() {
             let theta = d.truncate().length().atan2(d.z);
             let seen = d != DVec3::ZERO && (d.z > 0.0 || theta <= valid_radius);
@@ -98,8 +119,24 @@ impl Distortion {
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
 
+    /// Where a direction would land, also where nothing is seen any more: a fisheye's curve goes on along its tangent. Of
+    /// the model opencv only for what is before the camera.
+    pub fn carried(&self, direction: DVec3, valid_radius: f64) -> DVec2 {
+        if self.is_fisheye() {
+            let across = direction.truncate();
+            return across.normalize_or_zero() * self.fisheye(across.length().atan2(direction.z), valid_radius);
+        }
+        self.project(direction, valid_radius).unwrap_or_default()
+    }
+
     /// The direction (unit length) that lands at a place; the inverse of [`Distortion::project`]. `None` where none does.
     pub fn unproject(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec3> {
+        if self.is_equirectangular() {
+            let ((s, c), (below, level)) = (distorted.x.sin_cos(), distorted.y.sin_cos());
+            // A rounding's breadth is left to the picture's own rim.
+            let inside = distorted.x.abs() <= PI * (1.0 + 1e-12) && distorted.y.abs() <= 0.5 * PI * (1.0 + 1e-12);
+            return inside.then(|| DVec3::new(s * level, below, c * level));
+        }
         if !self.is_fisheye() {
             return self.undistort(distorted, valid_radius).map(|p| p.extend(1.0).normalize());
         }
@@ -122,6 +159,9 @@ impl Distortion {
     /// the map stays one to one and nothing outside comes back into the picture.
     pub fn distort(&self, p: DVec2, valid_radius: f64) -> DVec2 {
         let r = p.length();
+        if self.is_equirectangular() {
+            return longitude_latitude(p.extend(1.0));
+        }
         if self.is_fisheye() {
             return p.normalize_or_zero() * self.fisheye(r.atan(), valid_radius);
         }
@@ -302,11 +342,13 @@ mod tests {
             k in prop::array::uniform4(-0.05f64..0.05),
         ) {
             let brown = Distortion { k1, k2, p1: p, p2: -p, ..Default::default() };
-            for model in [FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4])] {
+            let round = Distortion { model: LensModel::Equirectangular, ..Default::default() };
+            for model in [FR1, brown, fisheye(k), fisheye([k1, k2, 0.0, 0.0]), fisheye([0.0; 4]), round] {
                 let valid = model.valid_radius();
                 let theta = share * match model.model {
                     LensModel::Opencv => (0.95 * valid).atan().min(0.85),
                     LensModel::OpencvFisheye => valid,
+                    LensModel::Equirectangular => PI,
                 };
                 let d = DVec3::new(theta.sin() * around.cos(), theta.sin() * around.sin(), theta.cos());
                 let back = model.unproject(model.project(3.0 * d, valid).unwrap(), valid).unwrap();

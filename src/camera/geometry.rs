@@ -1,8 +1,10 @@
 //! From a point before the camera to a place in the picture and back.
 
+use std::f64::consts::{PI, TAU};
+
 use glam::{DVec2, DVec3};
 
-use super::Distortion;
+use super::{Distortion, LensModel};
 
 crate::params! {
     /// Size of the picture, focal lengths and principal point in pixels, film width, readout.
@@ -27,8 +29,17 @@ pub struct Geometry {
     valid_radius: f64,
 }
 
+/// Beyond this angle off the axis a plane before the camera no longer holds what a fisheye sees.
+const WIDEST_PLANE_RAD: f64 = 85.0 * PI / 180.0;
+
 impl Geometry {
-    pub fn new(intrinsics: Intrinsics, distortion: Distortion) -> Self {
+    /// Of a 360° picture focal lengths (px a radian) and middle follow from its size, whatever the intrinsics say.
+    pub fn new(mut intrinsics: Intrinsics, distortion: Distortion) -> Self {
+        if distortion.model == LensModel::Equirectangular {
+            let (width, height) = (f64::from(intrinsics.width_px), f64::from(intrinsics.height_px));
+            (intrinsics.fx_px, intrinsics.fy_px) = (width / TAU, height / PI);
+            (intrinsics.cx_px, intrinsics.cy_px) = (0.5 * width, 0.5 * height);
+        }
         let valid_radius = distortion.valid_radius();
         Self { intrinsics, distortion, valid_radius }
     }
@@ -47,6 +58,11 @@ impl Geometry {
     /// `None` at or behind the camera's plane, z ≤ 0; of a fisheye, beyond what it sees.
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
         self.distortion.project(point_in_camera, self.valid_radius).map(|d| self.raster_px(d))
+    }
+
+    /// As [`Geometry::project`], also for what a fisheye does not see: beside and behind its picture.
+    pub fn carried_px(&self, point_in_camera: DVec3) -> DVec2 {
+        self.raster_px(self.distortion.carried(point_in_camera, self.valid_radius))
     }
 
     fn raster_px(&self, d: DVec2) -> DVec2 {
@@ -71,6 +87,36 @@ impl Geometry {
     /// `None` where the distortion has no inverse there, and where a fisheye looks sideways or back.
     pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
         self.direction(at_px).filter(|d| d.z > 1e-9).map(|d| d / d.z)
+    }
+
+    /// The ray through a place, so long that times a recorded depth it is the point: depth is the distance in a 360°
+    /// picture, z in any other. `None` where there is none.
+    pub fn depth_ray(&self, at_px: DVec2) -> Option<DVec3> {
+        if self.is_round() { self.direction(at_px) } else { self.unproject(at_px) }
+    }
+
+    /// Whether left and right rim are the same direction: a 360° picture.
+    pub fn is_round(&self) -> bool {
+        self.distortion.model == LensModel::Equirectangular
+    }
+
+    /// Whether the picture shows more than a plane before the camera holds, so that it is put together from views around it.
+    pub fn sees_around(&self) -> bool {
+        let (w, h) = (f64::from(self.intrinsics.width_px), f64::from(self.intrinsics.height_px));
+        let wide = |at: DVec2| self.direction(at).is_none_or(|d| d.angle_between(DVec3::Z) > WIDEST_PLANE_RAD);
+        match self.distortion.model {
+            LensModel::Opencv => false,
+            // The farthest from the axis is a corner. One without a direction lies beyond all that the lens sees.
+            LensModel::OpencvFisheye => [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].into_iter().any(|at| wide(at.into())),
+            LensModel::Equirectangular => true,
+        }
+    }
+
+    /// From one place in the picture to another, px; in a 360° picture the shorter way, be it over the seam.
+    pub fn way_px(&self, from: DVec2, to: DVec2) -> DVec2 {
+        let width = f64::from(self.intrinsics.width_px);
+        let way = to - from;
+        if self.is_round() { DVec2::new(way.x - width * (way.x / width).round(), way.y) } else { way }
     }
 
     /// The same camera at another picture size (pixel for pixel the same view).
@@ -124,7 +170,47 @@ mod tests {
         assert!(g.row_time_s(240.0).abs() < 1e-12);
     }
 
+    fn around(width_px: u32, height_px: u32) -> Geometry {
+        let intrinsics = Intrinsics { width_px, height_px, ..Default::default() };
+        Geometry::new(intrinsics, Distortion { model: LensModel::Equirectangular, ..Default::default() })
+    }
+
+    #[test]
+    fn a_360_picture_worked_by_hand() {
+        // Two px a degree, whatever focal length was said.
+        let g = around(720, 360);
+        let at = |d: DVec3| g.project(d).unwrap();
+        assert!((at(DVec3::X * 3.0) - DVec2::new(540.0, 180.0)).length() < 1e-9);
+        assert!((at(DVec3::new(-1.0, 2f64.sqrt(), -1.0)) - DVec2::new(90.0, 270.0)).length() < 1e-9);
+        assert!((g.direction(DVec2::new(0.0, 180.0)).unwrap() - DVec3::NEG_Z).length() < 1e-12);
+        assert!((g.direction(DVec2::new(99.0, 360.0)).unwrap() - DVec3::Y).length() < 1e-12, "down is at the bottom");
+        assert_eq!(g.way_px(DVec2::new(715.0, 9.0), DVec2::new(4.0, 7.0)), DVec2::new(9.0, -2.0));
+        assert_eq!(fr1().way_px(DVec2::new(715.0, 9.0), DVec2::new(4.0, 7.0)), DVec2::new(-711.0, -2.0));
+        assert_eq!(g.project(DVec3::ZERO), None);
+    }
+
+    #[test]
+    fn what_a_plane_cannot_hold_is_seen_around() {
+        let fisheye = |focal_px: f64, k1: f64| {
+            let intrinsics = Intrinsics { fx_px: focal_px, fy_px: focal_px, ..Default::default() };
+            Geometry::new(intrinsics, Distortion { model: LensModel::OpencvFisheye, k1, ..Default::default() })
+        };
+        // The corner lies 400 px off: 1 rad at 400 px, 1.6 rad at 250 px.
+        assert!(!fisheye(400.0, 0.0).sees_around() && fisheye(250.0, 0.0).sees_around());
+        // k1 = −0.1 folds at 1.8 rad, where 1.2 rad of the film are left: corners show nothing.
+        assert!(fisheye(250.0, -0.1).sees_around());
+        assert!(around(64, 32).sees_around() && !fr1().sees_around());
+    }
+
     proptest! {
+        #[test]
+        fn round_trip_of_a_360_picture(x in 0.0f64..720.0, y in 0.01f64..359.99, far in 0.01f64..1e4) {
+            let g = around(720, 360);
+            let at = DVec2::new(x, y);
+            let back = g.project(g.direction(at).unwrap() * far).unwrap();
+            prop_assert!(g.way_px(at, back).length() < 1e-6, "{back}");
+        }
+
         #[test]
         fn round_trip_over_the_whole_picture(x in 0.0f64..640.0, y in 0.0f64..480.0, z in 0.1f64..50.0) {
             let g = fr1();

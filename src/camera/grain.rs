@@ -19,8 +19,8 @@
 //! fourth root of the speed (twice from ISO 100 to 1600): a choice, not a measurement.
 //!
 //! Not modelled: noise of a fixed pattern, of quantising, of amplifiers behind the gain (which
-//! does not grow), two-gain sensors, the camera's own noise reduction, and that a sensor's noise
-//! (unlike film's) does not get coarser.
+//! does not grow), two-gain sensors, the camera's own noise reduction, and, where another film is
+//! asked for, that a sensor's noise (unlike film's) does not get coarser.
 
 use super::{NoiseProfile, Response};
 

@@ -9,6 +9,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 
 use super::{Interrupted, interruption, progress, tell, warn};
+use crate::camera::Geometry;
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
 use crate::gpu::Gpu;
 use crate::profile::Rig;
@@ -185,6 +186,9 @@ pub fn run(args: Args) -> Result<()> {
             "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it";
         warn(args.quiet, &format!("{text}; `locard calibrate noise` measures it from pictures of a scene at rest"));
     }
+    for text in settings.idle(&camera) {
+        warn(args.quiet, text);
+    }
     if let Some(geometry) = camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(0)) {
         // A lens that cannot be is refused before anything is written.
         camera.lens.opening(geometry)?;
@@ -245,7 +249,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// That the camera is known, and is the recording's.
-fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry>) -> Result<()> {
+fn check_camera(recording: &Recording, geometry: &Option<Geometry>) -> Result<()> {
     if geometry.is_none() && recording.geometry_at_frame(0).is_none() {
         bail!(
             "nothing says what camera took {}: give --profile with a table [camera] (focal length, principal point); \
@@ -253,8 +257,25 @@ fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry
             recording.path.display()
         );
     }
+    let round = recording.geometry_at_frame(0).is_some_and(Geometry::is_round);
     if let Some(g) = geometry {
         let i = &g.intrinsics;
+        if round && !g.is_round() {
+            bail!(
+                "the recording is of 360° pictures, the profile's table [camera] of another camera: leave that table out, or \
+                 write model = \"equirectangular\" into [camera.distortion]"
+            );
+        }
+        if g.is_round() && i.width_px != 2 * i.height_px {
+            bail!("a 360° picture (equirectangular) is twice as wide as high; found is {}x{}", i.width_px, i.height_px);
+        }
+        if g.is_round() && i.readout_time_s > 0.0 {
+            bail!(
+                "camera.readout_time_s = {} is refused: the rows of a 360° picture, put together from several sensors, \
+                 have no times of their own; accepted is 0",
+                i.readout_time_s
+            );
+        }
         if (i.width_px, i.height_px) != (recording.width, recording.height) {
             bail!(
                 "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and \
@@ -270,7 +291,7 @@ fn check_camera(recording: &Recording, geometry: &Option<crate::camera::Geometry
 }
 
 /// The camera that took a frame.
-pub fn camera_of(recording: &Recording, rig: &Rig, frame: usize) -> Result<crate::camera::Geometry> {
+pub fn camera_of(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry> {
     let own = rig.camera().geometry;
     check_camera(recording, &own)?;
     own.or_else(|| recording.geometry_at_frame(frame).cloned()).context("the recording has no camera")

@@ -159,6 +159,7 @@ fn recording(args: &Args) -> Result<()> {
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
     }
     match recording.geometry_at_frame(0) {
+        Some(g) if g.is_round() => writeln!(out, "camera     360°, longitude and latitude")?,
         Some(g) => writeln!(
             out,
             "camera     fx {:.2} fy {:.2} cx {:.2} cy {:.2} px",
@@ -209,7 +210,7 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
     let pose = pose?;
     let geometry = geometry(args, recording, frame)?;
     let ray = geometry
-        .unproject(DVec2::new(x, y))
+        .depth_ray(DVec2::new(x, y))
         .with_context(|| format!("--pick {x},{y}: the lens model has no ray there"))?;
     let frames = recording.frames(frame..frame + 1)?.next().context("the frame cannot be read")??;
     if let Some([a, b, c, d]) = args.plane {

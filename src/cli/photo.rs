@@ -208,6 +208,9 @@ pub fn run(args: &Args) -> Result<()> {
     recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
     effects.seed = args.seed;
     let whole = super::composite::camera_of(&recording, &rig, index)?;
+    if whole.is_round() {
+        bail!("a photograph out of a 360° picture is not made: composite into the recording, and crop that");
+    }
 
     // All that can be refused is, before anything is drawn.
     let focal_length_m = args.focal.map(|mm| 1e-3 * mm);

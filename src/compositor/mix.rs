@@ -12,6 +12,16 @@ use crate::render::{Layer, LayerRun};
 /// The first binding that is an effect's.
 const FIRST_EFFECT_BINDING: usize = 4;
 
+/// What of the picture is composited at once: all, or one side of the seam where a layer lies across that of a 360° picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Piece {
+    pub shown: Rect,
+    /// What the layer covers, as seen from this piece; reaches beyond the picture. Elsewhere the layer is empty.
+    pub drawn: Rect,
+    /// Pieces that are submitted together have one each.
+    pub slot: usize,
+}
+
 /// An effect's part of the composite, for one frame.
 #[derive(Debug)]
 pub struct MixedEffect {
@@ -56,27 +66,28 @@ impl Mixer {
         }
     }
 
-    /// Records the composite over `shown`; the layer covers `drawn`, beyond which it is empty.
+    /// Records the composite of a piece.
     pub fn mix(
         &mut self,
         run: &mut LayerRun<'_>,
         pixels: &Pixels,
         layer: &Layer,
-        [drawn, shown]: [Rect; 2],
+        piece: &Piece,
         effects: &[MixedEffect],
         photograph: Option<&Photograph>,
     ) -> Texture {
         let gpu = run.gpu;
+        let Piece { shown, drawn, slot } = *piece;
         let format = match pixels.codes {
             Codes::U8(_) => wgpu::TextureFormat::Rgba8Uint,
             Codes::U16(_) => wgpu::TextureFormat::Rgba16Uint,
         };
         // One pixel more on each side, for effects that look at neighbours.
         let sent = shown.grown(1).intersection(&Rect::full(pixels.width, pixels.height));
-        let camera = run.pool.get(gpu, "camera", 0, (sent.width(), sent.height()), format, 1);
+        let camera = run.pool.get(gpu, "camera", slot, (sent.width(), sent.height()), format, 1);
         send(gpu, &camera, pixels, sent);
         let size = (shown.width(), shown.height());
-        let out = run.pool.get(gpu, "composite", 0, size, format, 1);
+        let out = run.pool.get(gpu, "composite", slot, size, format, 1);
 
         let (gain, left) = photograph.map_or((1.0, 1.0), |p| (photographic_gain(p.over_ev), p.noise_left));
         let uniform = CompositeUniform {

@@ -21,7 +21,7 @@ pub use mix::shader as mixed_shader;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
-use mix::{MixedEffect, Mixer};
+use mix::{MixedEffect, Mixer, Piece};
 use occlusion::{RayCache, enlarged};
 
 /// What effects at lower resolutions work in: the smallest of their tiles, a multiple of their largest pixels, px.
@@ -118,12 +118,21 @@ pub struct Pending {
 
 #[derive(Debug)]
 struct Work {
-    /// What of the picture came back.
-    shown: Rect,
-    /// What the layer covers; reaches beyond the picture.
-    drawn: Rect,
-    codes: Readback,
+    pieces: Vec<Piece>,
+    codes: Vec<Readback>,
     layer: Option<[Readback; 2]>,
+}
+
+/// The pieces of the picture that a layer covers. In a 360° picture what is beyond a rim is at the other one.
+fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
+    let width = region.width() as i32;
+    // One that covers all of it holds what is beyond the rims twice.
+    let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
+    let piece = |turn: &i32| {
+        let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };
+        Piece { shown: drawn.intersection(&region), drawn, slot: turn.unsigned_abs() as usize + usize::from(*turn < 0) }
+    };
+    turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
 }
 
 impl Compositor {
@@ -189,7 +198,7 @@ impl Compositor {
         let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s };
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
-        let footprint = self.renderer.footprint(job.geometry, &keys);
+        let footprint = self.renderer.footprint(job.geometry, &keys, shutter);
         stats.fastest_px_per_s = footprint.fastest_px_per_s;
 
         let objects = self.object_motions(job.geometry, &keys.middle(), &pose_at(time_s + job.interval_s));
@@ -212,7 +221,7 @@ impl Compositor {
             (0..self.settings.effects.len()).filter(|&i| self.settings.is_active(i, &context)).collect();
         stats.effects = active.iter().map(|&i| self.settings.effects[i].params().table()).collect();
         for &i in &active {
-            self.settings.effects[i].check(&self.camera)?;
+            self.settings.effects[i].check(&self.camera, job.geometry)?;
         }
         let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
             active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum::<f32>().ceil() as i32 + 1
@@ -220,22 +229,36 @@ impl Compositor {
         // What lies outside the picture and can be seen in it is drawn too.
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
         let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
-        let reach = region.grown(total(|e, c| e.reach_px(c)));
-        let drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
+        let reach_px = total(|e, c| e.reach_px(c));
+        let round = job.geometry.is_round();
+        let mut reach = region.grown(reach_px);
+        if round {
+            // Columns go on over the seam.
+            (reach.x0, reach.x1) = (-(region.width() as i32), 2 * region.width() as i32);
+        }
+        let mut drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
+        if round && drawn.width() >= region.width() {
+            (drawn.x0, drawn.x1) = (-reach_px, region.width() as i32 + reach_px);
+        }
         // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
         let on_grid = |edge: i32| if job.photograph.is_some() { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
-        let touched = drawn.intersection(&region);
-        let nothing = footprint.rect.is_empty() || touched.is_empty();
+        let mut pieces = pieces(drawn, region, round);
+        let nothing = footprint.rect.is_empty() || pieces.is_empty();
         // All of a photograph is made, also where nothing virtual lies.
         let whole = job.photograph.is_some() && !region.is_empty();
-        let shown = if whole { region } else { touched };
-        let drawn = if nothing { Rect::new(shown.x0, shown.y0, shown.x0 + 1, shown.y0 + 1) } else { drawn };
         if nothing && !whole {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
+        let drawn = if nothing { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
+        if whole {
+            pieces = vec![Piece { shown: region, drawn, slot: 0 }];
+        }
+        let seen = drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region });
         let context = FrameContext { drawn, ..context };
-        stats.rect_px = Some([shown.x0, shown.y0, shown.x1, shown.y1]);
+        // Of one that lies across the seam the end is beyond the picture's width.
+        let told = if let [one] = pieces.as_slice() { one.shown } else { seen };
+        stats.rect_px = Some([told.x0, told.y0, told.x1, told.y1]);
 
         let gpu = self.gpu.clone();
         let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
@@ -267,6 +290,7 @@ impl Compositor {
             rect: drawn,
             occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
             parallel_to_m: None,
+            outer: None,
         };
         let mut layer = self.renderer.draw(&mut run, &view, &plan);
         for (n, &i) in active.iter().enumerate() {
@@ -277,28 +301,31 @@ impl Compositor {
                 layer = self.settings.effects[i].run(&mut run, &context, layer);
             }
         }
-        let mut mixed = Vec::new();
-        for &i in &active {
-            let effect = &mut self.settings.effects[i];
-            if let Some(wgsl) = effect.mixed_wgsl(context.photograph.is_some()) {
-                let inputs = effect.mixed_inputs(&mut run, &context, shown);
-                mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
-            }
-        }
         let photograph = context.photograph.as_ref();
-        let out = self.mixer.mix(&mut run, &frame.pixels, &layer, [drawn, shown], &mixed, photograph);
-        let size = (shown.width(), shown.height());
-        let mut codes = self.readbacks.copy(&gpu, &mut encoder, &out, size);
+        let other_film = photograph.is_some() || context.recorded_speed() != 1.0;
+        let mut codes = Vec::new();
+        for piece in &pieces {
+            let mut mixed = Vec::new();
+            for &i in &active {
+                let effect = &mut self.settings.effects[i];
+                if let Some(wgsl) = effect.mixed_wgsl(other_film) {
+                    let inputs = effect.mixed_inputs(&mut run, &context, piece.shown);
+                    mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
+                }
+            }
+            let out = self.mixer.mix(&mut run, &frame.pixels, &layer, piece, &mixed, photograph);
+            let size = (piece.shown.width(), piece.shown.height());
+            codes.push(self.readbacks.copy(&gpu, run.encoder, &out, size));
+        }
         let mut layer_back = job.want_layer.then(|| {
             [&layer.color, &layer.geometry]
                 .map(|t| self.readbacks.copy(&gpu, &mut encoder, t, (drawn.width(), drawn.height())))
         });
         let submission = gpu.queue.submit([encoder.finish()]);
-        codes.submitted(submission.clone());
-        for readback in layer_back.iter_mut().flatten() {
+        for readback in codes.iter_mut().chain(layer_back.iter_mut().flatten()) {
             readback.submitted(submission.clone());
         }
-        let work = Work { shown, drawn, codes, layer: layer_back };
+        let work = Work { pieces, codes, layer: layer_back };
         Ok(Pending { frame, stats, want_layer: job.want_layer, work: Some(work) })
     }
 
@@ -310,10 +337,14 @@ impl Compositor {
         let mut pixels = frame.pixels;
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
         if let Some(work) = work {
-            paste(&self.gpu, &work.codes, work.shown, &mut pixels)?;
-            self.readbacks.give_back(work.codes);
+            for (piece, codes) in work.pieces.iter().zip(work.codes) {
+                paste(&self.gpu, &codes, piece.shown, &mut pixels)?;
+                self.readbacks.give_back(codes);
+            }
             if let (Some(image), Some([color, geometry])) = (&mut layer, work.layer) {
-                paste_layer(&self.gpu, &color, &geometry, work.drawn, image)?;
+                if let Some(first) = work.pieces.first() {
+                    paste_layer(&self.gpu, &color, &geometry, first.drawn, work.pieces.len() > 1, image)?;
+                }
                 self.readbacks.give_back(color);
                 self.readbacks.give_back(geometry);
             }
@@ -328,7 +359,7 @@ impl Compositor {
             .object_centres()
             .into_iter()
             .map(|centre| {
-                let moved = centre.and_then(|c| Some(seen(next, c)? - seen(now, c)?));
+                let moved = centre.and_then(|c| Some(geometry.way_px(seen(now, c)?, seen(next, c)?)));
                 moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
             })
             .collect()
@@ -358,18 +389,21 @@ fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Res
     }
 }
 
-/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture.
+/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture; over the seam it goes on at the other
+/// rim.
 fn paste_layer(
     gpu: &Gpu,
     color: &Readback,
     geometry: &Readback,
     rect: Rect,
+    over_seam: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
     let (width, height) = (out.width as i32, out.height as i32);
     let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
     let at = |row: usize, column: usize| {
         let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
+        let x = if over_seam { x.rem_euclid(width) } else { x };
         (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
     };
     let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];

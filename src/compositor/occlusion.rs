@@ -15,8 +15,8 @@ use crate::pose::Pose;
 #[derive(Debug)]
 pub struct Rays {
     geometry: Geometry,
-    /// x/z and y/z, row by row; NaN where the distortion has no inverse.
-    normalised: Vec<[f32; 2]>,
+    /// Row by row, so long that a depth times it is the point; NaN where nothing is seen, or no depth can be told.
+    rays: Vec<[f32; 3]>,
 }
 
 /// Depths of a picture of `size`, seen in a part of it: over `rect` of the part, each pixel takes the one it lies on. 0
@@ -51,14 +51,15 @@ impl RayCache {
 impl Rays {
     pub fn new(geometry: &Geometry) -> Self {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
-        let normalised = (0..height)
+        let rays = (0..height)
             .flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)))
-            .map(|at| geometry.unproject(at).map_or([f32::NAN; 2], |r| [r.x as f32, r.y as f32]))
+            .map(|at| geometry.depth_ray(at).map_or([f32::NAN; 3], |r| r.as_vec3().to_array()))
             .collect();
-        Self { geometry: geometry.clone(), normalised }
+        Self { geometry: geometry.clone(), rays }
     }
 
-    /// Depth over `rect` at the frame's moment, metres; 0 where nothing is known.
+    /// Depth over `rect` at the frame's moment, metres; 0 where nothing is known. Distance from the camera where a plane
+    /// does not hold the picture, else z. In a 360° picture `rect` may reach over the left and right rims.
     ///
     /// Each point covers the 2×2 pixels around where it lands, so that a grid of points a little
     /// magnified leaves no holes; the nearest wins. A map of another size than the camera's
@@ -70,10 +71,27 @@ impl Rays {
         if (depth.width, depth.height) != (i.width_px, i.height_px) {
             return out;
         }
+        let around = self.geometry.sees_around();
+        let full = Rect::full(depth.width, depth.height);
+        let turns: &[i32] = if self.geometry.is_round() { &[0, -1, 1] } else { &[0] };
+        let mut put = |x: i32, y: i32, d: f32| {
+            for turn in turns {
+                let x = x + turn * depth.width as i32;
+                if rect.contains(x, y) {
+                    let texel = &mut out[(y - rect.y0) as usize * width + (x - rect.x0) as usize];
+                    if *texel == 0.0 || d < *texel {
+                        *texel = d;
+                    }
+                }
+            }
+        };
         let still = measured == frame;
         // Points outside the rectangle may move into it, as far as a fast pan between two
         // sensors' moments goes.
-        let source = rect.grown(if still { 0 } else { 64 }).intersection(&Rect::full(depth.width, depth.height));
+        let mut source = rect.grown(if still { 0 } else { 64 }).intersection(&full);
+        if self.geometry.is_round() {
+            source = Rect { x0: full.x0, x1: full.x1, ..source };
+        }
         for y in source.y0..source.y1 {
             for x in source.x0..source.x1 {
                 let index = y as usize * depth.width as usize + x as usize;
@@ -81,23 +99,25 @@ impl Rays {
                 if d.is_nan() || d <= 0.0 {
                     continue;
                 }
-                if still {
-                    out[(y - rect.y0) as usize * width + (x - rect.x0) as usize] = d;
+                if still && !around {
+                    put(x, y, d);
                     continue;
                 }
-                let [nx, ny] = self.normalised[index].map(f64::from);
-                let ray = DVec3::new(nx, ny, 1.0);
+                let ray = DVec3::from(self.rays[index].map(f64::from));
                 let p = frame.transform_point(measured.inverse_transform_point(ray * f64::from(d)));
+                let told = (if around { p.length() } else { p.z }) as f32;
+                if still {
+                    // NaN is told of nothing.
+                    if told > 0.0 {
+                        put(x, y, told);
+                    }
+                    continue;
+                }
                 let Some(at) = self.geometry.project(p) else { continue };
                 // Pixel centres at +0.5: the 2×2 whose centres surround the point.
                 let (left, top) = ((at.x - 0.5).floor() as i32, (at.y - 0.5).floor() as i32);
                 for (px, py) in [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)] {
-                    if rect.contains(px, py) {
-                        let texel = &mut out[(py - rect.y0) as usize * width + (px - rect.x0) as usize];
-                        if *texel == 0.0 || p.z < f64::from(*texel) {
-                            *texel = p.z as f32;
-                        }
-                    }
+                    put(px, py, told);
                 }
             }
         }

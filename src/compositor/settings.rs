@@ -1,5 +1,6 @@
 //! Which effects are on, and how.
 
+use crate::camera::Camera;
 use crate::effects::{self, Effect, FrameContext};
 use crate::params::{ParamError, Params, Value};
 
@@ -73,6 +74,12 @@ impl Settings {
     /// Whether effect `i` runs for a frame: switched on, and not at its neutral setting.
     pub fn is_active(&self, i: usize, context: &FrameContext<'_>) -> bool {
         self.enabled[i] && !self.effects[i].is_neutral(context)
+    }
+
+    /// Settings of effects switched on that do nothing with a camera, each with the reason.
+    pub fn idle(&self, camera: &Camera) -> Vec<&'static str> {
+        let on = self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on);
+        on.filter_map(|(effect, _)| effect.idle(camera)).collect()
     }
 
     /// Every table of parameters that a profile or `--set` may write to.

@@ -16,9 +16,9 @@
 
 use glam::DVec2;
 
-use super::{Effect, FrameContext, MixedInputs, Stage};
-use crate::camera::Geometry;
+use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
 use crate::camera::falloff::Lateral;
+use crate::camera::{Camera, Geometry};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::params::{Params, Value};
@@ -112,6 +112,11 @@ impl Effect for ChromaticAberrationEffect {
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
     }
+    fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        let reason = "a 360° picture is put together and has no middle from which a lens would part colours: \
+                      leave its parameters at their defaults";
+        if geometry.is_round() { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
+    }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.params == ChromaticAberration::default()
     }
@@ -155,7 +160,7 @@ impl Effect for ChromaticAberrationEffect {
         Layer { color, geometry, size: layer.size }
     }
 
-    fn mixed_wgsl(&self, _photograph: bool) -> Option<&'static str> {
+    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
         Some(include_str!("../../shaders/chromatic_aberration_over.wgsl"))
     }
     fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {

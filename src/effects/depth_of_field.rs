@@ -25,7 +25,7 @@ pub mod poisson;
 mod surroundings;
 
 use super::{Effect, EffectError, FrameContext, Stage};
-use crate::camera::{Aperture, Camera};
+use crate::camera::{Aperture, Camera, Geometry};
 use crate::params::{Params, Value};
 use crate::render::{Layer, LayerRun, Sample, SamplePlan};
 use diffusion::Mix;
@@ -119,7 +119,14 @@ impl Effect for DepthOfFieldEffect {
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         circles_px(context)[1] < SHARP_PX
     }
-    fn check(&self, _: &Camera) -> Result<(), EffectError> {
+    fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        if geometry.sees_around() {
+            return Err(EffectError {
+                parameter: "depth_of_field",
+                reason: "a picture of 170° and more has none here: leave camera.lens.f_number and aperture_diameter_mm \
+                         out, or give --without depth_of_field",
+            });
+        }
         if self.params.shape != Shape::Lens && self.params.method != Method::Diffusion {
             return Err(EffectError {
                 parameter: "depth_of_field.shape",

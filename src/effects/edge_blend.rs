@@ -43,7 +43,7 @@ impl Effect for EdgeBlendEffect {
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", vec![("impact", Value::Number(1.0))])]
     }
-    fn mixed_wgsl(&self, _photograph: bool) -> Option<&'static str> {
+    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
         Some(include_str!("../../shaders/edge_blend.wgsl"))
     }
     fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {

@@ -15,8 +15,9 @@
 //! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
-use super::{Effect, FrameContext, Stage};
+use super::{Effect, EffectError, FrameContext, Stage};
 use crate::camera::accumulation::{self, MOST_STEPS};
+use crate::camera::{Camera, Geometry};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
 use crate::params::{Params, Value};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun, Sample, SamplePlan};
@@ -138,6 +139,16 @@ impl Effect for MotionBlurEffect {
     }
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
+    }
+    fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        if self.params.method == Method::Copies && geometry.sees_around() {
+            return Err(EffectError {
+                parameter: "motion_blur.method",
+                reason: "copies moves objects along a line, and in a picture of 170° and more nothing moves along one: \
+                         accepted there are velocity, accumulation and reference",
+            });
+        }
+        Ok(())
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         context.exposure_time_s == 0.0 || Self::longest_px(context) <= self.params.threshold_px

@@ -14,6 +14,9 @@
 //! the profile's own speed and format it is the calibrated noise, bit for bit. Patches finer than calibrated are not
 //! drawn: slower film has less noise, not finer.
 //!
+//! A frame that was recorded at another speed than the profile's (its EXIF's ISO, or the gain that the recording lists)
+//! has that speed's variance, in virtual and real pixels alike; patches stay, for it is a sensor's noise and not film's.
+//!
 //! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, rows
 //! and columns, correlation beyond two pixels, a covariance of mixed neighbours.
 
@@ -22,8 +25,8 @@ use std::sync::LazyLock;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
-use crate::camera::Camera;
 use crate::camera::grain::{GrainRatios, read_light};
+use crate::camera::{Camera, Geometry};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::params::{Params, Value};
@@ -38,7 +41,7 @@ crate::params! {
         magnification: f32 = 1.0, "px", 1.0..=16.0;
         "for how many frames a pattern stays"
         animation_delay: u32 = 1, "frames", 1.0..=1000.0;
-        "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as measured"
+        "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as recorded"
         iso: Option<f64> = None, "1", 100.0..=25600.0;
         "film width for the grain's size; none: the camera's"
         film_width_mm: Option<f64> = None, "mm", 0.1..=1000.0;
@@ -65,6 +68,12 @@ impl Noise {
             film_width: over(film_width_mm, Some(calibrated.film_width_mm)),
             picture_width: f64::from(context.geometry.intrinsics.width_px) / f64::from(calibrated.width_px),
         }
+    }
+
+    /// The recording's own speed for a frame, where no other film is asked for. A sensor's noise does not get coarser with
+    /// it, as film's does: patches stay.
+    fn recorded_speed(&self, context: &FrameContext<'_>) -> f64 {
+        if self.iso.is_some() { 1.0 } else { context.recorded_speed() }
     }
 
     /// Size of the patches, px.
@@ -220,7 +229,7 @@ impl Effect for NoiseEffect {
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
     }
-    fn check(&self, camera: &Camera) -> Result<(), EffectError> {
+    fn check(&self, camera: &Camera, _: &Geometry) -> Result<(), EffectError> {
         if self.params.iso.is_some() && camera.exposure.iso.is_none() {
             let reason = "the film speed at which the noise was measured is not known: accepted is none, or any of 100 \
                           to 25600 with camera.exposure.iso given";
@@ -238,8 +247,12 @@ impl Effect for NoiseEffect {
             ("grain", vec![("iso", Value::Number(1600.0))]),
         ]
     }
-    fn mixed_wgsl(&self, photograph: bool) -> Option<&'static str> {
-        Some(if self.params.magnification <= 1.0 && !photograph && !self.params.is_grain() {
+    fn idle(&self, camera: &Camera) -> Option<&'static str> {
+        (self.params.iso.is_some() && camera.noise.is_none())
+            .then_some("noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed")
+    }
+    fn mixed_wgsl(&self, other_film: bool) -> Option<&'static str> {
+        Some(if self.params.magnification <= 1.0 && !other_film && !self.params.is_grain() {
             include_str!("../../shaders/noise.wgsl")
         } else {
             include_str!("../../shaders/noise_grain.wgsl")
@@ -249,6 +262,7 @@ impl Effect for NoiseEffect {
     fn mixed_inputs(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, shown: Rect) -> MixedInputs {
         let gpu = run.gpu;
         let ratios = self.params.ratios(context);
+        let recorded = self.params.recorded_speed(context);
         let magnification = self.params.patch_px(&ratios);
         let lattice = Self::lattice(magnification, shown);
         let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
@@ -288,7 +302,12 @@ impl Effect for NoiseEffect {
         let uniform = NoiseUniform {
             shape: [magnification, self.params.scale, given[0], given[1]],
             origin: [lattice.x0, lattice.y0, 0, 0],
-            grain: [ratios.iso as f32, if magnification <= 1.0 { 0.5 } else { 0.0 }, 0.0, 0.0],
+            grain: [
+                (ratios.iso * recorded) as f32,
+                if magnification <= 1.0 { 0.5 } else { 0.0 },
+                if recorded == 1.0 { 0.0 } else { 1.0 },
+                0.0,
+            ],
             read: [read(0), read(1), read(2), 0.0],
         };
         MixedInputs { uniform: bytemuck::bytes_of(&uniform).to_vec(), textures: vec![pattern] }

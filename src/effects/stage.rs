@@ -87,6 +87,16 @@ impl FrameContext<'_> {
     pub fn enlargement(&self) -> f64 {
         self.photograph.map_or(1.0, |photograph| photograph.enlargement)
     }
+
+    /// Film speed at which the recording's frame was taken over that of the camera's profile, at which its noise was
+    /// measured: by the ISO that the frame's file tells, else by the gain that the recording lists. 1 where one of both is
+    /// not known, and in photographs, whose speed is their own.
+    pub fn recorded_speed(&self) -> f64 {
+        let FrameExposure { gain, photo, .. } = self.recorded;
+        let Some(measured) = self.camera.exposure.iso.filter(|_| self.photograph.is_none()) else { return 1.0 };
+        let speed = photo.iso.map(|iso| iso / measured).or(gain).unwrap_or(1.0);
+        if speed.is_finite() && speed > 0.0 { speed } else { 1.0 }
+    }
 }
 
 /// The values of the `override`s curve and gamma, for shaders that import shared/response.
@@ -107,9 +117,13 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// The table's name is the effect's.
     fn params(&self) -> &dyn Params;
     fn params_mut(&mut self) -> &mut dyn Params;
-    /// Whether the camera has what the parameters need.
-    fn check(&self, _: &Camera) -> Result<(), EffectError> {
+    /// Whether the camera, with the geometry of the frame's, has what the parameters need.
+    fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {
         Ok(())
+    }
+    /// A setting that does nothing with this camera, and why: worth a word.
+    fn idle(&self, _: &Camera) -> Option<&'static str> {
+        None
     }
     /// Whether it would change no pixel of this frame; then it does not run.
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
@@ -141,8 +155,9 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// The effect's part of the composite's shader: WGSL that defines
     /// `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`. Its bindings are numbered from 4,
     /// first a uniform where there is one, then textures. An effect of the layer stage may have one too: it comes before
-    /// those of the mixed stage. In a photograph the function is called for every pixel, else for those with A > 0.
-    fn mixed_wgsl(&self, _photograph: bool) -> Option<&'static str> {
+    /// those of the mixed stage. In a photograph the function is called for every pixel, else for those with A > 0. `other_film`: a photograph, or
+    /// a frame at another film speed than the profile's.
+    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
         None
     }
     /// Records what that part reads, for the rectangle `shown` of the picture.

@@ -9,9 +9,9 @@
 
 use glam::DVec2;
 
-use super::{Effect, FrameContext, Stage};
+use super::{Effect, EffectError, FrameContext, Stage};
 use crate::camera::falloff::{Rim, natural};
-use crate::camera::{Geometry, Opening};
+use crate::camera::{Camera, Geometry, Opening};
 use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
 use crate::params::{Params, Value};
 use crate::render::{COLOR, Layer, LayerRun};
@@ -90,6 +90,11 @@ impl Effect for VignettingEffect {
     }
     fn params_mut(&mut self) -> &mut dyn Params {
         &mut self.params
+    }
+    fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        let reason = "a 360° picture is put together and has no middle from which a lens would darken it: \
+                      leave its parameters at their defaults";
+        if geometry.is_round() { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.params.natural == 0.0 && self.params.rim_distance_mm == 0.0

@@ -18,6 +18,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "shared/noise",
         "accumulate",
         "accumulated",
+        "around",
         "chromatic_aberration",
         "chromatic_aberration_over",
         "composite",

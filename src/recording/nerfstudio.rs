@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
 
-use super::parts::{DepthFiles, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
+use super::parts::{DepthFiles, NOMINAL_FPS, Parts, Pictures, equirectangular, geometry_from, track_from};
 use super::{Kind, OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
@@ -80,7 +80,7 @@ impl Camera {
 
     /// The geometry; sizes that are not given come from the picture. `None` without a focal length.
     fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
-        let known = || MODELS.iter().chain(&FISHEYES);
+        let known = || MODELS.iter().chain(&FISHEYES).chain(&ROUND);
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
             let names: Vec<_> = known().copied().collect();
             return Err(format!("camera_model is {model}; accepted are {}", names.join(", ")));
@@ -94,10 +94,14 @@ impl Camera {
                 (header.width.into(), header.height.into())
             }
         };
+        // Its angles follow from its size: what is said of focal lengths is left alone.
+        if self.camera_model.as_deref().is_some_and(|m| ROUND.contains(&m)) {
+            return equirectangular(w as u32, h as u32).map(Some);
+        }
         // Distortion aside.
         let from_angle = self.camera_angle_x.map(|angle| match model {
             LensModel::Opencv => 0.5 * w / (0.5 * angle).tan(),
-            LensModel::OpencvFisheye => w / angle,
+            _ => w / angle,
         });
         let Some(fl_x) = self.fl_x.or(from_angle) else { return Ok(None) };
         let values = [
@@ -118,7 +122,7 @@ impl Camera {
         match (geometry.distortion.missing(), model) {
             (None, _) => Ok(Some(geometry)),
             (Some(name), LensModel::Opencv) => Err(format!("{name} is not 0, which is supported of a fisheye alone")),
-            (Some(name), LensModel::OpencvFisheye) => Err(format!("{name} is not 0, and a fisheye has none")),
+            (Some(name), _) => Err(format!("{name} is not 0, and a fisheye has none")),
         }
     }
 }
@@ -126,6 +130,9 @@ impl Camera {
 const MODELS: [&str; 4] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "perspective"];
 /// nerfstudio's words for OpenCV's fisheye model.
 const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
+
+/// Of 360° pictures in longitude and latitude.
+const ROUND: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
     serde_json::from_str(json.trim_start_matches('\u{feff}')).map_err(|e| RecordingError::content(file, e))

@@ -62,7 +62,15 @@ struct Exposure {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Camera {
-    profile: PathBuf,
+    profile: Option<PathBuf>,
+    kind: Option<CameraKind>,
+}
+
+/// What a recording may say of its camera by itself.
+#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[serde(rename_all = "lowercase")]
+enum CameraKind {
+    Equirectangular,
 }
 
 /// Parses the description and checks all that can be checked without other files.
@@ -92,6 +100,9 @@ fn check(d: &Description) -> Result<(), String> {
     }
     if f.video.is_none() && (f.range.is_some() || f.matrix.is_some()) {
         return Err("frames.range and frames.matrix go with frames.video only".to_owned());
+    }
+    if d.camera.as_ref().is_some_and(|c| c.profile.is_none() && c.kind.is_none()) {
+        return Err("[camera] needs profile, kind = \"equirectangular\", or both".to_owned());
     }
     above_zero("frames.fps", f.fps)?;
     above_zero("poses.max_gap_s", d.poses.max_gap_s)?;
@@ -138,7 +149,10 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
     if let Some(exposure) = &description.exposure {
         parts.exposure = listing::read_exposures(&folder.join(&exposure.list))?;
     }
-    parts.camera_profile = description.camera.map(|camera| folder.join(camera.profile));
+    if let Some(camera) = description.camera {
+        parts.equirectangular = camera.kind == Some(CameraKind::Equirectangular);
+        parts.camera_profile = camera.profile.map(|profile| folder.join(profile));
+    }
     Ok(parts)
 }
 
@@ -190,6 +204,8 @@ mod tests {
             ("version = 1\n[frames]\nimages = \"a\"\nfps = nan", "frames.fps = NaN"),
             ("version = 1\nup = [0, 0, 0]\n[frames]\nlist = \"a\"", "up = [0.0, 0.0, 0.0]"),
             ("version = 1\n[frames]\nlist = \"a\"\n[depth]\nlist = \"d\"\nscale = 0.0", "depth.scale = 0"),
+            ("version = 1\n[frames]\nlist = \"a\"\n[camera]", "[camera] needs profile, kind"),
+            ("version = 1\n[frames]\nlist = \"a\"\n[camera]\nkind = \"round\"", "expected `equirectangular`"),
             ("version = 1", "missing field `frames`"),
         ] {
             let error = refused(text);

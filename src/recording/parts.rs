@@ -55,6 +55,8 @@ pub struct Parts {
     /// Ascending in time.
     pub exposure: Vec<(f64, FrameExposure)>,
     pub camera_profile: Option<PathBuf>,
+    /// Whether the frames are 360° pictures, whose camera follows from their size.
+    pub equirectangular: bool,
     pub warnings: Vec<String>,
 }
 
@@ -74,6 +76,7 @@ impl Parts {
             depth: None,
             exposure: Vec::new(),
             camera_profile: None,
+            equirectangular: false,
             warnings: Vec::new(),
         }
     }
@@ -88,7 +91,10 @@ impl Parts {
         let frame_interval_s =
             median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0).unwrap_or(1.0 / NOMINAL_FPS);
         warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
-        let geometry = common_geometry(&self.geometries);
+        let geometry = match self.equirectangular {
+            true => Some(equirectangular(width, height).map_err(|e| RecordingError::content(&self.path, e))?),
+            false => common_geometry(&self.geometries),
+        };
         for (frame, camera) in self.geometries.iter().enumerate() {
             let Some(Intrinsics { width_px, height_px, .. }) = camera.as_ref().map(|c| &c.intrinsics) else { continue };
             if (*width_px, *height_px) != (width, height) {
@@ -166,6 +172,18 @@ pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometr
         }
     }
     Ok(Geometry::new(intrinsics, distortion))
+}
+
+/// The camera of 360° pictures of a size, in longitude and latitude.
+pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
+    if u64::from(width) != 2 * u64::from(height) {
+        return Err(format!(
+            "a 360° picture (equirectangular) is twice as wide as high, and this one is {width}x{height}: crop or scale \
+             the frames to 2:1, or name the camera that took them"
+        ));
+    }
+    let sizes = [("width_px", f64::from(width)), ("height_px", f64::from(height))];
+    geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
 }
 
 /// The header that all frames share; stills are looked at one by one, which reads only their headers.

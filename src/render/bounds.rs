@@ -142,7 +142,7 @@ fn border(low: DVec2, high: DVec2, fisheye: bool) -> impl Iterator<Item = DVec2>
 }
 
 /// The speed that turning alone gives to far points in the picture's middle, px/s.
-fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
+pub fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
     let (Some(first), Some(last)) = (keys.poses.first(), keys.poses.last()) else { return 0.0 };
     let turn = first.rotation.angle_between(last.rotation);
     2.0 * geometry.intrinsics.fx_px * turn / (2.0 * keys.reach_s) + 500.0

@@ -2,9 +2,11 @@
 
 use std::ops::Range;
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::accumulate::Accumulate;
+use super::around::{Gather, Outer, SideView, moments, out_of_view};
+use super::around_bounds::footprint_around;
 use super::bounds::{Bounds, Footprint, footprint};
 use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
@@ -40,6 +42,7 @@ pub struct Renderer {
     pipelines: Pipelines,
     resolve: FullscreenPass,
     accumulate: Accumulate,
+    gather: Gather,
     no_depth: Texture,
 }
 
@@ -58,6 +61,8 @@ pub struct View<'a> {
     /// Rays are parallel, up to this distance (m) from the camera's plane: `geometry` has no distortion, and its focal
     /// lengths are px a metre.
     pub parallel_to_m: Option<f64>,
+    /// The camera whose picture this is a view out of.
+    pub outer: Option<Outer<'a>>,
 }
 
 /// One draw call.
@@ -69,6 +74,19 @@ struct Draw {
     diced: Option<(i32, Range<u32>)>,
     /// Of the box's middle, metres: what is blended is drawn from the back.
     depth_m: f64,
+}
+
+/// The draw calls of a view, and the vertices and indices of what had to be cut fine for it.
+struct Draws {
+    list: Vec<Draw>,
+    diced: Option<(wgpu::Buffer, wgpu::Buffer)>,
+}
+
+/// What all samples of a frame share.
+enum Prepared {
+    Plane(Draws),
+    /// Views around the camera with what they are drawn into.
+    Around(Vec<(SideView, Layer)>, Vec<Draws>),
 }
 
 impl Renderer {
@@ -109,6 +127,7 @@ impl Renderer {
             pipelines,
             resolve: FullscreenPass::new(gpu, "resolve", &assemble("resolve"), &[COLOR, GEOMETRY]),
             accumulate: Accumulate::new(gpu),
+            gather: Gather::default(),
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
         }
@@ -124,28 +143,26 @@ impl Renderer {
     }
 
     /// Where the objects can be while the shutter is open.
-    pub fn footprint(&self, geometry: &Geometry, keys: &ViewKeys) -> Footprint {
+    pub fn footprint(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter) -> Footprint {
         let bounds: Vec<_> = self.meshes.iter().map(|m| m.bounds).collect();
-        footprint(&self.scene, &bounds, geometry, keys)
+        match geometry.sees_around() {
+            true => footprint_around(&self.scene, &bounds, geometry, keys, shutter),
+            false => footprint(&self.scene, &bounds, geometry, keys),
+        }
+    }
+
+    /// The box of each part, corners in the world; none for empty ones.
+    fn boxes(&self) -> impl Iterator<Item = [DVec3; 8]> {
+        self.scene.objects.iter().flat_map(|o| &o.parts).filter_map(|part| {
+            let bounds = self.meshes[part.mesh].bounds?;
+            Some(bounds.corners().map(|c| part.world_from_mesh.transform_point3(c)))
+        })
     }
 
     /// Whether anything can be in the picture of a pinhole without distortion: no part whose box lies beyond one of the
     /// picture's sides.
     pub fn in_view(&self, geometry: &Geometry, pose: &Pose) -> bool {
-        let i = &geometry.intrinsics;
-        let (low, high) = (
-            DVec2::new(-i.cx_px / i.fx_px, -i.cy_px / i.fy_px),
-            DVec2::new((f64::from(i.width_px) - i.cx_px) / i.fx_px, (f64::from(i.height_px) - i.cy_px) / i.fy_px),
-        );
-        self.scene.objects.iter().flat_map(|o| &o.parts).any(|part| {
-            let Some(bounds) = self.meshes[part.mesh].bounds else { return false };
-            let corners = bounds.corners().map(|c| pose.transform_point(part.world_from_mesh.transform_point3(c)));
-            let beyond = |side: &dyn Fn(DVec3) -> f64| corners.iter().all(|&c| side(c) < 0.0);
-            !(beyond(&|c| c.x - low.x * c.z)
-                || beyond(&|c| high.x * c.z - c.x)
-                || beyond(&|c| c.y - low.y * c.z)
-                || beyond(&|c| high.y * c.z - c.y))
-        })
+        self.boxes().any(|corners| !out_of_view(geometry, &corners.map(|c| pose.transform_point(c))))
     }
 
     /// The middle of each object's bounding box in the world, metres; `None` for an empty one.
@@ -169,22 +186,21 @@ impl Renderer {
     pub fn draw(&mut self, run: &mut LayerRun<'_>, view: &View<'_>, plan: &SamplePlan) -> Layer {
         let gpu = run.gpu;
         let size = (view.rect.width(), view.rect.height());
-        let mut layer = |slot| Layer {
+        let layer = |run: &mut LayerRun<'_>, slot| Layer {
             color: run.pool.get(gpu, "layer colour", slot, size, COLOR, 1),
             geometry: run.pool.get(gpu, "layer geometry", slot, size, GEOMETRY, 1),
             size,
         };
-        let out = layer(0);
-        let (draws, diced) = self.draws(gpu, view);
-        self.pipelines.prepare(gpu, draws.iter().map(|d| d.variant));
+        let out = layer(run, 0);
+        let prepared = self.prepare(run, view);
         if let [sample] = plan.samples.as_slice() {
-            self.draw_sample(run, view, (sample, plan.focus_distance_m), &draws, diced.as_ref(), &out);
+            self.draw_sample(run, view, (sample, plan.focus_distance_m), &prepared, &out);
             return out;
         }
-        let one = layer(1);
+        let one = layer(run, 1);
         let sum = self.accumulate.begin(gpu, size);
         for (i, sample) in plan.samples.iter().enumerate() {
-            self.draw_sample(run, view, (sample, plan.focus_distance_m), &draws, diced.as_ref(), &one);
+            self.draw_sample(run, view, (sample, plan.focus_distance_m), &prepared, &one);
             self.accumulate.add(run, &sum, &one, sample.weight);
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
@@ -197,9 +213,46 @@ impl Renderer {
         out
     }
 
+    /// What all samples of a view share.
+    fn prepare(&mut self, run: &mut LayerRun<'_>, view: &View<'_>) -> Prepared {
+        let gpu = run.gpu;
+        if !view.geometry.sees_around() {
+            let draws = self.draws(gpu, view);
+            self.pipelines.prepare(gpu, draws.list.iter().map(|d| d.variant));
+            return Prepared::Plane(draws);
+        }
+        let sides = SideView::all(view, &self.boxes().collect::<Vec<_>>());
+        let all: Vec<Draws> = sides.iter().map(|side| self.draws(gpu, &side.view(view))).collect();
+        self.pipelines.prepare(gpu, all.iter().flat_map(|draws| &draws.list).map(|d| d.variant));
+        let with_layer = |side: SideView| {
+            let layer = side.layer(run);
+            (side, layer)
+        };
+        Prepared::Around(sides.into_iter().map(with_layer).collect(), all)
+    }
+
+    fn draw_sample(
+        &mut self,
+        run: &mut LayerRun<'_>,
+        view: &View<'_>,
+        sample: (&Sample, f64),
+        prepared: &Prepared,
+        out: &Layer,
+    ) {
+        match prepared {
+            Prepared::Plane(draws) => self.draw_plane(run, view, sample, draws, out),
+            Prepared::Around(sides, all) => {
+                for ((side, layer), draws) in sides.iter().zip(all) {
+                    self.draw_plane(run, &side.view(view), sample, draws, layer);
+                }
+                self.gather.run(run, view, sides, &self.no_depth, out);
+            }
+        }
+    }
+
     /// The draw calls of a view, opaque ones first, blended ones from the back, and the
     /// buffers of what had to be cut fine for it.
-    fn draws(&self, gpu: &Gpu, view: &View<'_>) -> (Vec<Draw>, Option<(wgpu::Buffer, wgpu::Buffer)>) {
+    fn draws(&self, gpu: &Gpu, view: &View<'_>) -> Draws {
         use wgpu::util::DeviceExt;
         let bend = Bend::of(view.geometry, view.shutter.readout_time_s);
         let (mut vertices, mut indices) = (Vec::new(), Vec::new());
@@ -209,6 +262,11 @@ impl Renderer {
             let mesh = &self.scene.meshes[part.mesh];
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
+            // Of the views around a camera most see nothing of it.
+            let out = |pose: &Pose| out_of_view(view.geometry, &corners.map(|c| pose.transform_point(c)));
+            if view.outer.is_some() && moments(view.keys).into_iter().all(out) {
+                continue;
+            }
             let cut = || dice(mesh, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
             // Parallel rays leave straight what is straight, behind the camera too.
             let diced = view.parallel_to_m.map_or_else(cut, |_| None).map(|(v, i)| {
@@ -223,6 +281,7 @@ impl Renderer {
                 mirrored: part.world_from_mesh.matrix3.determinant() < 0.0,
                 rolling: view.shutter.readout_time_s > 0.0,
                 fisheye: view.geometry.distortion.model == LensModel::OpencvFisheye,
+                around: view.outer.is_some(),
                 parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),
                 ..Variant::of(&self.scene.materials[mesh.material], &self.scene.lighting)
@@ -251,7 +310,7 @@ impl Renderer {
                 buffer("diced indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             )
         });
-        (draws, buffers)
+        Draws { list: draws, diced: buffers }
     }
 
     fn instances(&self, view: &View<'_>, sample: &Sample) -> Vec<Instance> {
@@ -271,13 +330,12 @@ impl Renderer {
         out
     }
 
-    fn draw_sample(
+    fn draw_plane(
         &self,
         run: &mut LayerRun<'_>,
         view: &View<'_>,
         (sample, focus_distance_m): (&Sample, f64),
-        draws: &[Draw],
-        diced: Option<&(wgpu::Buffer, wgpu::Buffer)>,
+        draws: &Draws,
         out: &Layer,
     ) {
         use wgpu::util::DeviceExt;
@@ -344,11 +402,11 @@ impl Renderer {
             pass.set_viewport(0.0, 0.0, size.0 as f32, size.1 as f32, 0.0, 1.0);
             pass.set_scissor_rect(0, 0, size.0, size.1);
             pass.set_bind_group(0, &frame, &[]);
-            for draw in draws {
+            for draw in &draws.list {
                 let Some(pipeline) = self.pipelines.get(&draw.variant) else { continue };
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(1, &self.materials[draw.material], &[]);
-                let (vertices, indices, base, range) = match (&draw.diced, diced) {
+                let (vertices, indices, base, range) = match (&draw.diced, &draws.diced) {
                     (Some((base, range)), Some((v, i))) => (v, i, *base, range.clone()),
                     _ => {
                         let mesh = &self.meshes[draw.mesh];

@@ -2,6 +2,8 @@
 
 mod accumulate;
 mod albedo;
+mod around;
+mod around_bounds;
 mod bounds;
 mod dice;
 mod draw;

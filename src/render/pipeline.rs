@@ -34,6 +34,8 @@ pub struct Variant {
     pub rolling: bool,
     /// OpenCV's fisheye model.
     pub fisheye: bool,
+    /// A view out of a picture all around.
+    pub around: bool,
     /// Rays are parallel.
     pub parallel: bool,
     /// The real scene's depth is known.
@@ -70,6 +72,7 @@ impl Variant {
         let features = [
             ("rolling", self.rolling),
             ("fisheye", self.fisheye),
+            ("around", self.around),
             ("parallel", self.parallel),
             ("has_colors", self.colors),
             ("has_base_color", base_color),

@@ -202,7 +202,7 @@ impl Studio<'_> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0 };
         let keys = ViewKeys::new(shutter, |_| pose);
-        let footprint = self.renderer.footprint(geometry, &keys);
+        let footprint = self.renderer.footprint(geometry, &keys, shutter);
         let full = Rect::full(width, height);
         // A hair behind the farthest point; its rectangle is told for rays through one point.
         let parallel_to_m = parallel.then(|| 1.01 * footprint.depths_m[1].max(2.0 * NEAR_M));
@@ -219,6 +219,7 @@ impl Studio<'_> {
                     rect: tile,
                     occlusion: None,
                     parallel_to_m,
+                    outer: None,
                 };
                 self.draw_tile(&view, &mut drawn)?;
             }

@@ -33,7 +33,7 @@ impl Face {
     pub const ALL: [Self; 6] = [Self::Front, Self::Back, Self::Left, Self::Right, Self::Up, Self::Down];
 
     /// The face's x, y and z axes (right, down, forward) in the camera's.
-    fn axes(self) -> [DVec3; 3] {
+    pub fn axes(self) -> [DVec3; 3] {
         let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
         match self {
             Self::Front => [x, y, z],

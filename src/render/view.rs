@@ -82,6 +82,8 @@ pub struct ViewUniform {
     pub keys: [f32; 4],
     pub mean_velocity: [f32; 4],
     pub aperture: [f32; 4],
+    pub outer_turn: [f32; 4],
+    pub outer: [f32; 4],
     pub moment_rotation: [[f32; 4]; 3],
     pub moment_eye: [[f32; 4]; 3],
     pub key_rotation: [[f32; 4]; MAX_KEYS],
@@ -94,14 +96,16 @@ impl ViewUniform {
         let [lens_x, lens_y] = sample.lens_m;
         let View { geometry, keys, shutter, rect, mean_px_per_s, .. } = *view;
         let i = &geometry.intrinsics;
-        let d = &geometry.distortion;
-        let valid = geometry.valid_radius();
+        // A view out of another camera's picture has that one's lens and rows.
+        let whole = view.outer.map_or(geometry, |outer| outer.geometry);
+        let d = &whole.distortion;
+        let valid = whole.valid_radius();
         let (k3_or_p1, k4_or_p2) = match d.model {
-            LensModel::Opencv => (d.p1, d.p2),
             LensModel::OpencvFisheye => (d.k3, d.k4),
+            LensModel::Opencv | LensModel::Equirectangular => (d.p1, d.p2),
         };
         // A large finite number stands for "everywhere".
-        let (valid, slope) = if valid.is_finite() { (valid, geometry.rim_slope()) } else { (1e9, 1.0) };
+        let (valid, slope) = if valid.is_finite() { (valid, whole.rim_slope()) } else { (1e9, 1.0) };
         let count = keys.poses.len();
         let mut key_rotation = [[0.0; 4]; MAX_KEYS];
         let mut key_translation = [[0.0; 4]; MAX_KEYS];
@@ -126,11 +130,13 @@ impl ViewUniform {
                 time_s as f32,
                 shutter.velocity_step_s() as f32,
                 shutter.readout_time_s as f32,
-                i.height_px as f32,
+                whole.intrinsics.height_px as f32,
             ],
             keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
             mean_velocity: [mean_px_per_s[0], mean_px_per_s[1], 0.0, 0.0],
             aperture: [lens_x, lens_y, 1.0 / focus_distance_m, view.parallel_to_m.unwrap_or(0.0)].map(|v| v as f32),
+            outer_turn: view.outer.map_or(DQuat::IDENTITY, |outer| outer.camera_from_view).as_quat().to_array(),
+            outer: [whole.intrinsics.fy_px as f32, whole.intrinsics.cy_px as f32, 0.0, 0.0],
             moment_rotation: moments.map(|(q, _)| q.as_quat().to_array()),
             moment_eye: moments.map(|(_, eye)| eye.as_vec3().extend(0.0).to_array()),
             key_rotation,

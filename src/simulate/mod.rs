@@ -21,7 +21,9 @@ mod write;
 
 use std::path::PathBuf;
 
-use crate::camera::{Distortion, Geometry, Intrinsics, Response};
+use glam::DQuat;
+
+use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use crate::tracking::{NotAscending, PoseTrack};
 
 pub use board::{Board, board};
@@ -60,12 +62,13 @@ crate::params! {
         "how the camera moves" motion: Motion = Motion::Handheld;
         "factor on turn, way or tremor of the motion" speed: f64 = 1.0, "1", 0.0..=20.0;
         "how long each row gathers light" exposure_time_s: f64 = 1.0 / 60.0, "s", 0.0..=1.0;
-        "from the first row's exposure to the last row's" readout_time_s: f64 = 0.015, "s", 0.0..=1.0;
-        "focal length" focal_px: f64 = 520.0, "px", 1.0..=100000.0;
-        "radial distortion, r²" k1: f64 = -0.11, "1", -2.0..=2.0;
-        "radial distortion, r⁴" k2: f64 = 0.03, "1", -2.0..=2.0;
-        "tangential distortion" p1: f64 = 0.0006, "1", -0.1..=0.1;
-        "tangential distortion" p2: f64 = -0.0004, "1", -0.1..=0.1;
+        "from the first row's exposure to the last row's; none in a 360° picture" readout_time_s: f64 = 0.015, "s", 0.0..=1.0;
+        "how the lens takes rays to places; equirectangular: a 360° picture" lens: LensModel = LensModel::Opencv;
+        "focal length; not of a 360° picture, whose size tells" focal_px: f64 = 520.0, "px", 1.0..=100000.0;
+        "radial distortion, r² (θ² of a fisheye); not of a 360° picture" k1: f64 = -0.11, "1", -2.0..=2.0;
+        "radial distortion, r⁴ (θ⁴)" k2: f64 = 0.03, "1", -2.0..=2.0;
+        "tangential distortion; of the lens opencv alone" p1: f64 = 0.0006, "1", -0.1..=0.1;
+        "tangential distortion; of the lens opencv alone" p2: f64 = -0.0004, "1", -0.1..=0.1;
         "factor on the light" gain: f64 = 1.0, "1", 0.0..=100.0;
         "factor on the sensor's noise; 0 for none" noise_scale: f64 = 1.0, "1", 0.0..=20.0;
         "correlation of noise between channels" channel_correlation: f64 = 0.45, "1", 0.0..=1.0;
@@ -97,6 +100,8 @@ pub enum SimulateError {
          choose weaker distortion or a larger simulate.focal_px"
     )]
     Lens { x: u32, y: u32 },
+    #[error("simulate: a 360° picture (lens = equirectangular) is twice as wide as high; found is {width}x{height}")]
+    Round { width: u32, height: u32 },
     #[error("simulate.fps: the camera's path has no ascending times: {0}")]
     Path(#[from] NotAscending),
 }
@@ -118,12 +123,16 @@ impl Simulation {
     /// With as many threads as there are cores, and a site as fine as the lens can see.
     pub fn new(options: &Options) -> Result<Self, SimulateError> {
         let threads = std::thread::available_parallelism().map_or(1, Into::into);
-        Self::with_detail(options, Detail::for_focal_px(options.focal_px), threads)
+        Self::with_detail(options, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 
     /// With a site as fine as asked; works its light out, which takes most of the time.
     pub fn with_detail(options: &Options, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
         let geometry = geometry(options);
+        let Options { width_px: width, height_px: height, .. } = *options;
+        if geometry.is_round() && width != 2 * height {
+            return Err(SimulateError::Round { width, height });
+        }
         let lens = render::Lens::new(geometry.clone())?;
         let board = if options.board { board().shining() } else { None };
         Ok(Self {
@@ -157,6 +166,12 @@ impl Simulation {
         &self.track
     }
 
+    /// The same with the camera turned where it stands; `turn` takes its axes to the turned one's.
+    pub fn turned(mut self, turn: DQuat) -> Self {
+        self.track = self.track.turned(turn);
+        self
+    }
+
     /// The middle of the middle row's exposure of a frame, seconds.
     pub fn timestamp_s(&self, frame: usize) -> f64 {
         path::timestamp_s(&self.options, frame)
@@ -186,7 +201,12 @@ impl Simulation {
 }
 
 fn geometry(options: &Options) -> Geometry {
-    let Options { width_px, height_px, focal_px, k1, k2, p1, p2, readout_time_s, .. } = *options;
+    let Options { width_px, height_px, focal_px, lens, k1, k2, p1, p2, readout_time_s, .. } = *options;
+    let distortion = match lens {
+        LensModel::Opencv => Distortion { k1, k2, p1, p2, ..Distortion::default() },
+        LensModel::OpencvFisheye => Distortion { model: lens, k1, k2, ..Distortion::default() },
+        LensModel::Equirectangular => Distortion { model: lens, ..Distortion::default() },
+    };
     let intrinsics = Intrinsics {
         width_px,
         height_px,
@@ -195,8 +215,9 @@ fn geometry(options: &Options) -> Geometry {
         // Not quite in the middle, as in real cameras.
         cx_px: 0.5 * f64::from(width_px) + 1.75,
         cy_px: 0.5 * f64::from(height_px) - 1.5,
-        readout_time_s,
+        // The rows of what is put together from several sensors have no times of their own.
+        readout_time_s: if lens == LensModel::Equirectangular { 0.0 } else { readout_time_s },
         ..Intrinsics::default()
     };
-    Geometry::new(intrinsics, Distortion { k1, k2, p1, p2, ..Distortion::default() })
+    Geometry::new(intrinsics, distortion)
 }

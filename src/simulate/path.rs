@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
+use crate::camera::LensModel;
 use crate::pose::Pose;
 use crate::tracking::{NotAscending, PoseTrack};
 
@@ -77,8 +78,18 @@ fn turned(pose: Pose, right: f64, down: f64, roll: f64) -> Pose {
     Pose::from_camera_in_world(pose.position_in_world_m(), pose.world_from_camera_rotation() * turn)
 }
 
-/// The pose `time_s` after the first frame of a recording that is `duration_s` long.
+/// The pose `time_s` after the first frame of a recording that is `duration_s` long. A camera that sees all around is held
+/// upright.
 fn pose(options: &Options, time_s: f64, duration_s: f64) -> Pose {
+    let pose = aimed(options, time_s, duration_s);
+    if options.lens == LensModel::Equirectangular {
+        let (eye, ahead) = (pose.position_in_world_m(), pose.world_from_camera_rotation() * DVec3::Z);
+        return looking(eye, eye + DVec3::new(ahead.x, ahead.y, 0.0));
+    }
+    pose
+}
+
+fn aimed(options: &Options, time_s: f64, duration_s: f64) -> Pose {
     let rest = looking(standing(-82.0, 1.15, 1.32), TARGET_M);
     match options.motion {
         Motion::Static => rest,

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::camera::Geometry;
+use crate::camera::{Geometry, LensModel};
 use crate::tracking::PoseTrack;
 
 use super::SimulateError;
@@ -42,8 +42,9 @@ const MOST_SAMPLES: f64 = 4096.0;
 /// Poses are looked up at this interval and go on in straight lines between, seconds.
 const STEP_S: f64 = 0.000_25;
 
-/// The rays through the corners of all pixels, at z = 1. Inside a pixel rays are interpolated,
-/// which errs by less than 0.001 px for a lens that bends a line by 0.6 px per 100 px.
+/// The rays through the corners of all pixels: at z = 1, or of unit length where a lens sees sideways and back; 0 where a
+/// fisheye sees nothing. Inside a pixel rays are interpolated, which errs by less than 0.001 px for a lens that bends a
+/// line by 0.6 px per 100 px.
 #[derive(Clone, Debug)]
 pub struct Lens {
     geometry: Geometry,
@@ -58,10 +59,28 @@ impl Lens {
         for y in 0..=h {
             for x in 0..=w {
                 let at = DVec2::new(x.into(), y.into());
-                corners.push(geometry.unproject(at).ok_or(SimulateError::Lens { x, y })?);
+                corners.push(match geometry.distortion.model {
+                    LensModel::Opencv => geometry.unproject(at).ok_or(SimulateError::Lens { x, y })?,
+                    LensModel::OpencvFisheye | LensModel::Equirectangular => geometry.direction(at).unwrap_or_default(),
+                });
             }
         }
         Ok(Self { geometry, corners })
+    }
+
+    /// Whether a pixel lies within what the lens sees.
+    fn sees(&self, x: usize, y: usize) -> bool {
+        let stride = self.geometry.intrinsics.width_px as usize + 1;
+        [0, 1, stride, stride + 1].iter().all(|corner| self.corners[y * stride + x + corner] != DVec3::ZERO)
+    }
+
+    /// How much of a ray's length is depth: all of it in a 360° picture, else along the axis; 0 where that is none.
+    fn depth_share(&self, ray: DVec3) -> f64 {
+        match self.geometry.distortion.model {
+            LensModel::Opencv => 1.0,
+            LensModel::OpencvFisheye => ray.z.max(0.0),
+            LensModel::Equirectangular => ray.length(),
+        }
     }
 
     fn ray(&self, x: usize, y: usize, inside: DVec2) -> DVec3 {
@@ -138,6 +157,9 @@ pub fn take(site: &Site, lens: &Lens, track: &PoseTrack, shot: &Shot, threads: u
 }
 
 fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y: usize) -> Pixel {
+    if !lens.sees(x, y) {
+        return Pixel::default();
+    }
     // A row is read as a whole, at the time of its middle.
     let middle_s = shot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
     let centre = lens.ray(x, y, DVec2::splat(0.5));
@@ -147,7 +169,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y:
         let seen_at = |time_s| lens.geometry.project(shutter.to_camera(time_s, origin + direction * t));
         let half_s = 0.5 * shot.exposure_time_s;
         match (seen_at(middle_s - half_s), seen_at(middle_s + half_s)) {
-            (Some(a), Some(b)) => a.distance(b),
+            (Some(a), Some(b)) => lens.geometry.way_px(a, b).length(),
             _ => 0.0,
         }
     });
@@ -170,5 +192,9 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y:
             }
         }
     }
-    Pixel { light: sum.map(|s| s / count as f32), depth_m: ahead.map_or(0.0, |(_, t)| t as f32), blur_px }
+    Pixel {
+        light: sum.map(|s| s / count as f32),
+        depth_m: ahead.map_or(0.0, |(_, t)| (t * lens.depth_share(centre)) as f32),
+        blur_px,
+    }
 }

@@ -12,7 +12,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 
-use crate::camera::{Exposure, Lens, NoiseProfile};
+use crate::camera::{Exposure, Lens, LensModel, NoiseProfile};
 use crate::params::{Kind, Params, Value};
 
 use super::render::Picture;
@@ -242,9 +242,10 @@ fn recording_toml(name: &str, options: &Options) -> String {
          [poses]\ntrajectory = \"groundtruth.txt\"\n\n\
          [depth]\nlist = \"depth.txt\"\nscale = {:?}\n\n\
          [exposure]\nlist = \"exposure.txt\"\n\n\
-         [camera]\nprofile = \"camera.toml\"\n",
+         [camera]\nprofile = \"camera.toml\"\n{}",
         toml::Value::from(name),
-        options.depth_scale
+        options.depth_scale,
+        if options.lens == LensModel::Equirectangular { "kind = \"equirectangular\"\n" } else { "" }
     )
 }
 

@@ -3,6 +3,8 @@
 pub mod text;
 pub mod tum;
 
+use glam::DQuat;
+
 use crate::pose::Pose;
 
 /// Timestamped poses, ascending in time.
@@ -65,6 +67,12 @@ impl PoseTrack {
         &self.poses
     }
 
+    /// The same way of a camera that is turned where it stands; `turn` takes its axes to the turned one's.
+    pub fn turned(&self, turn: DQuat) -> Self {
+        let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);
+        Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), max_gap_s: self.max_gap_s }
+    }
+
     /// The pose at a time: one that stands there, else between its two neighbours.
     pub fn at(&self, time_s: f64) -> Result<Pose, NoPose> {
         let (Some(first), Some(last)) = (self.poses.first(), self.poses.last()) else {
@@ -109,7 +117,7 @@ impl PoseTrack {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DQuat, DVec3};
+    use glam::DVec3;
 
     fn track() -> PoseTrack {
         let at = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::IDENTITY);

@@ -1,0 +1,246 @@
+// The picture of a camera that sees all around, out of views around it (the sides of a cube, drawn finer than it).
+//
+// Each pixel is the mean of places inside it, each read between four texels of the view that its direction goes through.
+// Depth becomes distance from the camera. Velocity becomes that of the picture: the chord of the exposure, by the shorter
+// way where the picture is round. What the real scene hides is left out here.
+// @import shared/fullscreen
+// @import shared/layer
+
+override fisheye: bool = false;       // OpenCV's fisheye model; else longitude and latitude
+
+const PI: f32 = 3.14159265;
+// Places in a pixel along each side.
+const PLACES: i32 = 4;
+
+struct Around {
+    target_px: vec4<f32>,             // x0, y0, width, height of the target in the picture
+    focal_px: vec4<f32>,              // fx, fy, cx, cy
+    lens: vec4<f32>,                  // of a fisheye k1 to k4
+    rim: vec4<f32>,                   // of a fisheye valid angle (rad), slope there, radius there; 0
+    picture: vec4<f32>,               // width, height, half step for velocity (s), the most velocity (px/s)
+    // Texels from a view's middle to 45° off its axis, place of its middle; by how much nearer the real scene hides (m); 0.
+    views: vec4<f32>,
+    // Of each view: x0, y0, x1, y1 of what is drawn of it; its axes in the camera's.
+    drawn: array<vec4<f32>, 6>,
+    right: array<vec4<f32>, 6>,
+    down: array<vec4<f32>, 6>,
+    forward: array<vec4<f32>, 6>,
+}
+
+@group(0) @binding(0) var<uniform> around: Around;
+@group(0) @binding(1) var real_depth: texture_2d<f32>;  // distance, m; 0: unknown
+@group(0) @binding(2) var color0: texture_2d<f32>;
+@group(0) @binding(3) var color1: texture_2d<f32>;
+@group(0) @binding(4) var color2: texture_2d<f32>;
+@group(0) @binding(5) var color3: texture_2d<f32>;
+@group(0) @binding(6) var color4: texture_2d<f32>;
+@group(0) @binding(7) var color5: texture_2d<f32>;
+@group(0) @binding(8) var geometry0: texture_2d<u32>;
+@group(0) @binding(9) var geometry1: texture_2d<u32>;
+@group(0) @binding(10) var geometry2: texture_2d<u32>;
+@group(0) @binding(11) var geometry3: texture_2d<u32>;
+@group(0) @binding(12) var geometry4: texture_2d<u32>;
+@group(0) @binding(13) var geometry5: texture_2d<u32>;
+
+fn color_at(view: u32, p: vec2<i32>) -> vec4<f32> {
+    switch view {
+        case 0u: { return textureLoad(color0, p, 0); }
+        case 1u: { return textureLoad(color1, p, 0); }
+        case 2u: { return textureLoad(color2, p, 0); }
+        case 3u: { return textureLoad(color3, p, 0); }
+        case 4u: { return textureLoad(color4, p, 0); }
+        default: { return textureLoad(color5, p, 0); }
+    }
+}
+
+fn geometry_at(view: u32, p: vec2<i32>) -> vec4<f32> {
+    var g: vec4<u32>;
+    switch view {
+        case 0u: { g = textureLoad(geometry0, p, 0); }
+        case 1u: { g = textureLoad(geometry1, p, 0); }
+        case 2u: { g = textureLoad(geometry2, p, 0); }
+        case 3u: { g = textureLoad(geometry3, p, 0); }
+        case 4u: { g = textureLoad(geometry4, p, 0); }
+        default: { g = textureLoad(geometry5, p, 0); }
+    }
+    return unpack_geometry(g);
+}
+
+// θ_d of a fisheye's angle, and its slope, within the valid angle.
+fn radius_slope(theta: f32) -> vec2<f32> {
+    let k = around.lens;
+    let t = theta * theta;
+    return vec2<f32>(
+        theta * (1.0 + t * (k.x + t * (k.y + t * (k.z + t * k.w)))),
+        1.0 + t * (3.0 * k.x + t * (5.0 * k.y + t * (7.0 * k.z + t * 9.0 * k.w))),
+    );
+}
+
+// The direction (unit length) of a place in the picture, and 1; 0 where nothing is seen (camera/distortion.rs).
+fn direction(at_px: vec2<f32>) -> vec4<f32> {
+    let p = (at_px - around.focal_px.zw) / around.focal_px.xy;
+    if !fisheye {
+        // Rows go on over the poles.
+        return vec4<f32>(sin(p.x) * cos(p.y), sin(p.y), cos(p.x) * cos(p.y), 1.0);
+    }
+    let r = length(p);
+    let valid = around.rim.x;
+    var theta = valid + (r - around.rim.z) / around.rim.y;
+    if r <= around.rim.z {
+        // Newton's method kept between bounds.
+        var low = 0.0;
+        var high = valid;
+        theta = min(r, valid);
+        for (var i = 0; i < 12; i++) {
+            let f = radius_slope(theta);
+            let off = f.x - r;
+            if off > 0.0 { high = theta; } else { low = theta; }
+            let newton = theta - off / f.y;
+            theta = select(0.5 * (low + high), newton, newton >= low && newton <= high);
+        }
+    }
+    let is_seen = theta <= valid || theta < 0.5 * PI;
+    let towards = p / max(r, 1e-12);
+    return vec4<f32>(towards * sin(theta), cos(theta), select(0.0, 1.0, is_seen));
+}
+
+// Where a direction lands in the picture.
+fn place(d: vec3<f32>) -> vec2<f32> {
+    var p: vec2<f32>;
+    if fisheye {
+        let r = length(d.xy);
+        let theta = atan2(r, d.z);
+        let valid = min(theta, around.rim.x);
+        p = d.xy / max(r, 1e-12) * (radius_slope(valid).x + around.rim.y * (theta - valid));
+    } else {
+        p = vec2<f32>(atan2(d.x, d.z), atan2(d.y, length(d.xz)));
+    }
+    return p * around.focal_px.xy + around.focal_px.zw;
+}
+
+// Of the places that show the same as `at`, the one nearest to `to`: a turn away, or over a pole.
+fn nearest(at: vec2<f32>, to: vec2<f32>) -> vec2<f32> {
+    if fisheye {
+        return at;
+    }
+    let size = around.picture.xy;
+    let half_turn = at.x + 0.5 * size.x;
+    var best = at;
+    var least = 1e30;
+    for (var i = 0; i < 3; i++) {
+        var p = select(at, vec2<f32>(half_turn, select(-at.y, 2.0 * size.y - at.y, i == 2)), i > 0);
+        p.x += size.x * round((to.x - p.x) / size.x);
+        let far = distance(p, to);
+        if far < least {
+            best = p;
+            least = far;
+        }
+    }
+    return best;
+}
+
+fn view_of(d: vec3<f32>) -> u32 {
+    let a = abs(d);
+    if a.z >= a.x && a.z >= a.y {
+        return select(1u, 0u, d.z > 0.0);
+    }
+    if a.x >= a.y {
+        return select(2u, 3u, d.x > 0.0);
+    }
+    return select(4u, 5u, d.y > 0.0);
+}
+
+// Texels from the view's corner.
+fn on_view(view: u32, d: vec3<f32>) -> vec2<f32> {
+    let p = vec2<f32>(dot(d, around.right[view].xyz), dot(d, around.down[view].xyz));
+    return p / dot(d, around.forward[view].xyz) * around.views.x + around.views.y;
+}
+
+fn from_view(view: u32, q: vec2<f32>) -> vec3<f32> {
+    let p = (q - around.views.y) / around.views.x;
+    return p.x * around.right[view].xyz + p.y * around.down[view].xyz + around.forward[view].xyz;
+}
+
+// Whether a pixel this wide (texels) may see what is drawn of any view.
+fn may_see(d: vec3<f32>, wide: f32) -> bool {
+    var sees = false;
+    for (var view = 0u; view < 6u; view++) {
+        let q = on_view(view, d);
+        let r = around.drawn[view];
+        let before = dot(d, around.forward[view].xyz) > 0.3;
+        sees = sees || (before && all(q >= r.xy - wide) && all(q <= r.zw + wide) && r.z > r.x);
+    }
+    return sees;
+}
+
+struct Out { @location(0) color: vec4<f32>, @location(1) geometry: vec4<u32> }
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> Out {
+    let corner = around.target_px.xy + floor(at.xy);
+    let wall = textureLoad(real_depth, min(vec2<i32>(at.xy), vec2<i32>(textureDimensions(real_depth)) - 1), 0).r;
+    let hidden_from = select(1e30, wall + around.views.z, wall > 0.0);
+
+    let a = direction(corner);
+    let b = direction(corner + 1.0);
+    // Texels at a view's rim are up to three times as fine.
+    let wide = 4.0 + 6.0 * distance(a.xyz, b.xyz) * around.views.x;
+    if a.w * b.w > 0.0 && !may_see(direction(corner + 0.5).xyz, wide) {
+        return Out(vec4<f32>(0.0), vec4<u32>(0u));
+    }
+
+    var sum = vec4<f32>(0.0);
+    var nearest_m = 1e30;
+    var seen_at = vec2<f32>(0.0);
+    var seen_view = 0u;
+    var seen_velocity = vec2<f32>(0.0);
+    for (var n = 0; n < PLACES * PLACES; n++) {
+        let inside = (vec2<f32>(f32(n % PLACES), f32(n / PLACES)) + 0.5) / f32(PLACES);
+        let d = direction(corner + inside);
+        let view = view_of(d.xyz);
+        let q = on_view(view, d.xyz);
+        let r = around.drawn[view];
+        if d.w == 0.0 || any(q < r.xy - 0.5) || any(q >= r.zw + 0.5) {
+            continue;
+        }
+        let base = floor(q - 0.5);
+        let f = q - 0.5 - base;
+        for (var i = 0; i < 4; i++) {
+            let step = vec2<f32>(f32(i & 1), f32(i >> 1u));
+            let texel = base + step;
+            if any(texel < r.xy) || any(texel >= r.zw) {
+                continue;
+            }
+            let p = vec2<i32>(texel - r.xy);
+            let color = color_at(view, p);
+            // Geometry is told where there is colour.
+            if color.a == 0.0 {
+                continue;
+            }
+            let g = geometry_at(view, p);
+            let from_axis = (texel + 0.5 - around.views.y) / around.views.x;
+            let distance_m = g.x * sqrt(1.0 + dot(from_axis, from_axis));
+            if distance_m > hidden_from {
+                continue;
+            }
+            let share = select(1.0 - f, f, step > vec2<f32>(0.5));
+            sum += color * (share.x * share.y);
+            if distance_m < nearest_m {
+                nearest_m = distance_m;
+                seen_at = texel + 0.5;
+                seen_view = view;
+                seen_velocity = g.zw;
+            }
+        }
+    }
+    if sum.a == 0.0 {
+        return Out(vec4<f32>(0.0), vec4<u32>(0u));
+    }
+    let step_s = around.picture.z;
+    let here = corner + 0.5;
+    let before = nearest(place(from_view(seen_view, seen_at - step_s * seen_velocity)), here);
+    let after = nearest(place(from_view(seen_view, seen_at + step_s * seen_velocity)), here);
+    var velocity = (after - before) / (2.0 * step_s);
+    velocity *= min(1.0, around.picture.w / max(length(velocity), 1e-6));
+    return Out(sum / f32(PLACES * PLACES), pack_geometry(nearest_m, velocity));
+}

@@ -1,0 +1,251 @@
+//! A camera that sees all around, drawn as views around it: the sides of a cube, each as far as objects reach, put together
+//! by shaders/around.wgsl into one layer, on which effects and composite work as on any other.
+
+use std::collections::HashMap;
+
+use glam::{DQuat, DVec2, DVec3};
+
+use super::around_bounds::most_px_per_s;
+use super::draw::View;
+use super::pipeline::{COLOR, GEOMETRY};
+use super::plan::{Layer, LayerRun};
+use super::resample::Face;
+use super::view::{NEAR_M, ViewKeys};
+use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::image::Rect;
+use crate::pose::Pose;
+
+/// Texels of a view for one pixel, along each side, where texels are coarsest.
+const FINER: f64 = 2.0;
+/// Of a view's 90°, px: bounds its memory.
+const LARGEST_VIEW_PX: f64 = 4096.0;
+/// Texels of a view beyond its 90°, on each side.
+const MARGIN_PX: u32 = 2;
+
+/// The camera that a view is a part of.
+#[derive(Clone, Copy, Debug)]
+pub struct Outer<'a> {
+    pub geometry: &'a Geometry,
+    pub camera_from_view: DQuat,
+}
+
+/// One side of the cube as far as objects are in it.
+#[derive(Debug)]
+pub struct SideView {
+    face: Face,
+    geometry: Geometry,
+    keys: ViewKeys,
+    rect: Rect,
+}
+
+/// The finest picture of a radian, px.
+fn px_per_rad(geometry: &Geometry) -> f64 {
+    let i = &geometry.intrinsics;
+    if geometry.is_round() {
+        // Columns near the poles are finer, and show no more for it.
+        return i.fy_px.max(i.fx_px);
+    }
+    let steepest = (0..=100)
+        .map(|n| geometry.distortion.slope(f64::from(n) / 100.0 * geometry.valid_radius()))
+        .fold(1.0, f64::max);
+    i.fx_px.max(i.fy_px) * steepest
+}
+
+fn view_geometry(geometry: &Geometry) -> Geometry {
+    let half = 0.5 * (2.0 * FINER * px_per_rad(geometry)).clamp(32.0, LARGEST_VIEW_PX).ceil();
+    let (side, centre) = ((2.0 * half) as u32 + 2 * MARGIN_PX, half + f64::from(MARGIN_PX));
+    let intrinsics = Intrinsics {
+        width_px: side,
+        height_px: side,
+        fx_px: half,
+        fy_px: half,
+        cx_px: centre,
+        cy_px: centre,
+        ..Intrinsics::default()
+    };
+    Geometry::new(intrinsics, Distortion::default())
+}
+
+/// Whether a box (corners in the camera's axes) lies beyond one of the sides of a pinhole's picture.
+pub fn out_of_view(geometry: &Geometry, corners: &[DVec3; 8]) -> bool {
+    let i = &geometry.intrinsics;
+    let (low, high) = (
+        DVec2::new(-i.cx_px / i.fx_px, -i.cy_px / i.fy_px),
+        DVec2::new((f64::from(i.width_px) - i.cx_px) / i.fx_px, (f64::from(i.height_px) - i.cy_px) / i.fy_px),
+    );
+    let beyond = |side: &dyn Fn(DVec3) -> f64| corners.iter().all(|&c| side(c) < 0.0);
+    beyond(&|c| c.x - low.x * c.z)
+        || beyond(&|c| high.x * c.z - c.x)
+        || beyond(&|c| c.y - low.y * c.z)
+        || beyond(&|c| high.y * c.z - c.y)
+}
+
+/// The first, the middle and the last moment.
+pub fn moments(keys: &ViewKeys) -> [&Pose; 3] {
+    [0, keys.poses.len() / 2, keys.poses.len() - 1].map(|m| &keys.poses[m])
+}
+
+impl SideView {
+    /// Those in which something of the boxes (corners in the world) is seen.
+    pub fn all(view: &View<'_>, boxes: &[[DVec3; 8]]) -> Vec<Self> {
+        let geometry = view_geometry(view.geometry);
+        let side = geometry.intrinsics.width_px;
+        Face::ALL
+            .into_iter()
+            .filter_map(|face| {
+                let turn = face.face_from_camera();
+                let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);
+                let keys = ViewKeys { poses: view.keys.poses.iter().map(turned).collect(), ..view.keys.clone() };
+                let rect = extent(&geometry, &keys, boxes).intersection(&Rect::full(side, side));
+                (!rect.is_empty()).then(|| Self { face, geometry: geometry.clone(), keys, rect })
+            })
+            .collect()
+    }
+
+    /// As it is drawn.
+    pub fn view<'a>(&'a self, of: &View<'a>) -> View<'a> {
+        View {
+            geometry: &self.geometry,
+            keys: &self.keys,
+            shutter: of.shutter,
+            mean_px_per_s: [0.0; 2],
+            rect: self.rect,
+            occlusion: None,
+            parallel_to_m: None,
+            outer: Some(Outer { geometry: of.geometry, camera_from_view: self.face.face_from_camera().inverse() }),
+        }
+    }
+
+    /// What it is drawn into.
+    pub fn layer(&self, run: &mut LayerRun<'_>) -> Layer {
+        let (slot, size) = (self.face as usize, (self.rect.width(), self.rect.height()));
+        Layer {
+            color: run.pool.get(run.gpu, "view colour", slot, size, COLOR, 1),
+            geometry: run.pool.get(run.gpu, "view geometry", slot, size, GEOMETRY, 1),
+            size,
+        }
+    }
+}
+
+/// What of a view the boxes may touch while the shutter is open.
+fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
+    let side = geometry.intrinsics.width_px;
+    let mut rect = Rect::new(0, 0, 0, 0);
+    for corners in boxes {
+        let seen = moments(keys).map(|pose| corners.map(|c| pose.transform_point(c)));
+        if seen.iter().all(|corners| out_of_view(geometry, corners)) {
+            continue;
+        }
+        if seen.iter().flatten().any(|c| c.z <= NEAR_M) {
+            return Rect::full(side, side);
+        }
+        let places = seen.iter().flatten().map(|&c| geometry.distorted_px(c.truncate() / c.z));
+        let (low, high) = places.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+        let (low, high) = (low.max(DVec2::splat(-9.0)), high.min(DVec2::splat(f64::from(side) + 9.0)));
+        let own = Rect::new(low.x as i32 - 2, low.y as i32 - 2, high.x as i32 + 3, high.y as i32 + 3);
+        rect = rect.union(&own);
+    }
+    rect
+}
+
+/// `Around` of shaders/around.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct AroundUniform {
+    target_px: [f32; 4],
+    focal_px: [f32; 4],
+    lens: [f32; 4],
+    rim: [f32; 4],
+    picture: [f32; 4],
+    views: [f32; 4],
+    drawn: [[f32; 4]; 6],
+    right: [[f32; 4]; 6],
+    down: [[f32; 4]; 6],
+    forward: [[f32; 4]; 6],
+}
+
+impl AroundUniform {
+    fn new<'a>(view: &View<'_>, sides: impl Iterator<Item = &'a SideView>) -> Self {
+        let geometry = view.geometry;
+        let (i, d) = (&geometry.intrinsics, &geometry.distortion);
+        let rect = |r: &Rect| [r.x0 as f32, r.y0 as f32, r.x1 as f32, r.y1 as f32];
+        let valid = if geometry.is_round() { 0.0 } else { geometry.valid_radius() };
+        let (mut drawn, mut axes) = ([[0.0; 4]; 6], [[[0.0; 4]; 6]; 3]);
+        for face in Face::ALL {
+            for (axis, of) in axes.iter_mut().zip(face.axes()) {
+                axis[face as usize] = of.extend(0.0).as_vec4().to_array();
+            }
+        }
+        for side in sides {
+            drawn[side.face as usize] = rect(&side.rect);
+        }
+        let views = view_geometry(geometry).intrinsics;
+        let target = view.rect;
+        Self {
+            target_px: [target.x0 as f32, target.y0 as f32, target.width() as f32, target.height() as f32],
+            focal_px: [i.fx_px, i.fy_px, i.cx_px, i.cy_px].map(|v| v as f32),
+            lens: [d.k1, d.k2, d.k3, d.k4].map(|k| k as f32),
+            rim: [
+                valid as f32,
+                geometry.rim_slope() as f32,
+                // The radius of the valid angle, straight to the right.
+                d.carried(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
+                0.0,
+            ],
+            picture: [
+                i.width_px as f32,
+                i.height_px as f32,
+                view.shutter.velocity_step_s() as f32,
+                most_px_per_s(geometry, view.shutter) as f32,
+            ],
+            views: [
+                views.fx_px as f32,
+                views.cx_px as f32,
+                view.occlusion.map_or(0.0, |(_, tolerance)| tolerance),
+                0.0,
+            ],
+            drawn,
+            right: axes[0],
+            down: axes[1],
+            forward: axes[2],
+        }
+    }
+}
+
+/// Puts views together. Keeps a pass for each model.
+#[derive(Debug, Default)]
+pub struct Gather {
+    passes: HashMap<bool, FullscreenPass>,
+    nothing: Option<[Texture; 2]>,
+}
+
+impl Gather {
+    /// The layer of `view`, out of its sides, which are drawn. `no_depth` holds a 0.
+    pub fn run(
+        &mut self,
+        run: &mut LayerRun<'_>,
+        view: &View<'_>,
+        sides: &[(SideView, Layer)],
+        no_depth: &Texture,
+        out: &Layer,
+    ) {
+        let gpu: &Gpu = run.gpu;
+        let fisheye = view.geometry.distortion.model == LensModel::OpencvFisheye;
+        let pass = self.passes.entry(fisheye).or_insert_with(|| {
+            let options = Options { constants: &[("fisheye", f64::from(u8::from(fisheye)))], ..Options::default() };
+            FullscreenPass::with(gpu, "around", &assemble("around"), &[COLOR, GEOMETRY], &options)
+        });
+        let nothing = self
+            .nothing
+            .get_or_insert_with(|| [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1)));
+        let uniform = AroundUniform::new(view, sides.iter().map(|(side, _)| side));
+        let uniform = constants(gpu, "around", bytemuck::bytes_of(&uniform));
+        let depth = view.occlusion.map_or(no_depth, |(texture, _)| texture);
+        let mut slots = vec![Slot::Buffer(&uniform), Slot::Texture(&depth.view)];
+        let drawn = |face: Face| sides.iter().find(|(side, _)| side.face == face).map(|(_, layer)| layer);
+        slots.extend(Face::ALL.map(|f| Slot::Texture(drawn(f).map_or(&nothing[0].view, |l| &l.color.view))));
+        slots.extend(Face::ALL.map(|f| Slot::Texture(drawn(f).map_or(&nothing[1].view, |l| &l.geometry.view))));
+        pass.run(gpu, run.encoder, &slots, &[&out.color, &out.geometry], out.size);
+    }
+}

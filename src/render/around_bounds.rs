@@ -1,0 +1,191 @@
+//! Where the objects can be in a picture that sees all around: a 360° picture, a fisheye of 170° and more.
+//!
+//! A box's outline is made of its edges, so places along them tell where it lies, unless it holds a pole of the picture
+//! (straight up or down in a 360° picture, straight back in a fisheye's). In a 360° picture columns go on beyond its rims:
+//! an object that lies across the seam has one rectangle, which reaches over the right rim.
+
+use glam::{DVec2, DVec3};
+
+use super::bounds::{Bounds, Footprint, rotation_speed};
+use super::view::{NEAR_M, Shutter, ViewKeys};
+use crate::camera::Geometry;
+use crate::image::Rect;
+use crate::scene::Scene;
+
+/// Places along each edge of a box.
+const STEPS: u32 = 16;
+
+/// No faster motion is told, px/s. Near the poles of a 360° picture places move without bound, and not along lines: what
+/// passes an eighth of the picture's width in one exposure is blurred that far.
+pub fn most_px_per_s(geometry: &Geometry, shutter: Shutter) -> f64 {
+    f64::from(geometry.intrinsics.width_px) / 8.0 / (2.0 * shutter.velocity_step_s())
+}
+
+/// A box's share of the picture.
+struct Seen {
+    /// Beyond the picture where it goes on over a rim.
+    low: DVec2,
+    high: DVec2,
+    fastest: f64,
+    way: DVec2,
+}
+
+/// Corners of a box and the points along its edges, in the same order for each box.
+fn along_edges(corners: &[DVec3; 8]) -> impl Iterator<Item = DVec3> {
+    (0..8usize).flat_map(move |a| {
+        (0..3).filter(move |bit| a >> bit & 1 == 0).flat_map(move |bit| {
+            let (from, to) = (corners[a], corners[a | 1 << bit]);
+            (0..=STEPS).map(move |n| from.lerp(to, f64::from(n) / f64::from(STEPS)))
+        })
+    })
+}
+
+/// What is seen of a box (corners in the camera's axes) at three moments `dt_s` apart. `None` where it may be anywhere.
+fn seen(geometry: &Geometry, moments: &[[DVec3; 8]; 3], dt_s: f64) -> Option<Seen> {
+    let poles: &[DVec3] = if geometry.is_round() { &[DVec3::Y, DVec3::NEG_Y] } else { &[DVec3::NEG_Z] };
+    for corners in moments {
+        let centre = 0.5 * (corners[0] + corners[7]);
+        let radius = centre.distance(corners[0]) + NEAR_M;
+        let free = |pole: DVec3| centre.angle_between(pole) > (radius / centre.length()).asin();
+        if centre.length() <= radius || !poles.iter().all(|pole| free(*pole)) {
+            return None;
+        }
+    }
+    let start = geometry.carried_px(0.5 * (moments[1][0] + moments[1][7]));
+    let places = moments.map(|corners| {
+        let mut last = None;
+        along_edges(&corners)
+            .map(|p| {
+                let at = start + geometry.way_px(start, geometry.carried_px(p));
+                // An edge's way between two places is curved: half as far to each side at most.
+                let step = last.replace(at).map_or(0.0, |last: DVec2| last.distance(at));
+                (at, step)
+            })
+            .collect::<Vec<_>>()
+    });
+    let (mut low, mut high, mut fastest, mut way) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0f64, DVec2::ZERO);
+    for moment in &places {
+        for (n, (at, step)) in moment.iter().enumerate() {
+            let around = if (n as u32).is_multiple_of(STEPS + 1) { 0.0 } else { 0.5 * step };
+            (low, high) = (low.min(*at - around), high.max(*at + around));
+        }
+    }
+    for pair in places.windows(2) {
+        for ((a, _), (b, _)) in pair[0].iter().zip(&pair[1]) {
+            fastest = fastest.max(a.distance(*b) / dt_s);
+            way += (*b - *a) / dt_s / (2.0 * pair[0].len() as f64);
+        }
+    }
+    Some(Seen { low: low - 1.0, high: high + 1.0, fastest, way })
+}
+
+/// The footprint of all parts.
+pub fn footprint_around(
+    scene: &Scene,
+    bounds: &[Option<Bounds>],
+    geometry: &Geometry,
+    keys: &ViewKeys,
+    shutter: Shutter,
+) -> Footprint {
+    let i = &geometry.intrinsics;
+    let (width, height) = (f64::from(i.width_px), f64::from(i.height_px));
+    let most = most_px_per_s(geometry, shutter);
+    let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
+    let (mut nearest, mut farthest, mut fastest) = (f64::INFINITY, NEAR_M, 0.0f64);
+    let (mut mean, mut count, mut anywhere) = (DVec2::ZERO, 0.0, false);
+    let mut all: Vec<Seen> = Vec::new();
+    for part in scene.objects.iter().flat_map(|o| &o.parts) {
+        let Some(b) = bounds[part.mesh] else { continue };
+        let corners = b.corners().map(|c| part.world_from_mesh.transform_point3(c));
+        let in_camera = moments.map(|m| corners.map(|c| keys.poses[m].transform_point(c)));
+        for corners in &in_camera {
+            let (centre, radius) = (0.5 * (corners[0] + corners[7]), 0.5 * corners[0].distance(corners[7]));
+            nearest = nearest.min((centre.length() - radius).max(NEAR_M));
+            farthest = farthest.max(centre.length() + radius);
+        }
+        match seen(geometry, &in_camera, keys.reach_s) {
+            Some(seen) => {
+                fastest = fastest.max(seen.fastest);
+                (mean, count) = (mean + seen.way, count + 1.0);
+                all.push(seen);
+            }
+            None => {
+                anywhere = true;
+                let resting = keys.poses.iter().all(|pose| *pose == keys.middle());
+                if resting {
+                    continue;
+                }
+                fastest = fastest.max(if geometry.is_round() { most } else { rotation_speed(geometry, keys) });
+            }
+        }
+    }
+    let (mut low, mut high) =
+        all.iter().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(l, h), s| (l.min(s.low), h.max(s.high)));
+    if geometry.is_round() && !all.is_empty() {
+        (low.x, high.x) = shortest_arc(all.iter().map(|s| (s.low.x, s.high.x)), width);
+    }
+    if anywhere {
+        // All of it, and over its rims.
+        let over = if geometry.is_round() { DVec2::new(0.5 * width, height) } else { DVec2::splat(64.0) };
+        (low, high) = (-over, DVec2::new(width, height) + over);
+    }
+    let rect = if low.x <= high.x {
+        let whole = |v: DVec2| v.clamp(DVec2::splat(-1e6), DVec2::splat(1e6));
+        let (low, high) = (whole(low).floor(), whole(high).ceil());
+        Rect::new(low.x as i32, low.y as i32, high.x as i32, high.y as i32)
+    } else {
+        Rect::new(0, 0, 0, 0)
+    };
+    Footprint {
+        rect,
+        fastest_px_per_s: (1.1 * fastest).min(most) as f32,
+        depths_m: [nearest.min(farthest), farthest],
+        mean_px_per_s: (mean / f64::max(count, 1.0)).clamp(DVec2::splat(-1e4), DVec2::splat(1e4)).as_vec2().to_array(),
+    }
+}
+
+/// The shortest stretch of a circle of this length that holds all of some stretches; it begins on the first turn.
+fn shortest_arc(stretches: impl Iterator<Item = (f64, f64)>, length: f64) -> (f64, f64) {
+    let mut arcs: Vec<(f64, f64)> = stretches
+        .map(|(low, high)| {
+            let turns = (low / length).floor() * length;
+            (low - turns, high - turns)
+        })
+        .collect();
+    arcs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let reached: Vec<f64> = arcs
+        .iter()
+        .scan(f64::NEG_INFINITY, |reached, arc| {
+            *reached = reached.max(arc.1);
+            Some(*reached)
+        })
+        .collect();
+    let (Some(first), Some(last)) = (arcs.first(), reached.last()) else { return (0.0, 0.0) };
+    // The widest gap, the one over the seam first.
+    let mut best = (first.0 + length - last, first.0, *last);
+    for n in 1..arcs.len() {
+        let gap = arcs[n].0 - reached[n - 1].max(last - length);
+        if gap > best.0 {
+            best = (gap, arcs[n].0, reached[n - 1].max(last - length) + length);
+        }
+    }
+    (best.1, best.2.max(*last))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shortest_arc_by_hand() {
+        let arc = |list: &[(f64, f64)]| shortest_arc(list.iter().copied(), 100.0);
+        assert_eq!(arc(&[(10.0, 20.0), (40.0, 45.0)]), (10.0, 45.0));
+        // Nearer over the seam: from 90 to 12 on the next turn.
+        assert_eq!(arc(&[(5.0, 12.0), (90.0, 97.0)]), (90.0, 112.0));
+        assert_eq!(arc(&[(-8.0, 3.0), (30.0, 35.0)]), (92.0, 135.0));
+        assert_eq!(arc(&[(95.0, 106.0)]), (95.0, 106.0));
+        // One holds another; one reaches over the seam into the next.
+        assert_eq!(arc(&[(10.0, 60.0), (20.0, 30.0), (95.0, 115.0)]), (95.0, 160.0));
+        assert_eq!(arc(&[(0.0, 40.0), (35.0, 90.0)]), (0.0, 90.0));
+    }
+}
