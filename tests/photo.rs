@@ -207,6 +207,8 @@ fn parts_join_without_a_seam() {
                 exposure_time_s: TIME_S,
                 recorded: &geometry,
                 framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
+                depth_m: None,
+                surfaces: None,
             };
             let job = Job {
                 frame: gpu::frame(3, 0.0, pixels),

@@ -4,10 +4,11 @@
 pub mod bench;
 mod mix;
 mod occlusion;
+mod real;
 mod run;
 mod settings;
 
-use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening};
+use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening, Response};
 use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
@@ -18,11 +19,14 @@ use crate::scene::Scene;
 use crate::tracking::PoseTrack;
 
 pub use mix::shader as mixed_shader;
+pub use occlusion::seen_at_frame;
+pub use real::Surfaces;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
 use mix::{MixedEffect, Mixer};
 use occlusion::{RayCache, enlarged};
+use real::RealPart;
 
 /// What effects at lower resolutions work in: the smallest of their tiles, a multiple of their largest pixels, px.
 const GRID_PX: i32 = 32;
@@ -56,6 +60,10 @@ pub struct Part<'a> {
     /// The recording's camera, and where in its pictures the photograph lies.
     pub recorded: &'a Geometry,
     pub framed: Framed,
+    /// Of that camera's picture, at the frame's moment, metres; 0 where nothing is known. It hides virtual things.
+    pub depth_m: Option<&'a [f32]>,
+    /// The same, filled: with it effects act on the real part too.
+    pub surfaces: Option<&'a Surfaces>,
 }
 
 /// A composited frame.
@@ -92,6 +100,7 @@ pub struct Compositor {
     renderer: Renderer,
     mixer: Mixer,
     rays: RayCache,
+    real: RealPart,
     pool: TexturePool,
     readbacks: ReadbackSet,
 }
@@ -130,6 +139,7 @@ impl Compositor {
     pub fn new(gpu: Gpu, camera: Camera, settings: Settings, scene: Scene) -> Self {
         let renderer = Renderer::new(&gpu, scene);
         let mixer = Mixer::new(&gpu, &camera);
+        let real = RealPart::new(&camera.response);
         Self {
             gpu,
             camera,
@@ -137,6 +147,7 @@ impl Compositor {
             renderer,
             mixer,
             rays: RayCache::default(),
+            real,
             pool: TexturePool::default(),
             readbacks: ReadbackSet::default(),
         }
@@ -144,6 +155,11 @@ impl Compositor {
 
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
+    }
+
+    /// The camera's response.
+    pub fn response(&self) -> &Response {
+        &self.camera.response
     }
 
     /// What the scene asks for and is not drawn.
@@ -193,6 +209,7 @@ impl Compositor {
         stats.fastest_px_per_s = footprint.fastest_px_per_s;
 
         let objects = self.object_motions(job.geometry, &keys.middle(), &pose_at(time_s + job.interval_s));
+        let real_depths_m = job.photograph.and_then(|part| part.surfaces).map(Surfaces::range_m);
         let context = FrameContext {
             camera: &self.camera,
             geometry: job.geometry,
@@ -204,7 +221,10 @@ impl Compositor {
             fastest_px_per_s: footprint.fastest_px_per_s,
             opening,
             photograph: job.photograph.map(|part| part.photograph),
-            depths_m: footprint.depths_m,
+            // Where there are no objects all that lies between depths is real.
+            depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
+            real_depths_m,
+            objects_px: Rect::new(0, 0, 0, 0),
             drawn: Rect::new(0, 0, 0, 0),
             objects: &objects,
         };
@@ -221,12 +241,15 @@ impl Compositor {
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
         let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
         let reach = region.grown(total(|e, c| e.reach_px(c)));
-        let drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
+        let objects_px = footprint.rect.grown(total(|e, c| e.spread_px(c)));
+        let is_any = |is: fn(&dyn Effect) -> bool| active.iter().any(|&i| is(self.settings.effects[i].as_ref()));
+        let surfaces = job.photograph.and_then(|part| part.surfaces).filter(|_| is_any(|e| e.acts_on_real()));
+        let drawn = if surfaces.is_some() { reach } else { objects_px.intersection(&reach) };
         // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
         let on_grid = |edge: i32| if job.photograph.is_some() { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
         let touched = drawn.intersection(&region);
-        let nothing = footprint.rect.is_empty() || touched.is_empty();
+        let nothing = (footprint.rect.is_empty() && surfaces.is_none()) || touched.is_empty();
         // All of a photograph is made, also where nothing virtual lies.
         let whole = job.photograph.is_some() && !region.is_empty();
         let shown = if whole { region } else { touched };
@@ -234,26 +257,26 @@ impl Compositor {
         if nothing && !whole {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
-        let context = FrameContext { drawn, ..context };
+        let context = FrameContext { drawn, objects_px, ..context };
         stats.rect_px = Some([shown.x0, shown.y0, shown.x1, shown.y1]);
 
         let gpu = self.gpu.clone();
-        let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
-        let occlusion = depth.and_then(|depth| {
-            let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
-            let texels = match &job.photograph {
-                None => self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn),
-                Some(part) => {
-                    let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
-                    let whole = Rect::full(width_px, height_px);
-                    let texels = self.rays.of(part.recorded).reproject(depth, &measured, &keys.middle(), whole);
-                    enlarged(&texels, (width_px, height_px), &part.framed, drawn)
-                }
-            };
+        let occludes = self.settings.depth.occlusion && !(surfaces.is_some() && is_any(|e| e.hides_behind_real()));
+        let texels = match &job.photograph {
+            None => frame.depth.as_ref().filter(|_| occludes).and_then(|depth| {
+                let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
+                Some(self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn))
+            }),
+            Some(part) => part.depth_m.filter(|_| occludes).map(|depth_m| {
+                let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
+                enlarged(depth_m, (width_px, height_px), &part.framed, drawn)
+            }),
+        };
+        let occlusion = texels.map(|texels| {
             let size = (drawn.width(), drawn.height());
             let texture = self.pool.get(&gpu, "real depth", 0, size, wgpu::TextureFormat::R32Float, 1);
             texture.write(&gpu, size.0, size.1, &texels);
-            Some(texture)
+            texture
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut run =
@@ -269,6 +292,10 @@ impl Compositor {
             parallel_to_m: None,
         };
         let mut layer = self.renderer.draw(&mut run, &view, &plan);
+        layer.real = surfaces.map(|surfaces| {
+            let tolerance_m = self.settings.depth.occlusion.then_some(self.settings.depth.tolerance_m);
+            self.real.make(&mut run, &frame.pixels, surfaces, drawn, tolerance_m)
+        });
         for (n, &i) in active.iter().enumerate() {
             if self.settings.effects[i].stage() == Stage::Layer {
                 let later = &active[n + 1..];

@@ -13,10 +13,14 @@
 //! Not modelled: depth of field on the real part, shutters shorter than the recording's (the real part stays blurred),
 //! highlights that the recording has clipped.
 
+mod behind;
+mod edges;
 mod focus;
 mod framing;
+mod holes;
 mod real;
 mod sheet;
+mod surfaces;
 mod take;
 
 pub use focus::distance_m;

@@ -1,17 +1,20 @@
 //! A photograph, tile by tile, so that memory does not grow with its size but for its pixels.
 
 use crate::camera::{Geometry, Opening};
-use crate::compositor::{Compositor, Job, Part, SubmitError};
+use crate::compositor::{Compositor, Job, Part, SubmitError, seen_at_frame};
 use crate::effects::Photograph;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
 use crate::image::{Codes, DepthMap, Pixels, Rect};
 use crate::tracking::PoseTrack;
 
-use super::{Framing, Real};
+use super::{Framing, Real, surfaces};
 
 /// Side of a tile, px: multisampled colour and geometry take 64 bytes a pixel, 150 MB.
 const TILE_PX: i32 = 1536;
+/// Of a tile with all that is blurred into it, and of the least tile.
+const DRAWN_PX: i32 = 1900;
+const LEAST_TILE_PX: i32 = 512;
 
 /// Where and when it is taken.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +29,7 @@ pub struct Site<'a> {
     pub timestamp_s: f64,
     /// What the recording says of the frame's exposure.
     pub exposure: FrameExposure,
-    /// What hides virtual things.
+    /// What hides virtual things, and what the real part's depth of field goes by.
     pub depth: Option<&'a DepthMap>,
 }
 
@@ -67,13 +70,30 @@ pub fn take(
         enlargement: framing.enlargement(),
         noise_left: real.noise_left,
     };
+    let seen = |depth| seen_at_frame(site.recorded, depth, site.track, site.time_offset_s, site.timestamp_s);
+    let depth_m = site.depth.and_then(seen);
     let mut pixels = real.pixels;
-    for region in tiles(width, height) {
+    // For how far circles can be seen to reach it takes no more than the depths that were measured.
+    let least_m = depth_m.iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
+    let circles_px = exposed.opening.map_or(0.0, |opening| {
+        let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
+        circle(f64::from(least_m)).max(circle(f64::INFINITY))
+    });
+    let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
+    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0);
+    let surfaces = blurred.and_then(|depth_m| {
+        surfaces::made(&pixels, &site.recorded.intrinsics, depth_m, framing, compositor.response(), reach_px)
+    });
+    let tile_px = match &surfaces {
+        Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
+        None => TILE_PX,
+    };
+    for region in tiles(width, height, tile_px) {
         let frame = Frame {
             index: site.frame,
             timestamp_s: site.timestamp_s,
             pixels,
-            depth: site.depth.cloned(),
+            depth: None,
             exposure: site.exposure,
         };
         let part = Part {
@@ -83,6 +103,8 @@ pub fn take(
             exposure_time_s: exposed.time_s,
             recorded: site.recorded,
             framed: framing.framed,
+            depth_m: depth_m.as_deref(),
+            surfaces: surfaces.as_ref(),
         };
         let pending = compositor.submit(Job {
             frame,
@@ -98,10 +120,10 @@ pub fn take(
     Ok(in_8_bits(pixels))
 }
 
-fn tiles(width: u32, height: u32) -> Vec<Rect> {
+fn tiles(width: u32, height: u32, most_px: i32) -> Vec<Rect> {
     // As equal as they can be.
     let cuts = |side: u32| {
-        let count = (side as i32 + TILE_PX - 1) / TILE_PX;
+        let count = (side as i32 + most_px - 1) / most_px;
         (0..=count).map(move |n| (i64::from(side) * i64::from(n) / i64::from(count.max(1))) as i32)
     };
     let (columns, rows): (Vec<i32>, Vec<i32>) = (cuts(width).collect(), cuts(height).collect());
@@ -124,7 +146,7 @@ mod tests {
     #[test]
     fn tiles_cover_each_pixel_once() {
         for (width, height) in [(16, 16), (1536, 1537), (6000, 4000)] {
-            let tiles = tiles(width, height);
+            let tiles = tiles(width, height, TILE_PX);
             let area: u64 = tiles.iter().map(|t| u64::from(t.width()) * u64::from(t.height())).sum();
             assert_eq!(area, u64::from(width) * u64::from(height));
             let all = tiles.iter().fold(Rect::new(0, 0, 0, 0), |all, tile| all.union(tile));

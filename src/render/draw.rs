@@ -173,6 +173,7 @@ impl Renderer {
             color: run.pool.get(gpu, "layer colour", slot, size, COLOR, 1),
             geometry: run.pool.get(gpu, "layer geometry", slot, size, GEOMETRY, 1),
             size,
+            real: None,
         };
         let out = layer(0);
         let (draws, diced) = self.draws(gpu, view);
