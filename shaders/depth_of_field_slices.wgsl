@@ -147,15 +147,15 @@ fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
 fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
     let held = textureLoad(sum_held, p, 0);
     // Surfaces of one kind share a pixel among them.
-    let new = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
-    let fits = new / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
+    let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
+    let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
     // What the nearer slices of the other kind let through.
     let seen = fits * max(vec2<f32>(1.0) - held.yx, vec2<f32>(0.0));
     let noise = slice.slice.y * seen.x * real.a;
     return Sums(
         textureLoad(sum_real, p, 0) + seen.x * real,
         textureLoad(sum_layer, p, 0) + seen.y * layer,
-        held + vec4<f32>(new, noise, 0.0),
+        held + vec4<f32>(fresh, noise, 0.0),
     );
 }
 

@@ -130,13 +130,11 @@ pub fn shader(effects: &[(&str, &str)], acted_on_real: bool) -> String {
         shift += count;
     }
     let real = FIRST_EFFECT_BINDING + shift;
-    let base = match acted_on_real {
-        true => assemble("composite").replace(
-            "// @real\n",
-            &include_str!("../../shaders/composite_real.wgsl").replace("@binding(4)", &format!("@binding({real})")),
-        ),
-        false => assemble("composite").replace("// @real\n", include_str!("../../shaders/composite_recorded.wgsl")),
+    let real_at = match acted_on_real {
+        true => assemble("composite_real").replace("@binding(4)", &format!("@binding({real})")),
+        false => assemble("composite_recorded"),
     };
+    let base = assemble("composite").replace("// @real\n", &real_at);
     assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))
 }
 

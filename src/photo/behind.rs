@@ -15,7 +15,7 @@ pub fn made_up(depth_m: &[f32], light: &[[f32; 3]], width: usize, reach_px: usiz
         let (x, y) = ((i % width) as i32, (i / width) as i32);
         (-1..=1).flat_map(move |dy| (-1..=1).map(move |dx| (x + dx, y + dy))).filter_map(move |(px, py)| {
             let inside = px >= 0 && py >= 0 && px < width as i32 && py < height as i32 && (px, py) != (x, y);
-            inside.then_some(py as usize * width + px as usize)
+            inside.then(|| py as usize * width + px as usize)
         })
     };
     let is_behind = |z: f32, i: usize| z > JUMP * depth_m[i];

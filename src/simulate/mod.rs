@@ -4,7 +4,7 @@
 //! shutter and a noisy sensor, and writes a recording beside its ground truth. It shares no
 //! rendering, blur or noise code with what it is used to judge; only plain values.
 //!
-//! Not modelled: depth of field (a pinhole), vignetting, chromatic aberration, mosaic, exposure
+//! Not modelled: vignetting, chromatic aberration, mosaic, exposure
 //! that changes, light that falls on the board or from it.
 
 mod board;
@@ -62,6 +62,8 @@ crate::params! {
         "how long each row gathers light" exposure_time_s: f64 = 1.0 / 60.0, "s", 0.0..=1.0;
         "from the first row's exposure to the last row's" readout_time_s: f64 = 0.015, "s", 0.0..=1.0;
         "focal length" focal_px: f64 = 520.0, "px", 1.0..=100000.0;
+        "width of the lens's opening; 0 for a pinhole" aperture_diameter_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "what is sharp through an opening" focus_distance_m: f64 = 1.0, "m", 0.01..=100000.0;
         "radial distortion, r²" k1: f64 = -0.11, "1", -2.0..=2.0;
         "radial distortion, r⁴" k2: f64 = 0.03, "1", -2.0..=2.0;
         "tangential distortion" p1: f64 = 0.0006, "1", -0.1..=0.1;
@@ -168,6 +170,8 @@ impl Simulation {
             timestamp_s: self.timestamp_s(frame),
             exposure_time_s: self.options.exposure_time_s,
             samples: self.options.samples,
+            aperture_diameter_m: 1e-3 * self.options.aperture_diameter_mm,
+            focus_distance_m: self.options.focus_distance_m,
             seed: self.options.seed,
             // A resting camera sees the same light in every frame; samples elsewhere would look like noise.
             frame: if self.options.motion == Motion::Static { 0 } else { frame as u64 },
