@@ -2,6 +2,8 @@
 // @import shared/fullscreen
 // @import shared/layer
 override half_side: i32 = 1;
+// Whether the layer has something in the slice.
+override layer_too: f32 = 1.0;
 
 struct Slice {
     size: vec4<i32>,    // of the layer: x, y; columns of tiles: z; their side (px): w
@@ -100,7 +102,9 @@ fn smaller(@builtin(position) at: vec4<f32>) -> Both {
     for (var i = 0; i < 4; i++) {
         let q = min(low + vec2<i32>(i & 1, i >> 1), last);
         out.real += 0.25 * textureLoad(before_real, q, 0);
-        out.layer += 0.25 * textureLoad(before_layer, q, 0);
+        if layer_too > 0.0 {
+            out.layer += 0.25 * textureLoad(before_layer, q, 0);
+        }
     }
     return out;
 }
@@ -120,7 +124,9 @@ fn blur(@builtin(position) at: vec4<f32>) -> Both {
             let w = kernel[i >> 2u][i & 3];
             let q = clamp(p - vec2<i32>(x, y), vec2<i32>(0), last);
             out.real += w * textureLoad(before_real, q, 0);
-            out.layer += w * textureLoad(before_layer, q, 0);
+            if layer_too > 0.0 {
+                out.layer += w * textureLoad(before_layer, q, 0);
+            }
             i++;
         }
     }

@@ -13,7 +13,7 @@ use super::{Framing, Real, surfaces};
 /// Side of a tile, px: multisampled colour and geometry take 64 bytes a pixel, 150 MB.
 const TILE_PX: i32 = 1536;
 /// Of a tile with all that is blurred into it, and of the least tile.
-const DRAWN_PX: i32 = 1900;
+const DRAWN_PX: i32 = 1500;
 const LEAST_TILE_PX: i32 = 512;
 
 /// Where and when it is taken.
@@ -88,7 +88,9 @@ pub fn take(
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
         None => TILE_PX,
     };
+    let mut out = vec![0u8; 3 * width as usize * height as usize];
     for region in tiles(width, height, tile_px) {
+        let before = copied(&pixels, region);
         let frame = Frame {
             index: site.frame,
             timestamp_s: site.timestamp_s,
@@ -116,8 +118,43 @@ pub fn take(
             photograph: Some(part),
         })?;
         pixels = compositor.collect(pending)?.pixels;
+        develop(&mut pixels, before, region, &mut out);
     }
-    Ok(in_8_bits(pixels))
+    Ok(Pixels { width, height, codes: Codes::U8(out) })
+}
+
+/// The rows' places in a picture's codes.
+fn rows(width: u32, region: Rect) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let place = move |x: i32, y: i32| 3 * (y as usize * width as usize + x as usize);
+    (region.y0..region.y1).map(move |y| place(region.x0, y)..place(region.x1, y))
+}
+
+fn copied(pixels: &Pixels, region: Rect) -> Codes {
+    let rows = rows(pixels.width, region);
+    match &pixels.codes {
+        Codes::U8(c) => Codes::U8(rows.flat_map(|row| c[row].iter().copied()).collect()),
+        Codes::U16(c) => Codes::U16(rows.flat_map(|row| c[row].iter().copied()).collect()),
+    }
+}
+
+/// Takes a part that is made out of the picture, in 8 bits, and puts back what was there: what lies beside it is blurred from that.
+fn develop(pixels: &mut Pixels, before: Codes, region: Rect, out: &mut [u8]) {
+    let columns = 3 * region.width() as usize;
+    for (n, row) in rows(pixels.width, region).enumerate() {
+        let put_back = n * columns..(n + 1) * columns;
+        match (&mut pixels.codes, &before) {
+            (Codes::U16(codes), Codes::U16(before)) => {
+                let eight = codes[row.clone()].iter().map(|code| ((u32::from(*code) + 128) / 257) as u8);
+                out[row.clone()].iter_mut().zip(eight).for_each(|(out, code)| *out = code);
+                codes[row].copy_from_slice(&before[put_back]);
+            }
+            (Codes::U8(codes), Codes::U8(before)) => {
+                out[row.clone()].copy_from_slice(&codes[row.clone()]);
+                codes[row].copy_from_slice(&before[put_back]);
+            }
+            _ => {}
+        }
+    }
 }
 
 fn tiles(width: u32, height: u32, most_px: i32) -> Vec<Rect> {
@@ -129,14 +166,6 @@ fn tiles(width: u32, height: u32, most_px: i32) -> Vec<Rect> {
     let (columns, rows): (Vec<i32>, Vec<i32>) = (cuts(width).collect(), cuts(height).collect());
     let of_row = |y: &[i32]| columns.windows(2).map(|x| Rect::new(x[0], y[0], x[1], y[1])).collect::<Vec<_>>();
     rows.windows(2).flat_map(of_row).collect()
-}
-
-fn in_8_bits(pixels: Pixels) -> Pixels {
-    let codes = match pixels.codes {
-        Codes::U16(codes) => codes.into_iter().map(|code| ((u32::from(code) + 128) / 257) as u8).collect(),
-        Codes::U8(codes) => codes,
-    };
-    Pixels { codes: Codes::U8(codes), ..pixels }
 }
 
 #[cfg(test)]
@@ -156,9 +185,17 @@ mod tests {
     }
 
     #[test]
-    fn codes_of_8_bits_come_back() {
-        let codes: Vec<u16> = (0..=255).map(|c| c * 257).collect();
-        let pixels = in_8_bits(Pixels { width: 256, height: 1, codes: Codes::U16(codes) });
-        assert_eq!(pixels.codes, Codes::U8((0..=255).collect()));
+    fn parts_are_taken_out_in_8_bits_and_the_rest_stays() {
+        let recorded: Vec<u16> = (0..3 * 4 * 2).collect();
+        let region = Rect::new(1, 0, 3, 2);
+        let mut pixels = Pixels { width: 4, height: 2, codes: Codes::U16(recorded.clone()) };
+        let before = copied(&pixels, region);
+        pixels.codes = Codes::U16((0..24).map(|c| c * 257).collect());
+        let mut out = vec![0; 24];
+        develop(&mut pixels, before, region, &mut out);
+        let expected: Vec<u8> = (0..24).map(|i| if (1..3).contains(&(i / 3 % 4)) { i } else { 0 }).collect();
+        assert_eq!(out, expected);
+        let Codes::U16(codes) = pixels.codes else { panic!("16 bits stay") };
+        assert!((0..24).all(|i| (codes[i] == recorded[i]) == ((1..3).contains(&(i / 3 % 4)) || i == 0)));
     }
 }

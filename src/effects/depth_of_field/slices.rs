@@ -32,7 +32,7 @@ const GROWS_FROM_PX: f64 = 3.0;
 /// Halvings of the resolution.
 const LEVELS: usize = 4;
 /// Radii up to which each resolution is drawn at, px.
-const UP_TO_PX: [f64; LEVELS] = [3.5, 10.0, 20.0, 40.0];
+const UP_TO_PX: [f64; LEVELS] = [2.5, 7.0, 16.0, 36.0];
 /// Half sides of kernels, in pixels of the resolution.
 const HALVES: [i32; 7] = [1, 2, 4, 6, 9, 13, 18];
 /// Points of the opening of which a kernel is made.
@@ -136,8 +136,9 @@ struct SliceUniform {
 pub struct Passes {
     places: FullscreenPass,
     share: FullscreenPass,
-    smaller: FullscreenPass,
-    blur: [FullscreenPass; HALVES.len()],
+    /// Without the layer, and with it.
+    smaller: [FullscreenPass; 2],
+    blur: [[FullscreenPass; HALVES.len()]; 2],
     first: FullscreenPass,
     add: FullscreenPass,
     add_sharp: FullscreenPass,
@@ -184,11 +185,14 @@ impl Passes {
             FullscreenPass::with(gpu, "slices", &shader, formats, &options)
         };
         let full = "fullscreen_vertex";
+        let both = |layer: f64, fragment, half: i32| {
+            pass("tiles", fragment, &[("layer_too", layer), ("half_side", f64::from(half))], &[COLOR; 2])
+        };
         Self {
             places: pass(full, "places", &[], &[COLOR]),
             share: pass("tiles", "share", &[], &[COLOR; 2]),
-            smaller: pass("tiles", "smaller", &[], &[COLOR; 2]),
-            blur: HALVES.map(|half| pass("tiles", "blur", &[("half_side", f64::from(half))], &[COLOR; 2])),
+            smaller: [0.0, 1.0].map(|layer| both(layer, "smaller", 1)),
+            blur: [0.0, 1.0].map(|layer| HALVES.map(|half| both(layer, "blur", half))),
             first: pass(full, "nothing", &[], &[COLOR; 3]),
             add: pass(full, "add", &[], &[COLOR; 3]),
             add_sharp: pass(full, "add_sharp", &[], &[COLOR; 3]),
@@ -280,6 +284,7 @@ impl Passes {
             let slot = (slice + MOST_SLICES) as usize;
             let reached = run.pool.get(gpu, "slices: tiles", slot, tiles.count, wgpu::TextureFormat::R32Uint, 1);
             tiles.write(gpu, &reached, slice);
+            let layer_too = usize::from(tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far));
             let of_slice = uniform(slice, 0, 1.0, &places);
             let slots = [
                 Slot::Buffer(&of_slice),
@@ -308,7 +313,7 @@ impl Passes {
                 let of_level = uniform(slice, level, 1.0, &places);
                 let [a, b] = shared[level - 1].each_ref().map(|t| Slot::Texture(&t.view));
                 let slots = [Slot::Buffer(&of_level), Slot::Texture(&reached.view), a, b];
-                run_tiles(gpu, run.encoder, &[&self.smaller], &slots, &shared[level].each_ref(), size, count);
+                run_tiles(gpu, run.encoder, &[&self.smaller[layer_too]], &slots, &shared[level].each_ref(), size, count);
             }
             let level = kernel.level;
             let at_level = (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
@@ -321,7 +326,8 @@ impl Passes {
             let weights = constants(gpu, "kernel", bytemuck::cast_slice(&weights));
             let [a, b] = shared[level].each_ref().map(|t| Slot::Texture(&t.view));
             let slots = [Slot::Buffer(&of_level), Slot::Texture(&reached.view), a, b, Slot::Buffer(&weights)];
-            run_tiles(gpu, run.encoder, &[&self.blur[kernel.class]], &slots, &blurred[level].each_ref(), at_level, count);
+            let pass = &self.blur[layer_too][kernel.class];
+            run_tiles(gpu, run.encoder, &[pass], &slots, &blurred[level].each_ref(), at_level, count);
 
             let [a, b] = blurred[level].each_ref().map(|t| Slot::Texture(&t.view));
             let [x, y, z] = sums_slots;
@@ -358,6 +364,8 @@ struct Tiles {
     count: (u32, u32),
     /// From the nearest.
     slices: Vec<i32>,
+    /// Least and largest slice of virtual things, where there are some.
+    with_layer: Option<[i32; 2]>,
     /// Least and largest slice in each tile.
     ranges: Vec<[i32; 2]>,
 }
@@ -377,17 +385,20 @@ impl Tiles {
             [clamped(slice_of(near).floor()), clamped(slice_of(far).ceil())]
         };
         let joined = |a: [i32; 2], b: [i32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let layer = Rect::full(size.0, size.1);
+        let objects = objects.filter(|o| !o.px.intersection(&layer).is_empty());
+        let with_layer = objects.as_ref().map(|o| slices(o.circles_px[0], o.circles_px[1]));
         let of_tile = |(i, [near, far]): (usize, &[f32; 2])| {
             let range = slices(circle(f64::from(*near)), circle(f64::from(*far)));
             let (x, y) = (i as u32 % count.0 * side, i as u32 / count.0 * side);
             let tile = Rect::full(side, side).moved(x as i32, y as i32);
-            let met = objects.as_ref().filter(|o| !o.px.intersection(&tile).is_empty());
-            met.map_or(range, |o| joined(range, slices(o.circles_px[0], o.circles_px[1])))
+            let met = objects.as_ref().is_some_and(|o| !o.px.intersection(&tile).is_empty());
+            with_layer.filter(|_| met).map_or(range, |layer| joined(range, layer))
         };
         let ranges: Vec<[i32; 2]> = real.ranges_m.iter().enumerate().map(of_tile).collect();
         let all = ranges.iter().copied().reduce(joined).unwrap_or([0, 0]);
         let there = |slice: &i32| ranges.iter().any(|[near, far]| near <= slice && slice <= far);
-        Self { count, slices: (all[0]..=all[1]).filter(there).collect(), ranges }
+        Self { count, slices: (all[0]..=all[1]).filter(there).collect(), with_layer, ranges }
     }
 
     /// 1 where a slice reaches.
@@ -407,5 +418,50 @@ impl Tiles {
             }
         }
         to.write(gpu, self.count.0, self.count.1, &reached);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_the_shaders() {
+        let shader = assemble("depth_of_field_slices");
+        let value = |name: &str| -> f64 {
+            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: f32 = "))).unwrap();
+            line.trim_end_matches(';').parse().unwrap()
+        };
+        assert_eq!([value("GROWS_FROM_PX"), value("RATIO")], [GROWS_FROM_PX, RATIO]);
+        assert_eq!((value("SHARP_PX") as f32, value("MOST") as i32), (SHARP_PX, MOST_SLICES));
+        assert!(shader.contains(&format!("array<vec4<f32>, {}>", MOST_WEIGHTS / 4)));
+        let largest = (2 * HALVES[HALVES.len() - 1] + 1).pow(2) as usize;
+        assert_eq!(MOST_WEIGHTS, largest.div_ceil(4) * 4);
+    }
+
+    #[test]
+    fn a_slice_has_the_circles_that_lie_in_it() {
+        // 0.7 + 3 · (1.25 − 1) = 1.45; 0.7 + 3 · (1.25² − 1) = 2.3875
+        assert!((diameter_px(1) - 1.45).abs() < 1e-6 && (diameter_px(-2) - 2.3875).abs() < 1e-6);
+        assert_eq!((slice_of(0.6), slice_of(-0.6)), (0.0, 0.0));
+        for slice in -20..=20i32 {
+            let circle = f64::from(slice.signum()) * diameter_px(slice);
+            assert!((slice_of(circle) - f64::from(slice)).abs() < 1e-6, "{slice}");
+        }
+    }
+
+    #[test]
+    fn kernels_have_the_openings_variance() {
+        let round = Aperture::new(|_| 1.0);
+        for slice in 1..=22 {
+            let kernel = Kernel::new(&round, diameter_px(slice));
+            let weights: Vec<f64> = kernel.weights.iter().map(|w| f64::from(*w)).collect();
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-5, "{slice}");
+            let texel = f64::from(1u32 << kernel.level);
+            let besides = if kernel.level == 0 { 0.0 } else { 0.85 * ((1.0 - texel.powi(-2)) / 12.0 + 1.0 / 6.0) };
+            let found = (variance(&weights, HALVES[kernel.class]) + besides) * texel * texel;
+            let wanted = (0.5 * diameter_px(slice)).powi(2) / 4.0;
+            assert!((found / wanted - 1.0).abs() < 0.01, "{slice}: {found}, {wanted} wanted");
+        }
     }
 }
