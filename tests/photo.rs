@@ -258,7 +258,11 @@ fn parts_join_without_a_seam() {
         let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
         let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
         let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
-        assert!(far < a.len() / 50 && worst <= most, "{far} of {} differ by more than a code, the worst by {worst}", a.len());
+        assert!(
+            far < a.len() / 50 && worst <= most,
+            "{far} of {} differ by more than a code, the worst by {worst}",
+            a.len()
+        );
     }
 }
 

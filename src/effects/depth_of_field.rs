@@ -14,6 +14,9 @@
 //! - `diffusion`: Wang's, each pixel's light spread over the opening's picture, from the most blurred to the sharpest; the
 //!   only one that knows stars and hearts (depth_of_field/diffusion.rs).
 //!
+//! Of a photograph whose real surfaces are known the real part is blurred too, slice by slice, by `layered` together with the
+//! virtual one (depth_of_field/slices.rs).
+//!
 //! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
 //! `layered`: more than two surfaces behind each other within one circle, circles wider than a quarter of the picture
 //! (drawn that wide), and real things before a blurred object, over which its blur reaches.
@@ -163,21 +166,17 @@ impl Effect for DepthOfFieldEffect {
         self.params.method == Method::Layered
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, mut layer: Layer) -> Layer {
         let Some(opening) = context.opening else { return layer };
         let (gpu, params) = (run.gpu, &self.params);
-        let layer = match layer.real.clone() {
-            Some(real) => {
-                let slices = self.slices.get_or_insert_with(|| slices::Passes::new(gpu));
-                let together = params.method == Method::Layered;
-                let made = slices.run(run, context, &opening, layer, &real, together);
-                if together {
-                    return made;
-                }
-                made
+        if let Some(real) = layer.real.clone() {
+            let slices = self.slices.get_or_insert_with(|| slices::Passes::new(gpu));
+            let together = params.method == Method::Layered;
+            layer = slices.run(run, context, &opening, layer, &real, together);
+            if together {
+                return layer;
             }
-            None => layer,
-        };
+        }
         match params.method {
             Method::Layered => {
                 self.layered.get_or_insert_with(|| layered::Passes::new(gpu)).run(run, context, &opening, layer)

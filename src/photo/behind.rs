@@ -19,8 +19,7 @@ pub fn made_up(depth_m: &[f32], light: &[[f32; 3]], width: usize, reach_px: usiz
         })
     };
     let is_behind = |z: f32, i: usize| z > JUMP * depth_m[i];
-    let mut edge: Vec<usize> =
-        (0..depth_m.len()).filter(|&i| around(i).any(|n| is_behind(depth_m[n], i))).collect();
+    let mut edge: Vec<usize> = (0..depth_m.len()).filter(|&i| around(i).any(|n| is_behind(depth_m[n], i))).collect();
     for _ in 0..reach_px {
         let mut new = Vec::with_capacity(edge.len());
         for &i in &edge {
@@ -39,8 +38,12 @@ pub fn made_up(depth_m: &[f32], light: &[[f32; 3]], width: usize, reach_px: usiz
         for &(i, z, light) in &new {
             (behind_m[i], behind_light[i], is_made[i]) = (z, light, true);
         }
-        let mut next: Vec<usize> =
-            new.iter().flat_map(|&(i, z, _)| around(i).map(move |n| (n, z))).filter(|&(n, z)| !is_made[n] && is_behind(z, n)).map(|(n, _)| n).collect();
+        let mut next: Vec<usize> = new
+            .iter()
+            .flat_map(|&(i, z, _)| around(i).map(move |n| (n, z)))
+            .filter(|&(n, z)| !is_made[n] && is_behind(z, n))
+            .map(|(n, _)| n)
+            .collect();
         next.sort_unstable();
         next.dedup();
         if next.is_empty() {
@@ -59,7 +62,8 @@ mod tests {
     fn what_is_beside_an_edge_goes_on_behind_it() {
         // A dark post at 1 m, columns 8 to 15, before a wall at 2 m that is brighter at its right.
         let (width, height) = (24, 9);
-        let depth: Vec<f32> = (0..width * height).map(|i| if (8..16).contains(&(i % width)) { 1.0 } else { 2.0 }).collect();
+        let depth: Vec<f32> =
+            (0..width * height).map(|i| if (8..16).contains(&(i % width)) { 1.0 } else { 2.0 }).collect();
         let wall = |x: usize| if x < 12 { 0.2 } else { 0.8 };
         let light: Vec<[f32; 3]> =
             (0..width * height).map(|i| if depth[i] < 1.5 { [0.0; 3] } else { [wall(i % width); 3] }).collect();

@@ -31,15 +31,15 @@ pub fn on_colors(depth_m: &[f32], light: &[[f32; 3]], width: usize) -> Vec<f32> 
     over_rows(&mut out, width, |y, row| {
         for (x, out) in row.iter_mut().enumerate() {
             let around = || {
-                (-WINDOW_PX..=WINDOW_PX).flat_map(move |dy| (-WINDOW_PX..=WINDOW_PX).map(move |dx| (dx, dy))).filter_map(
-                    move |(dx, dy)| {
+                (-WINDOW_PX..=WINDOW_PX)
+                    .flat_map(move |dy| (-WINDOW_PX..=WINDOW_PX).map(move |dx| (dx, dy)))
+                    .filter_map(move |(dx, dy)| {
                         let (px, py) = (x as i32 + dx, y as i32 + dy);
                         let inside = px >= 0 && py >= 0 && px < width as i32 && py < height as i32;
                         inside.then(|| {
                             (py as usize * width + px as usize, ((dy + WINDOW_PX) * side + dx + WINDOW_PX) as usize)
                         })
-                    },
-                )
+                    })
             };
             let (mut least, mut most) = (f32::INFINITY, 0.0f32);
             for (i, _) in around() {

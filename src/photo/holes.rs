@@ -1,9 +1,9 @@
 //! Depth where the sensor measured none.
 //!
 //! A structured-light sensor sees from one place and lights from another beside it: what a near thing shades from the
-//! light has no depth, and lies behind it, at its side (Khoshelham and Elberink 2012, fig. 7). So has what comes into view
-//! when depth is carried to another moment. Of the two ends of such a gap the farther one is what goes on in it (as in
-//! Fehn 2004 for views that are made up). Other gaps (dark and shining things, windows) tell nothing of themselves;
+//! light has no depth, and lies behind it, at its side (Khoshelham & Elberink 2012). So has what comes into view
+//! when depth is carried to another moment. Of the two ends of such a gap the farther one is what goes on in it, as in
+//! views made up from depth (Fehn 2004). Other gaps (dark and shining things, windows) tell nothing of themselves;
 //! where their ends are alike, both rules say the same.
 
 /// Rows and columns to either side that smooth what was filled in, so that rows do not stand apart.

@@ -35,7 +35,8 @@ pub fn made(
     let enlargement = framing.enlargement().max((area / MOST_PIXELS).sqrt()).max(1.0);
     let side = |pixels: u32| (f64::from(pixels) / enlargement).ceil().max(1.0) as u32;
     let (width, height) = (side(pixels.width), side(pixels.height));
-    let places = || (0..height).flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)));
+    let places =
+        || (0..height).flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)));
     let place = |at: f64, side: usize| at.clamp(0.0, side as f64 - 1.0) as usize;
     let measured = |at: DVec2| {
         let from = framing.framed.source_px(enlargement * at);

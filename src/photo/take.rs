@@ -91,13 +91,8 @@ pub fn take(
     let mut out = vec![0u8; 3 * width as usize * height as usize];
     for region in tiles(width, height, tile_px) {
         let before = copied(&pixels, region);
-        let frame = Frame {
-            index: site.frame,
-            timestamp_s: site.timestamp_s,
-            pixels,
-            depth: None,
-            exposure: site.exposure,
-        };
+        let frame =
+            Frame { index: site.frame, timestamp_s: site.timestamp_s, pixels, depth: None, exposure: site.exposure };
         let part = Part {
             region,
             photograph,
