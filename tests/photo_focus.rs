@@ -209,7 +209,7 @@ fn a_photograph_is_what_a_thin_lens_sees() {
     for (focus_distance_m, diameter_m) in [(0.6, 0.025), (2.0, 0.06)] {
         let opening = Opening { diameter_m, focus_distance_m, blades: 0, rotation_rad: 0.0 };
         let truth = simulation.take(&locard::simulate::Shot {
-            samples: 400,
+            samples: 200,
             aperture_diameter_m: opening.diameter_m,
             focus_distance_m,
             ..sharp
@@ -222,7 +222,6 @@ fn a_photograph_is_what_a_thin_lens_sees() {
             sum / f64::from(SIZE.0 * SIZE.1)
         };
         let (of_photo, of_recorded) = (apart(&done), apart(&recorded));
-        println!("{focus_distance_m}: {of_photo:.5} {of_recorded:.5}");
         if let Ok(folder) = std::env::var("LOCARD_PICTURES") {
             for (name, p) in [("truth", &truth), ("photo", &done), ("recorded", &recorded)] {
                 let bytes: Vec<u8> = (0..SIZE.1)

@@ -101,7 +101,7 @@ mod tests {
         // Dark at 1 m up to column 10, bright at 3 m; the depth's edge lies two columns off, to either side by turns.
         let (width, height) = (24, 16);
         let light: Vec<[f32; 3]> = (0..width * height).map(|i| [if i % width < 10 { 0.05 } else { 0.6 }; 3]).collect();
-        let edge = |y: usize| if y % 2 == 0 { 8 } else { 12 };
+        let edge = |y: usize| if y.is_multiple_of(2) { 8 } else { 12 };
         let depth: Vec<f32> =
             (0..width * height).map(|i| if i % width < edge(i / width) { 1.0 } else { 3.0 }).collect();
         let out = on_colors(&depth, &light, width);
