@@ -197,7 +197,7 @@ fn parts_join_without_a_seam() {
     let places = || (0..240u32).flat_map(|y| (0..320u32).map(move |x| (x, y)));
     let depth_m: Vec<f32> =
         places().map(|(x, y)| if (90..140).contains(&x) { 0.8 } else { 4.0 - 3.0 * y as f32 / 240.0 }).collect();
-    let stripes = places().flat_map(|(x, y)| [if (x / 9 + y / 7) % 3 == 0 { 200 } else { 60 }; 3]).collect();
+    let stripes = places().flat_map(|(x, y)| [if (x / 9 + y / 7).is_multiple_of(3) { 200 } else { 60 }; 3]).collect();
     let stripes = Pixels::from_u8(320, 240, stripes).unwrap();
     let light = vec![[0.1; 3]; depth_m.len()];
     let surfaces = Surfaces {

@@ -127,7 +127,7 @@ fn a_near_thing_is_blurred_over_what_is_sharp_and_lets_it_through() {
 fn a_thing_blurs_alike_whether_it_is_real_or_virtual() {
     let camera = without_noise();
     // At 2 m (where boards stand), before a wall at 6 m with stripes; sharp is 1 m, 3 m or the wall.
-    let wall = |x: u32| if x / 20 % 2 == 0 { 20000 } else { 50000 };
+    let wall = |x: u32| if (x / 20).is_multiple_of(2) { 20000 } else { 50000 };
     let inside = |x: u32, y: u32| (100..220).contains(&x) && (80..160).contains(&y);
     let grey = Response::default().decode(9000.0 / 65535.0) as f32;
     for focus_m in [1.0, 3.0, 6.0] {
