@@ -51,6 +51,11 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
 }
 
 // @real
+// The camera's light at a pixel, and the share of its noise's σ that is left: as it was recorded.
+fn real_at(p: vec2<i32>, recorded: vec3<f32>) -> vec4<f32> {
+    return vec4<f32>(recorded, 1.0);
+}
+// @real
 
 // Premultiplied over in linear light, encoded again. Each colour has its own coverage.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {

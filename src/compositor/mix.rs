@@ -130,11 +130,15 @@ pub fn shader(effects: &[(&str, &str)], acted_on_real: bool) -> String {
         shift += count;
     }
     let real = FIRST_EFFECT_BINDING + shift;
-    let real_at = match acted_on_real {
-        true => assemble("composite_real").replace("@binding(4)", &format!("@binding({real})")),
-        false => assemble("composite_recorded"),
+    let recorded = assemble("composite");
+    // Between its two marks stands how the camera's light is read.
+    let base = match recorded.split("// @real\n").collect::<Vec<_>>().as_slice() {
+        [before, _, after] if acted_on_real => {
+            let real_at = assemble("composite_real").replace("@binding(4)", &format!("@binding({real})"));
+            [before, real_at.as_str(), after].concat()
+        }
+        _ => recorded,
     };
-    let base = assemble("composite").replace("// @real\n", &real_at);
     assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))
 }
 

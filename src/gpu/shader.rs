@@ -22,7 +22,6 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "chromatic_aberration_over",
         "composite",
         "composite_real",
-        "composite_recorded",
         "copy",
         "depth_of_field",
         "depth_of_field_diffusion",
