@@ -50,11 +50,19 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
     return textureLoad(camera, p + composite.origin.zw, 0);
 }
 
+// @real
+// The camera's light at a pixel, and the share of its noise's σ that is left: as it was recorded.
+fn real_at(p: vec2<i32>, recorded: vec3<f32>) -> vec4<f32> {
+    return vec4<f32>(recorded, 1.0);
+}
+// @real
+
 // Premultiplied over in linear light, encoded again. Each colour has its own coverage.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
     let w = 1.0 - coverage;
-    let real_light = decode(code, curve, gamma);
+    let real = real_at(p, decode(code, curve, gamma));
+    let real_light = real.rgb;
     let light = clamp(virtual_light + w * real_light, vec3<f32>(0.0), vec3<f32>(1.0));
     let mixed = encode(light, curve, gamma);
     let before = slope_at(code, real_light, curve, gamma);
@@ -64,7 +72,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
         let recorded_light = real_light / composite.scale.y;
         let recorded = encode(recorded_light, curve, gamma);
         let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.scale.y;
-        s = w * after / slope * sigma_at(recorded) * sqrt(composite.scale.z);
+        s = w * after / slope * sigma_at(recorded) * sqrt(composite.scale.z) * real.a;
     }
     let variance = s * s;
     return Mixed(mixed, variance);

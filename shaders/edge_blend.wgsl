@@ -19,7 +19,8 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
             }
         }
     }
-    if n == 0.0 {
+    // In a photograph the function is called for real pixels, too.
+    if n == 0.0 || layer_at(p).a == 0.0 {
         return current;
     }
     let share = edge_blend.impact.x / (n + 1.0);

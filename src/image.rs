@@ -132,6 +132,11 @@ impl Rect {
         Self::new(self.x0 - pixels, self.y0 - pixels, self.x1 + pixels, self.y1 + pixels)
     }
 
+    /// Moved to the right and down.
+    pub fn moved(&self, right: i32, down: i32) -> Self {
+        Self::new(self.x0 + right, self.y0 + down, self.x1 + right, self.y1 + down)
+    }
+
     /// What both share; empty where they do not meet.
     pub fn intersection(&self, other: &Self) -> Self {
         Self::new(self.x0.max(other.x0), self.y0.max(other.y0), self.x1.min(other.x1), self.y1.min(other.y1))

@@ -206,6 +206,8 @@ fn the_noise_is_its_twin() {
             opening: None,
             photograph: None,
             depths_m: [1.0, 1.0],
+            real_depths_m: None,
+            objects_px: locard::image::Rect::new(0, 0, 0, 0),
             drawn: Rect::new(0, 0, 0, 0),
             objects: &[],
         };

@@ -12,7 +12,7 @@ mod program;
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Framed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
-use locard::compositor::{Compositor, Job, Part, Settings};
+use locard::compositor::{Compositor, Job, Part, Settings, Surfaces};
 use locard::effects::Photograph;
 use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
@@ -193,13 +193,30 @@ fn parts_join_without_a_seam() {
     let camera = camera(&geometry, Some(noise()));
     let opening = Opening { diameter_m: 0.03, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
     let track = sideways([200.0, 0.0]);
-    let made = |regions: &[Rect]| {
+    // A floor that comes nearer downwards, and a post before it; bright stripes on both.
+    let places = || (0..240u32).flat_map(|y| (0..320u32).map(move |x| (x, y)));
+    let depth_m: Vec<f32> =
+        places().map(|(x, y)| if (90..140).contains(&x) { 0.8 } else { 4.0 - 3.0 * y as f32 / 240.0 }).collect();
+    let stripes = places().flat_map(|(x, y)| [if (x / 9 + y / 7).is_multiple_of(3) { 200 } else { 60 }; 3]).collect();
+    let stripes = Pixels::from_u8(320, 240, stripes).unwrap();
+    let light = vec![[0.1; 3]; depth_m.len()];
+    let surfaces = Surfaces {
+        width: 320,
+        height: 240,
+        enlargement: 1.0,
+        behind_m: depth_m.clone(),
+        depth_m,
+        behind_light: light.clone(),
+        light,
+    };
+    let made = |regions: &[Rect], surfaces: Option<&Surfaces>| {
         let gpu = gpu::gpu();
         let mut compositor =
             Compositor::new(gpu.clone(), camera.clone(), Settings::default(), board([60.0, 50.0], 0.5));
         let photograph =
             Photograph { over_ev: 0.5, iso_ratio: 4.0, film_width_mm: 36.0, enlargement: 1.0, noise_left: 1.0 };
-        regions.iter().fold(gpu::grey(320, 240, 90), |pixels, region| {
+        let mut made = stripes.clone();
+        for region in regions {
             let part = Part {
                 region: *region,
                 photograph,
@@ -207,9 +224,11 @@ fn parts_join_without_a_seam() {
                 exposure_time_s: TIME_S,
                 recorded: &geometry,
                 framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
+                depth_m: None,
+                surfaces,
             };
             let job = Job {
-                frame: gpu::frame(3, 0.0, pixels),
+                frame: gpu::frame(3, 0.0, stripes.clone()),
                 geometry: &geometry,
                 track: &track,
                 time_offset_s: 0.0,
@@ -218,21 +237,33 @@ fn parts_join_without_a_seam() {
                 photograph: Some(part),
             };
             let pending = compositor.submit(job).unwrap();
-            compositor.collect(pending).unwrap().pixels
-        })
+            let done = compositor.collect(pending).unwrap().pixels;
+            let (Codes::U8(to), Codes::U8(from)) = (&mut made.codes, &done.codes) else { panic!("8 bits went in") };
+            for y in region.y0..region.y1 {
+                let row = 3 * (y * 320 + region.x0) as usize..3 * (y * 320 + region.x1) as usize;
+                to[row.clone()].copy_from_slice(&from[row]);
+            }
+        }
+        made
     };
-    let whole = made(&[Rect::full(320, 240)]);
-    let parts = made(&[
+    let parts = [
         Rect::new(0, 0, 130, 110),
         Rect::new(130, 0, 320, 110),
         Rect::new(0, 110, 130, 240),
         Rect::new(130, 110, 320, 240),
-    ]);
-    let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
-    let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
-    // Points of the filter fall on other texels of the smaller pictures where a part begins elsewhere: a few codes.
-    let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
-    assert!(far < a.len() / 50 && worst <= 4, "{far} of {} differ by more than a code, the worst by {worst}", a.len());
+    ];
+    // Points of the layer's filter fall on other texels of the smaller pictures where a part begins elsewhere: a few codes.
+    for (surfaces, most) in [(None, 4), (Some(&surfaces), 1)] {
+        let (whole, parts) = (made(&[Rect::full(320, 240)], surfaces), made(&parts, surfaces));
+        let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
+        let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
+        let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+        assert!(
+            far < a.len() / 50 && worst <= most,
+            "{far} of {} differ by more than a code, the worst by {worst}",
+            a.len()
+        );
+    }
 }
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -253,7 +284,7 @@ fn a_bracket_is_a_series_with_a_sheet_and_exif() {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert!(done.stdout.is_empty());
     let text = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert_eq!(text.matches("the real part stays as sharp").count(), 1, "{text}");
+    assert!(!text.contains("virtual things alone"), "{text}");
     let settings =
         |n: usize| locard::source::exif::read_settings(&folder.path().join(format!("door-{n}.jpg"))).unwrap();
     for (n, iso) in [100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0, 25600.0].into_iter().enumerate() {

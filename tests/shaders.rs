@@ -57,7 +57,8 @@ fn the_composite_validates_with_every_combination_of_mixed_effects() {
         assert!(hooks.len() >= 2);
         for bits in 0..1usize << hooks.len() {
             let some: Vec<_> = hooks.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, h)| *h).collect();
-            let text = mixed_shader(&some);
+            validate(&format!("composite {bits:b} of a real part that was acted on"), &mixed_shader(&some, true));
+            let text = mixed_shader(&some, false);
             validate(&format!("composite {bits:b}"), &text);
             for (name, _) in &some {
                 assert!(text.contains(&format!("pixel = apply_{name}(p, pixel);")));

@@ -258,8 +258,11 @@ pub fn run(args: &Args) -> Result<()> {
     for (n, asked) in dials.series(args.bracket).iter().enumerate() {
         let framing = Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width)?;
         let opening = site.lens(asked).opening(&framing.geometry)?;
-        if !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
-            warn(args.quiet, "virtual things alone are out of focus: the real part stays as sharp as it was recorded");
+        let flat = site.frame.depth.is_none();
+        if flat && !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
+            let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as sharp \
+                        as it was recorded";
+            warn(args.quiet, text);
             told = true;
         }
         let pixels = site.take(&dials, asked, &framing, opening, taken)?;

@@ -46,8 +46,8 @@ type Effects = Vec<(&'static str, &'static str)>;
 /// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
 #[derive(Debug)]
 pub struct Mixer {
-    /// For effects, a format, and whether it is a photograph.
-    passes: HashMap<(Effects, wgpu::TextureFormat, bool), FullscreenPass>,
+    /// For effects, a format, whether it is a photograph, and whether effects acted on its real part.
+    passes: HashMap<(Effects, wgpu::TextureFormat, [bool; 2]), FullscreenPass>,
     sigma: wgpu::Buffer,
     /// The response, for the shader.
     constants: [(&'static str, f64); 2],
@@ -101,11 +101,12 @@ impl Mixer {
             |e: &MixedEffect| (!e.inputs.uniform.is_empty()).then(|| constants(gpu, e.name, &e.inputs.uniform));
         let uniforms: Vec<_> = effects.iter().map(uniform_of).collect();
         let names: Effects = effects.iter().map(|e| (e.name, e.wgsl)).collect();
-        let pass = self.passes.entry((names.clone(), format, photograph.is_some())).or_insert_with(|| {
+        let kind = [photograph.is_some(), layer.real.is_some()];
+        let pass = self.passes.entry((names.clone(), format, kind)).or_insert_with(|| {
             let [curve, gamma] = self.constants;
             let whole = ("photograph", f64::from(u8::from(photograph.is_some())));
             let options = Options { constants: &[curve, gamma, whole], ..Options::default() };
-            FullscreenPass::with(gpu, "composite", &shader(&names), &[format], &options)
+            FullscreenPass::with(gpu, "composite", &shader(&names, kind[1]), &[format], &options)
         });
         let mut slots = vec![
             Slot::Texture(&camera.view),
@@ -117,14 +118,15 @@ impl Mixer {
             slots.extend(uniform.iter().map(Slot::Buffer));
             slots.extend(effect.inputs.textures.iter().map(|t| Slot::Texture(&t.view)));
         }
+        slots.extend(layer.real.iter().map(|real| Slot::Texture(&real.light.view)));
         pass.run(gpu, run.encoder, &slots, &[&out], size);
         out
     }
 }
 
 /// The composite's shader with the functions and calls of effects (name and WGSL), their
-/// bindings renumbered so that each stands behind the one before.
-pub fn shader(effects: &[(&str, &str)]) -> String {
+/// bindings renumbered so that each stands behind the one before; last the real part's light, where effects acted on it.
+pub fn shader(effects: &[(&str, &str)], acted_on_real: bool) -> String {
     let mut functions = String::new();
     let mut calls = String::new();
     let mut shift = 0;
@@ -138,7 +140,16 @@ pub fn shader(effects: &[(&str, &str)]) -> String {
         calls.push_str(&format!("    pixel = apply_{name}(p, pixel);\n"));
         shift += count;
     }
-    let base = assemble("composite");
+    let real = FIRST_EFFECT_BINDING + shift;
+    let recorded = assemble("composite");
+    // Between its two marks stands how the camera's light is read.
+    let base = match recorded.split("// @real\n").collect::<Vec<_>>().as_slice() {
+        [before, _, after] if acted_on_real => {
+            let real_at = assemble("composite_real").replace("@binding(4)", &format!("@binding({real})"));
+            [before, real_at.as_str(), after].concat()
+        }
+        _ => recorded,
+    };
     assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))
 }
 

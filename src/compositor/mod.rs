@@ -4,10 +4,12 @@
 pub mod bench;
 mod mix;
 mod occlusion;
+mod places;
+mod real;
 mod run;
 mod settings;
 
-use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening};
+use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening, Response};
 use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
@@ -18,14 +20,15 @@ use crate::scene::Scene;
 use crate::tracking::PoseTrack;
 
 pub use mix::shader as mixed_shader;
+pub use occlusion::seen_at_frame;
+pub use real::Surfaces;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
 use mix::{MixedEffect, Mixer, Piece};
 use occlusion::{RayCache, enlarged};
-
-/// What effects at lower resolutions work in: the smallest of their tiles, a multiple of their largest pixels, px.
-const GRID_PX: i32 = 32;
+use places::{Asked, Places};
+use real::RealPart;
 
 /// A frame with all that its picture depends on.
 #[derive(Debug)]
@@ -56,6 +59,10 @@ pub struct Part<'a> {
     /// The recording's camera, and where in its pictures the photograph lies.
     pub recorded: &'a Geometry,
     pub framed: Framed,
+    /// Of that camera's picture, at the frame's moment, metres; 0 where nothing is known. It hides virtual things.
+    pub depth_m: Option<&'a [f32]>,
+    /// The same, filled: with it effects act on the real part too.
+    pub surfaces: Option<&'a Surfaces>,
 }
 
 /// A composited frame.
@@ -92,6 +99,7 @@ pub struct Compositor {
     renderer: Renderer,
     mixer: Mixer,
     rays: RayCache,
+    real: RealPart,
     pool: TexturePool,
     readbacks: ReadbackSet,
 }
@@ -123,22 +131,11 @@ struct Work {
     layer: Option<[Readback; 2]>,
 }
 
-/// The pieces of the picture that a layer covers. In a 360° picture what is beyond a rim is at the other one.
-fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
-    let width = region.width() as i32;
-    // One that covers all of it holds what is beyond the rims twice.
-    let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
-    let piece = |turn: &i32| {
-        let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };
-        Piece { shown: drawn.intersection(&region), drawn, slot: turn.unsigned_abs() as usize + usize::from(*turn < 0) }
-    };
-    turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
-}
-
 impl Compositor {
     pub fn new(gpu: Gpu, camera: Camera, settings: Settings, scene: Scene) -> Self {
         let renderer = Renderer::new(&gpu, scene);
         let mixer = Mixer::new(&gpu, &camera);
+        let real = RealPart::new(&camera.response);
         Self {
             gpu,
             camera,
@@ -146,6 +143,7 @@ impl Compositor {
             renderer,
             mixer,
             rays: RayCache::default(),
+            real,
             pool: TexturePool::default(),
             readbacks: ReadbackSet::default(),
         }
@@ -153,6 +151,11 @@ impl Compositor {
 
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
+    }
+
+    /// The camera's response.
+    pub fn response(&self) -> &Response {
+        &self.camera.response
     }
 
     /// What the scene asks for and is not drawn.
@@ -202,6 +205,7 @@ impl Compositor {
         stats.fastest_px_per_s = footprint.fastest_px_per_s;
 
         let objects = self.object_motions(job.geometry, &keys.middle(), &pose_at(time_s + job.interval_s));
+        let real_depths_m = job.photograph.and_then(|part| part.surfaces).map(Surfaces::range_m);
         let context = FrameContext {
             camera: &self.camera,
             geometry: job.geometry,
@@ -213,7 +217,10 @@ impl Compositor {
             fastest_px_per_s: footprint.fastest_px_per_s,
             opening,
             photograph: job.photograph.map(|part| part.photograph),
-            depths_m: footprint.depths_m,
+            // Where there are no objects all that lies between depths is real.
+            depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
+            real_depths_m,
+            objects_px: Rect::new(0, 0, 0, 0),
             drawn: Rect::new(0, 0, 0, 0),
             objects: &objects,
         };
@@ -226,57 +233,42 @@ impl Compositor {
         let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
             active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum::<f32>().ceil() as i32 + 1
         };
-        // What lies outside the picture and can be seen in it is drawn too.
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
         let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
-        let reach_px = total(|e, c| e.reach_px(c));
-        let round = job.geometry.is_round();
-        let mut reach = region.grown(reach_px);
-        if round {
-            // Columns go on over the seam.
-            (reach.x0, reach.x1) = (-(region.width() as i32), 2 * region.width() as i32);
-        }
-        let mut drawn = footprint.rect.grown(total(|e, c| e.spread_px(c))).intersection(&reach);
-        if round && drawn.width() >= region.width() {
-            (drawn.x0, drawn.x1) = (-reach_px, region.width() as i32 + reach_px);
-        }
-        // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
-        let on_grid = |edge: i32| if job.photograph.is_some() { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
-        let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
-        let mut pieces = pieces(drawn, region, round);
-        let nothing = footprint.rect.is_empty() || pieces.is_empty();
-        // All of a photograph is made, also where nothing virtual lies.
-        let whole = job.photograph.is_some() && !region.is_empty();
-        if nothing && !whole {
+        let is_any = |is: fn(&dyn Effect) -> bool| active.iter().any(|&i| is(self.settings.effects[i].as_ref()));
+        let surfaces = job.photograph.and_then(|part| part.surfaces).filter(|_| is_any(|e| e.acts_on_real()));
+        let asked = Asked {
+            region,
+            footprint: footprint.rect,
+            reach_px: total(|e, c| e.reach_px(c)),
+            spread_px: total(|e, c| e.spread_px(c)),
+            round: job.geometry.is_round(),
+            photograph: job.photograph.is_some(),
+            real_too: surfaces.is_some(),
+        };
+        let Some(Places { drawn, objects_px, pieces, looked_at }) = Places::of(&asked) else {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
-        }
-        let drawn = if nothing { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
-        if whole {
-            pieces = vec![Piece { shown: region, drawn, slot: 0 }];
-        }
-        let seen = drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region });
-        let context = FrameContext { drawn, ..context };
-        // Of one that lies across the seam the end is beyond the picture's width.
-        let told = if let [one] = pieces.as_slice() { one.shown } else { seen };
-        stats.rect_px = Some([told.x0, told.y0, told.x1, told.y1]);
+        };
+        let context = FrameContext { drawn, objects_px, ..context };
+        stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
 
         let gpu = self.gpu.clone();
-        let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
-        let occlusion = depth.and_then(|depth| {
-            let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
-            let texels = match &job.photograph {
-                None => self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn),
-                Some(part) => {
-                    let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
-                    let whole = Rect::full(width_px, height_px);
-                    let texels = self.rays.of(part.recorded).reproject(depth, &measured, &keys.middle(), whole);
-                    enlarged(&texels, (width_px, height_px), &part.framed, drawn)
-                }
-            };
+        let occludes = self.settings.depth.occlusion && !(surfaces.is_some() && is_any(|e| e.hides_behind_real()));
+        let texels = match &job.photograph {
+            None => frame.depth.as_ref().filter(|_| occludes).and_then(|depth| {
+                let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
+                Some(self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn))
+            }),
+            Some(part) => part.depth_m.filter(|_| occludes).map(|depth_m| {
+                let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
+                enlarged(depth_m, (width_px, height_px), &part.framed, drawn)
+            }),
+        };
+        let occlusion = texels.map(|texels| {
             let size = (drawn.width(), drawn.height());
             let texture = self.pool.get(&gpu, "real depth", 0, size, wgpu::TextureFormat::R32Float, 1);
             texture.write(&gpu, size.0, size.1, &texels);
-            Some(texture)
+            texture
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut run =
@@ -293,6 +285,10 @@ impl Compositor {
             outer: None,
         };
         let mut layer = self.renderer.draw(&mut run, &view, &plan);
+        layer.real = surfaces.map(|surfaces| {
+            let tolerance_m = self.settings.depth.occlusion.then_some(self.settings.depth.tolerance_m);
+            self.real.make(&mut run, &frame.pixels, surfaces, drawn, tolerance_m)
+        });
         for (n, &i) in active.iter().enumerate() {
             if self.settings.effects[i].stage() == Stage::Layer {
                 let later = &active[n + 1..];

@@ -10,6 +10,7 @@ use glam::{DVec2, DVec3};
 use crate::camera::{Framed, Geometry};
 use crate::image::{DepthMap, Rect};
 use crate::pose::Pose;
+use crate::tracking::PoseTrack;
 
 /// The rays through a camera's pixel centres, found once.
 #[derive(Debug)]
@@ -32,6 +33,21 @@ pub fn enlarged(texels: &[f32], size: (u32, u32), framed: &Framed, rect: Rect) -
             if inside { texels[from.y as usize * size.0 as usize + from.x as usize] } else { 0.0 }
         })
         .collect()
+}
+
+/// A frame's depth as it is seen at the frame's moment, metres, row by row; 0 where nothing is known. None where there is
+/// no pose for one of the moments.
+pub fn seen_at_frame(
+    recorded: &Geometry,
+    depth: &DepthMap,
+    track: &PoseTrack,
+    time_offset_s: f64,
+    timestamp_s: f64,
+) -> Option<Vec<f32>> {
+    let measured = track.at(depth.timestamp_s + time_offset_s).ok()?;
+    let taken = track.at(timestamp_s + time_offset_s).ok()?;
+    let whole = Rect::full(recorded.intrinsics.width_px, recorded.intrinsics.height_px);
+    Some(Rays::new(recorded).reproject(depth, &measured, &taken, whole))
 }
 
 /// The rays of the camera asked for last.

@@ -157,7 +157,7 @@ impl Effect for ChromaticAberrationEffect {
         let geometry = run.pool.get(gpu, "parted geometry", 0, layer.size, GEOMETRY, 1);
         let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.geometry.view)];
         passes.geometry.run(gpu, run.encoder, &slots, &[&geometry], layer.size);
-        Layer { color, geometry, size: layer.size }
+        Layer { color, geometry, ..layer }
     }
 
     fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {

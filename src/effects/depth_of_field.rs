@@ -14,6 +14,9 @@
 //! - `diffusion`: Wang's, each pixel's light spread over the opening's picture, from the most blurred to the sharpest; the
 //!   only one that knows stars and hearts (depth_of_field/diffusion.rs).
 //!
+//! Of a photograph whose real surfaces are known the real part is blurred too, slice by slice, by `layered` together with the
+//! virtual one (depth_of_field/slices.rs).
+//!
 //! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
 //! `layered`: more than two surfaces behind each other within one circle, circles wider than a quarter of the picture
 //! (drawn that wide), and real things before a blurred object, over which its blur reaches.
@@ -22,6 +25,7 @@ pub mod diffusion;
 mod layered;
 pub mod operator;
 pub mod poisson;
+pub mod slices;
 mod surroundings;
 
 use super::{Effect, EffectError, FrameContext, Stage};
@@ -70,12 +74,15 @@ pub struct DepthOfFieldEffect {
     layered: Option<layered::Passes>,
     poisson: Option<poisson::Passes>,
     diffusion: Option<diffusion::Passes>,
+    slices: Option<slices::Passes>,
 }
 
 /// Diameters of the circles of all that is drawn, px: the least and the largest.
 fn circles_px(context: &FrameContext<'_>) -> [f32; 2] {
     let Some(opening) = context.opening else { return [0.0; 2] };
-    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
+    let [nearest, farthest] = context.depths_m;
+    let depths_m = context.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
+    let [near, far] = depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
     let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
     [least, near.abs().max(far.abs())]
 }
@@ -136,9 +143,10 @@ impl Effect for DepthOfFieldEffect {
         Ok(())
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        match self.params.method {
-            Method::Diffusion => diffusion::reach_px(&self.params, context),
-            Method::Layered | Method::Poisson | Method::Reference => layered::reach_px(context),
+        match (self.params.method, context.real_depths_m) {
+            (Method::Layered, Some(_)) => slices::reach_px(context),
+            (Method::Diffusion, _) => diffusion::reach_px(&self.params, context),
+            (Method::Layered | Method::Poisson | Method::Reference, _) => layered::reach_px(context),
         }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
@@ -157,9 +165,25 @@ impl Effect for DepthOfFieldEffect {
         true
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
+    fn acts_on_real(&self) -> bool {
+        true
+    }
+
+    fn hides_behind_real(&self) -> bool {
+        self.params.method == Method::Layered
+    }
+
+    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, mut layer: Layer) -> Layer {
         let Some(opening) = context.opening else { return layer };
         let (gpu, params) = (run.gpu, &self.params);
+        if let Some(real) = layer.real.clone() {
+            let slices = self.slices.get_or_insert_with(|| slices::Passes::new(gpu));
+            let together = params.method == Method::Layered;
+            layer = slices.run(run, context, &opening, layer, &real, together);
+            if together {
+                return layer;
+            }
+        }
         match params.method {
             Method::Layered => {
                 self.layered.get_or_insert_with(|| layered::Passes::new(gpu)).run(run, context, &opening, layer)

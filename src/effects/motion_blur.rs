@@ -225,7 +225,7 @@ impl Effect for MotionBlurEffect {
         }
         let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, GEOMETRY, 1);
         run_tiles(gpu, run.encoder, &[&passes.passing], &slots[..3], &[&geometry], layer.size, count);
-        Layer { color, geometry, size: layer.size }
+        Layer { color, geometry, ..layer }
     }
 }
 

@@ -151,7 +151,7 @@ impl Effect for PointSpreadEffect {
             pass.run(gpu, run.encoder, &[Slot::Buffer(&uniform), Slot::Texture(&geometry.view)], &[&to], layer.size);
             geometry = to;
         }
-        Layer { color, geometry, size: layer.size }
+        Layer { color, geometry, ..layer }
     }
 }
 

@@ -60,6 +60,10 @@ pub struct FrameContext<'a> {
     pub photograph: Option<Photograph>,
     /// Between which depths all points of the objects lie, metres.
     pub depths_m: [f64; 2],
+    /// Of a photograph whose real surfaces are known: between which depths they lie, metres.
+    pub real_depths_m: Option<[f64; 2]>,
+    /// What of the picture objects can touch, with what effects spread.
+    pub objects_px: Rect,
     /// What of the picture the layer covers; may reach beyond it. Known once passes are recorded, empty before.
     pub drawn: Rect,
     /// One for each object of the scene.
@@ -143,6 +147,14 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// What the renderer is to draw, after what the effects before this one have made of the single plain drawing.
     fn plan(&self, _: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
         plan
+    }
+    /// Whether it works on a photograph's real part too, where its surfaces are known.
+    fn acts_on_real(&self) -> bool {
+        false
+    }
+    /// Whether it then hides objects behind real surfaces itself, and nothing is to be cut off them before.
+    fn hides_behind_real(&self) -> bool {
+        false
     }
     /// Whether it reads the layer's geometry.
     fn reads_geometry(&self) -> bool {

@@ -1,17 +1,20 @@
 //! A photograph, tile by tile, so that memory does not grow with its size but for its pixels.
 
 use crate::camera::{Geometry, Opening};
-use crate::compositor::{Compositor, Job, Part, SubmitError};
+use crate::compositor::{Compositor, Job, Part, SubmitError, seen_at_frame};
 use crate::effects::Photograph;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
 use crate::image::{Codes, DepthMap, Pixels, Rect};
 use crate::tracking::PoseTrack;
 
-use super::{Framing, Real};
+use super::{Framing, Real, surfaces};
 
 /// Side of a tile, px: multisampled colour and geometry take 64 bytes a pixel, 150 MB.
 const TILE_PX: i32 = 1536;
+/// Of a tile with all that is blurred into it, and of the least tile.
+const DRAWN_PX: i32 = 1500;
+const LEAST_TILE_PX: i32 = 512;
 
 /// Where and when it is taken.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +29,7 @@ pub struct Site<'a> {
     pub timestamp_s: f64,
     /// What the recording says of the frame's exposure.
     pub exposure: FrameExposure,
-    /// What hides virtual things.
+    /// What hides virtual things, and what the real part's depth of field goes by.
     pub depth: Option<&'a DepthMap>,
 }
 
@@ -67,15 +70,29 @@ pub fn take(
         enlargement: framing.enlargement(),
         noise_left: real.noise_left,
     };
+    let seen = |depth| seen_at_frame(site.recorded, depth, site.track, site.time_offset_s, site.timestamp_s);
+    let depth_m = site.depth.and_then(seen);
     let mut pixels = real.pixels;
-    for region in tiles(width, height) {
-        let frame = Frame {
-            index: site.frame,
-            timestamp_s: site.timestamp_s,
-            pixels,
-            depth: site.depth.cloned(),
-            exposure: site.exposure,
-        };
+    // For how far circles can be seen to reach it takes no more than the depths that were measured.
+    let least_m = depth_m.iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
+    let circles_px = exposed.opening.map_or(0.0, |opening| {
+        let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
+        circle(f64::from(least_m)).max(circle(f64::INFINITY))
+    });
+    let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
+    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0);
+    let surfaces = blurred.and_then(|depth_m| {
+        surfaces::made(&pixels, &site.recorded.intrinsics, depth_m, framing, compositor.response(), reach_px)
+    });
+    let tile_px = match &surfaces {
+        Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
+        None => TILE_PX,
+    };
+    let mut out = vec![0u8; 3 * width as usize * height as usize];
+    for region in tiles(width, height, tile_px) {
+        let before = copied(&pixels, region);
+        let frame =
+            Frame { index: site.frame, timestamp_s: site.timestamp_s, pixels, depth: None, exposure: site.exposure };
         let part = Part {
             region,
             photograph,
@@ -83,6 +100,8 @@ pub fn take(
             exposure_time_s: exposed.time_s,
             recorded: site.recorded,
             framed: framing.framed,
+            depth_m: depth_m.as_deref(),
+            surfaces: surfaces.as_ref(),
         };
         let pending = compositor.submit(Job {
             frame,
@@ -94,27 +113,54 @@ pub fn take(
             photograph: Some(part),
         })?;
         pixels = compositor.collect(pending)?.pixels;
+        develop(&mut pixels, before, region, &mut out);
     }
-    Ok(in_8_bits(pixels))
+    Ok(Pixels { width, height, codes: Codes::U8(out) })
 }
 
-fn tiles(width: u32, height: u32) -> Vec<Rect> {
+/// The rows' places in a picture's codes.
+fn rows(width: u32, region: Rect) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let place = move |x: i32, y: i32| 3 * (y as usize * width as usize + x as usize);
+    (region.y0..region.y1).map(move |y| place(region.x0, y)..place(region.x1, y))
+}
+
+fn copied(pixels: &Pixels, region: Rect) -> Codes {
+    let rows = rows(pixels.width, region);
+    match &pixels.codes {
+        Codes::U8(c) => Codes::U8(rows.flat_map(|row| c[row].iter().copied()).collect()),
+        Codes::U16(c) => Codes::U16(rows.flat_map(|row| c[row].iter().copied()).collect()),
+    }
+}
+
+/// Takes a part that is made out of the picture, in 8 bits, and puts back what was there: what lies beside it is blurred from that.
+fn develop(pixels: &mut Pixels, before: Codes, region: Rect, out: &mut [u8]) {
+    let columns = 3 * region.width() as usize;
+    for (n, row) in rows(pixels.width, region).enumerate() {
+        let put_back = n * columns..(n + 1) * columns;
+        match (&mut pixels.codes, &before) {
+            (Codes::U16(codes), Codes::U16(before)) => {
+                let eight = codes[row.clone()].iter().map(|code| ((u32::from(*code) + 128) / 257) as u8);
+                out[row.clone()].iter_mut().zip(eight).for_each(|(out, code)| *out = code);
+                codes[row].copy_from_slice(&before[put_back]);
+            }
+            (Codes::U8(codes), Codes::U8(before)) => {
+                out[row.clone()].copy_from_slice(&codes[row.clone()]);
+                codes[row].copy_from_slice(&before[put_back]);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn tiles(width: u32, height: u32, most_px: i32) -> Vec<Rect> {
     // As equal as they can be.
     let cuts = |side: u32| {
-        let count = (side as i32 + TILE_PX - 1) / TILE_PX;
+        let count = (side as i32 + most_px - 1) / most_px;
         (0..=count).map(move |n| (i64::from(side) * i64::from(n) / i64::from(count.max(1))) as i32)
     };
     let (columns, rows): (Vec<i32>, Vec<i32>) = (cuts(width).collect(), cuts(height).collect());
     let of_row = |y: &[i32]| columns.windows(2).map(|x| Rect::new(x[0], y[0], x[1], y[1])).collect::<Vec<_>>();
     rows.windows(2).flat_map(of_row).collect()
-}
-
-fn in_8_bits(pixels: Pixels) -> Pixels {
-    let codes = match pixels.codes {
-        Codes::U16(codes) => codes.into_iter().map(|code| ((u32::from(code) + 128) / 257) as u8).collect(),
-        Codes::U8(codes) => codes,
-    };
-    Pixels { codes: Codes::U8(codes), ..pixels }
 }
 
 #[cfg(test)]
@@ -124,7 +170,7 @@ mod tests {
     #[test]
     fn tiles_cover_each_pixel_once() {
         for (width, height) in [(16, 16), (1536, 1537), (6000, 4000)] {
-            let tiles = tiles(width, height);
+            let tiles = tiles(width, height, TILE_PX);
             let area: u64 = tiles.iter().map(|t| u64::from(t.width()) * u64::from(t.height())).sum();
             assert_eq!(area, u64::from(width) * u64::from(height));
             let all = tiles.iter().fold(Rect::new(0, 0, 0, 0), |all, tile| all.union(tile));
@@ -134,9 +180,17 @@ mod tests {
     }
 
     #[test]
-    fn codes_of_8_bits_come_back() {
-        let codes: Vec<u16> = (0..=255).map(|c| c * 257).collect();
-        let pixels = in_8_bits(Pixels { width: 256, height: 1, codes: Codes::U16(codes) });
-        assert_eq!(pixels.codes, Codes::U8((0..=255).collect()));
+    fn parts_are_taken_out_in_8_bits_and_the_rest_stays() {
+        let recorded: Vec<u16> = (0..3 * 4 * 2).collect();
+        let region = Rect::new(1, 0, 3, 2);
+        let mut pixels = Pixels { width: 4, height: 2, codes: Codes::U16(recorded.clone()) };
+        let before = copied(&pixels, region);
+        pixels.codes = Codes::U16((0..24).map(|c| c * 257).collect());
+        let mut out = vec![0; 24];
+        develop(&mut pixels, before, region, &mut out);
+        let expected: Vec<u8> = (0..24).map(|i| if (1..3).contains(&(i / 3 % 4)) { i } else { 0 }).collect();
+        assert_eq!(out, expected);
+        let Codes::U16(codes) = pixels.codes else { panic!("16 bits stay") };
+        assert!((0..24).all(|i| (codes[i] == recorded[i]) == ((1..3).contains(&(i / 3 % 4)) || i == 0)));
     }
 }

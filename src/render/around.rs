@@ -124,6 +124,7 @@ impl SideView {
             color: run.pool.get(run.gpu, "view colour", slot, size, COLOR, 1),
             geometry: run.pool.get(run.gpu, "view geometry", slot, size, GEOMETRY, 1),
             size,
+            real: None,
         }
     }
 }

@@ -190,6 +190,7 @@ impl Renderer {
             color: run.pool.get(gpu, "layer colour", slot, size, COLOR, 1),
             geometry: run.pool.get(gpu, "layer geometry", slot, size, GEOMETRY, 1),
             size,
+            real: None,
         };
         let out = layer(run, 0);
         let prepared = self.prepare(run, view);

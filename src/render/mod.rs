@@ -20,7 +20,7 @@ mod view;
 pub use bounds::Footprint;
 pub use draw::{Renderer, View};
 pub use pipeline::{COLOR, GEOMETRY};
-pub use plan::{Layer, LayerRun, Sample, SamplePlan};
+pub use plan::{Layer, LayerRun, RealLayer, Sample, SamplePlan};
 pub use projected::{Projection, Shot, take};
 pub use resample::{limits, over_rows};
 pub use view::{Shutter, ViewKeys};

@@ -43,6 +43,28 @@ pub struct Layer {
     pub color: Texture,
     pub geometry: Texture,
     pub size: (u32, u32),
+    /// Of a photograph whose effects act on the real part too.
+    pub real: Option<RealLayer>,
+}
+
+/// The real part of a photograph where the layer is.
+#[derive(Clone, Debug)]
+pub struct RealLayer {
+    /// Linear light; A: 1 where it is as it was recorded, else the share of its noise's σ that is left.
+    pub light: Texture,
+    /// What stands behind the nearest surface, made up.
+    pub behind: Texture,
+    /// Depths of both, metres: 32-bit floats in two words each.
+    pub depths: Texture,
+    /// How much nearer a real surface must be to hide an object, metres; none: nothing is hidden.
+    pub tolerance_m: Option<f32>,
+    /// Nearest and farthest depth (behind it) in squares of [`RealLayer::SIDE_PX`], metres, row by row.
+    pub ranges_m: Vec<[f32; 2]>,
+}
+
+impl RealLayer {
+    /// Side of the squares whose depths are told, px.
+    pub const SIDE_PX: u32 = 64;
 }
 
 /// What an effect of the layer stage records its passes with.

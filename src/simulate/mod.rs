@@ -4,7 +4,7 @@
 //! shutter and a noisy sensor, and writes a recording beside its ground truth. It shares no
 //! rendering, blur or noise code with what it is used to judge; only plain values.
 //!
-//! Not modelled: depth of field (a pinhole), vignetting, chromatic aberration, mosaic, exposure
+//! Not modelled: vignetting, chromatic aberration, mosaic, exposure
 //! that changes, light that falls on the board or from it.
 
 mod board;
@@ -65,6 +65,8 @@ crate::params! {
         "from the first row's exposure to the last row's; none in a 360° picture" readout_time_s: f64 = 0.015, "s", 0.0..=1.0;
         "how the lens takes rays to places; equirectangular: a 360° picture" lens: LensModel = LensModel::Opencv;
         "focal length; not of a 360° picture, whose size tells" focal_px: f64 = 520.0, "px", 1.0..=100000.0;
+        "width of the lens's opening, of the lens opencv alone; 0 for a pinhole" aperture_diameter_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "what is sharp through an opening" focus_distance_m: f64 = 1.0, "m", 0.01..=100000.0;
         "radial distortion, r² (θ² of a fisheye); not of a 360° picture" k1: f64 = -0.11, "1", -2.0..=2.0;
         "radial distortion, r⁴ (θ⁴)" k2: f64 = 0.03, "1", -2.0..=2.0;
         "tangential distortion; of the lens opencv alone" p1: f64 = 0.0006, "1", -0.1..=0.1;
@@ -102,6 +104,8 @@ pub enum SimulateError {
     Lens { x: u32, y: u32 },
     #[error("simulate: a 360° picture (lens = equirectangular) is twice as wide as high; found is {width}x{height}")]
     Round { width: u32, height: u32 },
+    #[error("simulate.aperture_diameter_mm: only lens = opencv has an opening; give 0, or that lens")]
+    Opening,
     #[error("simulate.fps: the camera's path has no ascending times: {0}")]
     Path(#[from] NotAscending),
 }
@@ -132,6 +136,9 @@ impl Simulation {
         let Options { width_px: width, height_px: height, .. } = *options;
         if geometry.is_round() && width != 2 * height {
             return Err(SimulateError::Round { width, height });
+        }
+        if options.aperture_diameter_mm > 0.0 && options.lens != LensModel::Opencv {
+            return Err(SimulateError::Opening);
         }
         let lens = render::Lens::new(geometry.clone())?;
         let board = if options.board { board().shining() } else { None };
@@ -183,6 +190,8 @@ impl Simulation {
             timestamp_s: self.timestamp_s(frame),
             exposure_time_s: self.options.exposure_time_s,
             samples: self.options.samples,
+            aperture_diameter_m: 1e-3 * self.options.aperture_diameter_mm,
+            focus_distance_m: self.options.focus_distance_m,
             seed: self.options.seed,
             // A resting camera sees the same light in every frame; samples elsewhere would look like noise.
             frame: if self.options.motion == Motion::Static { 0 } else { frame as u64 },

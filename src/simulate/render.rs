@@ -32,11 +32,16 @@ pub struct Shot {
     /// Light samples in a pixel; a pixel that moves takes two for each pixel of its way if that
     /// is more.
     pub samples: u32,
+    /// 0 for a pinhole; else the thin lens: what lies at the focus distance is seen at the same place through all of it.
+    pub aperture_diameter_m: f64,
+    pub focus_distance_m: f64,
     pub seed: u64,
     /// Keys the samples' places, with the seed.
     pub frame: u64,
 }
 
+/// Steps by it fill a circle evenly, whatever their count.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Most samples that a moving pixel takes.
 const MOST_SAMPLES: f64 = 4096.0;
 /// Poses are looked up at this interval and go on in straight lines between, seconds.
@@ -120,6 +125,16 @@ impl Shutter {
         (p0.lerp(p1, f), (m0 * ray).lerp(m1 * ray, f))
     }
 
+    /// The same through a point of the opening, metres from its middle along the camera's axes. z along the ray stays
+    /// that of the camera.
+    fn ray_through(&self, time_s: f64, ray: DVec3, point_m: DVec2, focus_distance_m: f64) -> (DVec3, DVec3) {
+        let (i, f) = self.between(time_s);
+        let ((p0, m0), (p1, m1)) = (self.stations[i], self.stations[i + 1]);
+        let from = point_m.extend(0.0);
+        let ray = ray - from / focus_distance_m;
+        (p0.lerp(p1, f) + (m0 * from).lerp(m1 * from, f), (m0 * ray).lerp(m1 * ray, f))
+    }
+
     fn to_camera(&self, time_s: f64, point_in_world: DVec3) -> DVec3 {
         let (i, f) = self.between(time_s);
         let local = |(p, m): (DVec3, DMat3)| m.transpose() * (point_in_world - p);
@@ -176,7 +191,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y:
 
     // Samples in (x, y, time): time in strata, x and y by Roberts' R2 sequence (the generalised
     // golden ratio, 1.3247…), which with the strata fills all three evenly; turned at random in
-    // every pixel.
+    // every pixel. Places on the opening: the radius by the golden ratio, the angle at random.
     let count = f64::from(shot.samples.max(1)).max((2.0 * blur_px).ceil().min(MOST_SAMPLES));
     let mut random = Stream::new([shot.seed, shot.frame, x as u64, y as u64]);
     let shift = DVec2::new(random.uniform(), random.uniform());
@@ -185,7 +200,15 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y:
         let i = f64::from(i);
         let inside = (shift + i * DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3)).fract();
         let when = (i + random.uniform()) / count - 0.5;
-        let (origin, direction) = shutter.ray(middle_s + when * shot.exposure_time_s, lens.ray(x, y, inside));
+        let (time_s, ray) = (middle_s + when * shot.exposure_time_s, lens.ray(x, y, inside));
+        let (origin, direction) = if shot.aperture_diameter_m > 0.0 {
+            // Even on the disc: area grows with the radius squared.
+            let turn = std::f64::consts::TAU * random.uniform();
+            let radius_m = 0.5 * shot.aperture_diameter_m * (GOLDEN * i + shift.x).fract().sqrt();
+            shutter.ray_through(time_s, ray, radius_m * DVec2::from_angle(turn), shot.focus_distance_m)
+        } else {
+            shutter.ray(time_s, ray)
+        };
         if let Some((light, _)) = site.light(origin, direction) {
             for (s, l) in sum.iter_mut().zip(light) {
                 *s += l;

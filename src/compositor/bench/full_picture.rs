@@ -37,7 +37,7 @@ fn layer(gpu: &Gpu, width: u32, height: u32, circle_px: impl Fn(f64, f64) -> f64
         })
         .collect();
     geometry.write(gpu, width, height, &depths);
-    Layer { color, geometry, size: (width, height) }
+    Layer { color, geometry, size: (width, height), real: None }
 }
 
 /// A floor from the focus plane to circles of 24 px, and before it four things in focus and four with circles of 12 px,
@@ -78,6 +78,8 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32, copy: f64) -> Result<V
             camera: &camera,
             geometry: &geometry,
             recorded: Default::default(),
+            real_depths_m: None,
+            objects_px: crate::image::Rect::new(0, 0, 0, 0),
             drawn: Rect::full(width, height),
             frame: 0,
             seed: 0,

@@ -256,7 +256,7 @@ impl Passes {
         }
         let geometry = run.pool.get(gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
         run_tiles(gpu, run.encoder, &[&self.passing], &slots, &[&geometry], layer.size, count);
-        Layer { color: out, geometry, size: layer.size }
+        Layer { color: out, geometry, ..layer }
     }
 }
 

@@ -114,6 +114,6 @@ impl Surroundings {
         let geometry = run.pool.get(run.gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
         let slots = [Slot::Buffer(lens), Slot::Texture(&layer.geometry.view), Slot::Texture(&around.view)];
         self.passing.run(run.gpu, run.encoder, &slots, &[&geometry], layer.size);
-        Layer { color, geometry, size: layer.size }
+        Layer { color, geometry, ..layer }
     }
 }

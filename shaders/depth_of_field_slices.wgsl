@@ -1,0 +1,199 @@
+// Depth of field of a whole picture, slice by slice from the nearest (src/effects/depth_of_field/slices.rs).
+// @import shared/fullscreen
+// @import shared/layer
+override half_side: i32 = 1;
+// Whether the layer has something in the slice.
+override layer_too: f32 = 1.0;
+
+struct Slice {
+    size: vec4<i32>,    // of the layer: x, y; columns of tiles: z; their side (px): w
+    circle: vec4<f32>,  // fx · diameter (px·m), 1 / focus distance (1/m), largest diameter (px), how much nearer hides (m)
+    slice: vec4<f32>,   // number, share of the noise's σ that it leaves, pixels in a texel, 1 where the layer is blurred too
+    texture: vec4<f32>, // from pixels to the places of a sampler
+}
+@group(0) @binding(0) var<uniform> slice: Slice;
+
+// As in slices.rs; a test compares them.
+const SHARP_PX: f32 = 0.7;
+const GROWS_FROM_PX: f32 = 3.0;
+const RATIO: f32 = 1.25;
+const MOST: f32 = 31.0;
+// The place of what is not there.
+const NOWHERE: f32 = 100.0;
+
+// Where among the slices a depth lies.
+fn place_of(depth_m: f32) -> f32 {
+    let circle = clamp(slice.circle.x * (slice.circle.y - 1.0 / max(depth_m, 1e-6)), -slice.circle.z, slice.circle.z);
+    let beyond = max(abs(circle) - SHARP_PX, 0.0);
+    return clamp(log(1.0 + beyond / GROWS_FROM_PX) / log(RATIO) * sign(circle), -MOST, MOST);
+}
+
+// --- Each pixel's places: of the real surface, of what is behind it, of the virtual one; and 1 where the virtual one
+// is hidden. What belongs to a slice and half of the next one goes on with it.
+
+@group(0) @binding(1) var layer_color: texture_2d<f32>;
+@group(0) @binding(2) var layer_geometry: texture_2d<u32>;
+@group(0) @binding(3) var real_depths: texture_2d<u32>;
+
+@fragment
+fn places(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let p = vec2<i32>(at.xy);
+    let words = textureLoad(real_depths, p, 0);
+    let real = bitcast<f32>(words.x | (words.y << 16u));
+    let behind = bitcast<f32>(words.z | (words.w << 16u));
+    let drawn = unpack_geometry(textureLoad(layer_geometry, p, 0)).x;
+    let there = drawn > 0.0 && textureLoad(layer_color, p, 0).a > 0.0 && slice.slice.w > 0.0;
+    let hidden = select(0.0, 1.0, there && real < drawn - slice.circle.w);
+    return vec4<f32>(place_of(real), place_of(behind), select(NOWHERE, place_of(drawn), there), hidden);
+}
+
+// --- A slice's share of the real part and of the layer, in the tiles that it reaches.
+
+@group(0) @binding(1) var reached: texture_2d<u32>;
+
+@vertex
+fn tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
+    let columns = f32(slice.size.z);
+    // Floats: whole numbers are divided one by one on software drivers.
+    let row = floor((f32(instance) + 0.5) / columns);
+    let tile = vec2<f32>(f32(instance) - row * columns, row);
+    let is_reached = textureLoad(reached, vec2<i32>(tile), 0).x > 0u;
+    let corner = (tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) * f32(slice.size.w) / slice.slice.z;
+    let size = ceil(vec2<f32>(slice.size.xy) / slice.slice.z);
+    let device = min(corner, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    return vec4<f32>(select(vec2<f32>(0.0), device, is_reached), 0.0, 1.0);
+}
+
+@group(0) @binding(2) var color: texture_2d<f32>;
+@group(0) @binding(3) var light: texture_2d<f32>;
+@group(0) @binding(4) var behind_light: texture_2d<f32>;
+@group(0) @binding(5) var place: texture_2d<f32>;
+
+struct Both { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32> }
+
+// 1 at the slice, 0 at its neighbours.
+fn belongs(place: f32) -> f32 {
+    return max(1.0 - abs(place - slice.slice.x), 0.0);
+}
+
+@fragment
+fn share(@builtin(position) at: vec4<f32>) -> Both {
+    let p = vec2<i32>(at.xy);
+    let s = textureLoad(place, p, 0);
+    let drawn = select(vec4<f32>(0.0), textureLoad(color, p, 0), s.z < NOWHERE);
+    // As far as both are in the same slices, the nearer one at this pixel counts.
+    let together = clamp(2.0 - abs(s.x - s.z), 0.0, 1.0);
+    let of_real = belongs(s.x) * (1.0 - together * drawn.a * (1.0 - s.w));
+    let of_behind = belongs(s.y) * clamp(s.y - s.x - 1.0, 0.0, 1.0);
+    let real = of_real * textureLoad(light, p, 0).rgb + of_behind * textureLoad(behind_light, p, 0).rgb;
+    return Both(vec4<f32>(real, of_real + of_behind), belongs(s.z) * (1.0 - together * s.w) * drawn);
+}
+
+// --- At half the resolution of what was before.
+
+@group(0) @binding(2) var before_real: texture_2d<f32>;
+@group(0) @binding(3) var before_layer: texture_2d<f32>;
+
+@fragment
+fn smaller(@builtin(position) at: vec4<f32>) -> Both {
+    let low = 2 * vec2<i32>(at.xy);
+    let last = vec2<i32>(ceil(2.0 * vec2<f32>(slice.size.xy) / slice.slice.z)) - 1;
+    var out = Both(vec4<f32>(0.0), vec4<f32>(0.0));
+    for (var i = 0; i < 4; i++) {
+        let q = min(low + vec2<i32>(i & 1, i >> 1), last);
+        out.real += 0.25 * textureLoad(before_real, q, 0);
+        if layer_too > 0.0 {
+            out.layer += 0.25 * textureLoad(before_layer, q, 0);
+        }
+    }
+    return out;
+}
+
+// --- The opening's image over it.
+
+@group(0) @binding(4) var<uniform> kernel: array<vec4<f32>, 343>;
+
+@fragment
+fn blur(@builtin(position) at: vec4<f32>) -> Both {
+    let p = vec2<i32>(at.xy);
+    let last = vec2<i32>(ceil(vec2<f32>(slice.size.xy) / slice.slice.z)) - 1;
+    var out = Both(vec4<f32>(0.0), vec4<f32>(0.0));
+    var i = 0;
+    for (var y = -half_side; y <= half_side; y++) {
+        for (var x = -half_side; x <= half_side; x++) {
+            let w = kernel[i >> 2u][i & 3];
+            let q = clamp(p - vec2<i32>(x, y), vec2<i32>(0), last);
+            out.real += w * textureLoad(before_real, q, 0);
+            if layer_too > 0.0 {
+                out.layer += w * textureLoad(before_layer, q, 0);
+            }
+            i++;
+        }
+    }
+    return out;
+}
+
+// --- Put together from the nearest: visible light of both with coverage, and how much of each slices have held so far,
+// seen or not (x real, y layer; z: σ of noise, by what is seen).
+
+struct Sums { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32>, @location(2) held: vec4<f32> }
+
+@fragment
+fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
+    return Sums(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0 * slice.slice.x));
+}
+
+@group(0) @binding(1) var slice_real: texture_2d<f32>;
+@group(0) @binding(2) var slice_layer: texture_2d<f32>;
+@group(0) @binding(3) var sum_real: texture_2d<f32>;
+@group(0) @binding(4) var sum_layer: texture_2d<f32>;
+@group(0) @binding(5) var sum_held: texture_2d<f32>;
+@group(0) @binding(6) var between: sampler;
+
+fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
+    let held = textureLoad(sum_held, p, 0);
+    // Surfaces of one kind share a pixel among them.
+    let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
+    let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
+    // What the nearer slices of the other kind let through.
+    let seen = fits * max(vec2<f32>(1.0) - held.yx, vec2<f32>(0.0));
+    let noise = slice.slice.y * seen.x * real.a;
+    return Sums(
+        textureLoad(sum_real, p, 0) + seen.x * real,
+        textureLoad(sum_layer, p, 0) + seen.y * layer,
+        held + vec4<f32>(fresh, noise, 0.0),
+    );
+}
+
+@fragment
+fn add(@builtin(position) at: vec4<f32>) -> Sums {
+    let uv = at.xy * slice.texture.xy;
+    let real = textureSampleLevel(slice_real, between, uv, 0.0);
+    return added(vec2<i32>(at.xy), real, textureSampleLevel(slice_layer, between, uv, 0.0));
+}
+
+@fragment
+fn add_sharp(@builtin(position) at: vec4<f32>) -> Sums {
+    let p = vec2<i32>(at.xy);
+    return added(p, textureLoad(slice_real, p, 0), textureLoad(slice_layer, p, 0));
+}
+
+// --- The layer, and the real part beside and behind it.
+
+@group(0) @binding(1) var recorded: texture_2d<f32>;
+@group(0) @binding(2) var all_real: texture_2d<f32>;
+@group(0) @binding(3) var all_layer: texture_2d<f32>;
+@group(0) @binding(4) var all_held: texture_2d<f32>;
+
+struct Finished { @location(0) layer: vec4<f32>, @location(1) real: vec4<f32> }
+
+@fragment
+fn finish(@builtin(position) at: vec4<f32>) -> Finished {
+    let p = vec2<i32>(at.xy);
+    let real = textureLoad(all_real, p, 0);
+    let noise = textureLoad(all_held, p, 0).z / max(real.a, 1e-6);
+    // Where nothing of it is seen nothing is known, and hardly anything needed.
+    let known = real.a > 1e-3 && slice.size.x > 0;
+    let light = select(textureLoad(recorded, p, 0), vec4<f32>(real.rgb / max(real.a, 1e-6), noise), known);
+    return Finished(textureLoad(all_layer, p, 0), light);
+}

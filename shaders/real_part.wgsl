@@ -1,0 +1,70 @@
+// The real part of a photograph: light, the light behind it, and the depths of both (src/compositor/real.rs).
+// @import shared/fullscreen
+// @import shared/response
+override curve: f32 = 0.0;
+override gamma: f32 = 1.0;
+
+struct Grid {
+    size: vec4<i32>,    // of the grid: x, y; where in the photograph the part begins: z, w
+    scale: vec4<f32>,   // pixels of the grid for one of the photograph
+}
+@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(1) var codes: texture_2d<u32>;
+// On the grid: light, what is behind, and their depths (m, 32-bit floats in two words each).
+@group(0) @binding(2) var near_light: texture_2d<f32>;
+@group(0) @binding(3) var far_light: texture_2d<f32>;
+@group(0) @binding(4) var depths: texture_2d<u32>;
+
+// How far apart colours (square roots of light) are told from each other.
+const COLOR_SIGMA: f32 = 0.05;
+// Depths that differ by more than this factor belong to two surfaces.
+const JUMP: f32 = 1.04;
+
+struct Out { @location(0) light: vec4<f32>, @location(1) behind: vec4<f32>, @location(2) depths: vec4<u32> }
+
+fn words(z: f32) -> vec2<u32> {
+    let bits = bitcast<u32>(z);
+    return vec2<u32>(bits & 0xffffu, bits >> 16u);
+}
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> Out {
+    let light = decode(vec3<f32>(textureLoad(codes, vec2<i32>(at.xy), 0).rgb) / 65535.0, curve, gamma);
+    // The four of the grid around it, each by its nearness and by how much it looks like this pixel.
+    let place = (vec2<f32>(grid.size.zw) + at.xy) * grid.scale.x - 0.5;
+    let corner = floor(place);
+    let f = place - corner;
+    var weight: array<f32, 4>;
+    var inverse: array<f32, 4>;
+    var nearest = 0.0;
+    var farthest = 1e9;
+    var behind = vec4<f32>(0.0);
+    for (var i = 0; i < 4; i++) {
+        let step = vec2<i32>(i & 1, i >> 1);
+        let q = clamp(vec2<i32>(corner) + step, vec2<i32>(0), grid.size.xy - 1);
+        let share = mix(1.0 - f, f, vec2<f32>(step));
+        let apart = sqrt(textureLoad(near_light, q, 0).rgb) - sqrt(light);
+        weight[i] = share.x * share.y * (1e-3 + exp(-dot(apart, apart) / (2.0 * COLOR_SIGMA * COLOR_SIGMA)));
+        let texel = textureLoad(depths, q, 0);
+        inverse[i] = 1.0 / max(bitcast<f32>(texel.x | (texel.y << 16u)), 1e-3);
+        let there = share.x * share.y > 0.0;
+        nearest = select(nearest, max(nearest, inverse[i]), there);
+        farthest = select(farthest, min(farthest, inverse[i]), there);
+        behind += share.x * share.y
+            * vec4<f32>(textureLoad(far_light, q, 0).rgb, 1.0 / max(bitcast<f32>(texel.z | (texel.w << 16u)), 1e-3));
+    }
+    // Of two surfaces the one that more speaks for; never something between.
+    let middle = 0.5 * (nearest + farthest);
+    let one = nearest < JUMP * farthest;
+    var near = vec2<f32>(0.0);
+    var far = vec2<f32>(0.0);
+    for (var i = 0; i < 4; i++) {
+        let both = weight[i] * vec2<f32>(inverse[i], 1.0);
+        let is_near = inverse[i] >= middle || one;
+        near += select(vec2<f32>(0.0), both, is_near);
+        far += select(both, vec2<f32>(0.0), is_near);
+    }
+    let found = select(far, near, near.y >= far.y);
+    let depth = found.y / max(found.x, 1e-12);
+    return Out(vec4<f32>(light, 1.0), vec4<f32>(behind.rgb, 1.0), vec4<u32>(words(depth), words(1.0 / behind.a)));
+}

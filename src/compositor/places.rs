@@ -1,0 +1,130 @@
+//! Where a frame's work takes place: what is drawn, and which parts of the picture are made of it.
+
+use super::mix::Piece;
+use crate::image::Rect;
+
+/// What effects at lower resolutions work in: the smallest of their tiles, a multiple of their largest pixels, px.
+const GRID_PX: i32 = 32;
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked {
+    /// Which columns and rows of the picture may be made.
+    pub region: Rect,
+    /// Where the objects can be while the shutter is open.
+    pub footprint: Rect,
+    /// How far effects look, and how far beyond the objects they draw, all together, px.
+    pub reach_px: i32,
+    pub spread_px: i32,
+    /// A 360° picture, whose left and right rims are one.
+    pub round: bool,
+    /// All of the region is made, also where nothing virtual lies.
+    pub photograph: bool,
+    /// Effects act on what the camera saw, too.
+    pub real_too: bool,
+}
+
+#[derive(Debug)]
+pub struct Places {
+    /// What the layer covers; may reach beyond the picture.
+    pub drawn: Rect,
+    /// Where something virtual can be.
+    pub objects_px: Rect,
+    /// At least one.
+    pub pieces: Vec<Piece>,
+    /// Of one that lies across the seam the end is beyond the picture's width.
+    pub looked_at: Rect,
+}
+
+impl Places {
+    /// `None` where nothing is to be done.
+    pub fn of(asked: &Asked) -> Option<Self> {
+        let Asked { region, round, reach_px, .. } = *asked;
+        let width = region.width() as i32;
+        // What lies outside the picture and can be seen in it is drawn too.
+        let mut reach = region.grown(reach_px);
+        if round {
+            // Columns go on over the seam.
+            (reach.x0, reach.x1) = (-width, 2 * width);
+        }
+        let objects_px = asked.footprint.grown(asked.spread_px);
+        let mut drawn = if asked.real_too { reach } else { objects_px.intersection(&reach) };
+        if round && drawn.width() >= region.width() {
+            (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);
+        }
+        // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
+        let on_grid = |edge: i32| if asked.photograph { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
+        let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
+        let mut pieces = pieces(drawn, region, round);
+        let nothing = (asked.footprint.is_empty() && !asked.real_too) || pieces.is_empty();
+        let whole = asked.photograph && !region.is_empty();
+        if nothing && !whole {
+            return None;
+        }
+        let drawn = if nothing { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
+        if whole {
+            pieces = vec![Piece { shown: region, drawn, slot: 0 }];
+        }
+        let looked_at = match pieces.as_slice() {
+            [one] => one.shown,
+            _ => drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region }),
+        };
+        Some(Self { drawn, objects_px, pieces, looked_at })
+    }
+}
+
+/// The pieces of the picture that a layer covers. In a 360° picture what is beyond a rim is at the other one.
+fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
+    let width = region.width() as i32;
+    // One that covers all of it holds what is beyond the rims twice.
+    let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
+    let piece = |turn: &i32| {
+        let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };
+        Piece { shown: drawn.intersection(&region), drawn, slot: turn.unsigned_abs() as usize + usize::from(*turn < 0) }
+    };
+    turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(footprint: Rect) -> Asked {
+        Asked {
+            region: Rect::new(0, 0, 100, 50),
+            footprint,
+            reach_px: 10,
+            spread_px: 4,
+            round: false,
+            photograph: false,
+            real_too: false,
+        }
+    }
+
+    #[test]
+    fn beside_the_picture_is_drawn_what_reaches_into_it() {
+        let places = Places::of(&asked(Rect::new(-30, 10, 20, 20))).unwrap();
+        assert_eq!(places.drawn, Rect::new(-10, 6, 24, 24));
+        assert_eq!(places.looked_at, Rect::new(0, 6, 24, 24));
+        assert_eq!(places.pieces.len(), 1);
+        assert!(Places::of(&asked(Rect::new(-30, 10, -20, 20))).is_none());
+        assert!(Places::of(&asked(Rect::new(0, 0, 0, 0))).is_none());
+    }
+
+    #[test]
+    fn across_a_seam_both_rims_are_made() {
+        let places = Places::of(&Asked { round: true, ..asked(Rect::new(90, 10, 110, 20)) }).unwrap();
+        assert_eq!(places.drawn, Rect::new(86, 6, 114, 24));
+        let shown: Vec<_> = places.pieces.iter().map(|piece| piece.shown).collect();
+        assert_eq!(shown, [Rect::new(86, 6, 100, 24), Rect::new(0, 6, 14, 24)]);
+    }
+
+    #[test]
+    fn all_of_a_photograph_is_made() {
+        let empty = Asked { photograph: true, ..asked(Rect::new(0, 0, 0, 0)) };
+        let places = Places::of(&empty).unwrap();
+        assert_eq!((places.pieces[0].shown, places.drawn), (empty.region, Rect::new(0, 0, 1, 1)));
+        let places = Places::of(&Asked { real_too: true, ..empty }).unwrap();
+        assert_eq!(places.drawn, Rect::new(-32, -32, 110, 60));
+    }
+}
