@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use crate::camera::Camera;
 use crate::camera::exposure::photographic_gain;
 use crate::effects::{MixedInputs, Photograph, response_constants};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, constants, expand, source};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
 
@@ -114,11 +114,13 @@ impl Mixer {
 /// The composite's shader with the functions and calls of effects (name and WGSL), their
 /// bindings renumbered so that each stands behind the one before.
 pub fn shader(effects: &[(&str, &str)]) -> String {
+    let mut seen = Vec::new();
+    let base = expand(source("composite"), &mut seen);
     let mut functions = String::new();
     let mut calls = String::new();
     let mut shift = 0;
     for (name, wgsl) in effects {
-        let mut wgsl = assemble(wgsl);
+        let mut wgsl = expand(wgsl, &mut seen);
         let count = wgsl.matches("@binding(").count();
         for own in (FIRST_EFFECT_BINDING..FIRST_EFFECT_BINDING + count).rev() {
             wgsl = wgsl.replace(&format!("@binding({own})"), &format!("@binding({})", own + shift));
@@ -127,8 +129,7 @@ pub fn shader(effects: &[(&str, &str)]) -> String {
         calls.push_str(&format!("    pixel = apply_{name}(p, pixel);\n"));
         shift += count;
     }
-    let base = assemble("composite");
-    assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))
+    base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls)
 }
 
 /// Uploads a rectangle of the camera's codes.

@@ -156,12 +156,7 @@ impl Passes {
             ]
             .map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps, &[COLOR])),
             passing: gather("all_tiles", "passing", 0, 4, &[GEOMETRY]),
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("between texels"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
+            between: gpu.linear_sampler(),
             shape: None,
         }
     }
