@@ -189,6 +189,7 @@ pub fn run(args: Args) -> Result<()> {
         // A lens that cannot be is refused before anything is written.
         camera.lens.opening(geometry)?;
     }
+    settings.check(&camera)?;
 
     let interrupted = interruption()?;
     let gpu = Gpu::open()?;
@@ -227,6 +228,12 @@ pub fn run(args: Args) -> Result<()> {
         return Err(INTERRUPTED.into());
     }
     streamed?;
+    let mut lacking = stats.iter().filter_map(|s| Some((s.frame, s.no_occlusion.as_ref()?)));
+    if let Some((frame, why)) = lacking.next() {
+        let number = 1 + lacking.count();
+        let of = format!("{number} of {}", count(stats.len(), "frame"));
+        warn(args.quiet, &format!("nothing real hides objects in {of}, though there is depth (frame {frame}: {why})"));
+    }
 
     if let Some(path) = &args.report {
         let report = serde_json::json!({

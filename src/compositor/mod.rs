@@ -18,6 +18,7 @@ use crate::scene::Scene;
 use crate::tracking::PoseTrack;
 
 pub use mix::shader as mixed_shader;
+pub use occlusion::measured_from;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
@@ -75,6 +76,8 @@ pub struct FrameStats {
     pub timestamp_s: f64,
     /// Why nothing was drawn: no pose at this time.
     pub no_pose: Option<String>,
+    /// Why the frame's depth, though there is some and it is asked for, hid nothing.
+    pub no_occlusion: Option<String>,
     /// Columns and rows that were looked at: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
     pub exposure_time_s: f64,
@@ -103,6 +106,12 @@ pub enum SubmitError {
     Lens(#[from] LensError),
     #[error(transparent)]
     Effect(#[from] EffectError),
+    #[error(
+        "the objects, as far as they are blurred, take {width_px}x{height_px} px; this adapter draws up to {side_px} px \
+         a side and {area_px} in all: accepted are a shorter exposure, less blur{}, or smaller frames",
+        widest.map_or_else(String::new, |effect| format!(" ({effect} reaches farthest)"))
+    )]
+    TooLarge { width_px: u32, height_px: u32, side_px: u32, area_px: u32, widest: Option<&'static str> },
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }
@@ -172,6 +181,7 @@ impl Compositor {
             frame: frame.index,
             timestamp_s: frame.timestamp_s,
             no_pose: None,
+            no_occlusion: None,
             rect_px: None,
             exposure_time_s,
             fastest_px_per_s: 0.0,
@@ -215,7 +225,8 @@ impl Compositor {
             self.settings.effects[i].check(&self.camera)?;
         }
         let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
-            active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum::<f32>().ceil() as i32 + 1
+            let sum: f32 = active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum();
+            (sum.ceil() as i32).saturating_add(1)
         };
         // What lies outside the picture and can be seen in it is drawn too.
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
@@ -234,13 +245,23 @@ impl Compositor {
         if nothing && !whole {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         }
+        let [side_px, area_px] = [TexturePool::largest_side_px(&self.gpu), TexturePool::largest_area_px(&self.gpu)];
+        let (width_px, height_px) = (drawn.width(), drawn.height());
+        if width_px.max(height_px) > side_px || u64::from(width_px) * u64::from(height_px) > u64::from(area_px) {
+            let reach = |i: &&usize| self.settings.effects[**i].reach_px(&context);
+            let widest = active.iter().max_by(|a, b| reach(a).total_cmp(&reach(b))).filter(|i| reach(i) >= 1.0);
+            let widest = widest.map(|&i| self.settings.effects[i].params().table());
+            return Err(SubmitError::TooLarge { width_px, height_px, side_px, area_px, widest });
+        }
         let context = FrameContext { drawn, ..context };
         stats.rect_px = Some([shown.x0, shown.y0, shown.x1, shown.y1]);
 
         let gpu = self.gpu.clone();
         let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
-        let occlusion = depth.and_then(|depth| {
-            let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
+        let recorded = job.photograph.map_or(job.geometry, |part| part.recorded);
+        let measured = depth.map(|depth| measured_from(depth, recorded, job.track, job.time_offset_s));
+        stats.no_occlusion = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
+        let occlusion = depth.zip(measured.and_then(Result::ok)).map(|(depth, measured)| {
             let texels = match &job.photograph {
                 None => self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn),
                 Some(part) => {
@@ -253,7 +274,7 @@ impl Compositor {
             let size = (drawn.width(), drawn.height());
             let texture = self.pool.get(&gpu, "real depth", 0, size, wgpu::TextureFormat::R32Float, 1);
             texture.write(&gpu, size.0, size.1, &texels);
-            Some(texture)
+            texture
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut run =
@@ -277,6 +298,11 @@ impl Compositor {
                 layer = self.settings.effects[i].run(&mut run, &context, layer);
             }
         }
+        let composites = |i: &&usize| {
+            let effect = &self.settings.effects[**i];
+            effect.stage() == Stage::Layer && effect.mixed_wgsl(context.photograph.is_some()).is_some()
+        };
+        debug_assert!(active.iter().filter(composites).count() <= 1, "one effect at most takes the composite's place");
         let mut mixed = Vec::new();
         for &i in &active {
             let effect = &mut self.settings.effects[i];

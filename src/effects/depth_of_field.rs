@@ -136,7 +136,7 @@ impl Effect for DepthOfFieldEffect {
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         // The benchmark's lens is a pinhole; what this costs over a whole picture is measured by itself.
-        Vec::new()
+        ["layered", "poisson", "diffusion"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
     }
 
     fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
