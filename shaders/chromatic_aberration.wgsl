@@ -13,10 +13,6 @@ struct Chromatic {
 // Of grey light (Rec. 709).
 const LUMINANCE: vec3<f32> = vec3<f32>(0.2126, 0.7152, 0.0722);
 
-fn inside(p: vec2<i32>) -> bool {
-    return all(p >= vec2<i32>(0)) && all(p < chromatic.size.xy);
-}
-
 // What a colour of these parts has brought to a place, px: r' = r (1 + a + b r²) solved for r.
 fn source(at: vec2<f32>, parts: vec2<f32>) -> vec2<f32> {
     let d = at - chromatic.middle.xy;
@@ -29,7 +25,7 @@ fn source(at: vec2<f32>, parts: vec2<f32>) -> vec2<f32> {
 }
 
 fn light_at(p: vec2<i32>) -> vec4<f32> {
-    return select(vec4<f32>(0.0), textureLoad(layer, p, 0), inside(p));
+    return light_within(layer, p, chromatic.size.xy);
 }
 
 fn light_between(at: vec2<f32>) -> vec4<f32> {
@@ -66,7 +62,7 @@ fn nearer(nearest: vec4<u32>, at: vec2<f32>) -> vec4<u32> {
         let met = textureLoad(geometry, p, 0);
         let depth = unpack_geometry(met).x;
         let best = unpack_geometry(found).x;
-        if inside(p) && depth > 0.0 && (best == 0.0 || depth < best) {
+        if inside_layer(p, chromatic.size.xy) && depth > 0.0 && (best == 0.0 || depth < best) {
             found = met;
         }
     }

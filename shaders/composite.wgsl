@@ -32,13 +32,14 @@ fn sigma_at(code: vec3<f32>) -> vec3<f32> {
     return mix(low, high, f);
 }
 
-// The layer's colour at a pixel of the rectangle; transparent where there is no layer.
+// The layer's colour at a pixel of the rectangle; nothing where there is no layer, and where nothing is covered.
 fn layer_at(p: vec2<i32>) -> vec4<f32> {
     let q = p + composite.layer.xy;
     if any(q < vec2<i32>(0)) || any(q >= composite.layer.zw) {
         return vec4<f32>(0.0);
     }
-    return textureLoad(layer, q, 0);
+    let texel = textureLoad(layer, q, 0);
+    return select(vec4<f32>(0.0), texel, texel.a > 0.0);
 }
 
 fn inside_picture(p: vec2<i32>) -> bool {

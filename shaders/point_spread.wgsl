@@ -14,12 +14,8 @@ struct PointSpread {
 @group(0) @binding(0) var<uniform> spread: PointSpread;
 @group(0) @binding(1) var layer: texture_2d<f32>;
 
-fn inside(p: vec2<i32>) -> bool {
-    return all(p >= vec2<i32>(0)) && all(p < spread.size.xy);
-}
-
 fn light_at(p: vec2<i32>) -> vec4<f32> {
-    return select(vec4<f32>(0.0), textureLoad(layer, p, 0), inside(p));
+    return light_within(layer, p, spread.size.xy);
 }
 
 @fragment
@@ -47,7 +43,7 @@ fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
         let q = p + k * step;
         let met = textureLoad(geometry, q, 0);
         let depth = unpack_geometry(met).x;
-        if inside(q) && depth > 0.0 && depth < nearest_m {
+        if inside_layer(q, spread.size.xy) && depth > 0.0 && depth < nearest_m {
             nearest = met;
             nearest_m = depth;
         }

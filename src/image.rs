@@ -116,20 +116,22 @@ impl Rect {
     }
 
     pub fn width(&self) -> u32 {
-        (self.x1 - self.x0).max(0) as u32
+        if self.x1 > self.x0 { self.x1.abs_diff(self.x0) } else { 0 }
     }
 
     pub fn height(&self) -> u32 {
-        (self.y1 - self.y0).max(0) as u32
+        if self.y1 > self.y0 { self.y1.abs_diff(self.y0) } else { 0 }
     }
 
     pub fn is_empty(&self) -> bool {
         self.x1 <= self.x0 || self.y1 <= self.y0
     }
 
-    /// Grown by `pixels` on every side.
+    /// Grown by `pixels` on every side, as far as numbers go.
     pub fn grown(&self, pixels: i32) -> Self {
-        Self::new(self.x0 - pixels, self.y0 - pixels, self.x1 + pixels, self.y1 + pixels)
+        let [x0, y0] = [self.x0, self.y0].map(|low| low.saturating_sub(pixels));
+        let [x1, y1] = [self.x1, self.y1].map(|high| high.saturating_add(pixels));
+        Self::new(x0, y0, x1, y1)
     }
 
     /// Moved to the right and down.
@@ -155,5 +157,19 @@ impl Rect {
 
     pub fn contains(&self, x: i32, y: i32) -> bool {
         x >= self.x0 && x < self.x1 && y >= self.y0 && y < self.y1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rectangle_grows_to_the_end_of_numbers_and_no_further() {
+        let all = Rect::new(-3, 2, 5, 7).grown(i32::MAX);
+        assert_eq!(all, Rect::new(i32::MIN, i32::MIN + 3, i32::MAX, i32::MAX));
+        assert_eq!((all.width(), all.height()), (u32::MAX, u32::MAX - 3));
+        assert_eq!((Rect::new(3, 3, 2, 3).width(), Rect::new(3, 3, 2, 3).height()), (0, 0));
+        assert_eq!(Rect::new(0, 0, 4, 4).grown(-3), Rect::new(3, 3, 1, 1));
     }
 }

@@ -185,10 +185,13 @@ macro_rules! choices {
                 $crate::params::Value::Text(match self { $(Self::$variant => $text),+ }.to_owned())
             }
             fn from_value(value: &$crate::params::Value, _: &$crate::params::Kind) -> Option<Self> {
-                match value {
-                    $crate::params::Value::Text(t) => match t.as_str() { $($text => Some(Self::$variant),)+ _ => None },
-                    _ => None,
-                }
+                // A name may be read as something else before it is known that a name is asked for: `off`.
+                let is = |text: &str| {
+                    matches!(value, $crate::params::Value::Text(t) if t == text)
+                        || *value == $crate::params::Value::parse(text)
+                };
+                $(if is($text) { return Some(Self::$variant); })+
+                None
             }
         }
     };
@@ -288,7 +291,7 @@ mod tests {
 
     crate::choices! {
         /// Test.
-        pub enum Method { Fast = "fast", Good = "good" }
+        pub enum Method { Fast = "fast", Good = "good", Off = "off", Two = "2" }
     }
     crate::params! {
         /// Test.
@@ -315,6 +318,20 @@ mod tests {
         let error = demo.set("amont", &Value::Number(1.0)).unwrap_err().to_string();
         assert!(error.contains("amount, count, method, maybe"), "{error}");
         assert_eq!(demo.amount, 1.5);
+    }
+
+    #[test]
+    fn a_choice_may_be_called_what_is_something_else_elsewhere() {
+        let mut demo = Demo::default();
+        for (text, method) in [("off", Method::Off), ("2", Method::Two), ("fast", Method::Fast)] {
+            demo.set("method", &Value::parse(text)).unwrap();
+            assert_eq!(demo.method, method);
+            demo.set("method", &Value::Text(text.to_owned())).unwrap();
+            assert_eq!((demo.method, demo.get("method")), (method, Some(Value::Text(text.to_owned()))));
+        }
+        for wrong in ["on", "3", "none", "slow"] {
+            assert!(demo.set("method", &Value::parse(wrong)).is_err(), "{wrong}");
+        }
     }
 
     #[test]

@@ -301,3 +301,56 @@ fn a_profile_of_noise_alone_stands_above_the_recordings_own() {
     let changed = own.stdout.iter().zip(&noisy.stdout).filter(|(a, b)| a.abs_diff(**b) > 10).count();
     assert!((500..20_000).contains(&changed), "{changed} of {}", own.stdout.len());
 }
+
+#[test]
+fn what_no_effect_can_do_is_refused_before_anything_is_written() {
+    let temp = tempfile::tempdir().unwrap();
+    let out = temp.path().join("out");
+    let star = ["--scene", "scenes/demo.toml", "--set", "depth_of_field.shape=star"];
+    let composite = ["composite", "recordings/demo", "--frames", "5..7", "-o", out.to_str().unwrap()];
+    let text = refused(&[&composite[..], &star].concat());
+    assert!(text.contains("depth_of_field.shape") && text.contains("diffusion"), "{text}");
+    assert!(!out.exists());
+    let picture = temp.path().join("a.jpg");
+    let photo = ["photo", "recordings/demo", "--frame", "5", "--lux", "300", "-o", picture.to_str().unwrap()];
+    let text = refused(&[&photo[..], &star].concat());
+    assert!(text.contains("depth_of_field.shape") && !picture.exists(), "{text}");
+    // Switched off, it is nobody's business.
+    let output = locard(&[&composite[..], &star, &["--without", "depth_of_field"]].concat());
+    assert!(output.status.success(), "{output:?}");
+}
+
+#[test]
+fn frames_whose_depth_has_no_pose_are_told_of() {
+    let temp = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(temp.path().join(name), text).unwrap();
+    image::RgbImage::from_pixel(64, 48, image::Rgb([90; 3])).save(temp.path().join("a.png")).unwrap();
+    image::ImageBuffer::from_pixel(64, 48, image::Luma([1000u16])).save(temp.path().join("depth.png")).unwrap();
+    // Poses at the frames' own times; the second frame's depth was measured in the gap between them.
+    write("rgb.txt", "0 a.png\n1 a.png\n");
+    write("depth.txt", "0 depth.png\n0.9 depth.png\n");
+    write("poses.txt", "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n");
+    write(
+        "recording.toml",
+        "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 0.5\n\
+         [depth]\nlist = \"depth.txt\"\nscale = 1000\n[camera]\nprofile = \"camera.toml\"\n",
+    );
+    write(
+        "camera.toml",
+        "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 60\nfy_px = 60\ncx_px = 32\ncy_px = 24\n",
+    );
+    let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();
+    write("scene.toml", &format!("version = 1\n[[objects]]\nmodel = {marker:?}\nposition_m = [0, 0, 0.5]\n"));
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let (report, scene) = (path("report.json"), path("scene.toml"));
+    let output = locard(&["composite", &path(""), "--scene", &scene, "--report", &report, "-o", &path("out")]);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{stderr}");
+    assert!(
+        stderr.contains("in 1 of 2 frames, though there is depth (frame 1: no pose of the depth: 0.900000 s"),
+        "{stderr}"
+    );
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    let why = |frame: usize| report["frames"][frame]["no_occlusion"].clone();
+    assert!(why(0).is_null() && why(1).as_str().unwrap().contains("gap"), "{report}");
+}

@@ -14,6 +14,15 @@ fn pack_geometry(depth_m: f32, velocity: vec2<f32>) -> vec4<u32> {
     return vec4<u32>(depth & 0xffffu, depth >> 16u, v & 0xffffu, v >> 16u);
 }
 
+fn inside_layer(p: vec2<i32>, size: vec2<i32>) -> bool {
+    return all(p >= vec2<i32>(0)) && all(p < size);
+}
+
+// Premultiplied; nothing outside of the layer, whose texture is larger.
+fn light_within(colors: texture_2d<f32>, p: vec2<i32>, size: vec2<i32>) -> vec4<f32> {
+    return select(vec4<f32>(0.0), textureLoad(colors, p, 0), inside_layer(p, size));
+}
+
 fn depth_m(geometry: vec4<f32>) -> f32 {
     return geometry.x;
 }

@@ -10,11 +10,14 @@
 
 use super::stops::{self, Step};
 
+/// No exposure is longer, seconds.
+pub const LONGEST_S: f64 = 60.0;
+
 crate::params! {
     /// How long and how sensitively the sensor looks.
     pub struct Exposure in "camera.exposure" {
         "how long each row gathers light; 0 is an instant; none: from the recording"
-        time_s: Option<f64> = None, "s", 0.0..=60.0;
+        time_s: Option<f64> = None, "s", 0.0..=LONGEST_S;
         "exposure as a part of the frame interval instead of time_s; 360 is all of it"
         shutter_angle_deg: Option<f64> = None, "deg", 0.0..=360.0;
         "film speed at which the noise was measured"

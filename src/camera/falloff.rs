@@ -7,8 +7,6 @@ use std::f64::consts::PI;
 
 use glam::DVec2;
 
-use super::Geometry;
-
 /// Natural vignetting at a ray (x/z, y/z): cos⁴θ, 0 to 1, where tan θ is the ray's length.
 ///
 /// Once cos θ for the opening seen askew, twice for the longer way to the film, and once for
@@ -68,13 +66,6 @@ pub fn overlap_area(radius_a: f64, radius_b: f64, apart: f64) -> f64 {
     segment(large, x) + segment(small, apart - x)
 }
 
-/// Vignetting at a place in the picture (px), natural and of a rim: the gain on linear light,
-/// 0 to 1, and 1 in the middle. `None` where the lens model has no ray.
-pub fn vignetting(geometry: &Geometry, at_px: DVec2, opening_diameter_m: f64, rim: Option<&Rim>) -> Option<f64> {
-    let ray = geometry.unproject(at_px)?.truncate();
-    Some(natural(ray) * rim.map_or(1.0, |rim| rim.gain(opening_diameter_m, ray)))
-}
-
 /// Lateral chromatic aberration of one colour: it is enlarged by r' = r·(1 + a + b·r²), with r
 /// in half diagonals of the picture (0 in the middle, 1 in the corners).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -102,7 +93,6 @@ impl Lateral {
 mod tests {
     use super::*;
     use crate::camera::tests::close;
-    use crate::camera::{Distortion, Intrinsics};
     use proptest::prelude::*;
 
     #[test]
@@ -111,10 +101,6 @@ mod tests {
         // At 45° cos⁴ is a quarter, at 30° (tan = 1/√3) it is 9/16.
         close(natural(DVec2::new(0.6, 0.8)), 0.25, 1e-12);
         close(natural(DVec2::new(3f64.sqrt().recip(), 0.0)), 0.5625, 1e-12);
-        // In the picture: 525 px beside the middle of the default camera is 45°.
-        let g = Geometry::new(Intrinsics { width_px: 2000, ..Default::default() }, Distortion::default());
-        close(vignetting(&g, DVec2::new(320.0 + 525.0, 240.0), 0.01, None).unwrap(), 0.25, 1e-12);
-        assert_eq!(vignetting(&g, DVec2::new(320.0, 240.0), 0.01, None), Some(1.0));
     }
 
     #[test]
@@ -137,10 +123,6 @@ mod tests {
         close(rim.gain(0.02, ray), 0.391_002, 1e-6);
         assert_eq!(rim.gain(0.004, DVec2::new(0.4, 0.0)), 1.0);
         assert_eq!((rim.gain(0.0, DVec2::new(0.49, 0.0)), rim.gain(0.0, DVec2::new(0.51, 0.0))), (1.0, 0.0));
-        let g = Geometry::new(Intrinsics::default(), Distortion::default());
-        let corner = DVec2::ZERO;
-        let ray = g.unproject(corner).unwrap().truncate();
-        close(vignetting(&g, corner, 0.02, Some(&rim)).unwrap(), natural(ray) * rim.gain(0.02, ray), 1e-15);
     }
 
     #[test]

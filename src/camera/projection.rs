@@ -33,13 +33,6 @@ pub struct Window {
 }
 
 impl Window {
-    /// Around the axis, for a vertical angle of view (rad) at a distance.
-    pub fn around_axis(fov_y_rad: f64, aspect: f64, distance_m: f64) -> Self {
-        let half_y = distance_m * (0.5 * fov_y_rad).tan();
-        let half = DVec2::new(aspect * half_y, half_y);
-        Self { low: -half, high: half }
-    }
-
     pub fn centre(&self) -> DVec2 {
         0.5 * (self.low + self.high)
     }

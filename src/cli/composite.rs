@@ -192,6 +192,7 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(geometry) = camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(0)) {
         // A lens that cannot be is refused before anything is written.
         camera.lens.opening(geometry)?;
+        settings.check(&camera, geometry)?;
     }
 
     let interrupted = interruption()?;
@@ -231,6 +232,12 @@ pub fn run(args: Args) -> Result<()> {
         return Err(INTERRUPTED.into());
     }
     streamed?;
+    let mut lacking = stats.iter().filter_map(|s| Some((s.frame, s.no_occlusion.as_ref()?)));
+    if let Some((frame, why)) = lacking.next() {
+        let number = 1 + lacking.count();
+        let of = format!("{number} of {}", count(stats.len(), "frame"));
+        warn(args.quiet, &format!("nothing real hides objects in {of}, though there is depth (frame {frame}: {why})"));
+    }
 
     if let Some(path) = &args.report {
         let report = serde_json::json!({

@@ -48,9 +48,13 @@ pub fn run(args: &Args) -> Result<()> {
             None => writeln!(out, "[{}]", table.table())?,
         }
         for s in table.specs() {
-            let unit = if s.default == Value::None { String::new() } else { shown_unit(s.unit) };
+            // Where nothing is the default, the unit stands behind the range.
+            let (unit, of_range) = match s.default {
+                Value::None => (String::new(), shown_unit(s.unit)),
+                _ => (shown_unit(s.unit), String::new()),
+            };
             let or_none = if s.optional { ", or none" } else { "" };
-            writeln!(out, "  {} = {}{unit}    ({}{or_none})", s.name, s.default, s.kind)?;
+            writeln!(out, "  {} = {}{unit}    ({}{of_range}{or_none})", s.name, s.default, s.kind)?;
             writeln!(out, "      {}", s.help)?;
         }
         writeln!(out)?;

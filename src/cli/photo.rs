@@ -11,7 +11,7 @@ use crate::camera::exposure::{INDOORS_LX, Settings};
 use crate::camera::metering::{Limits, Mode, PictureLight, meter};
 use crate::camera::stops::{self, Step};
 use crate::camera::{Film, Geometry, Lens, Opening};
-use crate::compositor::{Compositor, Job};
+use crate::compositor::{Compositor, Job, measured_from};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::image::{Pixels, Rect};
@@ -191,7 +191,7 @@ impl Dials {
 }
 
 /// A recording, opened, with the frame that is photographed.
-struct Scene<'a> {
+struct Shoot<'a> {
     args: &'a Args,
     recording: Recording,
     rig: Rig,
@@ -232,6 +232,7 @@ pub fn run(args: &Args) -> Result<()> {
         }
         _ => light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux,
     };
+    effects.check(&rig.camera(), &whole)?;
     let asked = Known { f_number: args.site.aperture, ..Known::default() };
     let mut dials = Dials::new(args, taken, lux, light::limits(&rig, asked))?;
     let count = dials.series(args.bracket).len();
@@ -241,6 +242,10 @@ pub fn run(args: &Args) -> Result<()> {
 
     let frame = recording.frames(index..index + 1)?.next().context("the frame cannot be read")??;
     let camera = rig.camera();
+    let depth = frame.depth.as_ref().filter(|_| effects.depth.occlusion);
+    if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &recording.track, recording.time_offset_s)) {
+        warn(args.quiet, &format!("nothing real hides objects: {why}"));
+    }
     if camera.noise.is_none() {
         let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; `locard \
                     calibrate noise` measures it from pictures of a scene at rest";
@@ -251,7 +256,7 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &text);
     }
     let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
-    let mut site = Scene { args, recording, rig, whole, frame, mean, compositor };
+    let mut site = Shoot { args, recording, rig, whole, frame, mean, compositor };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     let mut sheet = Vec::new();
     let mut told = false;
@@ -309,7 +314,7 @@ fn blurs(opening: &Opening, framing: &Framing) -> bool {
     [nearer, f64::INFINITY].into_iter().any(|distance_m| opening.circle_px(fx_px, distance_m).abs() > 1.5)
 }
 
-impl Scene<'_> {
+impl Shoot<'_> {
     fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<f64> {
         if let Focus::Metres(distance_m) = self.args.focus {
             return Ok(distance_m);

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use crate::camera::Camera;
 use crate::camera::exposure::photographic_gain;
 use crate::effects::{MixedInputs, Photograph, response_constants};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, constants, expand, source};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{Layer, LayerRun};
 
@@ -127,11 +127,13 @@ impl Mixer {
 /// The composite's shader with the functions and calls of effects (name and WGSL), their
 /// bindings renumbered so that each stands behind the one before; last the real part's light, where effects acted on it.
 pub fn shader(effects: &[(&str, &str)], acted_on_real: bool) -> String {
+    let mut seen = Vec::new();
+    let base = expand(source("composite"), &mut seen);
     let mut functions = String::new();
     let mut calls = String::new();
     let mut shift = 0;
     for (name, wgsl) in effects {
-        let mut wgsl = assemble(wgsl);
+        let mut wgsl = expand(wgsl, &mut seen);
         let count = wgsl.matches("@binding(").count();
         for own in (FIRST_EFFECT_BINDING..FIRST_EFFECT_BINDING + count).rev() {
             wgsl = wgsl.replace(&format!("@binding({own})"), &format!("@binding({})", own + shift));
@@ -140,17 +142,16 @@ pub fn shader(effects: &[(&str, &str)], acted_on_real: bool) -> String {
         calls.push_str(&format!("    pixel = apply_{name}(p, pixel);\n"));
         shift += count;
     }
-    let real = FIRST_EFFECT_BINDING + shift;
-    let recorded = assemble("composite");
     // Between its two marks stands how the camera's light is read.
-    let base = match recorded.split("// @real\n").collect::<Vec<_>>().as_slice() {
+    let base = match base.split("// @real\n").collect::<Vec<_>>().as_slice() {
         [before, _, after] if acted_on_real => {
-            let real_at = assemble("composite_real").replace("@binding(4)", &format!("@binding({real})"));
+            let binding = format!("@binding({})", FIRST_EFFECT_BINDING + shift);
+            let real_at = expand(source("composite_real"), &mut seen).replace("@binding(4)", &binding);
             [before, real_at.as_str(), after].concat()
         }
-        _ => recorded,
+        _ => base,
     };
-    assemble(&base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls))
+    base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls)
 }
 
 /// Uploads a rectangle of the camera's codes.

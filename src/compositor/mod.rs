@@ -20,7 +20,7 @@ use crate::scene::Scene;
 use crate::tracking::PoseTrack;
 
 pub use mix::shader as mixed_shader;
-pub use occlusion::seen_at_frame;
+pub use occlusion::{measured_from, seen_at_frame};
 pub use real::Surfaces;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
@@ -82,6 +82,8 @@ pub struct FrameStats {
     pub timestamp_s: f64,
     /// Why nothing was drawn: no pose at this time.
     pub no_pose: Option<String>,
+    /// Why the frame's depth, though there is some and it is asked for, hid nothing.
+    pub no_occlusion: Option<String>,
     /// Columns and rows that were looked at: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
     pub exposure_time_s: f64,
@@ -111,6 +113,12 @@ pub enum SubmitError {
     Lens(#[from] LensError),
     #[error(transparent)]
     Effect(#[from] EffectError),
+    #[error(
+        "the objects, as far as they are blurred, take {width_px}x{height_px} px; this adapter draws up to {side_px} px \
+         a side and {area_px} in all: accepted are a shorter exposure, less blur{}, or smaller frames",
+        widest.map_or_else(String::new, |effect| format!(" ({effect} reaches farthest)"))
+    )]
+    TooLarge { width_px: u32, height_px: u32, side_px: u32, area_px: u32, widest: Option<&'static str> },
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }
@@ -184,6 +192,7 @@ impl Compositor {
             frame: frame.index,
             timestamp_s: frame.timestamp_s,
             no_pose: None,
+            no_occlusion: None,
             rect_px: None,
             exposure_time_s,
             fastest_px_per_s: 0.0,
@@ -231,7 +240,8 @@ impl Compositor {
             self.settings.effects[i].check(&self.camera, job.geometry)?;
         }
         let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
-            active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum::<f32>().ceil() as i32 + 1
+            let sum: f32 = active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum();
+            (sum.ceil() as i32).saturating_add(1)
         };
         let picture = Rect::full(frame.pixels.width, frame.pixels.height);
         let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
@@ -249,16 +259,27 @@ impl Compositor {
         let Some(Places { drawn, objects_px, pieces, looked_at }) = Places::of(&asked) else {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         };
+        let [side_px, area_px] = [TexturePool::largest_side_px(&self.gpu), TexturePool::largest_area_px(&self.gpu)];
+        let (width_px, height_px) = (drawn.width(), drawn.height());
+        if width_px.max(height_px) > side_px || u64::from(width_px) * u64::from(height_px) > u64::from(area_px) {
+            let reach = |i: &&usize| self.settings.effects[**i].reach_px(&context);
+            let widest = active.iter().max_by(|a, b| reach(a).total_cmp(&reach(b))).filter(|i| reach(i) >= 1.0);
+            let widest = widest.map(|&i| self.settings.effects[i].params().table());
+            return Err(SubmitError::TooLarge { width_px, height_px, side_px, area_px, widest });
+        }
         let context = FrameContext { drawn, objects_px, ..context };
         stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
 
         let gpu = self.gpu.clone();
+        let recorded = job.photograph.map_or(job.geometry, |part| part.recorded);
+        let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
+        let measured = depth.map(|depth| measured_from(depth, recorded, job.track, job.time_offset_s));
+        stats.no_occlusion = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
         let occludes = self.settings.depth.occlusion && !(surfaces.is_some() && is_any(|e| e.hides_behind_real()));
         let texels = match &job.photograph {
-            None => frame.depth.as_ref().filter(|_| occludes).and_then(|depth| {
-                let measured = job.track.at(depth.timestamp_s + job.time_offset_s).ok()?;
-                Some(self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn))
-            }),
+            None => depth
+                .zip(measured.and_then(Result::ok))
+                .map(|(depth, measured)| self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn)),
             Some(part) => part.depth_m.filter(|_| occludes).map(|depth_m| {
                 let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
                 enlarged(depth_m, (width_px, height_px), &part.framed, drawn)
@@ -297,6 +318,11 @@ impl Compositor {
                 layer = self.settings.effects[i].run(&mut run, &context, layer);
             }
         }
+        let composites = |i: &&usize| {
+            let effect = &self.settings.effects[**i];
+            effect.stage() == Stage::Layer && effect.mixed_wgsl(false).is_some()
+        };
+        debug_assert!(active.iter().filter(composites).count() <= 1, "one effect at most takes the composite's place");
         let photograph = context.photograph.as_ref();
         let other_film = photograph.is_some() || context.recorded_speed() != 1.0;
         let mut codes = Vec::new();

@@ -7,10 +7,24 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::camera::{Framed, Geometry};
+use crate::camera::{Framed, Geometry, Intrinsics};
 use crate::image::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
+
+/// From where a map of a camera's was measured; or why it can hide nothing.
+pub fn measured_from(
+    depth: &DepthMap,
+    camera: &Geometry,
+    track: &PoseTrack,
+    time_offset_s: f64,
+) -> Result<Pose, String> {
+    let Intrinsics { width_px, height_px, .. } = camera.intrinsics;
+    if (depth.width, depth.height) != (width_px, height_px) {
+        return Err(format!("the depth is {}x{} px, the camera's {width_px}x{height_px}", depth.width, depth.height));
+    }
+    track.at(depth.timestamp_s + time_offset_s).map_err(|why| format!("no pose of the depth: {why}"))
+}
 
 /// The rays through a camera's pixel centres, found once.
 #[derive(Debug)]

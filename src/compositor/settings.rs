@@ -1,7 +1,7 @@
 //! Which effects are on, and how.
 
-use crate::camera::Camera;
-use crate::effects::{self, Effect, FrameContext};
+use crate::camera::{Camera, Geometry};
+use crate::effects::{self, Effect, EffectError, FrameContext};
 use crate::params::{ParamError, Params, Value};
 
 crate::params! {
@@ -69,6 +69,12 @@ impl Settings {
     pub fn plain(&mut self) {
         self.enabled.fill(false);
         self.depth.occlusion = false;
+    }
+
+    /// Whether a camera has what the effects that are switched on need: to be asked before anything is written.
+    pub fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        let mut on = self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on);
+        on.try_for_each(|(effect, _)| effect.check(camera, geometry))
     }
 
     /// Whether effect `i` runs for a frame: switched on, and not at its neutral setting.

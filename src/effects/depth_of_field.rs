@@ -146,12 +146,13 @@ impl Effect for DepthOfFieldEffect {
         match (self.params.method, context.real_depths_m) {
             (Method::Layered, Some(_)) => slices::reach_px(context),
             (Method::Diffusion, _) => diffusion::reach_px(&self.params, context),
-            (Method::Layered | Method::Poisson | Method::Reference, _) => layered::reach_px(context),
+            (Method::Layered, None) => layered::look_px(context),
+            (Method::Poisson | Method::Reference, _) => layered::reach_px(context),
         }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         // The benchmark's lens is a pinhole; what this costs over a whole picture is measured by itself.
-        Vec::new()
+        ["layered", "poisson", "diffusion"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
     }
 
     fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {

@@ -1,12 +1,4 @@
-//! The effects: one file, one shader, one line in [`all`] each.
-//!
-//! To add one:
-//! 1. `src/effects/<name>.rs`: a `params!` table of that name and a type that implements
-//!    [`Effect`] for its stage, with a CPU twin written from the formula;
-//! 2. `shaders/<name>.wgsl`, named in [`crate::gpu::sources`];
-//! 3. a line in [`all`], in the order of the light.
-//!
-//! Then the command line, the profile, `locard params` and the benchmark have it.
+//! The effects. To add one: ARCHITECTURE.md has the list of what it needs.
 
 pub mod chromatic_aberration;
 pub mod depth_of_field;

@@ -244,12 +244,7 @@ impl Passes {
             }),
             blur: [pass("one_motion_tiles", "one_motion", COLOR), pass("many_motions_tiles", "many_motions", COLOR)],
             passing: pass("all_tiles", "passing", GEOMETRY),
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("between pixels"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
+            between: gpu.linear_sampler(),
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::render::{Layer, LayerRun, SamplePlan};
 pub enum Stage {
     /// The virtual layer, linear light (and what the renderer draws to make it).
     Layer,
-    /// Pixels with A > 0, code values.
+    /// Code values of pixels with A > 0; in a photograph of all.
     Mixed,
 }
 
@@ -121,7 +121,8 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     /// The table's name is the effect's.
     fn params(&self) -> &dyn Params;
     fn params_mut(&mut self) -> &mut dyn Params;
-    /// Whether the camera, with the geometry of the frame's, has what the parameters need.
+    /// Whether the camera, with the geometry of the frame's, has what the parameters need. Asked of each effect that is
+    /// switched on, before anything is written, also where it may turn out neutral.
     fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {
         Ok(())
     }
@@ -140,7 +141,8 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
         self.reach_px(context)
     }
-    /// What the benchmark measures: a label, and parameters that differ from the defaults.
+    /// The ways in which it works, each a label and the parameters that differ from the defaults: what the benchmark
+    /// measures and what the laws are tested with. At least one.
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", Vec::new())]
     }
@@ -166,8 +168,9 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     }
     /// The effect's part of the composite's shader: WGSL that defines
     /// `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`. Its bindings are numbered from 4,
-    /// first a uniform where there is one, then textures. An effect of the layer stage may have one too: it comes before
-    /// those of the mixed stage. In a photograph the function is called for every pixel, else for those with A > 0. `other_film`: a photograph, or
+    /// first a uniform where there is one, then textures. In a photograph the function is called for every pixel, else for
+    /// those with A > 0. At most one effect of the layer stage may have one too, instead of the plain composite: it
+    /// comes before those of the mixed stage and makes the pixel anew, whatever it is given. `other_film`: a photograph, or
     /// a frame at another film speed than the profile's.
     fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
         None

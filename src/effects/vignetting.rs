@@ -7,7 +7,7 @@
 //!
 //! Not modelled: pixel vignetting, colour shading, and what a rim does to the shape of blurred highlights (cat's eyes).
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::{Effect, EffectError, FrameContext, Stage};
 use crate::camera::falloff::{Rim, natural};
@@ -25,6 +25,12 @@ crate::params! {
         rim_distance_mm: f64 = 0.0, "mm", 0.0..=1000.0;
         "mechanical: radius of that rim; at least that of the widest opening"
         rim_radius_mm: f64 = 20.0, "mm", 0.1..=1000.0;
+    }
+}
+
+impl Vignetting {
+    fn rim(&self) -> Rim {
+        Rim { distance_m: 1e-3 * self.rim_distance_mm, radius_m: 1e-3 * self.rim_radius_mm }
     }
 }
 
@@ -63,7 +69,7 @@ impl Grid {
             .flat_map(|y| (0..=cells[0]).map(move |x| [x, y]))
             .map(|corner| {
                 let [x, y] = [0, 1].map(|i| f64::from(corner[i]) / f64::from(cells[i]) * f64::from(picture[i]));
-                twin(params, geometry, opening, DVec2::new(x, y)) as f32
+                gain(params, geometry, opening, DVec2::new(x, y)) as f32
             })
             .collect();
         let (columns, rows) = (cells[0] + 1, cells[1] + 1);
@@ -127,12 +133,28 @@ impl Effect for VignettingEffect {
 }
 
 /// The gain on light at a place in the picture (px), 0 to 1; 0 where the lens has no ray.
-pub fn twin(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
+fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
     let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
     let ray = ray.truncate();
-    let rim = Rim { distance_m: 1e-3 * params.rim_distance_mm, radius_m: 1e-3 * params.rim_radius_mm };
+    let rim = params.rim();
     let free = if rim.distance_m > 0.0 { rim.gain(opening.map_or(0.0, |o| o.diameter_m), ray) } else { 1.0 };
     natural(ray).powf(params.natural) * free
+}
+
+/// The same from the angle itself, and from the points of the opening that see the light: counted on a grid of 96 across,
+/// within 2e-3.
+pub fn twin(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
+    let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
+    let radius_m = 0.5 * opening.map_or(0.0, |o| o.diameter_m);
+    let along = |i: u32| (f64::from(i) + 0.5) / 48.0 - 1.0;
+    let opening = (0..96 * 96).map(|i| DVec2::new(along(i % 96), along(i / 96))).filter(|p| p.length() <= 1.0);
+    let (mut points, mut seeing) = (0u32, 0u32);
+    for point in opening {
+        points += 1;
+        seeing += u32::from(params.rim().passes(radius_m * point, ray.truncate() / ray.z));
+    }
+    let free = if params.rim_distance_mm > 0.0 { f64::from(seeing) / f64::from(points) } else { 1.0 };
+    ray.angle_between(DVec3::Z).cos().powf(4.0 * params.natural) * free
 }
 
 #[cfg(test)]
@@ -147,7 +169,7 @@ mod tests {
         let at = DVec2::new(320.0 + 525.0, 240.0);
         let gain = |natural, rim_distance_mm, opening| {
             let params = Vignetting { natural, rim_distance_mm, rim_radius_mm: 10.0 };
-            twin(&params, &geometry, opening, at)
+            super::gain(&params, &geometry, opening, at)
         };
         assert!((gain(1.0, 0.0, None) - 0.25).abs() < 1e-12);
         assert!((gain(0.5, 0.0, None) - 0.5).abs() < 1e-12);

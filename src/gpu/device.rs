@@ -141,6 +141,16 @@ impl Gpu {
             })
     }
 
+    /// Reads between texels, and at the edge takes the last one.
+    pub fn linear_sampler(&self) -> wgpu::Sampler {
+        self.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("between texels"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        })
+    }
+
     /// The largest side of a picture that this adapter can hold, px.
     pub fn max_side_px(&self) -> u32 {
         self.device.limits().max_texture_dimension_2d

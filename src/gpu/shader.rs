@@ -47,20 +47,31 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
     ]
 }
 
-/// The text of a shader with its imports, or of a text that imports.
+/// The module of a name, with its imports.
 ///
 /// # Panics
-/// Where a name is not in [`sources`]: a slip of ours that the shader test finds.
-pub fn assemble(text_or_name: &str) -> String {
-    let mut seen = Vec::new();
+/// Where the name, or one that is imported, is not in [`sources`]: a slip of ours that the shader test finds.
+pub fn assemble(name: &str) -> String {
+    expand(source(name), &mut Vec::new())
+}
+
+/// A text with its imports, but for those `seen` already, for modules of several texts; what it imports is seen then.
+///
+/// # Panics
+/// Where a name that is imported is not in [`sources`].
+pub fn expand<'a>(text: &'a str, seen: &mut Vec<&'a str>) -> String {
     let mut out = String::new();
-    let text = lookup(text_or_name).unwrap_or(text_or_name);
-    append(text, &mut seen, &mut out);
+    append(text, seen, &mut out);
     out
 }
 
-fn lookup(name: &str) -> Option<&'static str> {
-    sources().iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
+/// The text of a name, without its imports.
+///
+/// # Panics
+/// Where it is not in [`sources`].
+pub fn source(name: &str) -> &'static str {
+    let found = sources().iter().find(|(n, _)| *n == name);
+    found.map(|(_, text)| *text).unwrap_or_else(|| panic!("no shader is called {name}"))
 }
 
 fn append<'a>(text: &'a str, seen: &mut Vec<&'a str>, out: &mut String) {
@@ -72,8 +83,7 @@ fn append<'a>(text: &'a str, seen: &mut Vec<&'a str>, out: &mut String) {
         };
         if !seen.contains(&name) {
             seen.push(name);
-            let imported = lookup(name).unwrap_or_else(|| panic!("no shader is called {name}"));
-            append(imported, seen, out);
+            append(source(name), seen, out);
         }
     }
 }

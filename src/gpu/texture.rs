@@ -75,7 +75,8 @@ impl Texture {
 /// of sides that are powers of two and sides that are not, a second each time.
 const STEP_PX: u32 = 48;
 
-/// Lends textures by purpose; one is made anew only when the size class changes.
+/// Lends textures by purpose, which is one word for the whole program: who uses another's gets another's texture. One is
+/// made anew only when its size class, format, samples or levels change.
 ///
 /// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
 /// textures each frame; what lies beyond the asked size is never read.
@@ -84,7 +85,22 @@ pub struct TexturePool {
     lent: HashMap<(&'static str, usize), Texture>,
 }
 
+/// What passes ask for beyond the rectangle that is drawn, px: neighbours, the lattice of the noise.
+const MARGIN_PX: u32 = 16;
+/// Of the largest texture: multisampled colour.
+const BYTES_PER_PX: u64 = 32;
+
 impl TexturePool {
+    /// No side of what is drawn may be longer, px.
+    pub fn largest_side_px(gpu: &Gpu) -> u32 {
+        gpu.max_side_px() / STEP_PX * STEP_PX - MARGIN_PX
+    }
+
+    /// What is drawn may have no more pixels; as far as the adapter tells, by the largest piece of memory that it gives.
+    pub fn largest_area_px(gpu: &Gpu) -> u32 {
+        (gpu.device.limits().max_buffer_size / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
+    }
+
     /// A texture of at least this size for `purpose`; the same purpose and `slot` gets the
     /// same texture again.
     pub fn get(
@@ -99,6 +115,7 @@ impl TexturePool {
         let (w, h) = (width.div_ceil(STEP_PX) * STEP_PX, height.div_ceil(STEP_PX) * STEP_PX);
         if let Some(t) = self.lent.get(&(purpose, slot))
             && (t.width, t.height, t.format) == (w, h, format)
+            && (t.texture.sample_count(), t.texture.mip_level_count()) == (samples, 1)
         {
             return t.clone();
         }

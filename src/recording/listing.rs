@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use super::RecordingError;
+use crate::camera::exposure::LONGEST_S;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
 use crate::tracking::text::{self, TextError};
@@ -22,6 +23,9 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
     })
 }
 
+/// No sensor amplifies more: twenty stops.
+const MOST_GAIN: f64 = 1e6;
+
 /// Reads a list of `timestamp exposure_time_s gain` lines; the gain may be left out.
 pub fn read_exposures(list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
     parse_exposures(&text::read(list)?, list)
@@ -29,17 +33,17 @@ pub fn read_exposures(list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextErro
 
 fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
     by_time(text, list, |mut rest| {
-        let time_s = Some(number_above_zero(&mut rest, "exposure_time_s")?);
-        let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain")?) };
+        let time_s = Some(number_above_zero(&mut rest, "exposure_time_s", LONGEST_S)?);
+        let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain", MOST_GAIN)?) };
         text::end(rest)?;
         Ok(FrameExposure { time_s, gain, ..FrameExposure::default() })
     })
 }
 
-fn number_above_zero(rest: &mut &str, name: &str) -> Result<f64, String> {
+fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, String> {
     match text::number(rest, name)? {
-        value if value > 0.0 => Ok(value),
-        value => Err(format!("{name} is {value}; it must be above 0")),
+        value if value > 0.0 && value <= most => Ok(value),
+        value => Err(format!("{name} is {value}; accepted is above 0, at most {most}")),
     }
 }
 
@@ -141,9 +145,11 @@ mod tests {
         let read = parse_exposures("1 0.02 1.5\n2 0.01\n", list()).unwrap();
         assert_eq!(read[0].1, FrameExposure { time_s: Some(0.02), gain: Some(1.5), ..Default::default() });
         assert_eq!(read[1].1, FrameExposure { time_s: Some(0.01), ..Default::default() });
-        for bad in ["1 0", "1 -0.1", "1 0.1 0", "1 0.1 1 2", "1", "1 0.1 inf"] {
+        for bad in ["1 0", "1 -0.1", "1 60.1", "1 1e39", "1 0.1 0", "1 0.1 1 2", "1", "1 0.1 inf", "1 0.1 1e7"] {
             assert!(parse_exposures(bad, list()).is_err(), "{bad}");
         }
+        let error = parse_exposures("1 60\n2 1e39", list()).unwrap_err().to_string();
+        assert!(error.contains("line 2") && error.contains("above 0, at most 60"), "{error}");
     }
 
     #[test]

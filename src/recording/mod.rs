@@ -46,10 +46,6 @@ impl Default for OpenOptions {
     }
 }
 
-/// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s; a pose at the very time
-/// of the first or last frame must not be missed for that.
-const ROUNDING_S: f64 = 1e-6;
-
 /// The format that a recording was opened from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -62,7 +58,18 @@ pub enum Kind {
 impl Kind {
     /// Whether the format says when a picture was taken; else times are nominal.
     pub fn has_times(self) -> bool {
-        matches!(self, Self::Own | Self::Tum)
+        match self {
+            Self::Own | Self::Tum => true,
+            Self::Nerfstudio | Self::Colmap => false,
+        }
+    }
+
+    /// Whether the format's unit is the metre; else it is arbitrary.
+    pub fn is_metric(self) -> bool {
+        match self {
+            Self::Own | Self::Tum => true,
+            Self::Nerfstudio | Self::Colmap => false,
+        }
     }
 }
 
@@ -127,7 +134,7 @@ impl Recording {
             Found::Nerfstudio(file) => nerfstudio::open(&file, options)?,
             Found::Colmap(model) => colmap::open(&model, path, options)?,
         };
-        if options.metres_per_unit != 1.0 && matches!(parts.kind, Kind::Own | Kind::Tum) {
+        if options.metres_per_unit != 1.0 && parts.kind.is_metric() {
             parts.warnings.push(format!("a {} recording is in metres; metres_per_unit is left out", parts.kind));
         }
         parts.assemble(options)
@@ -140,11 +147,7 @@ impl Recording {
     /// The camera's pose at a frame's timestamp. A frame that there is not lies after the last pose.
     pub fn pose_at_frame(&self, index: usize) -> Result<Pose, NoPose> {
         let time_s = self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s);
-        match self.track.at(time_s) {
-            Err(NoPose::Before { first_s, .. }) if first_s - time_s < ROUNDING_S => self.track.at(first_s),
-            Err(NoPose::After { last_s, .. }) if time_s - last_s < ROUNDING_S => self.track.at(last_s),
-            found => found,
-        }
+        self.track.at(time_s)
     }
 
     /// The camera of a frame, also where frames differ; `None` where the format does not know it.

@@ -38,6 +38,10 @@ impl SamplePlan {
 
 /// The virtual layer on the GPU: premultiplied linear colour, and the geometry (depth and
 /// velocity, packed as in shaders/shared/layer.wgsl) of the nearest sample. Only the upper left `size` is in use.
+///
+/// A = 0 where there is nothing, and only there: no light, no depth, no velocity. The composite leaves such pixels to the
+/// camera (in a photograph too) and drops what light rounding left there. An effect that spreads light spreads coverage with it,
+/// and the geometry where that is read.
 #[derive(Clone, Debug)]
 pub struct Layer {
     pub color: Texture,

@@ -7,6 +7,7 @@ use std::path::Path;
 use exif::{In, Tag, Value};
 
 use super::SourceError;
+use crate::camera::exposure::LONGEST_S;
 use crate::frame::PhotoSettings;
 
 const IDENTIFIER: &[u8] = b"Exif\0\0";
@@ -63,8 +64,12 @@ fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
     };
     let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
     let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
+    let time_s = number(Tag::ExposureTime);
+    if let Some(time_s) = time_s.filter(|time_s| *time_s > LONGEST_S) {
+        return Err(format!("the EXIF exposure time is {time_s} s; accepted is at most {LONGEST_S} s"));
+    }
     Ok(PhotoSettings {
-        time_s: number(Tag::ExposureTime),
+        time_s,
         f_number: number(Tag::FNumber),
         iso: iso.or_else(|| others.into_iter().find_map(number)),
         focal_length_m: number(Tag::FocalLength).map(|mm| 1e-3 * mm),
@@ -136,6 +141,14 @@ mod tests {
         ]);
         assert_eq!(parse(elsewhere).unwrap().iso, Some(102_400.0));
         assert_eq!(segment(&mut Cursor::new(b"\x89PNG\r\n\x1a\n")), None);
+    }
+
+    #[test]
+    fn a_time_that_no_exposure_takes_is_said() {
+        let of = |seconds| parse(block(&[(Tag::ExposureTime, ratio(seconds, 1))]));
+        assert_eq!(of(60).unwrap().time_s, Some(60.0));
+        let error = of(61).unwrap_err();
+        assert!(error.contains("61 s") && error.contains("at most 60 s"), "{error}");
     }
 
     #[test]

@@ -7,6 +7,9 @@ use glam::DQuat;
 
 use crate::pose::Pose;
 
+/// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose so near stands at the very time.
+const ROUNDING_S: f64 = 1e-6;
+
 /// Timestamped poses, ascending in time.
 #[derive(Clone, Debug, Default)]
 pub struct PoseTrack {
@@ -73,27 +76,24 @@ impl PoseTrack {
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), max_gap_s: self.max_gap_s }
     }
 
-    /// The pose at a time: one that stands there, else between its two neighbours.
+    /// The pose at a time: one that stands there, else between its two neighbours. Where there are no two to go
+    /// between (the track's ends, a gap), one within a microsecond stands there too.
     pub fn at(&self, time_s: f64) -> Result<Pose, NoPose> {
-        let (Some(first), Some(last)) = (self.poses.first(), self.poses.last()) else {
-            return Err(NoPose::Empty);
-        };
         let after = self.poses.partition_point(|p| p.0 <= time_s);
-        if after == 0 {
-            return Err(NoPose::Before { time_s, first_s: first.0 });
+        let before = after.checked_sub(1).map(|i| self.poses[i]);
+        let next = self.poses.get(after).copied();
+        match (before, next) {
+            (Some((t0, a)), _) if t0 == time_s => Ok(a),
+            (Some((t0, a)), Some((t1, b))) if t1 - t0 <= self.max_gap_s => {
+                Ok(a.interpolate(&b, (time_s - t0) / (t1 - t0)))
+            }
+            (Some((t0, a)), _) if time_s - t0 < ROUNDING_S => Ok(a),
+            (_, Some((t1, b))) if t1 - time_s < ROUNDING_S => Ok(b),
+            (Some((t0, _)), Some((t1, _))) => Err(NoPose::Gap { time_s, gap_s: t1 - t0 }),
+            (None, Some((first_s, _))) => Err(NoPose::Before { time_s, first_s }),
+            (Some((last_s, _)), None) => Err(NoPose::After { time_s, last_s }),
+            (None, None) => Err(NoPose::Empty),
         }
-        let (t0, a) = self.poses[after - 1];
-        if t0 == time_s {
-            return Ok(a);
-        }
-        if after == self.poses.len() {
-            return Err(NoPose::After { time_s, last_s: last.0 });
-        }
-        let (t1, b) = self.poses[after];
-        if t1 - t0 > self.max_gap_s {
-            return Err(NoPose::Gap { time_s, gap_s: t1 - t0 });
-        }
-        Ok(a.interpolate(&b, (time_s - t0) / (t1 - t0)))
     }
 
     /// As [`PoseTrack::at`], but before a track's start, after its end and inside a gap the
@@ -134,6 +134,17 @@ mod tests {
         assert!(matches!(t.at(3.0), Err(NoPose::Gap { .. })));
         assert!(t.at(f64::NAN).is_err());
         assert_eq!(t.at_or_nearest(8.0).unwrap().position_in_world_m().x, 2.0);
+    }
+
+    #[test]
+    fn a_time_is_missed_by_no_rounding() {
+        let t = track();
+        let x = |time_s: f64| t.at(time_s).unwrap().position_in_world_m().x;
+        // The track's ends, and those of its gap from 2 s to 9 s.
+        assert_eq!((x(1.0 - 5e-7), x(9.0 + 5e-7), x(2.0 + 5e-7), x(9.0 - 5e-7)), (0.0, 2.0, 1.0, 2.0));
+        for wrong in [1.0 - 2e-6, 9.0 + 2e-6, 2.0 + 2e-6, 9.0 - 2e-6] {
+            assert!(t.at(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

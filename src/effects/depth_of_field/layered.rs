@@ -17,7 +17,7 @@ use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, constant
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
 use super::circles_px;
-use super::surroundings::{Tiling, lens};
+use super::surroundings::{PHOTOGRAPHS_TILE_PX, Tiling, lens};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
@@ -113,6 +113,12 @@ pub fn reach_px(context: &FrameContext<'_>) -> f32 {
     1.5 * largest_radius_px(context) + 3.0
 }
 
+/// How far is looked: in a photograph the tiles beside a part are to be those of the next one, with all that they see.
+pub fn look_px(context: &FrameContext<'_>) -> f32 {
+    let tile_px = if context.photograph.is_some() { PHOTOGRAPHS_TILE_PX as f32 } else { 0.0 };
+    reach_px(context) + 2.0 * tile_px
+}
+
 /// Whether all that is drawn is one surface to a tile: `around` of shaders/depth_of_field_tiles.wgsl.
 fn is_one_surface(context: &FrameContext<'_>) -> bool {
     let Some(opening) = context.opening else { return true };
@@ -165,12 +171,7 @@ impl Passes {
             ]
             .map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps, &[COLOR])),
             passing: gather("all_tiles", "passing", 0, 4, &[GEOMETRY]),
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("between texels"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
+            between: gpu.linear_sampler(),
             shape: None,
         }
     }
@@ -185,7 +186,10 @@ impl Passes {
         let gpu = run.gpu;
         let (width, height) = layer.size;
         let largest = largest_radius_px(context);
-        let tiling = Tiling::fine(layer.size, reach_px(context), is_one_surface(context));
+        let tiling = match context.photograph {
+            None => Tiling::fine(layer.size, reach_px(context), is_one_surface(context)),
+            Some(_) => Tiling::of_photograph(layer.size, reach_px(context)),
+        };
         let tiles = tiling.tiles;
         let count = tiles.0 * tiles.1;
 

@@ -97,12 +97,7 @@ impl Passes {
             surroundings: Surroundings::new(gpu),
             first: pass("first", &[COLOR; 2]),
             second: pass("second", &[COLOR]),
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("between pixels"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
+            between: gpu.linear_sampler(),
             discs: constants(gpu, "discs", bytemuck::bytes_of(&discs)),
         }
     }

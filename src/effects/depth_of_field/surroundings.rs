@@ -5,6 +5,9 @@ use crate::effects::FrameContext;
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
+/// The side of a photograph's tiles, px.
+pub const PHOTOGRAPHS_TILE_PX: u32 = 16;
+
 /// Squares into which a layer is divided.
 #[derive(Clone, Copy, Debug)]
 pub struct Tiling {
@@ -21,12 +24,19 @@ impl Tiling {
         Self::of(size, side_px, 1)
     }
 
-    /// Tiles of which up to three to each side are looked at: what is to be done changes close to where it must. Large
-    /// ones where one surface is all there is. A power of two, that an eighth of the resolution and the parts of a photograph divide
-    /// them.
+    /// Tiles of which several to each side are looked at: what is to be done changes close to where it must. Large ones
+    /// where one surface is all there is. A power of two, that an eighth of the resolution divides them.
     pub fn fine(size: (u32, u32), reach_px: f32, one_surface: bool) -> Self {
         let least_px = if one_surface { 64.0 } else { 16.0 };
-        let side_px = ((reach_px / 3.0).ceil().max(least_px) as u32).next_power_of_two();
+        Self::reaching(size, reach_px, ((reach_px / 3.0).ceil().max(least_px) as u32).next_power_of_two())
+    }
+
+    /// The same, small enough that the parts of a photograph divide them all.
+    pub fn of_photograph(size: (u32, u32), reach_px: f32) -> Self {
+        Self::reaching(size, reach_px, PHOTOGRAPHS_TILE_PX)
+    }
+
+    fn reaching(size: (u32, u32), reach_px: f32, side_px: u32) -> Self {
         Self::of(size, side_px, (reach_px.ceil() as u32).div_ceil(side_px))
     }
 

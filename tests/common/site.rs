@@ -1,0 +1,68 @@
+//! Recordings with a scene in them, for tests of what holds for every picture.
+
+use std::path::Path;
+
+use locard::compositor::Settings;
+use locard::profile::Rig;
+use locard::recording::{OpenOptions, Recording};
+use locard::scene::Scene;
+
+use crate::common;
+
+/// The knife and the dagger on the desk of tum-fr1-rpy, real size.
+const DESK: &str = r#"
+version = 1
+[[objects]]
+model = "MODELS/knife.gltf"
+size_m = 0.25
+position_m = [0.45, 0.55, 0.75]
+[[objects]]
+model = "MODELS/dagger.gltf"
+size_m = 0.3
+position_m = [0.25, 0.35, 0.75]
+rotation_deg = [0, 0, 50]
+[light]
+ambient = 0.6
+"#;
+
+pub struct Site {
+    pub name: &'static str,
+    pub recording: Recording,
+    pub rig: Rig,
+    pub scene: Scene,
+}
+
+/// The recording that comes with the program, and a real one where there is the data.
+pub fn sites() -> Vec<Site> {
+    [Some(demo()), desk()].into_iter().flatten().collect()
+}
+
+fn demo() -> Site {
+    let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
+    let mut rig = Rig::default();
+    rig.read(&recording.camera_profile.clone().unwrap(), &mut Settings::default()).unwrap();
+    rig.read_text(LENS, Path::new("lens"), &mut Settings::default()).unwrap();
+    let scene = locard::scene::load(Path::new("scenes/demo.toml"), recording.up).unwrap();
+    Site { name: "demo", recording, rig, scene }
+}
+
+pub fn desk() -> Option<Site> {
+    let folder = common::data("tum-fr1-rpy")?;
+    let models = common::data("props")?;
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    std::fs::write(&file, DESK.replace("MODELS", models.to_str().unwrap())).unwrap();
+    let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
+    let mut rig = Rig::default();
+    rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
+    // The law must hold with everything on: noise, exposure and a lens as a user would have them.
+    rig.read_text(NOISE, Path::new("noise"), &mut Settings::default()).unwrap();
+    rig.read_text(LENS, Path::new("lens"), &mut Settings::default()).unwrap();
+    let scene = locard::scene::load(&file, recording.up).unwrap();
+    Some(Site { name: "desk", recording, rig, scene })
+}
+
+const LENS: &str = "version = 1\n[camera.lens]\naperture_diameter_mm = 4\nfocus_distance_m = 0.8\n";
+
+pub const NOISE: &str = "version = 1\n[camera.exposure]\ntime_s = 0.016\niso = 400\n[camera.noise]\ncode = [0, 255]\n\
+    sigma_r = [2, 4]\nsigma_g = [2, 3]\nsigma_b = [3, 4]\nchannel_correlation = [0.3, 0.2, 0.3]\nneighbour_correlation = [0.4, 0.4]\n";

@@ -1,0 +1,137 @@
+//! What the loop over frames says where it cannot do what was asked.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/board.rs"]
+mod board;
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use board::{FOCAL_PX, board, sideways};
+use locard::camera::Framed;
+use locard::compositor::{Composited, Compositor, Job, Part, Settings, SubmitError};
+use locard::effects::Photograph;
+use locard::frame::Frame;
+use locard::image::{DepthMap, Rect};
+use locard::params::Value;
+use locard::scene::{Alpha, Scene};
+use locard::tracking::PoseTrack;
+
+/// A frame of a camera that sees as wide as it is; exposed for so long.
+fn submitted(
+    settings: Settings,
+    scene: Scene,
+    track: &PoseTrack,
+    exposure_s: f64,
+    frame: Frame,
+) -> Result<Composited, SubmitError> {
+    made(settings, scene, track, exposure_s, frame, None)
+}
+
+/// The same, or a photograph.
+fn made(
+    settings: Settings,
+    scene: Scene,
+    track: &PoseTrack,
+    exposure_s: f64,
+    frame: Frame,
+    photograph: Option<Photograph>,
+) -> Result<Composited, SubmitError> {
+    let region = Rect::full(frame.pixels.width, frame.pixels.height);
+    let geometry = gpu::pinhole(frame.pixels.width, frame.pixels.height, FOCAL_PX);
+    let gpu = gpu::gpu();
+    let mut compositor = Compositor::new(gpu.clone(), gpu::camera(&geometry, exposure_s), settings, scene);
+    let pending = compositor.submit(Job {
+        frame,
+        geometry: &geometry,
+        track,
+        time_offset_s: 0.0,
+        interval_s: 1.0 / 30.0,
+        want_layer: false,
+        photograph: photograph.map(|photograph| Part {
+            region,
+            photograph,
+            opening: None,
+            exposure_time_s: exposure_s,
+            recorded: &geometry,
+            framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
+        }),
+    })?;
+    Ok(compositor.collect(pending).unwrap())
+}
+
+#[test]
+fn a_blur_that_no_adapter_holds_is_refused_with_its_size() {
+    for method in ["velocity", "copies", "reference"] {
+        let settings = gpu::settings(&[("motion_blur", "method", Value::Text(method.to_owned()))]);
+        let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
+        // The track goes 40,000 px in its second; the shutter is open for a minute.
+        let track = sideways([40_000.0, 0.0]);
+        let error = submitted(settings, board([60.0, 50.0], 0.5), &track, 60.0, frame).unwrap_err();
+        let SubmitError::TooLarge { width_px, side_px, widest, .. } = &error else { panic!("{error}") };
+        assert!(*width_px > 40_000 && width_px > side_px && *widest == Some("motion_blur"), "{method}: {error}");
+        let text = error.to_string();
+        assert!(text.contains(&format!("{width_px}x")) && text.contains(&side_px.to_string()), "{text}");
+    }
+    // As saturated as numbers get.
+    let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
+    let copies = gpu::settings(&[("motion_blur", "method", Value::Text("copies".to_owned()))]);
+    let track = sideways([1e9, 1e9]);
+    let error = submitted(copies, board([60.0, 50.0], 0.5), &track, 1e39, frame).unwrap_err();
+    assert!(matches!(error, SubmitError::TooLarge { .. }), "{error}");
+}
+
+#[test]
+fn of_a_frame_wider_than_the_adapter_holds_small_objects_can_be_drawn() {
+    let width = gpu::gpu().max_side_px() + 100;
+    let frame = || gpu::frame(0, 0.0, gpu::grey(width, 40, 60));
+    let still = sideways([0.0, 0.0]);
+    let done = submitted(Settings::default(), board([30.0, 10.0], 0.5), &still, 0.0, frame()).unwrap();
+    assert_ne!(done.pixels.at(width / 2, 20), [60; 3]);
+    let wide = [f64::from(width), 10.0];
+    let error = submitted(Settings::default(), board(wide, 0.5), &still, 0.0, frame()).unwrap_err();
+    assert!(matches!(error, SubmitError::TooLarge { .. }), "{error}");
+}
+
+#[test]
+fn depth_that_hides_nothing_says_why() {
+    let depth = |width, height, timestamp_s| DepthMap {
+        width,
+        height,
+        depth_m: vec![1.0; width as usize * height as usize],
+        timestamp_s,
+    };
+    let still = sideways([0.0, 0.0]);
+    let done = |settings: Settings, depth| {
+        let frame = Frame { depth: Some(depth), ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
+        let done = submitted(settings, board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap();
+        (done.pixels.at(160, 120) == [60; 3], done.stats.no_occlusion)
+    };
+    // A wall a metre before the board hides it.
+    assert_eq!(done(Settings::default(), depth(320, 240, 0.0)), (true, None));
+    // A microsecond is rounding; the track ends at half a second.
+    assert_eq!(done(Settings::default(), depth(320, 240, 0.5 + 5e-7)), (true, None));
+    let (hidden, why) = done(Settings::default(), depth(320, 240, 0.6));
+    assert!(!hidden && why.as_ref().is_some_and(|why| why.contains("after the last pose")), "{why:?}");
+    let (hidden, why) = done(Settings::default(), depth(160, 120, 0.0));
+    assert!(!hidden && why.as_ref().is_some_and(|why| why.contains("160x120 px")), "{why:?}");
+    // Nobody asked for it.
+    let off = gpu::settings(&[("depth", "occlusion", Value::Bool(false))]);
+    assert_eq!(done(off, depth(320, 240, 0.6)), (false, None));
+}
+
+#[test]
+fn light_without_coverage_is_dropped_in_frames_and_in_photographs() {
+    // So thin that 16 bits hold no coverage of it, and so bright that they hold its light.
+    let mut ghost = board([60.0, 50.0], 3e8);
+    ghost.materials[0].base_color[3] = 1e-9;
+    ghost.materials[0].alpha = Alpha::Blend;
+    let photograph =
+        Photograph { over_ev: 0.0, iso_ratio: 1.0, film_width_mm: 36.0, enlargement: 1.0, noise_left: 1.0 };
+    for photograph in [None, Some(photograph)] {
+        let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
+        let still = sideways([0.0, 0.0]);
+        let done = made(Settings::default(), ghost.clone(), &still, 0.0, frame, photograph).unwrap();
+        assert_eq!(done.pixels, gpu::grey(320, 240, 60), "{photograph:?}");
+    }
+}
