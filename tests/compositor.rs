@@ -49,6 +49,8 @@ fn made(
         interval_s: 1.0 / 30.0,
         want_layer: false,
         photograph: photograph.map(|photograph| Part {
+            depth_m: None,
+            surfaces: None,
             region,
             photograph,
             opening: None,
