@@ -3,29 +3,34 @@
 //! A profile may hold any of the tables of [`Rig::tables`] and of the settings; a key that is
 //! none of theirs is an error that names it.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::camera::{Camera, Distortion, Exposure, Geometry, Intrinsics, Lens, NoiseProfile, Response};
+use crate::camera::{Camera, Distortion, Exposure, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response};
 use crate::compositor::Settings;
 use crate::params::{ParamError, Params, Value};
 use crate::profile_noise;
+use crate::words::reason;
 
 /// A camera as tables of parameters, before it is put together.
 #[derive(Clone, Debug, Default)]
 pub struct Rig {
     pub intrinsics: Intrinsics,
-    /// Whether anything said what the intrinsics are.
-    pub intrinsics_known: bool,
     pub distortion: Distortion,
     pub lens: Lens,
     pub exposure: Exposure,
     pub response: Response,
     pub noise: Option<NoiseProfile>,
+    /// Which keys of the geometry somebody gave: table and name. What stands in the others is nobody's word.
+    given: BTreeSet<(&'static str, &'static str)>,
 }
+
+/// What makes a camera whole. Without all of these no geometry is made of the others.
+const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
-    #[error("{path}: cannot be read: {source}")]
+    #[error("{path}: cannot be read: {}", reason(source))]
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: not TOML: {source}")]
     Syntax { path: PathBuf, source: Box<toml::de::Error> },
@@ -70,20 +75,51 @@ impl Rig {
         [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
     }
 
-    /// Takes a recording's own geometry where no profile gave one.
-    pub fn default_geometry(&mut self, geometry: &Geometry) {
-        if !self.intrinsics_known {
-            self.intrinsics = geometry.intrinsics.clone();
-            self.distortion = geometry.distortion.clone();
-            self.intrinsics_known = true;
+    /// The keys of [camera] that are missing for a whole camera: none, or some or all of [`WHOLE`].
+    pub fn missing_keys(&self) -> Vec<&'static str> {
+        let table = self.intrinsics.table();
+        // All else of a 360° picture follows from its size.
+        let round = self.distortion.model == LensModel::Equirectangular;
+        let asked = WHOLE.into_iter().filter(|name| !round || matches!(*name, "width_px" | "height_px"));
+        asked.filter(|name| !self.given.contains(&(table, name))).collect()
+    }
+
+    /// Whether somebody gave any key of a camera's geometry.
+    pub fn gives_geometry(&self) -> bool {
+        !self.given.is_empty()
+    }
+
+    /// What was given as a whole camera; else what was given laid over a recording's own camera, key by key. `None` where
+    /// neither makes a camera.
+    pub fn geometry_over(&self, own: Option<&Geometry>) -> Option<Geometry> {
+        if self.missing_keys().is_empty() {
+            return Some(Geometry::new(self.intrinsics.clone(), self.distortion.clone()));
+        }
+        let own = own?;
+        let (mut intrinsics, mut distortion) = (own.intrinsics.clone(), own.distortion.clone());
+        let tables: [(&dyn Params, &mut dyn Params); 2] =
+            [(&self.intrinsics, &mut intrinsics), (&self.distortion, &mut distortion)];
+        for (from, to) in tables {
+            for (_, name) in self.given.iter().filter(|(table, _)| *table == from.table()) {
+                // It was accepted when it was given.
+                from.get(name).and_then(|value| to.set(name, &value).ok())?;
+            }
+        }
+        Some(Geometry::new(intrinsics, distortion))
+    }
+
+    /// Lays what was given over a recording's own camera; what is set from here on goes above both.
+    pub fn lay_over(&mut self, own: &Geometry) {
+        if let Some(geometry) = self.geometry_over(Some(own)) {
+            (self.intrinsics, self.distortion) = (geometry.intrinsics, geometry.distortion);
+            self.given.extend(WHOLE.map(|name| (Intrinsics::default().table(), name)));
         }
     }
 
-    /// The camera, with a geometry where the intrinsics are known.
+    /// The camera, with a geometry where one was given whole.
     pub fn camera(&self) -> Camera {
-        let geometry = Geometry::new(self.intrinsics.clone(), self.distortion.clone());
         Camera {
-            geometry: self.intrinsics_known.then_some(geometry),
+            geometry: self.geometry_over(None),
             lens: self.lens.clone(),
             exposure: self.exposure.clone(),
             response: self.response.clone(),
@@ -100,7 +136,11 @@ impl Rig {
     ) -> Option<Result<(), ParamError>> {
         let done = self.tables_mut().into_iter().find(|t| t.table() == table).map(|own| own.set(name, value));
         if matches!(done, Some(Ok(()))) {
-            self.intrinsics_known |= table == "camera";
+            let geometry: [&dyn Params; 2] = [&self.intrinsics, &self.distortion];
+            let spec = geometry.into_iter().find(|t| t.table() == table).map(|t| (t.table(), t.specs()));
+            if let Some((table, specs)) = spec {
+                self.given.extend(specs.into_iter().filter(|s| s.name == name).map(|s| (table, s.name)));
+            }
             // Two ways to say one thing: the later word counts, as with any other setting.
             match (table, name) {
                 ("camera.lens", "f_number") if *value != Value::None => self.lens.aperture_diameter_mm = None,
@@ -235,11 +275,43 @@ mod tests {
              [camera.exposure]\ntime_s = 0.01\n[noise]\nscale = 2\n[motion_blur]\nmethod = \"copies\"\n",
         )
         .unwrap();
-        assert!(rig.intrinsics_known);
+        assert_eq!(rig.missing_keys(), ["height_px", "fy_px", "cx_px", "cy_px"]);
+        assert!(rig.camera().geometry.is_none(), "what nobody gave is not made up");
         assert_eq!((rig.intrinsics.width_px, rig.intrinsics.fx_px, rig.distortion.k1), (320, 250.5, -0.1));
         assert_eq!(rig.exposure.time_s, Some(0.01));
         let noise = settings.tables().into_iter().find(|t| t.table() == "noise").unwrap().get("scale");
         assert_eq!(noise, Some(Value::Number(2.0)));
+    }
+
+    #[test]
+    fn what_is_no_camera_lies_over_the_recordings_own() {
+        let own = Geometry::new(
+            Intrinsics { fx_px: 400.0, cx_px: 310.0, ..Intrinsics::default() },
+            Distortion { k1: -0.2, ..Distortion::default() },
+        );
+        let (mut rig, mut settings) =
+            read("version = 1\n[camera]\nfx_px = 500\n[camera.distortion]\nk2 = 0.1\n").unwrap();
+        rig.set_text("camera.readout_time_s=0.01", &mut settings).unwrap();
+        assert!(rig.geometry_over(None).is_none());
+        let laid = rig.geometry_over(Some(&own)).unwrap();
+        let expected = Intrinsics { fx_px: 500.0, readout_time_s: 0.01, ..own.intrinsics.clone() };
+        assert_eq!(laid.intrinsics, expected);
+        assert_eq!((laid.distortion.k1, laid.distortion.k2), (-0.2, 0.1));
+        // Laid once, the rest goes above.
+        rig.lay_over(&own);
+        rig.set_text("camera.fx_px=600", &mut settings).unwrap();
+        let geometry = rig.camera().geometry.unwrap();
+        assert_eq!(
+            (geometry.intrinsics.fx_px, geometry.intrinsics.cx_px, geometry.distortion.k1),
+            (600.0, 310.0, -0.2)
+        );
+
+        // A whole camera stands alone.
+        let whole =
+            "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 50\nfy_px = 51\ncx_px = 32\ncy_px = 24\n";
+        let (rig, _) = read(whole).unwrap();
+        let geometry = rig.geometry_over(Some(&own)).unwrap();
+        assert_eq!((geometry.intrinsics.fx_px, geometry.distortion.k1), (50.0, 0.0));
     }
 
     #[test]

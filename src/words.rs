@@ -5,6 +5,21 @@ pub fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
+/// Why a file could not be read or written, and what to do about it where that is known.
+pub fn reason(error: &std::io::Error) -> String {
+    use std::io::ErrorKind;
+    let text = match error.kind() {
+        ErrorKind::StorageFull => "the disk is full; make room, or write elsewhere",
+        ErrorKind::BrokenPipe => "whoever was reading has closed it",
+        ErrorKind::NotFound => "there is no such file or folder; check the path",
+        ErrorKind::PermissionDenied => "it is not permitted; check whose file it is",
+        ErrorKind::IsADirectory => "it is a folder; name a file",
+        ErrorKind::InvalidData => "it is not text in UTF-8; check that it is the file meant",
+        _ => return error.to_string(),
+    };
+    text.to_owned()
+}
+
 /// A unit behind a number, with a blank before it; nothing for pure numbers and text.
 pub fn shown_unit(unit: &str) -> String {
     if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }

@@ -285,6 +285,19 @@ fn one_noisy_frame_and_its_mean_are_enough() {
 }
 
 #[test]
+fn a_mean_of_another_scene_is_blamed_and_not_the_frame() {
+    let camera = Camera { sigma: [[1.0, 2.0]; 3], neighbour: 0.0, shared: 0.0 };
+    let frame = camera.shoot(1, 20, chart).remove(0);
+    let other = match &frame.codes {
+        Codes::U8(codes) => codes.rchunks(3).flatten().copied().collect(),
+        Codes::U16(_) => unreachable!(),
+    };
+    let other = Pixels::from_u8(frame.width, frame.height, other).unwrap();
+    let error = from_known_means(&[(other, vec![frame])], &NoiseOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("the mean is likely of another scene"), "{error}");
+}
+
+#[test]
 fn sixteen_bits_give_the_same_table() {
     let camera = Camera { sigma: [[0.05, 0.1], [1.0, 2.0], [3.0, 3.0]], neighbour: 0.0, shared: 0.0 };
     let mut normal = Normal::new(9);

@@ -200,25 +200,22 @@ fn the_recording_is_not_written_into() {
 #[test]
 fn an_interrupted_run_leaves_nothing_unfinished() {
     let temp = tempfile::tempdir().unwrap();
-    let (video, partial) = (temp.path().join("out.mkv"), temp.path().join(".out.partial.mkv"));
-    // What a run that was killed left behind does not stand in the way.
-    std::fs::write(&partial, "half of a video").unwrap();
-    let left_behind = |file: std::fs::Metadata| file.len() == 15;
+    let video = temp.path().join("out.mkv");
+    let begun = || std::fs::read_dir(temp.path()).unwrap().count() > 0;
     let mut running = program()
         .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o"])
         .arg(&video)
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    while std::fs::metadata(&partial).is_ok_and(left_behind) && running.try_wait().unwrap().is_none() {
+    while !begun() && running.try_wait().unwrap().is_none() {
         std::thread::yield_now();
     }
     Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
     let output = running.wait_with_output().unwrap();
     let text = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{text}");
-    assert!(text.starts_with("locard: interrupted"), "{text}");
-    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.starts_with("locard: interrupted") && !begun(), "{text}");
 }
 
 #[cfg(unix)]
@@ -243,10 +240,41 @@ fn an_interrupted_simulation_leaves_nothing() {
         Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
         let output = running.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!((output.status.code(), text.lines().count()), (Some(130), 1), "{text}");
+        assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
         assert!(text.starts_with("locard: interrupted; nothing was written"), "{text}");
         assert!(!begun());
     }
+}
+
+/// A pipe in the place of what is read tells when the program is at work, and keeps it there.
+#[cfg(unix)]
+#[test]
+fn every_command_ends_with_2_when_it_is_asked_to() {
+    let temp = tempfile::tempdir().unwrap();
+    let pipe = temp.path().join("recording.toml");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let (folder, pipe) = (temp.path().to_str().unwrap(), pipe.to_str().unwrap());
+    let out = temp.path().join("out.png");
+    let out = out.to_str().unwrap();
+    let scene = ["--scene", "scenes/marker-1.glb", "-o", out];
+    let commands = [
+        [&["composite", folder][..], &scene].concat(),
+        [&["photo", folder, "--frame", "0"][..], &scene].concat(),
+        vec!["calibrate", "noise", pipe, pipe, "-o", out],
+        vec!["meter", folder, "--frame", "0"],
+        vec!["inspect", folder],
+    ];
+    for (command, signal) in commands.iter().zip(["-TERM", "-INT", "-HUP", "-TERM", "-INT"]) {
+        let running = program().args(command).stderr(std::process::Stdio::piped()).spawn().unwrap();
+        // Opens when the program does.
+        let _writer = std::fs::File::options().write(true).open(pipe).unwrap();
+        Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
+        let output = running.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{command:?}: {text}");
+        assert!(text.starts_with("locard: interrupted; "), "{command:?}: {text}");
+    }
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 1);
 }
 
 /// Variables that leave out every adapter are blamed, and what they leave out is named.
@@ -282,7 +310,214 @@ fn a_trajectory_that_covers_no_frame_is_an_error() {
     let (recording, out) = (temp.path().to_str().unwrap(), temp.path().join("out"));
     let profile = ["--profile", "profiles/simulated.toml", "-o", out.to_str().unwrap()];
     let text = refused(&[&["composite", recording, "--scene", "scenes/marker-1.glb"], &profile[..]].concat());
-    assert!(text.contains("none of the frames 0..6 has a pose"), "{text}");
+    assert!(text.contains("none of the recording's 6 frames has a pose"), "{text}");
+}
+
+#[test]
+fn a_range_in_a_gap_passes_through() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let (folder, out) = (temp.path().to_str().unwrap(), temp.path().join("out"));
+    // Frames at 0, 1/30, ... 5/30 s; the last two lie behind the poses.
+    std::fs::write(temp.path().join("poses.txt"), "0 0 0 0 0 0 0 1\n0.11 0 0 0 0 0 0 1\n").unwrap();
+    let scene = ["--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml"];
+    let arguments = [&["composite", folder], &scene[..], &["--frames", "4..6", "-o", out.to_str().unwrap()]].concat();
+    let text = refused(&[&arguments[..], &["--strict"]].concat());
+    assert!(text.contains("frame 4 has no pose") && !out.exists(), "{text}");
+    let output = locard(&arguments);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && text.contains("no pose for 2 of 2 frames (frame 4"), "{text}");
+    for i in 4..6 {
+        let recorded = image::open(format!("recordings/demo/rgb/{i:05}.jpg")).unwrap().into_rgb8();
+        assert!(recorded == image::open(out.join(format!("frame_{i:06}.png"))).unwrap().into_rgb8());
+    }
+}
+
+#[test]
+fn what_makes_no_camera_is_refused_or_lies_over_the_recordings_own() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(path("fx.toml"), "version = 1\n[camera]\nfx_px = 500\n").unwrap();
+    let (recording, out, profile) = (path(""), path("out"), path("fx.toml"));
+    let arguments =
+        ["composite", &recording, "--scene", "scenes/marker-1.glb", "--plain", "--frames", "0..1", "-o", &out];
+    for given in [["--set", "camera.readout_time_s=0"], ["--set", "camera.width_px=640"], ["--profile", &profile]] {
+        let text = refused(&[&arguments[..], &given].concat());
+        assert!(
+            text.contains("makes no camera") && text.contains("camera.fy_px") && text.contains("camera.cx_px"),
+            "{text}"
+        );
+        assert!(!text.contains("camera.readout_time_s"), "{text}");
+    }
+    for given in [&[][..], &["--set", "camera.exposure.time_s=0"], &["--set", "noise.scale=0"]] {
+        let text = refused(&[&arguments[..], given].concat());
+        assert!(text.contains("nothing says what camera took"), "{text}");
+    }
+    assert!(!Path::new(&out).exists());
+    let whole = ["width_px=640", "height_px=480", "fx_px=520", "fy_px=520", "cx_px=320", "cy_px=240"];
+    let whole: Vec<String> = whole.iter().flat_map(|set| ["--set".to_owned(), format!("camera.{set}")]).collect();
+    let whole: Vec<&str> = whole.iter().map(String::as_str).collect();
+    assert!(locard(&[&arguments[..], &whole].concat()).status.success());
+
+    // The demonstration has a camera: what is given besides goes over it.
+    let demo = |sets: &[&str]| {
+        let scene =
+            ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain", "--frames", "30..31", "-o", "-"];
+        let output = locard(&[&scene[..], sets].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    let own = demo(&[]);
+    assert!(own == demo(&["--set", "camera.readout_time_s=0.015"]), "as it has it");
+    assert!(own != demo(&["--profile", &profile]));
+}
+
+/// One rule for all outputs.
+#[test]
+fn nothing_that_is_read_is_written_over() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    std::fs::copy("scenes/marker-1.glb", path("marker.glb")).unwrap();
+    std::fs::copy("profiles/simulated.toml", path("camera.toml")).unwrap();
+    std::fs::write(path("scene.toml"), "version = 1\n[[objects]]\nmodel = \"marker.glb\"\n").unwrap();
+    let read = ["recording.toml", "rgb.txt", "poses.txt", "rgb/00000.jpg", "scene.toml", "marker.glb", "camera.toml"];
+    let before = read.map(|name| std::fs::read(path(name)).unwrap());
+    let (folder, scene, profile, out) = (path(""), path("scene.toml"), path("camera.toml"), path("out"));
+    let given = [&folder, "--scene", &scene, "--profile", &profile, "--force"];
+    for name in read.into_iter().chain(["rgb/new.json"]) {
+        let text = refused(&[&["composite"], &given[..], &["-o", &out, "--report", &path(name)]].concat());
+        assert!(text.contains("which is not written to"), "{name}: {text}");
+    }
+    let text = refused(&[&["composite"], &given[..], &["-o", &out, "--layers", &path("rgb")]].concat());
+    assert!(text.contains("is the folder of the recording's frames"), "{text}");
+    for name in ["rgb/00001.jpg", "rgb/new.jpg"] {
+        let text = refused(&[&["photo"], &given[..], &["--frame", "0", "-o", &path(name)]].concat());
+        assert!(text.contains("which is not written to"), "{name}: {text}");
+    }
+    let text = refused(&["calibrate", "noise", &path("rgb"), "--force", "-o", &path("rgb/00000.jpg")]);
+    assert!(text.contains("is read in this run"), "{text}");
+    assert!(before == read.map(|name| std::fs::read(path(name)).unwrap()) && !Path::new(&out).exists());
+}
+
+#[test]
+fn layers_and_report_lie_in_the_new_folder_of_the_frames() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let (out, layers, report) = (path("new"), path("new/layers"), path("new/report.json"));
+    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "5..6", "-o", &out];
+    let output = locard(&[&arguments[..], &["--layers", &layers, "--report", &report]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let there = ["frame_000005.png", "layers/layer_000005.exr", "report.json"];
+    assert!(there.iter().all(|name| temp.path().join("new").join(name).exists()));
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 3);
+
+    // On the standard output, where nothing else is.
+    let text = said(&[&arguments[..], &["--force", "--report", "-"]].concat());
+    let read: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(read["frames"][0]["frame"], 5);
+    let arguments = [&arguments[..arguments.len() - 1], &["-", "--report", "-"]].concat();
+    assert!(refused(&arguments).contains("is the output already"));
+}
+
+#[test]
+fn of_two_runs_to_one_place_both_end_well() {
+    let temp = tempfile::tempdir().unwrap();
+    for out in ["out.mkv", "out"] {
+        let out = temp.path().join(out);
+        let start = || {
+            let scene = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain", "--frames", "0..20"];
+            program()
+                .args(scene)
+                .arg("--force")
+                .arg("-o")
+                .arg(&out)
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .unwrap()
+        };
+        for running in [start(), start()] {
+            let output = running.wait_with_output().unwrap();
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        }
+    }
+    assert_eq!(std::fs::read_dir(temp.path().join("out")).unwrap().count(), 20);
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2);
+    let recording = temp.path().join("recording.toml");
+    std::fs::write(&recording, "version = 1\n[frames]\nvideo = \"out.mkv\"\n").unwrap();
+    let text = said(&["inspect", recording.to_str().unwrap()]);
+    assert!(text.contains("frames     20 of 640x480"), "{text}");
+}
+
+/// No file of this process may grow beyond 8 kB: a disk that is full in the middle.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_file_that_cannot_be_finished_leaves_nothing() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let narrow = |arguments: &[&str]| {
+        let mut command = Command::new("sh");
+        command.args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_locard")]);
+        command.args(arguments).env("NODEVICE_SELECT", "1").stdout(std::process::Stdio::null());
+        // A shader cache does not fit either.
+        command.env("MESA_SHADER_CACHE_DISABLE", "true");
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let demo = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain"];
+    let (video, report) = (path("a.mkv"), path("report.json"));
+    let (code, text) = narrow(&[&demo[..], &["-o", &video]].concat());
+    assert!(code == Some(2) && text.contains("a.mkv"), "{code:?}: {text}");
+    let (code, text) = narrow(&[&demo[..], &["-o", "-", "--report", &report]].concat());
+    assert!(code == Some(2) && text.contains("report.json: cannot be written"), "{code:?}: {text}");
+    // A profile of more than that, whose comments would be kept.
+    let profile = format!("version = 1\n{}", "# mine\n".repeat(3000));
+    std::fs::write(path("p.toml"), &profile).unwrap();
+    let frames = path("still");
+    std::fs::create_dir(&frames).unwrap();
+    for i in 0..3u32 {
+        let picture = image::GrayImage::from_fn(256, 256, |x, y| {
+            let mixed = (x + 256 * y + 65_536 * i).wrapping_mul(2_654_435_761);
+            let up = (mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 30;
+            image::Luma([(x + up).min(255) as u8])
+        });
+        picture.save(Path::new(&frames).join(format!("{i}.png"))).unwrap();
+    }
+    let (code, text) = narrow(&["calibrate", "noise", &frames, "-o", &path("p.toml")]);
+    assert!(code == Some(2) && text.contains("p.toml: cannot be written"), "{code:?}: {text}");
+    assert_eq!(std::fs::read_to_string(path("p.toml")).unwrap(), profile);
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2, "the profile and the pictures");
+
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let output = program().arg("params").stdout(full).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.code() == Some(2) && text.contains("standard output: cannot be written: the disk is full"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_picture_whose_data_ends_early_is_refused_whatever_stands_behind() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let frame = path("rgb/00003.jpg");
+    let ended = [&std::fs::read(&frame).unwrap()[..], b"\xff\xd9"].concat();
+    std::fs::write(&frame, ended).unwrap();
+    let (recording, out) = (path(""), path("out"));
+    let arguments = ["composite", &recording, "--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml"];
+    let text = refused(&[&arguments[..], &["-o", &out]].concat());
+    assert!(text.contains("00003.jpg: the JPEG is truncated after"), "{text}");
+    let text = said(&["inspect", &recording]);
+    assert!(text.contains("6 pictures, 1 ends too early"), "{text}");
+}
+
+#[test]
+fn a_plane_needs_a_normal() {
+    let arguments = ["inspect", "recordings/demo", "--frame", "30", "--pick", "320,300", "--plane", "0,0,0,0"];
+    assert!(refused(&arguments).contains("--plane 0,0,0,0 is no plane: the normal A,B,C has no length"));
 }
 
 #[test]

@@ -80,21 +80,45 @@ fn accumulation_is_the_papers_finite_sum() {
             .unwrap()
     };
     let layer = draw(0);
-    // The board reaches from 100 to 220 px in the middle of the exposure. Its newest frame is 10 px further to the right and
-    // weighs 1 − α, the oldest 10 px to the left and weighs α^10 = 1/50.
+    // The board reaches from 100 to 220 px in the middle of the exposure. The mean of all frames lies there: the newest,
+    // which weighs 1 − α, stands Σ i·wᵢ = 2.05 steps further to the right, the oldest, which weighs α^10 = 1/50, 7.95 to
+    // the left. That is 4.09 px; the four samples of a pixel lie beyond its first 0.09.
     let alpha = 0.676_243_f64;
     let weight = |i: i32| if i == 10 { 0.02 } else { (1.0 - alpha) * alpha.powi(i) };
+    let mean: f64 = (0..=10).map(|i| f64::from(i) * weight(i)).sum();
+    assert!((mean - 2.047).abs() < 1e-3, "{mean}");
     for x in 85..235 {
         let covered = |i: i32| {
-            let shift = 10 - 2 * i;
+            let shift = 4 - 2 * i;
             (100 + shift..220 + shift).contains(&x)
         };
         let twin: f64 = (0..=10).filter(|i| covered(*i)).map(weight).sum();
         let found = f64::from(layer.rgba[120 * 320 + x as usize][3]);
         assert!((found - twin).abs() < 1e-3, "{x}: {found}, not {twin}");
     }
+    // Where the camera saw the board, half a sample's width aside at most: its middle is that of 100 to 220 px.
+    let row = &layer.rgba[120 * 320..121 * 320];
+    let centre =
+        |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
+    let found = centre(|x| x) / centre(|_| 1.0);
+    assert!((found - 160.0).abs() < 0.15, "{found}");
     // Whatever was drawn before.
     assert_eq!(layer.rgba, draw(7).rgba);
+}
+
+/// At the defaults, where one frame follows the other by the whole exposure, and what is drawn lies before it.
+#[test]
+fn accumulation_lies_where_the_camera_saw_the_thing() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for length in [-40.0, 25.0] {
+        let layer = blurred(&geometry, [length, 0.0], "accumulation").layer.unwrap();
+        let row = &layer.rgba[120 * 320..121 * 320];
+        let centre =
+            |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
+        let (area, found) = (centre(|_| 1.0), centre(|x| x) / centre(|_| 1.0));
+        assert!((area - 120.0).abs() < 0.2, "{length}: something is cut off, {area}");
+        assert!((found - 160.0).abs() < 0.3, "{length}: {found}");
+    }
 }
 
 #[test]

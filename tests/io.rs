@@ -11,7 +11,8 @@ use glam::{DVec2, DVec3};
 use locard::frame::Frame;
 use locard::image::{Codes, Pixels};
 use locard::recording::{Kind, OpenOptions, Recording};
-use locard::sink::{self, OutPath, Sink, SinkOptions};
+use locard::sink::{self, OutPath, SinkOptions};
+use locard::source::still;
 use locard::tracking::tum;
 
 fn open(path: &Path) -> Recording {
@@ -341,19 +342,6 @@ fn an_unfinished_video_leaves_nothing_and_a_finished_one_is_kept() {
     assert_eq!(count(), 1);
 }
 
-#[cfg(target_os = "linux")]
-#[test]
-fn a_video_on_a_full_disk_is_an_error_and_leaves_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mkv");
-    std::os::unix::fs::symlink("/dev/full", folder.path().join(".a.partial.mkv")).unwrap();
-    let mut sink: Box<dyn Sink + Send> = sink::open(&OutPath::Video(path.clone()), &options(320, 240, 8)).unwrap();
-    let written = (0..40).try_for_each(|i| sink.write(i, &picture(i, 320, 240, 8)));
-    let error = written.and_then(|()| sink.finish()).unwrap_err().to_string();
-    assert!(error.contains("a.mkv") && error.contains("No space left"), "{error}");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-}
-
 #[test]
 fn our_own_folder_with_everything() {
     let folder = tempfile::tempdir().unwrap();
@@ -387,7 +375,9 @@ fn our_own_folder_with_everything() {
     assert_eq!((all[0].exposure.time_s, all[0].exposure.gain), (Some(0.02), Some(1.5)));
     assert_eq!((all[1].exposure.time_s, all[2].exposure.time_s, all[2].exposure.gain), (None, Some(0.01), None));
     let warnings = r.warnings.join("\n");
-    for said in ["no pose for 1 of 3 frames (frame 2", "1 of 3 quaternions", "no exposure within 0"] {
+    let missing = r.missing_poses(0..3).unwrap();
+    assert!(missing.contains("no pose for 1 of 3 frames (frame 2"), "{missing}");
+    for said in ["1 of 3 quaternions", "no exposure within 0"] {
         assert!(warnings.contains(said), "{warnings}");
     }
     let later = Recording::open(folder.path(), &OpenOptions { time_offset_s: 0.05, ..Default::default() }).unwrap();
@@ -435,13 +425,90 @@ fn an_unregistered_colmap_image_is_a_frame_without_a_pose() {
     std::fs::write(model.join("cameras.txt"), "1 PINHOLE 4 2 5 5 2 1\n").unwrap();
     let line = |i: usize| format!("{i} 1 0 0 0 {i} 0 0 1 frame_00000{i}.png\n\n");
     std::fs::write(model.join("images.txt"), line(2) + &line(0)).unwrap();
-    for path in [folder.path(), &model] {
+    for path in [folder.path(), &model, &model.join("cameras.txt"), &model.join("images.txt")] {
         let r = open(path);
         assert_eq!((r.frame_count(), r.kind), (3, Kind::Colmap));
         assert!(r.pose_at_frame(0).is_ok() && r.pose_at_frame(1).is_err());
         assert_eq!(r.pose_at_frame(2).unwrap().position_in_world_m(), DVec3::new(-2.0, 0.0, 0.0));
-        assert!(r.warnings.iter().any(|w| w.contains("no pose for 1 of 3 frames (frame 1")), "{:?}", r.warnings);
+        let missing = r.missing_poses(0..3).unwrap();
+        assert!(missing.contains("no pose for 1 of 3 frames (frame 1"), "{missing}");
+        assert!(
+            r.missing_poses(1..2).unwrap().contains("no pose for 1 of 1 frames") && r.missing_poses(2..3).is_none()
+        );
     }
+}
+
+/// By every cut of pictures that other programs made; progressive ones may end between two scans.
+#[test]
+fn a_jpeg_is_whole_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let cut = folder.path().join("cut.jpg");
+    for name in ["baseline-420", "grey-optimised", "restarts-422", "progressive-420"] {
+        let file = PathBuf::from(format!("tests/jpeg/{name}.jpg"));
+        let bytes = std::fs::read(&file).unwrap();
+        let pixels = still::read_pixels(&file).unwrap();
+        assert_eq!((pixels.width, pixels.height), (45, 37));
+        let data = bytes.windows(2).position(|pair| pair == b"\xff\xda").unwrap() + 14;
+        let passes = |length: &usize| {
+            std::fs::write(&cut, [&bytes[..*length], b"\xff\xd9"].concat()).unwrap();
+            let ends = still::check_end(&cut);
+            assert_eq!(ends.is_ok(), still::read_pixels(&cut).is_ok());
+            ends.is_ok()
+        };
+        let passed: Vec<usize> = (data..bytes.len() - 2).filter(passes).collect();
+        let between = |at: &usize| bytes[*at] == 0xff && bytes[at + 1] != 0;
+        let fits = |length: &usize| name.starts_with("progressive") && (between(length) || between(&(length - 1)));
+        assert!(passed.iter().all(fits), "{name}: cut off after {passed:?} of {} bytes", bytes.len());
+    }
+}
+
+/// Pictures of real cameras pass, and do not when their second half is gone.
+#[test]
+fn jpegs_of_real_cameras_are_whole() {
+    let Some(folder) = common::data("chessboard/camera_cal") else { return };
+    let temp = tempfile::tempdir().unwrap();
+    let cut = temp.path().join("cut.jpg");
+    let mut count = 0;
+    let more = ["chessboard/test_images", "lund-door-dslr/images"].into_iter().filter_map(common::data);
+    for folder in std::iter::once(folder).chain(more) {
+        for file in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if !file.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg")) {
+                continue;
+            }
+            still::check_end(&file).unwrap();
+            let bytes = std::fs::read(&file).unwrap();
+            std::fs::write(&cut, [&bytes[..bytes.len() / 2], b"\xff\xd9"].concat()).unwrap();
+            let error = still::check_end(&cut).unwrap_err().to_string();
+            assert!(error.contains("cut.jpg: the JPEG is truncated after"), "{}: {error}", file.display());
+            count += 1;
+        }
+    }
+    assert!(count >= 40, "{count}");
+}
+
+#[test]
+fn a_video_without_its_index_is_said_to_be_cut_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mp4");
+    let source = ["-v", "error", "-f", "lavfi", "-i", "testsrc=duration=1:size=64x48"];
+    assert!(Command::new("ffmpeg").args(source).arg(&path).status().unwrap().success());
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() / 3]).unwrap();
+    let error = refused(&describe(folder.path(), "[frames]\nvideo = \"a.mp4\"\n"));
+    assert!(error.contains("a.mp4: cannot be opened; is it cut off before its index"), "{error}");
+}
+
+#[test]
+fn pictures_missing_from_a_folder_are_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    three_frames(folder.path());
+    let described = describe(folder.path(), "[frames]\nimages = \"rgb\"\nfps = 30.0\n");
+    assert_eq!(open(&described).warnings, Vec::<String>::new());
+    let rgb = folder.path().join("rgb");
+    std::fs::rename(rgb.join("frame_000002.png"), rgb.join("frame_000004.png")).unwrap();
+    std::fs::copy(rgb.join("frame_000004.png"), rgb.join("frame_000005.png")).unwrap();
+    let warnings = open(&described).warnings.join("\n");
+    assert!(warnings.contains("frame_000001.png is followed by frame_000004.png"), "{warnings}");
 }
 
 #[test]
@@ -455,10 +522,15 @@ fn bad_recordings_are_one_clear_line() {
     list("1 rgb/frame_000000.png\n2 rgb/frame_000001.png\n");
     assert!(refused(folder.path()).contains("groundtruth.txt: cannot be read"), "{}", refused(folder.path()));
     std::fs::write(at("groundtruth.txt"), "1 0 0 0 0 0 0 1\n").unwrap();
-    assert!(open(folder.path()).warnings.join("\n").contains("no pose for 1 of 2 frames"));
+    assert!(open(folder.path()).missing_poses(0..2).unwrap().contains("no pose for 1 of 2 frames"));
+    assert_eq!((open(&at("rgb.txt")).frame_count(), open(&at("rgb.txt")).kind), (2, Kind::Tum));
 
     list("1 rgb/frame_000000.png\n2 rgb/not_there.png\n");
-    assert!(refused(folder.path()).contains("not_there.png: cannot be read"));
+    let error = refused(folder.path());
+    assert!(
+        error.contains("rgb.txt, line 2: ") && error.contains("not_there.png: cannot be read: there is no"),
+        "{error}"
+    );
     list("");
     assert!(refused(folder.path()).contains("no frames"));
     write(&at("other"), &options(5, 2, 8), &[picture(0, 5, 2, 8)]);

@@ -77,7 +77,7 @@ fn two_effects_may_import_the_same() {
     let two = one.replace("one", "two");
     // What the composite itself imports, too.
     let three = "// @import shared/response\nfn apply_three(p: vec2<i32>, pixel: Mixed) -> Mixed { return pixel; }\n";
-    let text = mixed_shader(&[("one", one), ("two", &two), ("three", three)]);
+    let text = mixed_shader(&[("one", one), ("two", &two), ("three", three)], false);
     validate("composite of three", &text);
     assert!(text.contains("@binding(4) var<uniform> one_by") && text.contains("@binding(5) var<uniform> two_by"));
 }

@@ -115,6 +115,10 @@ pub enum CalibrateError {
         "scene {scene} is not at rest: half of the picture or more changes in whole patches ({percent:.0} % of what changes; of noise less than 25 %); give frames from one place, in one light, in which nothing moves, and each scene as a folder of its own"
     )]
     SceneChanges { scene: usize, percent: f64 },
+    #[error(
+        "scene {scene}: the frames differ from the mean given by more than noise ({percent:.0} % of what differs is a common motion or whole patches); the mean is likely of another scene, place or light, unless something moves in the frames: give the mean of this very scene, or leave --mean out and give ten frames"
+    )]
+    WrongMean { scene: usize, percent: f64 },
     #[error("{path}: {reason}")]
     Read { path: PathBuf, reason: String },
     #[error(transparent)]
@@ -230,6 +234,9 @@ impl NoiseCalibrator {
             return Err(CalibrateError::OneFrame { scene: number });
         }
         match unsteady(&scene).filter(|_| self.options.leave_out_motion) {
+            Some(Unsteady::Moves(share) | Unsteady::Patches(share)) if scene.known_mean => {
+                return Err(CalibrateError::WrongMean { scene: number, percent: 100.0 * share });
+            }
             Some(Unsteady::Moves(share)) => {
                 return Err(CalibrateError::CameraMoves { scene: number, percent: 100.0 * share });
             }

@@ -8,6 +8,7 @@
 //! The first n weights sum to 1 − α^n, the last is α^n: together 1. As a finite sum, frame n is
 //! the same whichever frame one starts from. It trails, newest strongest, and is not the box
 //! that a shutter is; with α from (14) the oldest frame weighs ε.
+//! When the frames are drawn is not said here: effects/motion_blur.rs puts their mean into the middle of the exposure.
 
 /// ε of vSLRcam (14): what the oldest frame still weighs.
 pub const LEAST_WEIGHT: f64 = 1.0 / 50.0;

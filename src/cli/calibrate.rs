@@ -3,12 +3,16 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 
 use toml_edit::{DocumentMut, Item, Table, TableLike};
 
+use super::Interruption;
+use super::outputs::Inputs;
 use crate::calibrate::{NoiseOptions, noise_from_paths};
 use crate::profile_noise::noise_table_toml;
+use crate::sink::atomic::write_atomically;
+use crate::words::reason;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -38,13 +42,15 @@ struct NoiseArgs {
     force: bool,
 }
 
-pub fn run(args: Args) -> Result<()> {
+pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     let What::Noise(args) = args.what;
     // Before the work: what the user has is not lost.
     let failed = |what: &str| format!("{}: {what}", args.output.display());
+    let read = args.frames.iter().chain(&args.mean);
+    Inputs::default().and(read.clone()).and(&pictures_beside(read)).check_file(&args.output)?;
     let text = match std::fs::read_to_string(&args.output) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => "version = 1\n".to_owned(),
-        read => read.with_context(|| failed("cannot be read"))?,
+        read => read.map_err(|error| anyhow!(failed(&format!("cannot be read: {}", reason(&error)))))?,
     };
     let mut profile: DocumentMut = text.parse().with_context(|| failed("not TOML"))?;
     if noise_of(&mut profile).with_context(|| failed("refused"))?.iter().next().is_some() && !args.force {
@@ -52,12 +58,14 @@ pub fn run(args: Args) -> Result<()> {
     }
     let calibration = noise_from_paths(&args.frames, &args.mean, &NoiseOptions::default())?;
     replace(noise_of(&mut profile)?, &noise_table_toml(&calibration.profile));
-    let partial = args.output.with_extension("toml.partial");
-    std::fs::write(&partial, profile.to_string())
-        .and_then(|()| std::fs::rename(&partial, &args.output))
-        .with_context(|| failed("cannot be written"))?;
+    interruption.hold(|| Ok(write_atomically(&args.output, |file| file.write_all(profile.to_string().as_bytes()))?))?;
     write!(std::io::stdout().lock(), "{calibration}")?;
     Ok(())
+}
+
+/// What lies in those of the inputs that are folders.
+fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
+    inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten().map(|entry| entry.path()).collect()
 }
 
 /// The table `[camera.noise]`, made where there is none.

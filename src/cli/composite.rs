@@ -1,5 +1,6 @@
 //! `locard composite`.
 
+use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,12 +9,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
-use super::{Interrupted, interruption, progress, tell, warn};
-use crate::camera::Geometry;
+use super::outputs::{self, Inputs};
+use super::{Interrupted, Interruption, progress, tell, warn};
+use crate::camera::{Geometry, Intrinsics};
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
 use crate::gpu::Gpu;
+use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
+use crate::sink::atomic::write_atomically;
 use crate::sink::{self, OutPath, SinkOptions};
 use crate::words::count;
 
@@ -50,7 +54,7 @@ pub struct Args {
     /// Also write one OpenEXR a frame with the virtual layer into this folder
     #[arg(long, value_name = "DIR")]
     layers: Option<PathBuf>,
-    /// Also write what was found and done for each frame
+    /// Also write what was found and done for each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
     /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout
@@ -108,17 +112,17 @@ struct Writer {
 impl Writer {
     fn write(&mut self, done: &Composited) -> Result<()> {
         if let (Some(folder), Some(layer)) = (&self.layers, &done.layer) {
-            sink::exr::write_layers(&layer_path(folder, done.frame), layer)?;
+            sink::exr::write_layers(&folder.join(layer_name(done.frame)), layer)?;
         }
         Ok(self.sink.write(done.frame, &done.pixels)?)
     }
 }
 
-fn layer_path(folder: &Path, frame: usize) -> PathBuf {
-    folder.join(format!("layer_{frame:06}.exr"))
+fn layer_name(frame: usize) -> String {
+    format!("layer_{frame:06}.exr")
 }
 
-pub fn run(args: Args) -> Result<()> {
+pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     let start = Instant::now();
     let options = OpenOptions {
         metres_per_unit: args.metres_per_unit,
@@ -128,7 +132,6 @@ pub fn run(args: Args) -> Result<()> {
     let recording = Recording::open(&args.recording, &options)?;
     let range = frame_range(args.frames, recording.frame_count())?;
     let out = OutPath::parse(&args.output)?;
-    check_output(&recording, &out)?;
 
     let mut settings = Settings::default();
     settings.seed = args.seed;
@@ -138,7 +141,7 @@ pub fn run(args: Args) -> Result<()> {
         rig.read(profile, &mut settings)?;
     }
     if let Some(geometry) = &recording.geometry {
-        rig.default_geometry(geometry);
+        rig.lay_over(geometry);
     }
     for set in &args.sets {
         rig.set_text(set, &mut settings)?;
@@ -157,17 +160,28 @@ pub fn run(args: Args) -> Result<()> {
         settings.plain();
     }
     let mut camera = rig.camera();
-    check_camera(&recording, &camera.geometry)?;
+    // Frames without a camera have no pose either, and are passed through whatever the camera.
+    let knows = |frame: &usize| rig.geometry_over(recording.geometry_at_frame(*frame)).is_some();
+    let first = camera_of(&recording, &rig, (0..recording.frame_count()).find(knows).unwrap_or(0))?;
+    let camera_at = |frame| if knows(&frame) { camera_of(&recording, &rig, frame) } else { Ok(first.clone()) };
+    let cameras = range.clone().map(camera_at).collect::<Result<Vec<_>>>()?;
+    // A lens that cannot be is refused before anything is written.
+    camera.lens.opening(&first)?;
     if args.strict {
         for frame in range.clone() {
             recording.pose_at_frame(frame).with_context(|| format!("frame {frame} has no pose"))?;
         }
     }
-    if let Some(Err(first)) = range.clone().map(|frame| recording.pose_at_frame(frame)).reduce(|a, b| a.or(b)) {
-        return Err(first).with_context(|| format!("none of the frames {}..{} has a pose", range.start, range.end));
+    let mut poses = (0..recording.frame_count()).map(|frame| recording.pose_at_frame(frame));
+    if let (Some(Err(first)), true) = (poses.next(), poses.all(|pose| pose.is_err())) {
+        let count = count(recording.frame_count(), "frame");
+        return Err(first).with_context(|| format!("none of the recording's {count} has a pose; its first one"));
     }
     let scene = crate::scene::load(&args.scene, recording.up)?;
-    for text in recording.warnings.iter().chain(&scene.warnings) {
+    let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.profile).and(&scene.files);
+    check_outputs(&args, &out, &inputs, range.clone())?;
+    let missing = recording.missing_poses(range.clone());
+    for text in recording.warnings.iter().chain(&missing).chain(&scene.warnings) {
         warn(args.quiet, text);
     }
     let unknown_exposure = camera.exposure.time_s.is_none() && camera.exposure.shutter_angle_deg.is_none();
@@ -189,24 +203,12 @@ pub fn run(args: Args) -> Result<()> {
     for text in settings.idle(&camera) {
         warn(args.quiet, text);
     }
-    if let Some(geometry) = camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(0)) {
-        // A lens that cannot be is refused before anything is written.
-        camera.lens.opening(geometry)?;
-        settings.check(&camera, geometry)?;
-    }
-
-    let interrupted = interruption()?;
+    settings.check(&camera, &camera_of(&recording, &rig, range.start)?)?;
+    let interrupted = interruption.watch();
     let gpu = Gpu::open()?;
     let mut compositor = Compositor::new(gpu, camera.clone(), settings, scene);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
-    }
-    let layers = args.layers.clone();
-    if let Some(folder) = &layers {
-        prepare_layers(folder, range.clone(), args.force)?;
-    }
-    if let Some(report) = &args.report {
-        prepare_report(report, &args.output, args.force)?;
     }
     let sink = sink::open(
         &out,
@@ -219,10 +221,14 @@ pub fn run(args: Args) -> Result<()> {
             bits: recording.bits,
         },
     )?;
+    let layers = args.layers.clone();
+    if let Some(folder) = &layers {
+        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
+    }
     let bar = progress(args.quiet, range.len());
     let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
     let adapter = compositor.gpu().info.clone();
-    let streamed = stream(&recording, range, &rig, &mut compositor, Writer { sink, layers }, &interrupted, |done| {
+    let streamed = stream(&recording, range, &cameras, &mut compositor, Writer { sink, layers }, interrupted, |done| {
         bar.inc(1);
         stats.push(done.stats.clone());
     });
@@ -247,7 +253,11 @@ pub fn run(args: Args) -> Result<()> {
             "frames": stats,
         });
         let text = serde_json::to_string_pretty(&report)?;
-        std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        if is_stdout(path) {
+            writeln!(std::io::stdout().lock(), "{text}")?;
+        } else {
+            write_atomically(path, |file| file.write_all(text.as_bytes()))?;
+        }
     }
     let place =
         if args.output.as_os_str() == "-" { "standard output".to_owned() } else { args.output.display().to_string() };
@@ -255,92 +265,106 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
-/// That the camera is known, and is the recording's.
-fn check_camera(recording: &Recording, geometry: &Option<Geometry>) -> Result<()> {
-    if geometry.is_none() && recording.geometry_at_frame(0).is_none() {
+/// The camera that took a frame: what was given, over the recording's own.
+pub fn camera_of(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry> {
+    let own = recording.geometry_at_frame(frame);
+    let Some(geometry) = rig.geometry_over(own) else {
+        let path = recording.path.display();
+        if rig.gives_geometry() {
+            let missing = rig.missing_keys().iter().map(|key| format!("camera.{key}")).collect::<Vec<_>>().join(", ");
+            bail!(
+                "what is given makes no camera, and {path} has none of its own that it could lie over: {missing} must be \
+                 given too, by --profile or --set"
+            );
+        }
         bail!(
-            "nothing says what camera took {}: give --profile with a table [camera] (focal length, principal point); \
-             profiles/ has examples",
-            recording.path.display()
+            "nothing says what camera took {path}: give --profile with a table [camera] (focal length, principal point); \
+             profiles/ has examples"
+        );
+    };
+    if geometry.is_round() || own.is_some_and(Geometry::is_round) {
+        check_round(&geometry)?;
+    }
+    let Intrinsics { width_px, height_px, .. } = geometry.intrinsics;
+    if (width_px, height_px) != (recording.width, recording.height) {
+        bail!(
+            "the camera's picture is {width_px}x{height_px} px, the recording's frames are {}x{}: camera.width_px and \
+             camera.height_px must say what the intrinsics belong to",
+            recording.width,
+            recording.height
         );
     }
-    let round = recording.geometry_at_frame(0).is_some_and(Geometry::is_round);
-    if let Some(g) = geometry {
-        let i = &g.intrinsics;
-        if round && !g.is_round() {
-            bail!(
-                "the recording is of 360° pictures, the profile's table [camera] of another camera: leave that table out, or \
-                 write model = \"equirectangular\" into [camera.distortion]"
-            );
-        }
-        if g.is_round() && i.width_px != 2 * i.height_px {
-            bail!("a 360° picture (equirectangular) is twice as wide as high; found is {}x{}", i.width_px, i.height_px);
-        }
-        if g.is_round() && i.readout_time_s > 0.0 {
-            bail!(
-                "camera.readout_time_s = {} is refused: the rows of a 360° picture, put together from several sensors, \
-                 have no times of their own; accepted is 0",
-                i.readout_time_s
-            );
-        }
-        if (i.width_px, i.height_px) != (recording.width, recording.height) {
-            bail!(
-                "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and \
-                 camera.height_px must say what the intrinsics belong to",
-                i.width_px,
-                i.height_px,
-                recording.width,
-                recording.height
-            );
-        }
+    if let Some(name) = geometry.distortion.missing() {
+        let model = geometry.distortion.get("model").unwrap_or(Value::None);
+        bail!("camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model");
+    }
+    Ok(geometry)
+}
+
+/// Of a camera that takes 360° pictures, or is said to take a recording's: that it can.
+fn check_round(geometry: &Geometry) -> Result<()> {
+    let i = &geometry.intrinsics;
+    if !geometry.is_round() {
+        bail!(
+            "the recording is of 360° pictures, the profile's table [camera] of another camera: leave that table out, or \
+             write model = \"equirectangular\" into [camera.distortion]"
+        );
+    }
+    if i.width_px != 2 * i.height_px {
+        bail!("a 360° picture (equirectangular) is twice as wide as high; found is {}x{}", i.width_px, i.height_px);
+    }
+    if i.readout_time_s > 0.0 {
+        bail!(
+            "camera.readout_time_s = {} is refused: the rows of a 360° picture, put together from several sensors, \
+             have no times of their own; accepted is 0",
+            i.readout_time_s
+        );
     }
     Ok(())
 }
 
-/// The camera that took a frame.
-pub fn camera_of(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry> {
-    let own = rig.camera().geometry;
-    check_camera(recording, &own)?;
-    own.or_else(|| recording.geometry_at_frame(frame).cloned()).context("the recording has no camera")
+fn is_stdout(path: &Path) -> bool {
+    path.as_os_str() == "-"
 }
 
-/// That frames are not put among the recording's own, where they would be taken for them.
-fn check_output(recording: &Recording, out: &OutPath) -> Result<()> {
-    let (OutPath::Folder(path) | OutPath::Video(path)) = out else { return Ok(()) };
-    // What does not exist is none of them.
-    let Ok(there) = path.canonicalize() else { return Ok(()) };
-    let same = |other: &Path| other.canonicalize().is_ok_and(|other| other == there);
-    let mut files = recording.picture_files().iter().map(PathBuf::as_path);
-    let mut folders: Vec<&Path> = files.clone().filter_map(Path::parent).collect();
-    folders.dedup();
-    let what = match out {
-        OutPath::Video(_) if files.any(same) => "the recording's video",
-        OutPath::Folder(_) if same(&recording.path) => "the recording's folder",
-        OutPath::Folder(_) if folders.into_iter().any(same) => "the folder of the recording's frames",
-        _ => return Ok(()),
-    };
-    bail!("{}: is {what}, which is not written to, with --force neither; choose another place", path.display())
-}
-
-/// That the report can be written at the end, and is not the output.
-fn prepare_report(report: &Path, output: &Path, force: bool) -> Result<()> {
-    if report == output {
+/// That all outputs can be written, before any is begun.
+fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: Range<usize>) -> Result<()> {
+    match out {
+        OutPath::Folder(folder) => inputs.check_folder(folder, range.clone().map(sink::folder::frame_name))?,
+        OutPath::Video(file) => inputs.check_file(file)?,
+        OutPath::Stdout => {}
+    }
+    sink::check(out, args.force)?;
+    if let Some(folder) = &args.layers {
+        inputs.check_folder(folder, range.clone().map(layer_name))?;
+        if folder.exists() && !folder.is_dir() {
+            bail!("{}: is a file; --layers needs a folder", folder.display());
+        }
+        let mut there = range.map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
+        if let Some(file) = there.next().filter(|_| !args.force) {
+            bail!("{}: exists already; it is kept unless --force is given", file.display());
+        }
+    }
+    let Some(report) = &args.report else { return Ok(()) };
+    if outputs::same(report, &args.output) {
         bail!("{}: is the output already; --report needs a file of its own", report.display());
     }
-    if report.exists() && !force {
+    if is_stdout(report) {
+        return Ok(());
+    }
+    inputs.check_file(report)?;
+    if report.is_dir() {
+        bail!("{}: is a folder; --report needs a file", report.display());
+    }
+    if report.exists() && !args.force {
         bail!("{}: exists already; it is kept unless --force is given", report.display());
     }
-    let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+    let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // Those of the other outputs are made before it is written.
+    let made = matches!(out, OutPath::Folder(out) if outputs::same(out, folder))
+        || args.layers.as_ref().is_some_and(|layers| outputs::same(layers, folder));
+    if !made && !folder.is_dir() {
         bail!("{}: cannot be written, for there is no folder {}", report.display(), folder.display());
-    }
-    Ok(())
-}
-
-fn prepare_layers(folder: &Path, mut range: Range<usize>, force: bool) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
-    if !force && let Some(frame) = range.find(|&n| layer_path(folder, n).exists()) {
-        bail!("{}: exists already; it is kept unless --force is given", layer_path(folder, frame).display());
     }
     Ok(())
 }
@@ -349,7 +373,7 @@ fn prepare_layers(folder: &Path, mut range: Range<usize>, force: bool) -> Result
 fn stream(
     recording: &Recording,
     range: Range<usize>,
-    rig: &Rig,
+    cameras: &[Geometry],
     compositor: &mut Compositor,
     mut writer: Writer,
     interrupted: &AtomicBool,
@@ -365,16 +389,12 @@ fn stream(
         #[error(transparent)]
         Interrupted(#[from] Interrupted),
     }
-    let own = rig.camera().geometry;
     let times = &recording.timestamps_s;
     let about = |frame: usize| {
-        let geometry = own.as_ref().or_else(|| recording.geometry_at_frame(frame));
         let next = times.get(frame + 1).map_or(recording.frame_interval_s, |t| t - times[frame]);
-        (geometry, next)
+        (&cameras[frame - range.start], next)
     };
-    // Checked before: every frame has one or the other, or takes the first one's.
-    let first = about(0).0.context("the recording has no camera")?;
-    let frames = recording.frames(range)?.map(|frame| match interrupted.load(Ordering::SeqCst) {
+    let frames = recording.frames(range.clone())?.map(|frame| match interrupted.load(Ordering::SeqCst) {
         true => Err(INTERRUPTED.into()),
         false => frame.map_err(Stop::from),
     });
@@ -395,15 +415,10 @@ fn stream(
             }
             Ok(())
         });
-        let drawn = compositor.run(
-            &stream,
-            frames,
-            |frame| (about(frame).0.unwrap_or(first), about(frame).1),
-            |frame| {
-                done(&frame);
-                sender.send(Some(frame)).map_err(|_| Stop::Writer)
-            },
-        );
+        let drawn = compositor.run(&stream, frames, about, |frame| {
+            done(&frame);
+            sender.send(Some(frame)).map_err(|_| Stop::Writer)
+        });
         let finished = drawn.is_ok() && sender.send(None).is_ok();
         drop(sender);
         let written = writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?;

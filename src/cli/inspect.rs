@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use glam::{DVec2, DVec3};
 
 use crate::camera::Geometry;
@@ -11,7 +11,7 @@ use crate::compositor::Settings;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
-use crate::words::{count, short, shown_unit};
+use crate::words::{count, reason, short, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -56,7 +56,8 @@ fn kind(path: &Path) -> Result<Found> {
         _ if path.is_dir() => Found::Recording,
         "glb" | "gltf" => Found::Scene,
         "toml" => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+            let text = std::fs::read_to_string(path)
+                .map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
             let table: toml::Table = text.parse().with_context(|| format!("{}: not TOML", path.display()))?;
             if table.contains_key("frames") {
                 Found::Recording
@@ -124,8 +125,13 @@ fn profile(path: &Path) -> Result<()> {
         }
         None => writeln!(out, "noise      not calibrated: virtual pixels will have none (`locard calibrate noise`)")?,
     }
-    if !rig.intrinsics_known {
-        writeln!(out, "odd        no intrinsics: the recording must bring its own")?;
+    match rig.missing_keys() {
+        missing if missing.is_empty() => {}
+        _ if !rig.gives_geometry() => writeln!(out, "odd        no intrinsics: the recording must bring its own")?,
+        missing => {
+            let missing = missing.join(", ");
+            writeln!(out, "odd        no whole camera: without {missing} it lies over the recording's own")?;
+        }
     }
     Ok(())
 }
@@ -179,7 +185,7 @@ fn recording(args: &Args) -> Result<()> {
             more => writeln!(out, "files      {files}, {more} end too early; pixels are not decoded")?,
         }
     }
-    for text in &recording.warnings {
+    for text in recording.warnings.iter().chain(&recording.missing_poses(0..frames)) {
         writeln!(out, "odd        {text}")?;
     }
     for problem in damaged.iter().take(MOST_DAMAGED) {
@@ -215,6 +221,9 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
     let frames = recording.frames(frame..frame + 1)?.next().context("the frame cannot be read")??;
     if let Some([a, b, c, d]) = args.plane {
         let normal = DVec3::new(a, b, c);
+        if normal == DVec3::ZERO {
+            bail!("--plane {a},{b},{c},{d} is no plane: the normal A,B,C has no length");
+        }
         let eye = pose.position_in_world_m();
         let along = pose.world_from_camera_rotation() * ray;
         let t = (d - normal.dot(eye)) / normal.dot(along);
@@ -244,11 +253,8 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
 
 fn geometry(args: &Args, recording: &Recording, frame: usize) -> Result<Geometry> {
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
-    if let Some(path) = args.profile.as_ref().or(recording.camera_profile.as_ref()) {
-        rig.read(path, &mut settings)?;
+    for profile in recording.camera_profile.iter().chain(&args.profile) {
+        rig.read(profile, &mut settings)?;
     }
-    rig.camera()
-        .geometry
-        .or_else(|| recording.geometry_at_frame(frame).cloned())
-        .context("nothing says what camera took this: give --profile")
+    super::composite::camera_of(recording, &rig, frame)
 }

@@ -70,7 +70,7 @@ impl Site {
             rig.read(profile, &mut effects)?;
         }
         if let Some(geometry) = recording.geometry_at_frame(self.frame) {
-            rig.default_geometry(geometry);
+            rig.lay_over(geometry);
         }
         let taken = Known::taken(&rig, &self.sets, &recording, self.frame)?;
         for text in &self.sets {
@@ -121,7 +121,8 @@ impl Known {
     /// The settings that a frame was taken with. What is typed stands above what the picture says, that above the profile
     /// (`rig`, before anything typed).
     fn taken(rig: &Rig, sets: &[String], recording: &Recording, frame: usize) -> Result<Self> {
-        let mut typed = Rig { lens: Lens::default(), exposure: Exposure::default(), ..rig.clone() };
+        let mut typed = rig.clone();
+        (typed.lens, typed.exposure) = (Lens::default(), Exposure::default());
         for text in sets {
             typed.set_text(text, &mut Effects::default())?;
         }

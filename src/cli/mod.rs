@@ -8,6 +8,7 @@ mod doctor;
 mod inspect;
 mod light;
 mod meter;
+mod outputs;
 mod params;
 mod photo;
 mod render;
@@ -19,6 +20,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Parser, Subcommand};
+
+use crate::words::reason;
 
 #[derive(Parser)]
 #[command(name = "locard", version, about = "Puts virtual evidence into real footage so that it looks photographed there", long_about = None)]
@@ -62,50 +65,82 @@ pub fn main() -> ExitCode {
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
     };
-    let done = match cli.command {
-        Command::Composite(args) => composite::run(args),
-        Command::Calibrate(args) => calibrate::run(args),
+    let done = Interruption::listen().and_then(|interruption| match cli.command {
+        Command::Composite(args) => composite::run(args, &interruption),
+        Command::Calibrate(args) => calibrate::run(args, &interruption),
         Command::Inspect(args) => inspect::run(&args),
         Command::Meter(args) => meter::run(&args),
-        Command::Photo(args) => photo::run(&args),
-        Command::Render(args) => render::run(&args),
+        Command::Photo(args) => photo::run(&args, &interruption),
+        Command::Render(args) => render::run(&args, &interruption),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
-    };
+        Command::Simulate(args) => simulate::run(&args, &interruption),
+    });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) if error.is::<Interrupted>() => {
-            say(&message(&error));
-            ExitCode::from(INTERRUPTED)
-        }
         Err(error) => {
             say(&message(&error));
-            ExitCode::from(2)
+            ExitCode::from(FAILED)
         }
     }
 }
 
-/// What shells expect of a program that Ctrl-C ended.
-const INTERRUPTED: u8 = 130;
+const FAILED: u8 = 2;
+
+/// Ends with [`FAILED`] whatever other threads are at. An exit would first clear away, in C libraries, what a graphics
+/// driver's threads are using, and crash now and then; a program put into this one's place clears nothing away.
+fn end_at_once() -> ! {
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt;
+        // Comes back only where there is no shell.
+        let _ = std::process::Command::new("sh").args(["-c", &format!("exit {FAILED}")]).exec();
+    }
+    std::process::exit(i32::from(FAILED))
+}
 
 /// A person stopped the program; what was unfinished is removed on the way out. Says what stays.
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted; {0}")]
 struct Interrupted(&'static str);
 
-/// Becomes true when Ctrl-C is pressed or the program is asked to end; the second time it ends at once.
-fn interruption() -> anyhow::Result<Arc<AtomicBool>> {
-    let asked = Arc::new(AtomicBool::new(false));
-    let handler = Arc::clone(&asked);
-    ctrlc::set_handler(move || {
-        if handler.swap(true, Ordering::SeqCst) {
-            std::process::exit(i32::from(INTERRUPTED));
-        }
-    })?;
-    Ok(asked)
+const NOTHING_UNFINISHED: Interrupted = Interrupted("what was finished stays, and nothing else");
+
+/// What happens when Ctrl-C is pressed or the program is asked to end: it ends at once and says so, unless somebody is at
+/// work who cleans up. The second time it ends in any case.
+struct Interruption {
+    asked: Arc<AtomicBool>,
+    is_watched: Arc<AtomicBool>,
+}
+
+impl Interruption {
+    fn listen() -> anyhow::Result<Self> {
+        let (asked, is_watched) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+        let listening = Self { asked: Arc::clone(&asked), is_watched: Arc::clone(&is_watched) };
+        ctrlc::set_handler(move || {
+            if asked.swap(true, Ordering::SeqCst) || !is_watched.load(Ordering::SeqCst) {
+                say(&NOTHING_UNFINISHED.to_string());
+                end_at_once();
+            }
+        })?;
+        Ok(listening)
+    }
+
+    /// From here on the caller looks at what this gives, and ends when it is true.
+    fn watch(&self) -> &AtomicBool {
+        self.is_watched.store(true, Ordering::SeqCst);
+        &self.asked
+    }
+
+    /// Lets `write` finish what it writes before the program ends.
+    fn hold<T>(&self, write: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
+        let asked = self.watch();
+        let written = write();
+        self.is_watched.store(false, Ordering::SeqCst);
+        if asked.load(Ordering::SeqCst) { Err(NOTHING_UNFINISHED.into()) } else { written }
+    }
 }
 
 /// Whether whoever read our stdout has had enough (`locard params | head`).
@@ -113,8 +148,12 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.chain().filter_map(|e| e.downcast_ref::<std::io::Error>()).any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// An error and its causes on one line. A cause that the text before it quotes is left out.
+/// An error and its causes on one line. A cause that the text before it quotes is left out. An error of writing that
+/// nobody put a name to is the standard output's.
 fn message(error: &anyhow::Error) -> String {
+    if let Some(error) = error.chain().next().and_then(|error| error.downcast_ref::<std::io::Error>()) {
+        return format!("standard output: cannot be written: {}", reason(error));
+    }
     error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
         if text.is_empty() {
             cause
@@ -173,5 +212,9 @@ mod tests {
         assert_eq!(super::message(&quoting), "a.png: cannot be written: disk full");
         let adding = Err::<(), _>(anyhow::anyhow!("no pose")).context("frame 3").unwrap_err();
         assert_eq!(super::message(&adding), "frame 3: no pose");
+        let named = Err::<(), _>(std::io::Error::other("odd")).context("p.toml: cannot be read").unwrap_err();
+        assert_eq!(super::message(&named), "p.toml: cannot be read: odd");
+        let bare = anyhow::Error::from(std::io::Error::from(std::io::ErrorKind::StorageFull));
+        assert!(super::message(&bare).starts_with("standard output: cannot be written: the disk is full"));
     }
 }

@@ -6,7 +6,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::{Context, Result, bail};
 
 use super::light::{self, Known, Opened, USUAL_ISO};
-use super::{tell, warn};
+use super::outputs::Inputs;
+use super::{Interruption, tell, warn};
 use crate::camera::exposure::{INDOORS_LX, Settings};
 use crate::camera::metering::{Limits, Mode, PictureLight, meter};
 use crate::camera::stops::{self, Step};
@@ -202,7 +203,7 @@ struct Shoot<'a> {
     compositor: Compositor,
 }
 
-pub fn run(args: &Args) -> Result<()> {
+pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     let Opened { recording, rig, mut effects, taken } = args.site.open()?;
     let index = args.site.frame;
     recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
@@ -236,8 +237,10 @@ pub fn run(args: &Args) -> Result<()> {
     let asked = Known { f_number: args.site.aperture, ..Known::default() };
     let mut dials = Dials::new(args, taken, lux, light::limits(&rig, asked))?;
     let count = dials.series(args.bracket).len();
+    let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.site.profile).and(&scene.files);
     for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
         photograph::check(&path, args.force)?;
+        inputs.check_file(&path)?;
     }
 
     let frame = recording.frames(index..index + 1)?.next().context("the frame cannot be read")??;
@@ -272,7 +275,8 @@ pub fn run(args: &Args) -> Result<()> {
         }
         let pixels = site.take(&dials, asked, &framing, opening, taken)?;
         let path = path_of(args, &(n + 1).to_string());
-        photograph::write(&path, &pixels, Some(&site.notes(&dials, asked, &framing)), args.force)?;
+        let notes = site.notes(&dials, asked, &framing);
+        interruption.hold(|| Ok(photograph::write(&path, &pixels, Some(&notes), args.force)?))?;
         tell(args.quiet, &format!("{}: {}", path.display(), label(asked, &framing).replace('\n', ", ")));
         if args.bracket.is_some() {
             sheet.extend(photo::small(&pixels).map(|small| (small, label(asked, &framing))));
@@ -280,7 +284,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     if args.bracket.is_some() {
         let path = path_of(args, "sheet");
-        photograph::write(&path, &photo::contact_sheet(&sheet), None, args.force)?;
+        interruption.hold(|| Ok(photograph::write(&path, &photo::contact_sheet(&sheet), None, args.force)?))?;
         tell(args.quiet, &format!("{}", path.display()));
     }
     Ok(())

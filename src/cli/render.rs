@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
-use super::{tell, warn};
+use super::outputs::Inputs;
+use super::{Interruption, tell, warn};
 use crate::camera::curved::{Curve, Curved};
 use crate::camera::{Distortion, Geometry, Intrinsics, Response};
 use crate::gpu::Gpu;
@@ -124,10 +125,11 @@ fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
     parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
 }
 
-pub fn run(args: &Args) -> Result<()> {
+pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     picture::check(&args.output, args.force)?;
     check(args)?;
     let scene = crate::scene::load(&args.scene, None)?;
+    Inputs::default().and(&scene.files).check_file(&args.output)?;
     scene.warnings.iter().for_each(|text| warn(args.quiet, text));
     let sphere = bounding_sphere(&scene);
     let pose = pose(args, sphere, scene.up_in_world.unwrap_or(DVec3::Y))?;
@@ -149,7 +151,7 @@ pub fn run(args: &Args) -> Result<()> {
     if !shot.background && image.rgba.iter().all(|p| p[3] == 0.0) {
         warn(args.quiet, "nothing of the scene is in the picture: see --from, --at and --fov");
     }
-    picture::write(&args.output, &image, &Response::default(), args.force)?;
+    interruption.hold(|| Ok(picture::write(&args.output, &image, &Response::default(), args.force)?))?;
     let eye = pose.position_in_world_m().to_array().map(short).join(",");
     tell(args.quiet, &format!("{}x{} px, from {eye}: {}", image.width, image.height, args.output.display()));
     Ok(())

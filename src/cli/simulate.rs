@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Result, bail};
 
-use super::{Interrupted, interruption, progress, tell};
+use super::{Interrupted, Interruption, progress, tell};
 use crate::params::{Params, Value};
 use crate::simulate::{self, Options, SimulateError};
 use crate::words::{count, shown_unit};
@@ -31,7 +31,7 @@ pub struct Args {
     quiet: bool,
 }
 
-pub fn run(args: &Args) -> Result<()> {
+pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     let mut options = Options::default();
     if args.list {
         let mut out = std::io::stdout().lock();
@@ -48,16 +48,11 @@ pub fn run(args: &Args) -> Result<()> {
     let Some(output) = &args.output else { bail!("-o DIR is missing") };
     let bar = progress(args.quiet, options.frames as usize);
     // Until something is written Ctrl-C may end the program at once.
-    let mut interrupted = None;
     let done = simulate::run(output, &options, args.force, &mut |done, _| {
         bar.set_position(done as u64);
-        match interrupted.get_or_insert_with(interruption) {
-            Ok(asked) if !asked.load(Ordering::SeqCst) => ControlFlow::Continue(()),
-            _ => ControlFlow::Break(()),
-        }
+        if interruption.watch().load(Ordering::SeqCst) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     bar.finish_and_clear();
-    interrupted.transpose()?;
     match done {
         Err(SimulateError::Stopped) => return Err(Interrupted("nothing was written").into()),
         done => done?,

@@ -207,7 +207,8 @@ impl Compositor {
             Some(part) => part.opening,
             None => self.camera.lens.opening(job.geometry)?,
         };
-        let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s };
+        let beyond_s = self.settings.effects.iter().map(|e| e.beyond_s(exposure_time_s)).fold(0.0, f64::max);
+        let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s, beyond_s };
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = self.renderer.footprint(job.geometry, &keys, shutter);

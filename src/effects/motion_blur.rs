@@ -7,8 +7,10 @@
 //!   blur vector of its centre, centred on it, above a threshold. The paper's vector spans a
 //!   whole frame interval; here it is scaled by exposure time over interval.
 //! - `accumulation`: vSLRcam (13) and (14), the recursive accumulation of frames as the finite sum that it is
-//!   (camera/accumulation.rs): the exposure's n + 1 frames, the newest at its end and the strongest, the oldest at its
-//!   beginning. It trails, where a shutter is a box, and so few frames are seen apart.
+//!   (camera/accumulation.rs): n + 1 frames as long apart as the exposure in all, the newest the strongest. The paper has
+//!   the newest at the end of the exposure; here the mean of all moments, each by its weight, lies in the exposure's
+//!   middle, where the camera saw the thing, and the oldest frame before its beginning. It trails, where a shutter is a
+//!   box, and so few frames are seen apart.
 //! - `reference`: the layer drawn at many moments and summed, at least two for each pixel of
 //!   blur: slow, and what the others are judged by.
 //!
@@ -104,15 +106,14 @@ impl MotionBlurEffect {
             .collect()
     }
 
-    /// Frames with the weights of vSLRcam (13), newest first; no more than 10,000 of them.
-    fn accumulation(&self, context: &FrameContext<'_>) -> Vec<Sample> {
-        let n = accumulation::steps(context.exposure_time_s, self.params.frames_per_s).unwrap_or(MOST_STEPS);
+    /// Frames by vSLRcam (13), newest first, as (seconds from the middle of the exposure, weight); no more than 10,000.
+    /// Their mean is 0.
+    fn moments(&self, exposure_time_s: f64) -> Vec<(f64, f64)> {
+        let n = accumulation::steps(exposure_time_s, self.params.frames_per_s).unwrap_or(MOST_STEPS);
         let weights = accumulation::weights(n);
-        let back = context.exposure_time_s / n.max(1) as f64;
-        // A single frame stands in the middle.
-        let newest_s = 0.5 * back * n as f64;
-        let at = |i: usize| newest_s - i as f64 * back;
-        weights.iter().enumerate().map(|(i, &w)| Sample { time_s: at(i), ..Sample::plain(w as f32) }).collect()
+        let back = exposure_time_s / n.max(1) as f64;
+        let mean: f64 = weights.iter().enumerate().map(|(i, w)| i as f64 * w).sum();
+        weights.into_iter().enumerate().map(|(i, w)| ((mean - i as f64) * back, w)).collect()
     }
 
     /// Moments evenly over the exposure, two for each pixel of the longest blur, at least 32.
@@ -158,10 +159,17 @@ impl Effect for MotionBlurEffect {
     }
     fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
         match self.method(context) {
-            // The renderer's rectangle spans the exposure already.
+            // The renderer's rectangle spans the moments already.
             Method::Velocity | Method::Accumulation | Method::Reference => 1.0,
             Method::Copies => self.reach_px(context),
         }
+    }
+    fn beyond_s(&self, exposure_time_s: f64) -> f64 {
+        if self.params.method != Method::Accumulation {
+            return 0.0;
+        }
+        let oldest_s = self.moments(exposure_time_s).last().map_or(0.0, |(time_s, _)| -time_s);
+        (oldest_s - 0.5 * exposure_time_s).max(0.0)
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         ["velocity", "copies", "accumulation", "reference"]
@@ -173,7 +181,11 @@ impl Effect for MotionBlurEffect {
         match self.method(context) {
             Method::Velocity => plan,
             Method::Copies => SamplePlan { samples: self.copies(context), ..plan },
-            Method::Accumulation => SamplePlan { samples: self.accumulation(context), ..plan },
+            Method::Accumulation => {
+                let moments = self.moments(context.exposure_time_s).into_iter();
+                let samples = moments.map(|(time_s, w)| Sample { time_s, ..Sample::plain(w as f32) }).collect();
+                SamplePlan { samples, ..plan }
+            }
             Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
         }
     }

@@ -136,6 +136,10 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn reach_px(&self, _: &FrameContext<'_>) -> f32 {
         0.0
     }
+    /// How far before and behind the exposure lie moments of its plan, seconds.
+    fn beyond_s(&self, _exposure_time_s: f64) -> f64 {
+        0.0
+    }
     /// How far beyond the rectangle of the objects (as they move during the exposure) it
     /// draws, px.
     fn spread_px(&self, context: &FrameContext<'_>) -> f32 {

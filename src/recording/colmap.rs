@@ -20,6 +20,9 @@ use crate::tracking::tum::{NormNotes, unit_quaternion};
 const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
 
+pub const CAMERAS: &str = "cameras.txt";
+pub const IMAGES: &str = "images.txt";
+
 /// A registered image.
 #[derive(Debug)]
 struct Image {
@@ -29,11 +32,12 @@ struct Image {
     line: usize,
 }
 
-/// Opens the model in the folder `model`; `path` is what the person named.
+/// Opens the model in the folder `model`; `path` is what the person named, that folder, one around it or one of its files.
 pub fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let cameras_file = model.join("cameras.txt");
+    let path = if path.is_dir() { path } else { model };
+    let cameras_file = model.join(CAMERAS);
     let cameras = parse_cameras(&text::read(&cameras_file)?, &cameras_file)?;
-    let images_file = model.join("images.txt");
+    let images_file = model.join(IMAGES);
     let (images, odd) = parse_images(&text::read(&images_file)?, &images_file, options.metres_per_unit)?;
     let folder = image_folder(model, path, &images)?;
     let registered: BTreeMap<&str, &Image> = images.iter().map(|image| (image.name.as_str(), image)).collect();
@@ -59,6 +63,7 @@ pub fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, R
     // An image that was not registered stays without a pose: its neighbours say nothing of it.
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
     parts.geometries = geometries;
+    parts.described_by = vec![cameras_file, images_file];
     parts
         .warnings
         .push(format!("COLMAP keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
@@ -170,7 +175,7 @@ fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
 /// The folder that the images' names are relative to.
 fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, RecordingError> {
     let Some(first) = images.first() else {
-        return Err(RecordingError::content(&model.join("images.txt"), "the model has no images"));
+        return Err(RecordingError::content(&model.join(IMAGES), "the model has no images"));
     };
     let candidates = [
         path.join("images"),
@@ -181,7 +186,7 @@ fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, 
     ];
     candidates.iter().find(|folder| folder.join(&first.name).is_file()).cloned().ok_or_else(|| {
         let looked = candidates.iter().map(|c| c.display().to_string()).collect::<Vec<_>>().join(", ");
-        RecordingError::content(&model.join("images.txt"), format!("{} is in none of {looked}", first.name))
+        RecordingError::content(&model.join(IMAGES), format!("{} is in none of {looked}", first.name))
     })
 }
 

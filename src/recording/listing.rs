@@ -8,6 +8,7 @@ use crate::camera::exposure::LONGEST_S;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
 use crate::tracking::text::{self, TextError};
+use crate::words::reason;
 
 /// Reads a list of `timestamp filename` lines: times in seconds, files beside the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
@@ -90,6 +91,45 @@ pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(files)
 }
 
+/// A missing picture's error with the line of the list that names it, where one does.
+pub fn named_in(lists: &[PathBuf], error: SourceError) -> RecordingError {
+    let SourceError::Read { file, source } = &error else { return error.into() };
+    for list in lists {
+        let (text, folder) = (text::read(list).unwrap_or_default(), list.parent().unwrap_or(Path::new("")));
+        let names = |record: &str| record.split_once(char::is_whitespace).map(|(_, name)| folder.join(name.trim()));
+        if let Some((line, _)) = text::records(&text).find(|(_, record)| names(record).as_ref() == Some(file)) {
+            let problem = format!("{}: cannot be read: {}", file.display(), reason(source));
+            return TextError::line(list, line, problem).into();
+        }
+    }
+    error.into()
+}
+
+/// What is odd about the numbers in the names of pictures in order: that some are left out.
+pub fn missing_numbers(files: &[PathBuf]) -> Option<String> {
+    let numbered = |file: &PathBuf| {
+        let stem = file.file_stem()?.to_string_lossy().into_owned();
+        let name = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+        Some((name.to_owned(), stem[name.len()..].parse::<u64>().ok()?))
+    };
+    let numbers: Vec<_> = files.iter().map(numbered).collect::<Option<_>>()?;
+    let step = |pair: &[(String, u64)]| (pair[0].0 == pair[1].0).then(|| pair[1].1.checked_sub(pair[0].1)).flatten();
+    let steps: Vec<u64> = numbers.windows(2).map(step).collect::<Option<_>>()?;
+    let mut sorted = steps.clone();
+    sorted.sort_unstable();
+    let usual = *sorted.get(sorted.len() / 2)?;
+    let first = steps.iter().position(|step| *step > usual)?;
+    let count = steps.iter().filter(|step| **step > usual).count();
+    let name = |i: usize| files[i].file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Some(format!(
+        "pictures are missing by their numbers, in {} (first: {} is followed by {}): those behind come too early by \
+         what is missing",
+        crate::words::count(count, "place"),
+        name(first),
+        name(first + 1)
+    ))
+}
+
 /// Orders names so that `f2` comes before `f10`.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
@@ -168,6 +208,18 @@ mod tests {
         let mut names = ["f10.png", "f9.png", "f009.png", "f1.png", "e11", "f1", "g1305031241.029623"];
         names.sort_by(|a, b| natural_order(a, b));
         assert_eq!(names, ["e11", "f1", "f1.png", "f009.png", "f9.png", "f10.png", "g1305031241.029623"]);
+    }
+
+    #[test]
+    fn numbers_left_out_are_told_of() {
+        let told = |names: &[&str]| missing_numbers(&names.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(told(&["r/f_08.png", "r/f_09.png", "r/f_10.png"]), None);
+        assert_eq!(told(&["0.jpg", "10.jpg", "20.jpg"]), None, "every tenth");
+        for other in [&["a1.png", "b7.png", "b8.png"][..], &["door.png", "wall.png"], &["1.png"], &[]] {
+            assert_eq!(told(other), None);
+        }
+        let text = told(&["f_1.png", "f_2.png", "f_3.png", "f_5.png", "f_6.png", "f_9.png"]).unwrap();
+        assert!(text.contains("in 2 places (first: f_3.png is followed by f_5.png)"), "{text}");
     }
 
     proptest! {

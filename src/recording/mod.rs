@@ -12,6 +12,7 @@ mod own;
 mod parts;
 mod tum;
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -114,8 +115,9 @@ pub struct Recording {
     pub camera_profile: Option<PathBuf>,
     /// One a frame; empty values where nothing is known.
     pub exposure: Arc<[FrameExposure]>,
-    /// What is odd, each said once.
+    /// What is odd, each said once; [`Recording::missing_poses`] aside.
     pub warnings: Vec<String>,
+    described_by: Vec<PathBuf>,
     geometries: Vec<Option<Geometry>>,
     pictures: Arc<Pictures>,
     /// The nearest in time, one a frame.
@@ -150,28 +152,49 @@ impl Recording {
         self.track.at(time_s)
     }
 
+    /// How many frames of a range have no pose, and why the first of them has none; `None` where all have one.
+    pub fn missing_poses(&self, range: Range<usize>) -> Option<String> {
+        let mut missing = range.clone().filter_map(|i| self.pose_at_frame(i).err().map(|why| (i, why)));
+        let (first, why) = missing.next()?;
+        let (number, count) = (1 + missing.count(), range.len());
+        Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
+    }
+
     /// The camera of a frame, also where frames differ; `None` where the format does not know it.
     pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
     }
 
-    /// The files that the frames come from: one a frame, or one video.
-    pub fn picture_files(&self) -> &[PathBuf] {
-        match &*self.pictures {
+    /// Every file that is read of it, the camera's profile aside.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let pictures = match &*self.pictures {
             Pictures::Stills(files) => files,
             Pictures::Video(video) => std::slice::from_ref(&video.file),
-        }
+        };
+        self.described_by.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
+    }
+
+    /// The folders that its pictures lie in, depth too, each once.
+    pub fn folders(&self) -> BTreeSet<&Path> {
+        self.stills().chain(self.depth_files()).filter_map(Path::parent).collect()
+    }
+
+    fn stills(&self) -> impl Iterator<Item = &Path> {
+        let files = match &*self.pictures {
+            Pictures::Stills(files) => files.as_slice(),
+            Pictures::Video(_) => &[],
+        };
+        files.iter().map(PathBuf::as_path)
+    }
+
+    fn depth_files(&self) -> impl Iterator<Item = &Path> {
+        self.depth.iter().flat_map(|depth| depth.iter().flatten()).map(|(_, file)| file.as_path())
     }
 
     /// How many pictures there are, depth too, and what is wrong with those whose files end too early. Pixels are not
     /// decoded; of a video nothing is looked at.
     pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
-        let frames = match &*self.pictures {
-            Pictures::Stills(files) => files.as_slice(),
-            Pictures::Video(_) => &[],
-        };
-        let depth = self.depth.iter().flat_map(|depth| depth.iter().flatten());
-        let mut files: Vec<&Path> = frames.iter().chain(depth.map(|(_, file)| file)).map(PathBuf::as_path).collect();
+        let mut files: Vec<&Path> = self.stills().chain(self.depth_files()).collect();
         // One depth picture may serve several frames.
         files.sort_unstable();
         files.dedup();
@@ -213,12 +236,20 @@ enum Found {
     Colmap(PathBuf),
 }
 
+fn folder_of(file: &Path) -> PathBuf {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
+}
+
 fn find(path: &Path) -> Result<Found, RecordingError> {
     let refuse = |found: &str| RecordingError::NotARecording { path: path.to_owned(), found: found.to_owned() };
     if path.is_file() {
         return match path.extension().and_then(|e| e.to_str()) {
             Some("toml") => Ok(Found::Own(path.to_owned())),
             Some("json") => Ok(Found::Nerfstudio(path.to_owned())),
+            _ if path.ends_with(tum::FRAME_LIST) => Ok(Found::Tum(folder_of(path))),
+            _ if path.ends_with(colmap::CAMERAS) || path.ends_with(colmap::IMAGES) => {
+                Ok(Found::Colmap(folder_of(path)))
+            }
             _ => Err(refuse("it is a file of another kind (frames or a video alone: name them in a recording.toml)")),
         };
     }
@@ -236,7 +267,7 @@ fn find(path: &Path) -> Result<Found, RecordingError> {
         return Ok(Found::Tum(path.to_owned()));
     }
     let models = ["", "colmap", "sparse/0", "sparse"];
-    if let Some(model) = models.iter().map(|at| path.join(at)).find(|at| at.join("images.txt").exists()) {
+    if let Some(model) = models.iter().map(|at| path.join(at)).find(|at| at.join(colmap::IMAGES).exists()) {
         return Ok(Found::Colmap(model));
     }
     if models.iter().any(|at| path.join(at).join("images.bin").exists()) {

@@ -161,6 +161,7 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
     let timestamps_s = poses.iter().map(|p| p.0).collect();
     let mut parts = Parts::new(Kind::Nerfstudio, folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
+    parts.described_by.push(file.to_owned());
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), file)?;
     parts
         .warnings

@@ -128,6 +128,9 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
     if let Pictures::Video(video) = &parts.pictures {
         parts.warnings.extend(video.warnings.iter().cloned());
     }
+    if let (Some(_), Pictures::Stills(files)) = (&description.frames.images, &parts.pictures) {
+        parts.warnings.extend(listing::missing_numbers(files));
+    }
     if let Some(name) = description.name {
         parts.name = name;
     }
@@ -149,6 +152,10 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
     if let Some(exposure) = &description.exposure {
         parts.exposure = listing::read_exposures(&folder.join(&exposure.list))?;
     }
+    let lists = [description.depth.map(|depth| depth.list), description.exposure.map(|exposure| exposure.list)];
+    let named = [description.frames.list, description.poses.trajectory].into_iter().chain(lists);
+    parts.described_by.push(file.to_owned());
+    parts.described_by.extend(named.flatten().map(|name| folder.join(name)));
     if let Some(camera) = description.camera {
         parts.equirectangular = camera.kind == Some(CameraKind::Equirectangular);
         parts.camera_profile = camera.profile.map(|profile| folder.join(profile));

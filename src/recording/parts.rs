@@ -57,6 +57,8 @@ pub struct Parts {
     pub camera_profile: Option<PathBuf>,
     /// Whether the frames are 360° pictures, whose camera follows from their size.
     pub equirectangular: bool,
+    /// The files that describe the recording: all that was read but pictures.
+    pub described_by: Vec<PathBuf>,
     pub warnings: Vec<String>,
 }
 
@@ -77,6 +79,7 @@ impl Parts {
             exposure: Vec::new(),
             camera_profile: None,
             equirectangular: false,
+            described_by: Vec::new(),
             warnings: Vec::new(),
         }
     }
@@ -87,7 +90,7 @@ impl Parts {
         if self.timestamps_s.is_empty() {
             return Err(RecordingError::content(&self.path, "the recording has no frames"));
         }
-        let Header { width, height, bits } = common_header(&self.pictures)?;
+        let Header { width, height, bits } = common_header(&self.pictures, &self.described_by)?;
         let frame_interval_s =
             median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0).unwrap_or(1.0 / NOMINAL_FPS);
         warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
@@ -120,7 +123,8 @@ impl Parts {
         if let Some(depth) = &depth {
             associated("depth picture", depth.iter().filter(|d| d.is_none()).count());
         }
-        if let Some(warning) = depth_size_warning(depth.iter().flatten().flatten(), width, height)? {
+        if let Some(warning) = depth_size_warning(depth.iter().flatten().flatten(), width, height, &self.described_by)?
+        {
             warnings.push(warning);
         }
         let photos = photo_settings(&self.pictures, &mut warnings);
@@ -130,7 +134,7 @@ impl Parts {
             let time_s = listed.time_s.or(photo.time_s.filter(|_| self.kind.has_times()));
             FrameExposure { time_s, photo, ..listed }
         });
-        let mut recording = Recording {
+        Ok(Recording {
             name: self.name,
             path: self.path,
             kind: self.kind,
@@ -145,14 +149,13 @@ impl Parts {
             geometries: if geometry.is_some() { Vec::new() } else { self.geometries },
             geometry,
             camera_profile: self.camera_profile,
+            described_by: self.described_by,
             exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
             codes_per_metre: self.depth.map_or(1.0, |depth| depth.codes_per_metre),
             depth: depth.map(Arc::from),
-        };
-        recording.warnings.extend(missing_poses(&recording));
-        Ok(recording)
+        })
     }
 }
 
@@ -187,7 +190,7 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
 }
 
 /// The header that all frames share; stills are looked at one by one, which reads only their headers.
-fn common_header(pictures: &Pictures) -> Result<Header, RecordingError> {
+fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, RecordingError> {
     let files = match pictures {
         Pictures::Video(Video { width, height, bits, .. }) => {
             return Ok(Header { width: *width, height: *height, bits: *bits });
@@ -196,7 +199,7 @@ fn common_header(pictures: &Pictures) -> Result<Header, RecordingError> {
     };
     let mut first: Option<(&PathBuf, Header)> = None;
     for file in files {
-        let header = still::read_header(file)?;
+        let header = still::read_header(file).map_err(|error| listing::named_in(lists, error))?;
         let (first_file, first_header) = *first.get_or_insert((file, header));
         if header != first_header {
             let text = |h: Header| format!("{}x{} with {} bits", h.width, h.height, h.bits);
@@ -245,10 +248,11 @@ fn depth_size_warning<'a>(
     files: impl Iterator<Item = &'a (f64, PathBuf)>,
     width: u32,
     height: u32,
+    lists: &[PathBuf],
 ) -> Result<Option<String>, RecordingError> {
     let mut warning = None;
     for (_, file) in files {
-        let header = still::read_header(file)?;
+        let header = still::read_header(file).map_err(|error| listing::named_in(lists, error))?;
         if (header.width, header.height) != (width, height) && warning.is_none() {
             let Header { width: w, height: h, .. } = header;
             warning = Some(format!("{}: depth is {w}x{h}, the frames are {width}x{height}", file.display()));
@@ -268,12 +272,4 @@ fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {
         words::count(count, "interval"),
         first + 1
     ))
-}
-
-fn missing_poses(recording: &Recording) -> Option<String> {
-    let count = recording.frame_count();
-    let mut missing = (0..count).filter_map(|i| recording.pose_at_frame(i).err().map(|why| (i, why)));
-    let (first, why) = missing.next()?;
-    let number = 1 + missing.count();
-    Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
 }

@@ -15,7 +15,8 @@ pub const FRAME_LIST: &str = "rgb.txt";
 const CODES_PER_METRE: f64 = 5000.0;
 
 pub fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let (timestamps_s, files) = listing::read_pictures(&folder.join(FRAME_LIST))?.into_iter().unzip();
+    let frame_list = folder.join(FRAME_LIST);
+    let (timestamps_s, files) = listing::read_pictures(&frame_list)?.into_iter().unzip();
     let mut parts = Parts::new(Kind::Tum, folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
     let file = folder.join("groundtruth.txt");
@@ -23,8 +24,10 @@ pub fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingErro
     parts.warnings.extend(trajectory.warnings);
     parts.track = track_from(trajectory.poses, options.max_gap_s, &file)?;
     let depth_list = folder.join("depth.txt");
+    parts.described_by = vec![frame_list, file];
     if depth_list.exists() {
         let files = listing::read_pictures(&depth_list)?;
+        parts.described_by.push(depth_list);
         parts.depth = Some(DepthFiles { by_time: files, codes_per_metre: CODES_PER_METRE });
     }
     Ok(parts)

@@ -200,7 +200,7 @@ impl Studio<'_> {
     /// Draws the objects by a geometry; with `parallel` its focal lengths are px a metre.
     fn draw(&mut self, geometry: &Geometry, pose: Pose, parallel: bool) -> Result<Drawn, GpuError> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
-        let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0 };
+        let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0, beyond_s: 0.0 };
         let keys = ViewKeys::new(shutter, |_| pose);
         let footprint = self.renderer.footprint(geometry, &keys, shutter);
         let full = Rect::full(width, height);

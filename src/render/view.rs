@@ -17,6 +17,8 @@ pub const NEAR_M: f64 = 0.01;
 pub struct Shutter {
     pub exposure_time_s: f64,
     pub readout_time_s: f64,
+    /// How far moments that are drawn lie before or behind the exposure, at most.
+    pub beyond_s: f64,
 }
 
 impl Shutter {
@@ -28,7 +30,7 @@ impl Shutter {
 
     /// From the frame's timestamp to the farthest moment that a vertex may ask for.
     pub fn reach_s(&self) -> f64 {
-        self.velocity_step_s() + self.readout_time_s
+        self.velocity_step_s() + self.beyond_s + self.readout_time_s
     }
 }
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::SceneError;
 
@@ -85,8 +85,12 @@ pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, Sce
     if name.contains("://") || name.starts_with("file:") || Path::new(name.as_ref()).is_absolute() {
         return Err(SceneError::bad(file, what, format!("{uri:?}"), accepted));
     }
-    let folder = file.parent().unwrap_or(Path::new(""));
-    read(&folder.join(name.as_ref()), Some(file))
+    read(&beside(file, uri), Some(file))
+}
+
+/// The file that a relative URI in `file` names.
+pub(super) fn beside(file: &Path, uri: &str) -> PathBuf {
+    file.parent().unwrap_or(Path::new("")).join(percent_decoded(uri).as_ref())
 }
 
 /// `%20` and its like as the bytes they stand for (RFC 3986, section 2.1).

@@ -38,6 +38,14 @@ impl Document {
         Ok(document)
     }
 
+    /// The file itself and those that it names.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let images = self.json.images.iter().filter_map(|image| image.uri.as_deref());
+        let uris = self.json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).chain(images);
+        let named = uris.filter(|uri| !uri.starts_with("data:")).map(|uri| bytes::beside(&self.file, uri));
+        std::iter::once(self.file.clone()).chain(named)
+    }
+
     pub fn bad(&self, what: impl Display, found: impl Display, accepted: impl Display) -> SceneError {
         SceneError::bad(&self.file, what, found, accepted)
     }

@@ -17,6 +17,7 @@ mod place;
 mod scene_file;
 mod schema;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
@@ -37,6 +38,8 @@ pub struct Scene {
     pub up_in_world: Option<DVec3>,
     /// What is odd or not supported, each said once.
     pub warnings: Vec<String>,
+    /// The files that it was read from.
+    pub files: Vec<PathBuf>,
 }
 
 /// One piece of evidence: the unit that has a blur vector of its own.

@@ -52,6 +52,7 @@ pub(super) struct Reader<'a> {
 /// Reads a model; `needed_by` is the scene file that names it.
 pub(super) fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Model, SceneError> {
     let document = &Document::open(file, needed_by)?;
+    loader.scene.files.extend(document.files());
     let mut reader = Reader {
         document,
         loader,

@@ -96,6 +96,7 @@ struct SunTable {
 /// Reads a scene file into the loader.
 pub(super) fn read(loader: &mut Loader, file: &Path, recording_up: Option<DVec3>) -> Result<(), SceneError> {
     let scene = parse(file)?;
+    loader.scene.files.push(file.to_owned());
     let world_up = match scene.up {
         Some(up) => up.axis(file, "up")?,
         None => recording_up.unwrap_or(DVec3::Z),
@@ -127,6 +128,9 @@ fn parse(file: &Path) -> Result<File, SceneError> {
     let bytes = bytes::read(file, None)?;
     let text =
         str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
+    if let Some((key, found)) = text.parse().ok().and_then(|table| not_finite(&toml::Value::Table(table))) {
+        return Err(SceneError::bad(file, key, found, "finite numbers"));
+    }
     let scene: File = toml::from_str(text).map_err(|e| {
         let before = e.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
         let what = format!("line {}", before.matches('\n').count() + 1);
@@ -136,6 +140,24 @@ fn parse(file: &Path) -> Result<File, SceneError> {
         return Err(SceneError::bad(file, "version", scene.version, "1"));
     }
     Ok(scene)
+}
+
+/// The first number that is not finite, with its key, as in `objects[0].position_m[2]`.
+fn not_finite(value: &toml::Value) -> Option<(String, f64)> {
+    match value {
+        toml::Value::Float(number) if !number.is_finite() => Some((String::new(), *number)),
+        toml::Value::Table(table) => table.iter().find_map(|(key, value)| {
+            let (inner, number) = not_finite(value)?;
+            let dot = if inner.is_empty() || inner.starts_with('[') { "" } else { "." };
+            Some((format!("{key}{dot}{inner}"), number))
+        }),
+        toml::Value::Array(list) => list.iter().enumerate().find_map(|(i, value)| {
+            let (inner, number) = not_finite(value)?;
+            let dot = if inner.is_empty() || inner.starts_with('[') { "" } else { "." };
+            Some((format!("[{i}]{dot}{inner}"), number))
+        }),
+        _ => None,
+    }
 }
 
 fn place(
@@ -290,6 +312,7 @@ fn environment(
     }
     let path = file.parent().unwrap_or(Path::new("")).join(name);
     let (width, height, rgb) = picture::decode_hdr(&path, file)?;
+    loader.scene.files.push(path.clone());
     if width != 2 * height {
         loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
     }

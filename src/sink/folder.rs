@@ -9,6 +9,11 @@ use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions};
 use crate::image::{Codes, Pixels};
 
+/// What a frame's file is called.
+pub fn frame_name(frame_index: usize) -> String {
+    format!("frame_{frame_index:06}.png")
+}
+
 /// Writes `frame_000012.png` and so on, each whole or not there. With `force` a frame replaces
 /// the file of its name and nothing else, so that ranges rendered apart can share a folder.
 #[derive(Debug)]
@@ -19,11 +24,7 @@ pub struct FolderSink {
 
 impl FolderSink {
     pub fn open(folder: &Path, options: &SinkOptions) -> Result<Self, SinkError> {
-        let failed = |source| SinkError::Write { path: folder.to_owned(), source };
-        std::fs::create_dir_all(folder).map_err(failed)?;
-        if !options.force && std::fs::read_dir(folder).map_err(failed)?.next().is_some() {
-            return Err(SinkError::Exists { path: folder.to_owned() });
-        }
+        std::fs::create_dir_all(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })?;
         Ok(Self { folder: folder.to_owned(), options: *options })
     }
 }
@@ -35,7 +36,7 @@ impl Sink for FolderSink {
             Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
             Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
         };
-        let path = self.folder.join(format!("frame_{frame_index:06}.png"));
+        let path = self.folder.join(frame_name(frame_index));
         write_atomically(&path, |writer| {
             PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
                 .write_image(bytes, pixels.width, pixels.height, color)

@@ -1,9 +1,9 @@
 //! Pixels out: a folder of PNG files, a video file, raw values on the standard output; layers
 //! as OpenEXR. Nothing that is not finished bears its final name.
 
-mod atomic;
+pub mod atomic;
 pub mod exr;
-mod folder;
+pub mod folder;
 pub mod photograph;
 pub mod picture;
 pub mod raw;
@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use crate::image::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
+use crate::words::reason;
 
 /// Where finished frames go, one after the other.
 pub trait Sink {
@@ -89,15 +90,21 @@ pub enum SinkError {
     Shape { frame: usize, found: String, expected: String },
 }
 
-fn reason(error: &std::io::Error) -> String {
-    match error.kind() {
-        std::io::ErrorKind::StorageFull => "the disk is full".to_owned(),
-        std::io::ErrorKind::BrokenPipe => "whoever was reading has closed it".to_owned(),
-        _ => error.to_string(),
+/// That nothing is in the way: what exists is refused unless `force`, a file, or a folder with anything in it.
+pub fn check(out: &OutPath, force: bool) -> Result<(), SinkError> {
+    let taken = match out {
+        _ if force => false,
+        OutPath::Folder(path) => std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()),
+        OutPath::Video(path) => path.exists(),
+        OutPath::Stdout => false,
+    };
+    match out {
+        OutPath::Folder(path) | OutPath::Video(path) if taken => Err(SinkError::Exists { path: path.clone() }),
+        _ => Ok(()),
     }
 }
 
-/// Opens an output. What exists is refused unless `force`: a file, or a folder with anything in it.
+/// Opens an output after [`check`].
 pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>, SinkError> {
     let path = match out {
         OutPath::Folder(path) | OutPath::Video(path) => path.as_path(),
@@ -108,6 +115,7 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
         let problem = format!("{width}x{height} with {bits} bits cannot be written; accepted are 8 and 16 bits");
         return Err(SinkError::Refused { path: path.to_owned(), problem });
     }
+    check(out, options.force)?;
     Ok(match out {
         OutPath::Folder(path) => Box::new(folder::FolderSink::open(path, options)?),
         OutPath::Video(path) => Box::new(video::VideoSink::open(path, options)?),

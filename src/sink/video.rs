@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ChildStdin;
 
-use super::atomic::partial_path;
+use super::atomic::Partial;
 use super::{Sink, SinkError, SinkOptions, little_endian};
 use crate::image::Pixels;
 use crate::source::ffmpeg::{self, Running};
@@ -15,17 +15,14 @@ use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
 #[derive(Debug)]
 pub struct VideoSink {
     path: PathBuf,
-    partial: PathBuf,
     options: SinkOptions,
-    /// `None` once ended.
+    /// `None` once ended. Goes before the file that it writes.
     running: Option<(Running, ChildStdin)>,
+    partial: Partial,
 }
 
 impl VideoSink {
     pub fn open(path: &Path, options: &SinkOptions) -> Result<Self, SinkError> {
-        if path.exists() && !options.force {
-            return Err(SinkError::Exists { path: path.to_owned() });
-        }
         let refuse = |problem: &str| SinkError::Refused { path: path.to_owned(), problem: problem.to_owned() };
         if !(options.fps.is_finite() && options.fps > 0.0) {
             return Err(refuse("frames a second must be finite and above 0"));
@@ -37,12 +34,13 @@ impl VideoSink {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })?;
         }
-        let partial = partial_path(path);
-        let mut running = Running::start("ffmpeg", &arguments(options, &partial, mkv))?;
+        let (partial, _) =
+            Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
+        let mut running = Running::start("ffmpeg", &arguments(options, partial.path(), mkv))?;
         // Nobody reads what ffmpeg might say there; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        Ok(Self { path: path.to_owned(), partial, options: *options, running })
+        Ok(Self { path: path.to_owned(), options: *options, running, partial })
     }
 
     /// Waits for ffmpeg and tells a failure in its words.
@@ -97,15 +95,7 @@ impl Sink for VideoSink {
 
     fn finish(mut self: Box<Self>) -> Result<(), SinkError> {
         self.end()?;
-        std::fs::rename(&self.partial, &self.path)
-            .map_err(|source| SinkError::Write { path: self.path.clone(), source })
-    }
-}
-
-impl Drop for VideoSink {
-    fn drop(&mut self) {
-        // Killed first, so that it does not go on writing. After a finish both are gone already.
-        drop(self.running.take());
-        let _ = std::fs::remove_file(&self.partial);
+        let Self { path, partial, .. } = *self;
+        partial.finish().map_err(|source| SinkError::Write { path, source })
     }
 }

@@ -3,15 +3,18 @@
 pub mod ahead;
 pub mod exif;
 pub mod ffmpeg;
+pub mod jpeg;
 pub mod still;
 pub mod video;
 
 use std::path::{Path, PathBuf};
 
+use crate::words::reason;
+
 /// Why there are no pixels.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    #[error("{}: cannot be read: {source}", file.display())]
+    #[error("{}: cannot be read: {}", file.display(), reason(source))]
     Read { file: PathBuf, source: std::io::Error },
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },

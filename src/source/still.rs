@@ -2,6 +2,7 @@
 //! by name. Pixels come as stored: no colour profile, no gamma, no rotation is applied, and
 //! transparency is dropped.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
@@ -9,6 +10,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder};
 
 use super::SourceError;
+use super::jpeg::{self, Ending};
 use crate::image::{Codes, DepthMap, Pixels};
 
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -58,7 +60,7 @@ pub fn check_end(file: &Path) -> Result<(), SourceError> {
     let bytes = read(file)?;
     let end = match bytes {
         _ if bytes.starts_with(PNG_SIGNATURE) => png_end(&bytes),
-        _ if bytes.starts_with(JPEG_SIGNATURE) => jpeg_end(&bytes),
+        _ if bytes.starts_with(JPEG_SIGNATURE) => jpeg::check(&bytes).map(drop),
         _ => Err(NEITHER.to_owned()),
     };
     end.map_err(|problem| SourceError::content(file, problem))
@@ -77,16 +79,6 @@ fn png_end(bytes: &[u8]) -> Result<(), String> {
     Err("the PNG is truncated: its last chunk is missing".to_owned())
 }
 
-/// The decoder fills what is missing with grey; an end marker after the first scan tells a whole file. Inside a scan FF
-/// is always followed by 00 or a restart marker.
-fn jpeg_end(bytes: &[u8]) -> Result<(), String> {
-    let mut reader = Cursor::new(bytes);
-    jpeg_header(&mut reader)?;
-    let scan = bytes.get(reader.position() as usize..).unwrap_or_default();
-    let ended = scan.windows(2).any(|pair| pair == b"\xff\xd9");
-    ended.then_some(()).ok_or_else(|| "the JPEG is truncated: its end marker is missing".to_owned())
-}
-
 fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
     std::fs::read(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })
 }
@@ -97,8 +89,12 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         return from_decoder(image::codecs::png::PngDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
     }
     if bytes.starts_with(JPEG_SIGNATURE) {
-        jpeg_end(bytes)?;
-        return from_decoder(image::codecs::jpeg::JpegDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
+        // The decoder paints over what is missing, and takes a missing end marker for missing pixels.
+        let bytes = match jpeg::check(bytes)? {
+            Ending::Marked => Cow::Borrowed(bytes),
+            Ending::Unmarked => Cow::Owned([bytes, b"\xff\xd9"].concat()),
+        };
+        return from_decoder(image::codecs::jpeg::JpegDecoder::new(Cursor::new(&*bytes)).map_err(damaged)?);
     }
     Err(NEITHER.to_owned())
 }
@@ -222,16 +218,15 @@ mod tests {
     fn every_truncation_is_an_error_with_its_path() {
         for whole in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
             decode(&whole).unwrap();
-            for length in 0..whole.len() {
-                // A PNG's pixels are whole and checked when only (part of) its end chunk is gone.
-                if whole.starts_with(PNG_SIGNATURE) && length >= whole.len() - 12 {
-                    continue;
-                }
+            // A PNG's pixels are whole and checked when only (part of) its end chunk is gone, a JPEG's without its end marker.
+            let end = if whole.starts_with(PNG_SIGNATURE) { 12 } else { 2 };
+            for length in 0..whole.len() - end {
                 assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes pass", whole.len());
             }
             let (_folder, file) = saved(&whole);
             check_end(&file).unwrap();
-            for length in 0..whole.len() {
+            let end = if whole.starts_with(PNG_SIGNATURE) { 0 } else { 2 };
+            for length in 0..whole.len() - end {
                 std::fs::write(&file, &whole[..length]).unwrap();
                 assert!(check_end(&file).is_err(), "the end of {length} of {} bytes passes", whole.len());
             }
@@ -239,6 +234,29 @@ mod tests {
         let (_folder, file) = saved(&jpeg()[..400]);
         let error = read_pixels(&file).unwrap_err().to_string();
         assert!(error.starts_with(&file.display().to_string()) && error.contains("truncated"), "{error}");
+    }
+
+    /// Cut off anywhere in its data and ended with a marker, as programs that save what they could read leave it.
+    #[test]
+    fn an_end_marker_does_not_make_a_jpeg_whole() {
+        let whole = jpeg();
+        let data = whole.windows(2).position(|pair| pair == b"\xff\xda").unwrap() + 14;
+        for length in data..whole.len() - 2 {
+            let cut = [&whole[..length], b"\xff\xd9"].concat();
+            let error = decode(&cut).unwrap_err();
+            assert!(error.contains("truncated"), "{length} of {} bytes: {error}", whole.len());
+        }
+        // What does no harm: bytes behind the end, bytes and fill before it, no end marker.
+        let pixels = decode(&whole).unwrap();
+        let body = &whole[..whole.len() - 2];
+        for odd in [
+            [&whole[..], b"trailing \xff\xd8\xff\xd9"].concat(),
+            [body, b"\0\0\xff\xff\xff\xd9"].concat(),
+            body.to_vec(),
+            [body, b"\xff"].concat(),
+        ] {
+            assert_eq!(decode(&odd).unwrap(), pixels);
+        }
     }
 
     #[test]
@@ -258,7 +276,7 @@ mod tests {
             let bytes = [start, &bytes].concat();
             let _ = decode(&bytes);
             let _ = header(&mut Cursor::new(&bytes));
-            let _ = png_end(&bytes);
+            let _ = (png_end(&bytes), jpeg::check(&bytes));
         }
 
         #[test]

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use serde::Deserialize;
 
 use super::SourceError;
-use super::ffmpeg::{self, Running};
+use super::ffmpeg::{self, FfmpegError, Running};
 use crate::image::{Codes, Pixels};
 
 /// What to do about a damaged file.
@@ -133,7 +133,16 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.push(ffmpeg::file_argument(file));
-    let output = ffmpeg::output("ffprobe", &arguments)?;
+    let output = ffmpeg::output("ffprobe", &arguments).map_err(|error| match error {
+        // An MP4's index stands at its end, as a rule.
+        FfmpegError::Failed { problem, .. } => {
+            let problem = format!(
+                "cannot be opened; is it cut off before its index, or no video? ffprobe says: {problem}; {MEND}"
+            );
+            SourceError::content(file, problem)
+        }
+        other => other.into(),
+    })?;
     let video = parse_probe(&output.written, file, overrides)?;
     if output.complaints.is_empty() {
         return Ok(video);

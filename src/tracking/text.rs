@@ -3,10 +3,12 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::words::reason;
+
 /// A text file that cannot be read or does not hold what it should.
 #[derive(Debug, thiserror::Error)]
 pub enum TextError {
-    #[error("{}: cannot be read: {source}", file.display())]
+    #[error("{}: cannot be read: {}", file.display(), reason(source))]
     Read { file: PathBuf, source: std::io::Error },
     /// Lines count from 1.
     #[error("{}, line {line}: {problem}", file.display())]

@@ -104,7 +104,11 @@ fn mistakes_are_named_with_their_place() {
             "version = 1\nobjects = [{ model = 'triangle.glb', quaternion = [0, 0, 0, 1], rotation_deg = [0, 0, 0] }]",
             ["rotation_deg and quaternion", "one of them"],
         ),
-        ("version = 1\nobjects = [{ model = 'triangle.glb', position_m = [inf, 0, 0] }]", ["objects[0]", "too large"]),
+        (
+            "version = 1\nobjects = [{ model = 'triangle.glb', position_m = [0, inf, 0] }]",
+            ["objects[0].position_m[1]", "inf"],
+        ),
+        ("version = 1\n[light]\nambient = [nan, 0, 0]", ["light.ambient[0]", "NaN"]),
         (
             "version = 1\n[[objects]]\nmodel = 'triangle.glb'\n[[objects.instances]]\n[[objects.instances]]\nscale = 0",
             ["instances[1].scale", "other than 0"],

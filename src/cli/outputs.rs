@@ -1,0 +1,149 @@
+//! Where a run may write: never over what it reads, nor among the frames of a recording.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+
+use crate::recording::Recording;
+
+/// What a run reads.
+#[derive(Debug, Default)]
+pub struct Inputs {
+    files: Vec<PathBuf>,
+    /// The recording's own folder.
+    recording: Option<PathBuf>,
+    /// Where frames and depth pictures lie.
+    folders: Vec<PathBuf>,
+}
+
+impl Inputs {
+    pub fn of(recording: &Recording) -> Self {
+        let files: Vec<_> = recording.files().map(Path::to_owned).collect();
+        let mut folders: Vec<_> = recording.folders().into_iter().map(resolved).collect();
+        folders.dedup();
+        Self { files, recording: Some(resolved(&recording.path)), folders }
+    }
+
+    /// Reads these files too.
+    pub fn and<'a>(mut self, files: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        self.files.extend(files.into_iter().cloned());
+        self
+    }
+
+    /// That a file can be written there.
+    pub fn check_file(&self, path: &Path) -> Result<()> {
+        let at = resolved(path);
+        if self.is_read(path, &at) {
+            bail!("{}: is read in this run, {NEVER}", path.display());
+        }
+        let ending = at.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let is_picture = matches!(ending.as_str(), "png" | "jpg" | "jpeg");
+        let beside = |folder: &PathBuf| at.parent() == Some(folder);
+        if self
+            .folders
+            .iter()
+            .any(|folder| (is_picture && beside(folder)) || (self.is_its(folder) && at.starts_with(folder)))
+        {
+            bail!("{}: lies in the folder of the recording's frames, {NEVER}", path.display());
+        }
+        Ok(())
+    }
+
+    /// That files of these names can be written into a folder.
+    pub fn check_folder(&self, path: &Path, names: impl IntoIterator<Item = String>) -> Result<()> {
+        let at = resolved(path);
+        if self.recording.as_ref() == Some(&at) {
+            bail!("{}: is the recording's folder, {NEVER}", path.display());
+        }
+        if self.folders.iter().any(|folder| at == *folder || (self.is_its(folder) && at.starts_with(folder))) {
+            bail!("{}: is the folder of the recording's frames, {NEVER}", path.display());
+        }
+        let mut there = names.into_iter().map(|name| at.join(name)).filter(|file| file.exists());
+        if let Some(read) = there.find(|file| self.is_read(file, file)) {
+            bail!("{}: is read in this run, {NEVER}", read.display());
+        }
+        Ok(())
+    }
+
+    /// Whether a folder of frames belongs to the recording alone: others may hold anything beside the frames.
+    fn is_its(&self, folder: &Path) -> bool {
+        self.recording.as_deref().is_some_and(|own| folder != own && folder.starts_with(own))
+    }
+
+    fn is_read(&self, path: &Path, at: &Path) -> bool {
+        // What does not exist is none of them.
+        path.exists() && self.files.iter().any(|file| file.canonicalize().is_ok_and(|file| file == at))
+    }
+}
+
+const NEVER: &str = "which is not written to, with --force neither; choose another place";
+
+/// Whether two paths mean one place.
+pub fn same(a: &Path, b: &Path) -> bool {
+    resolved(a) == resolved(b)
+}
+
+/// A path from the root without links, of which the last parts need not exist.
+pub fn resolved(path: &Path) -> PathBuf {
+    // No name at all is the folder one is in.
+    let path = std::path::absolute(Path::new(".").join(path)).unwrap_or_else(|_| path.to_owned());
+    let parts: Vec<_> = path.components().collect();
+    for there in (1..=parts.len()).rev() {
+        if let Ok(real) = parts[..there].iter().collect::<PathBuf>().canonicalize() {
+            return parts[there..].iter().fold(real, |at, part| match part {
+                std::path::Component::ParentDir => at.parent().map(Path::to_owned).unwrap_or(at),
+                part => at.join(part),
+            });
+        }
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_that_is_read_is_written_to() {
+        let temp = tempfile::tempdir().unwrap();
+        let at = |name: &str| temp.path().join(name);
+        std::fs::create_dir_all(at("r/rgb")).unwrap();
+        let read = ["r/recording.toml", "r/rgb/0.jpg", "scene.toml"].map(at);
+        for file in &read {
+            std::fs::write(file, "").unwrap();
+        }
+        let inputs =
+            Inputs { files: read.to_vec(), recording: Some(resolved(&at("r"))), folders: vec![resolved(&at("r/rgb"))] };
+        for file in [
+            "r/recording.toml",
+            "r/rgb/0.jpg",
+            "scene.toml",
+            "r/../scene.toml",
+            "r/rgb/new.json",
+            "r/new/../rgb/a/b.json",
+        ] {
+            assert!(inputs.check_file(&at(file)).is_err(), "{file}");
+        }
+        for file in ["r/report.json", "new/report.json", "r/picture.png"] {
+            assert!(inputs.check_file(&at(file)).is_ok(), "{file}");
+        }
+        let names = || ["0.jpg".to_owned()];
+        for folder in ["r", "r/rgb", "r/rgb/.", "r/rgb/new"] {
+            assert!(inputs.check_folder(&at(folder), names()).is_err(), "{folder}");
+        }
+        assert!(inputs.check_folder(&at("r/out"), names()).is_ok());
+
+        // Frames beside everything else, and files of the names that would be written.
+        let inputs = Inputs { folders: vec![resolved(&at("r"))], ..inputs };
+        assert!(inputs.check_file(&at("r/picture.png")).is_err() && inputs.check_file(&at("r/report.json")).is_ok());
+        assert!(
+            inputs.check_folder(&at("r/out"), names()).is_ok() && inputs.check_folder(&at("r/rgb"), names()).is_err()
+        );
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(at("scene.toml"), at("link")).unwrap();
+            assert!(inputs.check_file(&at("link")).is_err());
+        }
+        assert!(same(&at("a/../b"), &at("b")) && !same(&at("a"), &at("b")));
+    }
+}

@@ -1,0 +1,390 @@
+//! Whether all of a JPEG's coded data is there.
+//!
+//! Decoders make something up for what is missing: grey, or the last column drawn on. So the codes are walked through
+//! without being decoded: a scan is whole when it holds every block that the header promises. Source: ITU-T T.81
+//! (Huffman codes: annex C and F.2.2; scans and restarts: annex B and E; progressive scans: annex G).
+//!
+//! Not looked into: arithmetic coding, lossless and hierarchical files, which no reader here decodes; whether a progressive
+//! file that ends between two scans should have had more of them.
+
+/// How a whole picture ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    Marked,
+    /// All blocks are there, the end marker is not: some cameras leave it out.
+    Unmarked,
+}
+
+/// More blocks than these (2³⁰ pixels) are not kept account of.
+const MOST_BLOCKS: usize = 1 << 24;
+/// A Huffman code's first bits, by which most codes are found at once.
+const QUICK_BITS: u32 = 9;
+
+enum Stop {
+    /// The data ended, or a marker stands where data should.
+    Ended,
+    /// Bits that stand for nothing.
+    Invalid,
+}
+
+/// Walks through a JPEG's codes; the message says how it is truncated or damaged.
+pub fn check(bytes: &[u8]) -> Result<Ending, String> {
+    let mut file = File { bytes, ..File::default() };
+    let mut at = 2;
+    while let Some(marker) = next_marker(bytes, &mut at) {
+        match marker {
+            0xd9 => return file.end(Ending::Marked),
+            0x01 | 0xd0..=0xd8 => continue,
+            _ => {}
+        }
+        let length = bytes.get(at..at + 2).map_or(0, |l| usize::from(u16::from_be_bytes([l[0], l[1]])));
+        let Some(segment) = bytes.get(at + 2..at + length) else { return Err(truncated(" in its header")) };
+        at += length;
+        match marker {
+            0xc0..=0xc2 if file.components.is_empty() => match file.frame(segment, marker == 0xc2) {
+                Some(()) => {}
+                None => return Ok(Ending::Marked),
+            },
+            0xc4 => file.tables(segment).ok_or_else(|| DAMAGED.to_owned())?,
+            0xc0..=0xcf if marker != 0xc8 => return Ok(Ending::Marked),
+            0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
+            0xda => at = file.scan(segment, at)?,
+            _ => {}
+        }
+    }
+    file.end(Ending::Unmarked)
+}
+
+const DAMAGED: &str = "the JPEG is damaged: its codes stand for nothing";
+
+fn truncated(how: &str) -> String {
+    format!("the JPEG is truncated{how}")
+}
+
+/// The next marker, past whatever stands before it and is none; `at` is moved behind it.
+fn next_marker(bytes: &[u8], at: &mut usize) -> Option<u8> {
+    loop {
+        let pair = bytes.get(*at..*at + 2)?;
+        if pair[0] == 0xff && !matches!(pair[1], 0x00 | 0xff) {
+            *at += 2;
+            return Some(pair[1]);
+        }
+        *at += 1;
+    }
+}
+
+#[derive(Default)]
+struct File<'a> {
+    bytes: &'a [u8],
+    is_progressive: bool,
+    size: [usize; 2],
+    components: Vec<Component>,
+    /// For differences of means, and for the other coefficients.
+    huffman: [[Option<Table>; 4]; 2],
+    restart_every: usize,
+}
+
+struct Component {
+    id: u8,
+    /// Blocks in a unit across and down.
+    sampling: [usize; 2],
+    /// Whether a scan held its means.
+    seen: bool,
+    /// Of a progressive file, for each block, which coefficients are not 0 so far.
+    known: Vec<u64>,
+}
+
+/// What a scan says of the blocks in it.
+#[derive(Clone, Copy)]
+struct Band {
+    first: u32,
+    last: u32,
+    is_refined: bool,
+}
+
+impl File<'_> {
+    /// `None` where the frame is none that is looked into.
+    fn frame(&mut self, segment: &[u8], is_progressive: bool) -> Option<()> {
+        let word = |at: usize| Some(usize::from(u16::from_be_bytes([*segment.get(at)?, *segment.get(at + 1)?])));
+        self.is_progressive = is_progressive;
+        self.size = [word(3)?, word(1)?];
+        let count = usize::from(*segment.get(5)?);
+        for part in segment.get(6..6 + 3 * count)?.chunks_exact(3) {
+            let sampling = [usize::from(part[1] >> 4), usize::from(part[1] & 15)];
+            let component = Component { id: part[0], sampling, seen: false, known: Vec::new() };
+            self.components.push(component);
+        }
+        let fits = self.components.iter().all(|c| c.sampling.iter().all(|s| (1..=4).contains(s)));
+        let [across, down] = self.units();
+        (fits && across * down > 0 && across * down <= MOST_BLOCKS).then_some(())
+    }
+
+    /// Blocks of the finest component in a unit.
+    fn finest(&self, axis: usize) -> usize {
+        self.components.iter().map(|c| c.sampling[axis]).max().unwrap_or(1)
+    }
+
+    /// Units across and down, each with blocks of all components.
+    fn units(&self) -> [usize; 2] {
+        [0, 1].map(|axis| self.size[axis].div_ceil(8 * self.finest(axis).max(1)))
+    }
+
+    fn tables(&mut self, mut segment: &[u8]) -> Option<()> {
+        while let Some((&kind, rest)) = segment.split_first() {
+            let (lengths, rest) = rest.split_first_chunk::<16>()?;
+            let count = lengths.iter().map(|&n| usize::from(n)).sum();
+            let symbols = rest.get(..count)?;
+            *self.huffman.get_mut(usize::from(kind >> 4))?.get_mut(usize::from(kind & 15))? =
+                Some(Table::new(lengths, symbols)?);
+            segment = rest.get(count..)?;
+        }
+        Some(())
+    }
+
+    fn end(&self, ending: Ending) -> Result<Ending, String> {
+        if self.components.is_empty() || !self.components.iter().all(|c| c.seen) {
+            return Err(truncated(": scans are missing"));
+        }
+        if ending == Ending::Unmarked && self.is_progressive {
+            return Err(truncated(": its end marker is missing"));
+        }
+        Ok(ending)
+    }
+
+    /// Walks through a scan whose data begins at `at`; gives where it ends.
+    fn scan(&mut self, segment: &[u8], at: usize) -> Result<usize, String> {
+        let damaged = || DAMAGED.to_owned();
+        let count = usize::from(*segment.first().ok_or_else(damaged)?);
+        let parts = segment.get(1..1 + 2 * count).ok_or_else(damaged)?;
+        let Some(&[first, last, high_low]) = segment.get(1 + 2 * count..4 + 2 * count).and_then(|s| s.first_chunk())
+        else {
+            return Err(damaged());
+        };
+        let band = match self.is_progressive {
+            false => Band { first: 0, last: 63, is_refined: false },
+            true => Band { first: first.into(), last: last.min(63).into(), is_refined: high_low >> 4 > 0 },
+        };
+        let mut chosen = Vec::new();
+        for part in parts.chunks_exact(2) {
+            let index = self.components.iter().position(|c| c.id == part[0]).ok_or_else(damaged)?;
+            chosen.push((index, [usize::from(part[1] >> 4), usize::from(part[1] & 15)]));
+        }
+        let units = self.units();
+        for &(index, _) in &chosen {
+            let component = &mut self.components[index];
+            component.seen |= band.first == 0;
+            if self.is_progressive && component.known.is_empty() {
+                component.known = vec![0; units[0] * units[1] * component.sampling[0] * component.sampling[1]];
+            }
+        }
+        // A scan of one component has its blocks as they lie in the picture, without those that fill units up.
+        let grid = match chosen.as_slice() {
+            [(index, _)] => {
+                let sampling = self.components[*index].sampling;
+                [0, 1].map(|axis| (self.size[axis] * sampling[axis]).div_ceil(self.finest(axis)).div_ceil(8))
+            }
+            _ => units,
+        };
+        let mut bits = Bits { bytes: self.bytes, at, buffer: 0, count: 0 };
+        let mut run = 0;
+        let total = grid[0] * grid[1];
+        for unit in 0..total {
+            let stopped = |stop| match stop {
+                Stop::Ended => truncated(&format!(" after {:.0} % of its data", 100.0 * unit as f64 / total as f64)),
+                Stop::Invalid => DAMAGED.to_owned(),
+            };
+            if self.restart_every > 0 && unit > 0 && unit % self.restart_every == 0 {
+                bits.restart().map_err(stopped)?;
+                run = 0;
+            }
+            for &(index, tables) in &chosen {
+                let component = &mut self.components[index];
+                let alone = chosen.len() == 1;
+                let [h, v] = if alone { [1, 1] } else { component.sampling };
+                let width = units[0] * component.sampling[0];
+                let [dc, ac] = [0, 1].map(|kind| self.huffman[kind].get(tables[kind]).and_then(Option::as_ref));
+                for block in 0..h * v {
+                    let (x, y) = (unit % grid[0] * h + block % h, unit / grid[0] * v + block / h);
+                    let walked = match component.known.get_mut(y * width + x) {
+                        Some(known) => bits.progressive(dc, ac, band, known, &mut run),
+                        None => bits.sequential(dc, ac),
+                    };
+                    walked.map_err(stopped)?;
+                }
+            }
+        }
+        Ok(bits.at)
+    }
+}
+
+/// A Huffman table: symbols by code (T.81, annex C and F.2.2.3).
+struct Table {
+    /// For each beginning of a code its length and symbol; length 0 where the code is longer.
+    quick: Vec<(u8, u8)>,
+    /// For each length: one more than the last code, and what a code's place in the symbols is from it.
+    ends: [(u32, i32); 17],
+    symbols: Vec<u8>,
+}
+
+impl Table {
+    fn new(lengths: &[u8; 16], symbols: &[u8]) -> Option<Self> {
+        let mut quick = vec![(0, 0); 1 << QUICK_BITS];
+        let mut ends = [(0, 0); 17];
+        let (mut code, mut place) = (0u32, 0usize);
+        for length in 1..=16u32 {
+            let count = usize::from(lengths[length as usize - 1]);
+            for &symbol in symbols.get(place..place + count)? {
+                if length <= QUICK_BITS {
+                    let spare = QUICK_BITS - length;
+                    let from = (code as usize) << spare;
+                    quick.get_mut(from..from + (1 << spare))?.fill((length as u8, symbol));
+                }
+                code += 1;
+                place += 1;
+            }
+            ends[length as usize] = (code, place as i32 - code as i32);
+            code <<= 1;
+        }
+        Some(Self { quick, ends, symbols: symbols.to_vec() })
+    }
+}
+
+/// The bits of a scan, the first the highest.
+struct Bits<'a> {
+    bytes: &'a [u8],
+    /// The next byte that is not in the buffer; a marker is never taken.
+    at: usize,
+    buffer: u64,
+    count: u32,
+}
+
+impl Bits<'_> {
+    fn fill(&mut self) {
+        while self.count <= 56 {
+            let step = match (self.bytes.get(self.at), self.bytes.get(self.at + 1)) {
+                (Some(0xff), Some(0x00)) => 2,
+                // As many may stand before a marker as one likes.
+                (Some(0xff), Some(0xff)) => {
+                    self.at += 1;
+                    continue;
+                }
+                (Some(0xff) | None, _) => return,
+                _ => 1,
+            };
+            self.buffer = self.buffer << 8 | u64::from(self.bytes[self.at]);
+            self.count += 8;
+            self.at += step;
+        }
+    }
+
+    fn take(&mut self, count: u32) -> Result<u32, Stop> {
+        if self.count < count {
+            self.fill();
+        }
+        self.count = self.count.checked_sub(count).ok_or(Stop::Ended)?;
+        Ok((self.buffer >> self.count) as u32 & ((1 << count) - 1))
+    }
+
+    fn symbol(&mut self, table: Option<&Table>) -> Result<u8, Stop> {
+        let table = table.ok_or(Stop::Invalid)?;
+        if self.count < 16 {
+            self.fill();
+        }
+        // Zeros stand for what is not there; a code that needs them is none.
+        let next = if self.count >= 16 { self.buffer >> (self.count - 16) } else { self.buffer << (16 - self.count) };
+        let next = next as u32 & 0xffff;
+        let (length, symbol) = table.quick[(next >> (16 - QUICK_BITS)) as usize];
+        if length > 0 {
+            self.take(length.into())?;
+            return Ok(symbol);
+        }
+        for length in QUICK_BITS + 1..=16 {
+            let code = next >> (16 - length);
+            let (end, to_place) = table.ends[length as usize];
+            if code < end {
+                self.take(length)?;
+                let place = usize::try_from(code as i32 + to_place).map_err(|_| Stop::Invalid)?;
+                return table.symbols.get(place).copied().ok_or(Stop::Invalid);
+            }
+        }
+        Err(if self.count < 16 { Stop::Ended } else { Stop::Invalid })
+    }
+
+    /// T.81, F.2.2.1 and F.2.2.2.
+    fn sequential(&mut self, dc: Option<&Table>, ac: Option<&Table>) -> Result<(), Stop> {
+        let size = self.symbol(dc)?;
+        self.take(u32::from(size & 15))?;
+        let mut k = 1;
+        while k < 64 {
+            let symbol = self.symbol(ac)?;
+            match (symbol >> 4, symbol & 15) {
+                (15, 0) => k += 16,
+                (_, 0) => break,
+                (zeros, size) => {
+                    k += u32::from(zeros) + 1;
+                    self.take(size.into())?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// T.81, G.1.2. `known` has a bit for each coefficient that is not 0; `run` is how many blocks more are at their end.
+    fn progressive(
+        &mut self,
+        dc: Option<&Table>,
+        ac: Option<&Table>,
+        band: Band,
+        known: &mut u64,
+        run: &mut u32,
+    ) -> Result<(), Stop> {
+        if band.first == 0 {
+            let size = if band.is_refined { 1 } else { self.symbol(dc)? & 15 };
+            return self.take(size.into()).map(drop);
+        }
+        let mut k = band.first;
+        while *run == 0 && k <= band.last {
+            let symbol = self.symbol(ac)?;
+            let (mut zeros, size) = (u32::from(symbol >> 4), u32::from(symbol & 15));
+            if size == 0 && zeros < 15 {
+                *run = (1 << zeros) + self.take(zeros)?;
+                break;
+            }
+            self.take(if band.is_refined { size.min(1) } else { size })?;
+            // Zeros are counted among what is 0 so far; what is not gets a bit more.
+            while k <= band.last {
+                if band.is_refined && *known >> k & 1 == 1 {
+                    self.take(1)?;
+                } else if zeros == 0 {
+                    break;
+                } else {
+                    zeros -= 1;
+                }
+                k += 1;
+            }
+            if size > 0 && k <= band.last {
+                *known |= 1 << k;
+            }
+            k += 1;
+        }
+        if *run > 0 {
+            *run -= 1;
+            if band.is_refined && k <= band.last {
+                let rest = *known >> k << k & (u64::MAX >> (63 - band.last));
+                for _ in 0..rest.count_ones() {
+                    self.take(1)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes on behind a restart marker.
+    fn restart(&mut self) -> Result<(), Stop> {
+        (self.buffer, self.count) = (0, 0);
+        match next_marker(self.bytes, &mut self.at) {
+            Some(0xd0..=0xd7) => Ok(()),
+            _ => Err(Stop::Ended),
+        }
+    }
+}
