@@ -516,7 +516,7 @@ fn round_recordings_open_as_they_are_and_what_cannot_be_is_refused() {
                 "--set",
                 "camera.exposure.time_s=0.01",
             ][..],
-            "",
+            "motion_blur.method is refused",
         ),
         (&["--set", "vignetting.natural=1"], "vignetting is refused: a 360° picture"),
         (&["--set", "chromatic_aberration.red=0.01"], "chromatic_aberration is refused: a 360° picture"),

@@ -115,7 +115,8 @@ impl Effect for ChromaticAberrationEffect {
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would part colours: \
                       leave its parameters at their defaults";
-        if geometry.is_round() { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
+        let refused = geometry.is_round() && self.params != ChromaticAberration::default();
+        if refused { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.params == ChromaticAberration::default()

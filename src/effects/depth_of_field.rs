@@ -126,8 +126,9 @@ impl Effect for DepthOfFieldEffect {
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
         circles_px(context)[1] < SHARP_PX
     }
-    fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
-        if geometry.sees_around() {
+    fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
+        let lens = &camera.lens;
+        if geometry.sees_around() && (lens.f_number.is_some() || lens.aperture_diameter_mm.is_some_and(|d| d > 0.0)) {
             return Err(EffectError {
                 parameter: "depth_of_field",
                 reason: "a picture of 170° and more has none here: leave camera.lens.f_number and aperture_diameter_mm \

@@ -29,6 +29,10 @@ crate::params! {
 }
 
 impl Vignetting {
+    fn is_off(&self) -> bool {
+        self.natural == 0.0 && self.rim_distance_mm == 0.0
+    }
+
     fn rim(&self) -> Rim {
         Rim { distance_m: 1e-3 * self.rim_distance_mm, radius_m: 1e-3 * self.rim_radius_mm }
     }
@@ -100,10 +104,11 @@ impl Effect for VignettingEffect {
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would darken it: \
                       leave its parameters at their defaults";
-        if geometry.is_round() { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
+        let refused = geometry.is_round() && !self.params.is_off();
+        if refused { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
     fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
-        self.params.natural == 0.0 && self.params.rim_distance_mm == 0.0
+        self.params.is_off()
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         vec![("", vec![("natural", Value::Number(1.0))])]
