@@ -503,7 +503,9 @@ fn round_recordings_open_as_they_are_and_what_cannot_be_is_refused() {
     let (done, text) = run("bad", &[]);
     assert!(!done && text.contains("twice as wide as high") && text.contains("128x72"), "{text}");
 
-    std::fs::write(folder("profile.toml"), "version = 1\n[camera]\nwidth_px = 128\nheight_px = 64\n").unwrap();
+    let other =
+        "version = 1\n[camera]\nwidth_px = 128\nheight_px = 64\nfx_px = 90\nfy_px = 90\ncx_px = 64\ncy_px = 32\n";
+    std::fs::write(folder("profile.toml"), other).unwrap();
     std::fs::write(folder("rows.toml"), "version = 1\n[camera]\nwidth_px = 128\nheight_px = 64\nreadout_time_s = 0.01\n[camera.distortion]\nmodel = \"equirectangular\"\n").unwrap();
     let (profile, rows) = (folder("profile.toml"), folder("rows.toml"));
     for (more, said) in [
