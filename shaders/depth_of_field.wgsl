@@ -5,12 +5,13 @@
 
 // The resolution that is drawn: 0 the layer's, 1 half of it and so on.
 override level: i32 = 0;
-// How many points of the aperture are looked through: 4, 16, 32 or 64.
+// How many points of the aperture are looked through: 4, 12, 16, 32 or 64.
 override taps: i32 = 4;
 
 // Two points each, in radii.
 struct Aperture {
     four: array<vec4<f32>, 2>,
+    twelve: array<vec4<f32>, 6>,
     sixteen: array<vec4<f32>, 8>,
     thirty_two: array<vec4<f32>, 16>,
     sixty_four: array<vec4<f32>, 32>,
@@ -152,7 +153,8 @@ fn side_of(circle: f32) -> f32 {
 fn two_taps(i: i32) -> vec4<f32> {
     if taps > 32 { return aperture.sixty_four[i]; }
     if taps > 16 { return aperture.thirty_two[i]; }
-    if taps > 4 { return aperture.sixteen[i]; }
+    if taps > 12 { return aperture.sixteen[i]; }
+    if taps > 4 { return aperture.twelve[i]; }
     return aperture.four[i];
 }
 

@@ -8,7 +8,7 @@ struct Lens {
 // Where there is no surface: the nearest circle, and less it the farthest.
 const NOTHING: f32 = 60000.0;
 // Radii from which half, a quarter, an eighth of the resolution is enough (px).
-const HALF_PX: f32 = 3.5;
+const HALF_PX: f32 = 2.8;
 const QUARTER_PX: f32 = 8.0;
 const EIGHTH_PX: f32 = 32.0;
 // Radii up to which four points are enough (px).

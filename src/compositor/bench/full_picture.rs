@@ -1,8 +1,6 @@
 //! What depth of field costs over a whole picture, whatever the renderer costs.
 
-use std::time::Instant;
-
-use super::{ROUNDS, Row, median};
+use super::{Row, median_ms};
 use crate::camera::{Camera, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfFieldEffect;
@@ -91,16 +89,12 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32, copy: f64) -> Result<V
             depths_m: range.map(depth_m),
             objects: &[],
         };
-        let mut times = Vec::new();
-        for _ in 0..ROUNDS + 3 {
-            let start = Instant::now();
-            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let encoder = || gpu.device.create_command_encoder(&Default::default());
+        let ms = median_ms(encoder, |mut encoder| {
             let mut run = LayerRun { gpu, encoder: &mut encoder, pool: &mut pool, geometry_is_read: false };
             effect.run(&mut run, &context, layer.clone());
-            gpu.wait(Some(gpu.queue.submit([encoder.finish()])))?;
-            times.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-        let ms = median(times.split_off(3));
+            gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
+        })?;
         rows.push(Row { name: format!("depth_of_field {method}, {name}"), ms, copies: ms / copy });
     }
     Ok(rows)

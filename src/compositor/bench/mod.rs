@@ -50,14 +50,28 @@ impl Load {
 /// The name of the last row: what a frame costs as users have it.
 pub const ALL: &str = "all effects at their defaults";
 
-/// How often each thing is timed.
+/// How often each thing is timed, at most, after so many rounds that are not; fewer where it takes longer than this in all.
 const ROUNDS: usize = 15;
+const UNTIMED: usize = 3;
+const LONGEST_S: f64 = 3.0;
 /// From frame to frame, seconds.
 pub const INTERVAL_S: f64 = 1.0 / 30.0;
 
-fn median(mut times: Vec<f64>) -> f64 {
+/// The median of the milliseconds that each call takes, without what is prepared for it.
+fn median_ms<T, E>(mut prepare: impl FnMut() -> T, mut call: impl FnMut(T) -> Result<(), E>) -> Result<f64, E> {
+    for _ in 0..UNTIMED {
+        call(prepare())?;
+    }
+    let begun = Instant::now();
+    let mut times = Vec::new();
+    while times.is_empty() || (times.len() < ROUNDS && begun.elapsed().as_secs_f64() < LONGEST_S) {
+        let prepared = prepare();
+        let start = Instant::now();
+        call(prepared)?;
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+    }
     times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
+    Ok(times[times.len() / 2])
 }
 
 /// A sphere of radius 1: 72 × 70 quads, 10,080 triangles (those at the poles without area).
@@ -166,15 +180,11 @@ fn copy_ms(gpu: &Gpu, width: u32, height: u32) -> Result<f64, GpuError> {
     let format = wgpu::TextureFormat::Rgba16Float;
     let [from, to] = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
     let pass = FullscreenPass::new(gpu, "copy", &assemble("copy"), &[format]);
-    let mut times = Vec::new();
-    for _ in 0..ROUNDS + 3 {
-        let start = Instant::now();
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let encoder = || gpu.device.create_command_encoder(&Default::default());
+    median_ms(encoder, |mut encoder| {
         pass.run(gpu, &mut encoder, &[Slot::Texture(&from.view)], &[&to], (width, height));
-        gpu.wait(Some(gpu.queue.submit([encoder.finish()])))?;
-        times.push(start.elapsed().as_secs_f64() * 1e3);
-    }
-    Ok(median(times.split_off(3)))
+        gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
+    })
 }
 
 /// Times everything at a picture size: the copy, the plain composite, each effect alone over
@@ -188,15 +198,14 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
     // An effect that this load leaves neutral has no row.
     let mut time = |name: String, settings: Settings, effect: Option<&str>| -> Result<(), SubmitError> {
         let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene.clone());
-        let mut times = Vec::new();
-        for index in 0..ROUNDS + 3 {
-            let frame = Frame {
-                index,
-                timestamp_s: 0.0,
-                pixels: pixels.clone(),
-                depth: None,
-                exposure: FrameExposure::default(),
-            };
+        let mut index = 0;
+        let mut runs = true;
+        let frame = || {
+            index += 1;
+            let exposure = FrameExposure::default();
+            Frame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure }
+        };
+        let ms = median_ms(frame, |frame| {
             let job = Job {
                 frame,
                 geometry: &geometry,
@@ -206,15 +215,14 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
                 want_layer: false,
                 photograph: None,
             };
-            let start = Instant::now();
             let pending = compositor.submit(job)?;
             let done = compositor.collect(pending)?;
-            if effect.is_some_and(|effect| !done.stats.effects.contains(&effect)) {
-                return Ok(());
-            }
-            times.push(start.elapsed().as_secs_f64() * 1e3);
+            runs &= effect.is_none_or(|effect| done.stats.effects.contains(&effect));
+            Ok::<_, SubmitError>(())
+        })?;
+        if !runs {
+            return Ok(());
         }
-        let ms = median(times.split_off(3));
         rows.push(Row { name, ms, copies: ms / copy });
         Ok(())
     };

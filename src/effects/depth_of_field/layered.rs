@@ -2,7 +2,7 @@
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
 //! 2. Tiles, a third as wide as circles reach or wider: from the circles that reach into a tile, and all that is seen
-//!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 16 points at full resolution) or with large ones
+//!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 12 points at full resolution) or with large ones
 //!    (16 points at a half, 64 at a quarter or an eighth); two surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own, which picks up 3.
@@ -75,6 +75,7 @@ impl Shape {
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct ApertureUniform {
     four: [[f32; 2]; 4],
+    twelve: [[f32; 2]; 12],
     sixteen: [[f32; 2]; 16],
     thirty_two: [[f32; 2]; 32],
     sixty_four: [[f32; 2]; 64],
@@ -90,6 +91,7 @@ impl ApertureUniform {
         }
         Self {
             four: points(aperture, &[4]),
+            twelve: points(aperture, &[3, 9]),
             sixteen: points(aperture, &[4, 12]),
             thirty_two: points(aperture, &[4, 11, 17]),
             sixty_four: points(aperture, &[4, 12, 20, 28]),
@@ -164,9 +166,9 @@ impl Passes {
             full: [
                 ("sharp_tiles", "sharp", 4),
                 ("fine_tiles", "fine", 4),
-                ("wider_tiles", "fine", 16),
+                ("wider_tiles", "fine", 12),
                 ("coarse_tiles", "coarse", 4),
-                ("any_tiles", "any_circles", 16),
+                ("any_tiles", "any_circles", 12),
                 ("two_deep_tiles", "two_deep", 4),
             ]
             .map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps, &[COLOR])),
