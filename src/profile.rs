@@ -75,6 +75,11 @@ impl Rig {
         [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
     }
 
+    /// Whether the width of the film was told.
+    pub fn gives_film_width(&self) -> bool {
+        self.given.contains(&(self.intrinsics.table(), "film_width_mm"))
+    }
+
     /// The keys of [camera] that are missing for a whole camera: none, or some or all of [`WHOLE`].
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let table = self.intrinsics.table();

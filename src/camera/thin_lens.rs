@@ -48,12 +48,17 @@ pub enum ThinLensError {
     #[error("an opening of {found_mm} mm is refused: accepted is a finite number from 0 (a pinhole)")]
     Diameter { found_mm: f64 },
     #[error(
-        "a focus distance of {found_m} m is refused: it lies within the focal length of {focal_length_m} m, where no \
-         picture forms behind the lens; accepted is more than {focal_length_m} m, up to infinity"
+        "a focus distance of {found_m} m is refused: it lies within the focal length of {0} m, where no \
+         picture forms behind the lens; accepted is more than {0} m, up to infinity",
+        to_tenths_of_mm(*focal_length_m)
     )]
     FocusInsideFocalLength { found_m: f64, focal_length_m: f64 },
     #[error("an image distance of {found_mm} mm is refused: accepted is a finite number above 0")]
     ImageDistance { found_mm: f64 },
+}
+
+fn to_tenths_of_mm(length_m: f64) -> f64 {
+    (1e4 * length_m).round() / 1e4
 }
 
 fn finite_above_zero(value: f64) -> bool {

@@ -123,6 +123,17 @@ impl Dials {
             (None, None) => Mode::Program,
         };
         let mode = args.mode.unwrap_or(by_settings);
+        let chooses = |name: &str, given: Option<f64>, modes: [Mode; 2], other: &str| match given {
+            Some(_) if modes.contains(&mode) => {
+                bail!(
+                    "--mode {} chooses the {name} itself: leave --{name} out, or take --mode {other} or m",
+                    mode.letter()
+                )
+            }
+            _ => Ok(()),
+        };
+        chooses("aperture", args.site.aperture, [Mode::Program, Mode::ShutterPriority], "a")?;
+        chooses("shutter", args.site.shutter, [Mode::Program, Mode::AperturePriority], "s")?;
         let needs = |given: Option<f64>, modes: [Mode; 2], name: &str| {
             if modes.contains(&mode) && given.is_none() {
                 bail!("--mode {} needs --{name}", mode.letter());
@@ -209,6 +220,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
     effects.seed = args.seed;
     let whole = super::composite::camera_of(&recording, &rig, index)?;
+    let whole = with_film(whole, &rig, recording.exposure.get(index).and_then(|e| e.photo.focal_length_m));
     if whole.is_round() {
         bail!("a photograph out of a 360° picture is not made: composite into the recording, and crop that");
     }
@@ -235,7 +247,16 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     };
     effects.check(&rig.camera(), &whole)?;
     let asked = Known { f_number: args.site.aperture, ..Known::default() };
-    let mut dials = Dials::new(args, taken, lux, light::limits(&rig, asked))?;
+    let mut limits = light::limits(&rig, asked);
+    let recorded_s = recorded_s(&recording, index);
+    if let Some(time_s) = args.site.shutter.filter(|&time_s| time_s > recorded_s * 1.001) {
+        bail!(
+            "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
+             {recorded_s:.3} s, or a frame further from its ends"
+        );
+    }
+    limits.longest_s = limits.longest_s.min(recorded_s);
+    let mut dials = Dials::new(args, taken, lux, limits)?;
     let count = dials.series(args.bracket).len();
     let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.site.profile).and(&scene.files);
     for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
@@ -288,6 +309,24 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
         tell(args.quiet, &format!("{}", path.display()));
     }
     Ok(())
+}
+
+/// How long a shutter whose middle is a frame's time can be open and see frames all the while, seconds; an interval at
+/// least, and any time where the frames' own mean nothing.
+fn recorded_s(recording: &Recording, frame: usize) -> f64 {
+    let times = &recording.timestamps_s;
+    let (Some(first), Some(at), Some(last)) = (times.first(), times.get(frame), times.last()) else { return 0.0 };
+    let interval_s = recording.frame_interval_s;
+    if recording.kind.has_times() { interval_s + 2.0 * (at - first).min(last - at) } else { f64::INFINITY }
+}
+
+/// The camera's geometry with the width of film at which its focal length is what the frame's file says, where nothing else
+/// tells how wide the film is.
+fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometry {
+    let Some(focal_length_m) = focal_length_m.filter(|_| !rig.gives_film_width()) else { return whole };
+    let Geometry { mut intrinsics, distortion, .. } = whole;
+    intrinsics.film_width_mm = 1e3 * focal_length_m * f64::from(intrinsics.width_px) / intrinsics.fx_px;
+    Geometry::new(intrinsics, distortion)
 }
 
 /// Of a single photograph the name that was given, of a series one with a part behind a hyphen.
