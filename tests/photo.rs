@@ -306,7 +306,7 @@ fn what_no_camera_can_is_refused_with_what_is_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.jpg");
     let out = out.to_str().unwrap();
-    let cases: [(&[&str], &[&str]); 10] = [
+    let cases: [(&[&str], &[&str]); 12] = [
         (&["--frame", "4000"], &["--frame 4000", "the recording has the frames 0.."]),
         (&["--frame", "1", "--aperture", "0"], &["an aperture of 0", "0.5 to 256"]),
         (&["--frame", "1", "--shutter", "0"], &["a shutter time of 0", "more than 0"]),
