@@ -315,7 +315,10 @@ fn what_no_camera_can_is_refused_with_what_is_accepted() {
         (&["--frame", "1", "--focal", "100", "--focus", "0.05"], &["0.05 m", "within the focal length"]),
         (&["--frame", "1", "--film", "huge"], &["huge is no film format", "36x24"]),
         (&["--frame", "1", "--mode", "a"], &["--mode a needs --aperture"]),
-        (&["--frame", "1", "--mode", "p", "--shutter", "1/60"], &["--mode p chooses the shutter", "leave --shutter out"]),
+        (
+            &["--frame", "1", "--mode", "p", "--shutter", "1/60"],
+            &["--mode p chooses the shutter", "leave --shutter out"],
+        ),
         (&["--frame", "1", "--shutter", "60"], &["--shutter 60", "around frame 1", "up to"]),
         (&["--frame", "1", "--mode", "x"], &["no mode", "p (program)"]),
         (&["--frame", "1", "--set", "camera.lens.blades=2"], &["camera.lens.blades = 2", "3 to 32"]),

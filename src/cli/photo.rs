@@ -227,11 +227,12 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
 
     // All that can be refused is, before anything is drawn.
     let focal_length_m = args.focal.map(|mm| 1e-3 * mm);
-    let given_m = match args.focus {
-        Focus::Metres(distance_m) => distance_m,
-        Focus::Auto => f64::INFINITY,
+    let (given_m, checked_m) = match args.focus {
+        Focus::Metres(distance_m) => (distance_m, focal_length_m),
+        // What a lens sees depends on where it is focused, which is not known yet; a series goes on to infinity.
+        Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| args.bracket == Some(Bracket::Focus))),
     };
-    Framing::new(&whole, args.film, focal_length_m, given_m, args.width)?;
+    Framing::new(&whole, args.film, checked_m, given_m, args.width)?;
     let scene = crate::scene::load(&args.scene, recording.up)?;
     for text in recording.warnings.iter().chain(&scene.warnings) {
         warn(args.quiet, text);
@@ -284,8 +285,11 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     let mut sheet = Vec::new();
     let mut told = false;
-    for (n, asked) in dials.series(args.bracket).iter().enumerate() {
-        let framing = Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width)?;
+    let series = dials.series(args.bracket);
+    let framed =
+        |asked: &Asked| Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width);
+    let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
+    for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
         let opening = site.lens(asked).opening(&framing.geometry)?;
         let flat = site.frame.depth.is_none();
         if flat && !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
@@ -372,7 +376,9 @@ impl Shoot<'_> {
             photograph: None,
         })?;
         let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
-        let framing = Framing::new(&self.whole, self.args.film, focal_length_m, f64::INFINITY, self.args.width)?;
+        let framed = |f| Framing::new(&self.whole, self.args.film, f, f64::INFINITY, self.args.width);
+        // A lens that sees too much at infinity may see enough where it will be focused.
+        let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
         let corner = framing.framed.source_px(glam::DVec2::new(f64::from(width), f64::from(height)));
         let seen = Rect::new(

@@ -58,7 +58,8 @@ impl Framing {
             Some(f) => {
                 // Refuses a focus within the focal length, and what is no length.
                 let columns = across / ThinLens::with_diameter(f, 0.0, focus_distance_m)?.image_distance_m();
-                if columns > most * (1.0 + 1e-6) {
+                // A ten-thousandth is what EXIF and the message below round away.
+                if columns > most * 1.0001 {
                     let degrees = |columns: f64| 2.0 * (0.5 * columns / i.fx_px).atan().to_degrees();
                     let least_m = ThinLens::focal_length_behind_m(across / most, focus_distance_m);
                     return Err(FramingError::TooWide {
