@@ -80,7 +80,7 @@ impl Rig {
         self.given.contains(&(self.intrinsics.table(), "film_width_mm"))
     }
 
-    /// The keys of [camera] that are missing for a whole camera: none, or some or all of [`WHOLE`].
+    /// The keys of `[camera]` that are missing for a whole camera: none, or some or all of width, height, focal lengths and principal point.
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let table = self.intrinsics.table();
         // All else of a 360° picture follows from its size.
