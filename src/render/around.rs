@@ -9,9 +9,9 @@ use super::around_bounds::most_px_per_s;
 use super::draw::View;
 use super::pipeline::{COLOR, GEOMETRY};
 use super::plan::{Layer, LayerRun};
-use super::resample::Face;
+use super::resample::{Face, square_view};
 use super::view::{NEAR_M, ViewKeys};
-use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use crate::camera::{Geometry, LensModel};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::pose::Pose;
@@ -20,8 +20,6 @@ use crate::pose::Pose;
 const FINER: f64 = 2.0;
 /// Of a view's 90°, px: bounds its memory.
 const LARGEST_VIEW_PX: f64 = 4096.0;
-/// Texels of a view beyond its 90°, on each side.
-const MARGIN_PX: u32 = 2;
 
 /// The camera that a view is a part of.
 #[derive(Clone, Copy, Debug)]
@@ -53,18 +51,7 @@ fn px_per_rad(geometry: &Geometry) -> f64 {
 }
 
 fn view_geometry(geometry: &Geometry) -> Geometry {
-    let half = 0.5 * (2.0 * FINER * px_per_rad(geometry)).clamp(32.0, LARGEST_VIEW_PX).ceil();
-    let (side, centre) = ((2.0 * half) as u32 + 2 * MARGIN_PX, half + f64::from(MARGIN_PX));
-    let intrinsics = Intrinsics {
-        width_px: side,
-        height_px: side,
-        fx_px: half,
-        fy_px: half,
-        cx_px: centre,
-        cy_px: centre,
-        ..Intrinsics::default()
-    };
-    Geometry::new(intrinsics, Distortion::default())
+    square_view((2.0 * FINER * px_per_rad(geometry)).clamp(32.0, LARGEST_VIEW_PX).ceil() as u32)
 }
 
 /// Whether a box (corners in the camera's axes) lies beyond one of the sides of a pinhole's picture.

@@ -12,6 +12,22 @@ use crate::image::{LinearImage, Rect};
 
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;
+
+/// A pinhole that sees 90° both ways in `face_px`, and a margin around it.
+pub fn square_view(face_px: u32) -> Geometry {
+    let (side, half) = (face_px + 2 * MARGIN_PX, 0.5 * f64::from(face_px));
+    let centre = half + f64::from(MARGIN_PX);
+    let intrinsics = Intrinsics {
+        width_px: side,
+        height_px: side,
+        fx_px: half,
+        fy_px: half,
+        cx_px: centre,
+        cy_px: centre,
+        ..Intrinsics::default()
+    };
+    Geometry::new(intrinsics, Distortion::default())
+}
 /// Of a face, px a side: half a gigabyte.
 const LARGEST_FACE_PX: u32 = 8192;
 const SMALLEST_FACE_PX: u32 = 64;
@@ -136,18 +152,7 @@ impl<'a> Resampler<'a> {
     }
 
     pub fn face_geometry(&self) -> Geometry {
-        let (side, half) = (self.face_px + 2 * MARGIN_PX, 0.5 * f64::from(self.face_px));
-        let centre = half + f64::from(MARGIN_PX);
-        let intrinsics = Intrinsics {
-            width_px: side,
-            height_px: side,
-            fx_px: half,
-            fy_px: half,
-            cx_px: centre,
-            cy_px: centre,
-            ..Intrinsics::default()
-        };
-        Geometry::new(intrinsics, Distortion::default())
+        square_view(self.face_px)
     }
 
     /// Adds what a face shows to the picture. A picture's faces together make it whole.
