@@ -203,7 +203,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     for text in settings.idle(&camera) {
         warn(args.quiet, text);
     }
-    settings.check(&camera, &camera_of(&recording, &rig, range.start)?)?;
+    settings.check(&camera, &first)?;
     let interrupted = interruption.watch();
     let gpu = Gpu::open()?;
     let mut compositor = Compositor::new(gpu, camera.clone(), settings, scene);
