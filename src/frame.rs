@@ -27,7 +27,7 @@ pub struct FrameExposure {
     pub photo: PhotoSettings,
 }
 
-/// The settings that a picture was taken with, as its file (EXIF) gives them; all above 0.
+/// The settings that a picture was taken with, as its file (EXIF) gives them; all above 0, but for the time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhotoSettings {
     /// How long the shutter was open, seconds.
@@ -38,4 +38,6 @@ pub struct PhotoSettings {
     pub iso: Option<f64>,
     /// Of the lens focused at infinity, metres; makers round it to millimetres.
     pub focal_length_m: Option<f64>,
+    /// When, by the camera's clock, whose time zone nobody tells: seconds since 1970-01-01 0:00 of that clock.
+    pub taken_s: Option<f64>,
 }

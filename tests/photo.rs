@@ -296,6 +296,8 @@ fn a_bracket_is_a_series_with_a_sheet_and_exif() {
     assert_eq!([part(1), part(3)], [8.0, 30.0]);
     assert!(image::image_dimensions(folder.path().join("door-sheet.jpg")).unwrap().0 > 1400);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 10);
+    let again = shoot(&[&series[..], &["--only", ""]].concat());
+    assert!(String::from_utf8_lossy(&again.stderr).contains("there are: motion_blur"), "names are asked for");
     let again = shoot(&series);
     assert_eq!(again.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&again.stderr).contains("door-1.jpg: exists already"));

@@ -10,6 +10,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 
 use super::outputs::{self, Inputs};
+use super::which::Which;
 use super::{Interrupted, Interruption, progress, tell, warn};
 use crate::camera::{Geometry, Intrinsics};
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
@@ -36,14 +37,10 @@ pub struct Args {
     /// Set a parameter, as in --set noise.scale=1.5; `locard params` lists them
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     sets: Vec<String>,
-    /// Only these effects
-    #[arg(long, value_delimiter = ',', conflicts_with_all = ["without", "plain"])]
-    only: Option<Vec<String>>,
-    /// All effects but these
-    #[arg(long, value_delimiter = ',', conflicts_with = "plain")]
-    without: Option<Vec<String>>,
+    #[command(flatten)]
+    which: Which,
     /// Every effect and occlusion off; the camera's geometry stays on
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["only", "without"])]
     plain: bool,
     /// Half-open range of frames, counted from 0, as in 40..50
     #[arg(long, value_name = "A..B", value_parser = parse_range)]
@@ -146,16 +143,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     for set in &args.sets {
         rig.set_text(set, &mut settings)?;
     }
-    if args.only.iter().chain(&args.without).flatten().any(String::is_empty) {
-        let known: Vec<&str> = settings.effects.iter().map(|e| e.params().table()).collect();
-        bail!("--only and --without need names of effects, commas between; there are: {}", known.join(", "));
-    }
-    if let Some(names) = &args.only {
-        settings.only(names)?;
-    }
-    if let Some(names) = &args.without {
-        settings.without(names)?;
-    }
+    args.which.apply(&mut settings)?;
     if args.plain {
         settings.plain();
     }

@@ -13,6 +13,7 @@ mod params;
 mod photo;
 mod render;
 mod simulate;
+mod which;
 
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 
 use super::light::{self, Known, Opened, USUAL_ISO};
 use super::outputs::Inputs;
+use super::which::Which;
 use super::{Interruption, tell, warn};
 use crate::camera::exposure::{INDOORS_LX, Settings};
 use crate::camera::metering::{Limits, Mode, PictureLight, meter};
@@ -50,6 +51,8 @@ pub struct Args {
     /// A series in which one setting goes through its range, and a contact sheet
     #[arg(long, value_enum)]
     bracket: Option<Bracket>,
+    #[command(flatten)]
+    which: Which,
     /// Seed of the grain
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -219,6 +222,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     let index = args.site.frame;
     recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
     effects.seed = args.seed;
+    args.which.apply(&mut effects)?;
     let whole = super::composite::camera_of(&recording, &rig, index)?;
     let whole = with_film(whole, &rig, recording.exposure.get(index).and_then(|e| e.photo.focal_length_m));
     if whole.is_round() {
@@ -457,7 +461,8 @@ impl Shoot<'_> {
     fn notes(&self, dials: &Dials, asked: &Asked, framing: &Framing) -> Notes {
         let Settings { f_number, time_s, iso } = asked.settings;
         let focal_length_mm = 1e3 * framing.focal_length_m;
-        let recorded_s = Some(self.frame.timestamp_s).filter(|t| *t >= EPOCH_S);
+        let clock_s = Some(self.frame.timestamp_s).filter(|t| *t >= EPOCH_S);
+        let recorded_s = self.frame.exposure.photo.taken_s.or(clock_s);
         let now_s = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Notes {

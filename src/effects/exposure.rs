@@ -142,7 +142,7 @@ mod tests {
         let params = Exposure { ev: -0.5, ..params };
         assert_eq!(params.over_ev(&of(Some(0.04), None), None), 1.5);
         // f/4, 1/50 s, ISO 400: 0.02 · 4 / 16 = 5 ms at f/1 and ISO 100.
-        let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), focal_length_m: None };
+        let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), ..Default::default() };
         assert_eq!(gathered_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));
         assert_eq!(gathered_s(&of(Some(0.0), None)), None);
     }

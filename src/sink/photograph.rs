@@ -28,7 +28,7 @@ pub struct Notes {
     pub compensation_ev: f64,
     /// Of Exif: 1 manual, 2 program, 3 aperture priority, 4 shutter priority.
     pub program: u16,
-    /// Seconds since 1970-01-01, UTC.
+    /// Seconds since 1970-01-01 0:00, by UTC or by the clock of the camera that made the recording.
     pub taken_s: f64,
     /// What it shows.
     pub description: String,
@@ -136,7 +136,7 @@ fn exif_block(notes: &Notes) -> io::Result<Vec<u8>> {
     Ok(block.into_inner())
 }
 
-/// As Exif writes it, "2011:05:10 12:34:56", UTC. Days to a date as in the proleptic Gregorian calendar, whose 400 years
+/// As Exif writes it, "2011:05:10 12:34:56". Days to a date as in the proleptic Gregorian calendar, whose 400 years
 /// have 146097 days; years begin in March here, so that the day that comes and goes is the last.
 fn date_time(seconds: f64) -> String {
     let seconds = seconds.clamp(0.0, 2e11) as i64;
@@ -224,6 +224,7 @@ mod tests {
         // Our own reader of recordings finds the same.
         let settings = crate::source::exif::read_settings(&folder.path().join("a.jpg")).unwrap();
         assert_eq!((settings.iso, settings.f_number), (Some(400.0), Some(2.8)));
+        assert_eq!(settings.taken_s, Some(1_305_031_103.0), "whole seconds");
         assert!(write(Path::new("a.gif"), &pixels, None, true).unwrap_err().to_string().contains(".jpg and .png"));
     }
 }

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use exif::{In, Tag, Value};
+use exif::{DateTime, In, Tag, Value};
 
 use super::SourceError;
 use crate::camera::exposure::LONGEST_S;
@@ -73,7 +73,25 @@ fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
         f_number: number(Tag::FNumber),
         iso: iso.or_else(|| others.into_iter().find_map(number)),
         focal_length_m: number(Tag::FocalLength).map(|mm| 1e-3 * mm),
+        taken_s: exif.get_field(Tag::DateTimeOriginal, In::PRIMARY).and_then(|field| match &field.value {
+            Value::Ascii(texts) => seconds(&DateTime::from_ascii(texts.first()?).ok()?),
+            _ => None,
+        }),
     })
+}
+
+/// Since 1970-01-01 0:00; a day that no month has is unknown. Years begin in March, as in sink/photograph.rs.
+fn seconds(at: &DateTime) -> Option<f64> {
+    let (year, month, day) = (i64::from(at.year), i64::from(at.month), i64::from(at.day));
+    if !(1..=12).contains(&month) || !(1..=31).contains(&day) || at.hour > 23 || at.minute > 59 || at.second > 60 {
+        return None;
+    }
+    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let days =
+        365 * year + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400) + (153 * month + 2) / 5 + day - 1;
+    let of_day = i64::from(at.hour) * 3600 + i64::from(at.minute) * 60 + i64::from(at.second);
+    // 1970-01-01 is 719468 days after 0000-03-01.
+    Some(((days - 719_468) * 86400 + of_day) as f64)
 }
 
 #[cfg(test)]
@@ -104,6 +122,7 @@ mod tests {
             (Tag::FNumber, ratio(48, 10)),
             (Tag::PhotographicSensitivity, Value::Short(vec![400])),
             (Tag::FocalLength, ratio(290, 10)),
+            (Tag::DateTimeOriginal, Value::Ascii(vec![b"2008:02:29 23:59:58".to_vec()])),
         ])
     }
 
@@ -122,9 +141,24 @@ mod tests {
     #[test]
     fn settings_are_read_behind_other_segments() {
         let found = parse(segment(&mut Cursor::new(jpeg(&door()))).unwrap()).unwrap();
-        let expected =
-            PhotoSettings { time_s: Some(0.008), f_number: Some(4.8), iso: Some(400.0), focal_length_m: Some(0.029) };
+        // 38 years of 365 days, 9 leap days before 2008, 59 days to February 29.
+        let taken_s = f64::from((38 * 365 + 9 + 59) * 86400 + 86398);
+        let expected = PhotoSettings {
+            time_s: Some(0.008),
+            f_number: Some(4.8),
+            iso: Some(400.0),
+            focal_length_m: Some(0.029),
+            taken_s: Some(taken_s),
+        };
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_clock_that_was_never_set_tells_no_time() {
+        for text in [&b"    :  :     :  :  "[..], b"0000:00:00 00:00:00", b"2008:13:01 00:00:00", b"soon"] {
+            let found = parse(block(&[(Tag::DateTimeOriginal, Value::Ascii(vec![text.to_vec()]))])).unwrap();
+            assert_eq!(found.taken_s, None, "{}", String::from_utf8_lossy(text));
+        }
     }
 
     #[test]

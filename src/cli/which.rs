@@ -1,0 +1,31 @@
+//! Which effects may run: asked alike by all that draw into recordings.
+
+use anyhow::{Result, bail};
+
+use crate::compositor::Settings;
+
+#[derive(clap::Args)]
+pub struct Which {
+    /// Only these effects
+    #[arg(long, value_name = "EFFECTS", value_delimiter = ',', conflicts_with = "without")]
+    only: Option<Vec<String>>,
+    /// All effects but these
+    #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
+    without: Option<Vec<String>>,
+}
+
+impl Which {
+    pub fn apply(&self, settings: &mut Settings) -> Result<()> {
+        if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {
+            let known: Vec<&str> = settings.effects.iter().map(|e| e.params().table()).collect();
+            bail!("--only and --without need names of effects, commas between; there are: {}", known.join(", "));
+        }
+        if let Some(names) = &self.only {
+            settings.only(names)?;
+        }
+        if let Some(names) = &self.without {
+            settings.without(names)?;
+        }
+        Ok(())
+    }
+}
