@@ -327,7 +327,7 @@ fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
 
 /// What a variance estimated with `freedom` degrees is to be multiplied with for its 95 % interval, by Wilson and
 /// Hilferty's approximation of χ²; `None` below two degrees.
-fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
+pub(crate) fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
     (freedom >= 2.0).then(|| {
         let a = 2.0 / (9.0 * freedom);
         [Z95, -Z95].map(|z| 1.0 / (1.0 - a + z * a.sqrt()).max(0.05).powi(3))
@@ -357,7 +357,7 @@ fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
 }
 
 /// Gives bins that could not be measured the σ between their nearest good neighbours, or the nearest one's at the ends.
-fn fill(reports: &mut [BinReport]) {
+pub(crate) fn fill(reports: &mut [BinReport]) {
     let good: Vec<(f64, f64)> =
         reports.iter().filter(|r| !r.filled_from_neighbours).map(|r| (r.code, r.sigma)).collect();
     for report in reports.iter_mut().filter(|r| r.filled_from_neighbours) {

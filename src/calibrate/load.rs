@@ -1,7 +1,9 @@
 //! Frames for a calibration, from files and folders, one at a time.
 
+use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
 use crate::image::Pixels;
+use crate::recording::{OpenOptions, Recording};
 use crate::source::still;
 use std::path::{Path, PathBuf};
 
@@ -26,18 +28,65 @@ pub fn noise_from_paths(
         calibrator.begin_scene(mean.as_deref().map(read).transpose()?)?;
         for file in files {
             calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
-            jpeg |= file.extension().is_some_and(|e| e.to_string_lossy().to_lowercase().starts_with('j'));
+            jpeg |= is_jpeg(file);
         }
         let first = files.first().map_or(Path::new(""), PathBuf::as_path);
         let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
         calibrator.end_scene().map_err(in_file(folder.unwrap_or(first)))?;
     }
     let mut calibration = calibrator.finish()?;
-    if jpeg {
-        let text = "some frames are JPEG: compression has changed their noise; use lossless frames where you can";
-        calibration.warnings.push(text.to_owned());
-    }
+    calibration.warnings.extend(jpeg.then(|| JPEG.to_owned()));
     Ok(calibration)
+}
+
+/// No more frames of a moving camera than this are taken, evenly spread: textureless places abound, decoding costs.
+const MOST_FRAMES: usize = 120;
+
+/// Estimates from frames of a moving camera: picture files, folders of them (in order of name) and recordings.
+pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
+    let mut calibrator = MovingCalibrator::new(options.clone())?;
+    let (mut pictures, mut recordings) = (Vec::new(), Vec::new());
+    for path in frames {
+        match pictures_in(path) {
+            _ if is_picture(path) => pictures.push(path.clone()),
+            Ok(files) => pictures.extend(files),
+            Err(_) => recordings.push(Recording::open(path, &OpenOptions::default()).map_err(|e| {
+                let reason = format!("neither a picture nor a folder of PNG or JPEG files, nor a recording: {e}");
+                CalibrateError::Read { path: path.clone(), reason }
+            })?),
+        }
+    }
+    let all = pictures.len() + recordings.iter().map(Recording::frame_count).sum::<usize>();
+    let every = all.div_ceil(MOST_FRAMES).max(1);
+    let mut jpeg = false;
+    for file in pictures.iter().step_by(every) {
+        calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
+        jpeg |= is_jpeg(file);
+    }
+    for recording in &recordings {
+        let failed = |e: crate::recording::RecordingError| CalibrateError::Read {
+            path: recording.path.clone(),
+            reason: e.to_string(),
+        };
+        jpeg |= recording.files().any(is_jpeg);
+        for frame in recording.frames(0..recording.frame_count()).map_err(failed)?.step_by(every) {
+            calibrator.add_frame(&frame.map_err(failed)?.pixels).map_err(in_file(&recording.path))?;
+        }
+    }
+    let mut calibration = calibrator.finish()?;
+    calibration.warnings.extend(jpeg.then(|| JPEG.to_owned()));
+    Ok(calibration)
+}
+
+const JPEG: &str = "some frames are JPEG: compression has changed their noise; use lossless frames where you can";
+
+fn is_picture(path: &Path) -> bool {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    path.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
+}
+
+fn is_jpeg(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.to_string_lossy().to_lowercase().starts_with('j'))
 }
 
 fn in_file(path: &Path) -> impl Fn(CalibrateError) -> CalibrateError {
@@ -79,8 +128,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| failed(e.to_string()))? {
         let path = entry.map_err(|e| failed(e.to_string()))?.path();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        if path.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
+        if is_picture(&path) {
             files.push(path);
         }
     }

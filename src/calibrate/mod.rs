@@ -6,11 +6,13 @@ mod bins;
 mod blocks;
 mod censoring;
 mod load;
+pub mod moving;
 pub mod noise;
+mod plane;
 mod report;
 mod rounding;
 mod scene_sums;
 mod unsteady;
 
-pub use load::noise_from_paths;
-pub use noise::{BinReport, CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
+pub use load::{moving_noise_from_paths, noise_from_paths};
+pub use noise::{BinReport, CalibrateError, Method, NoiseCalibration, NoiseCalibrator, NoiseOptions};

@@ -60,15 +60,26 @@ pub struct BinReport {
     pub filled_from_neighbours: bool,
 }
 
+/// What the frames showed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Scenes at rest: noise is what varies from frame to frame.
+    Resting,
+    /// A moving camera: noise is what textureless places show beside a plane.
+    Moving,
+}
+
 /// The outcome of a calibration; prints as a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseCalibration {
     pub profile: NoiseProfile,
     /// Bins of R, G, B, ascending.
     pub bins: [Vec<BinReport>; 3],
+    pub method: Method,
+    /// 1 for a moving camera.
     pub scenes: usize,
     pub frames: usize,
-    /// Share of all pixels left out because they moved or drifted, 0 to 1.
+    /// Share of all pixels left out because they moved or drifted, or of blocks because of their texture, 0 to 1.
     pub excluded_share: f64,
     /// What a person should know before trusting the table.
     pub warnings: Vec<String>,
@@ -80,7 +91,7 @@ pub enum CalibrateError {
     #[error("no frames were given; give two or more frames of a static scene, or one frame and its mean")]
     NoFrames,
     #[error(
-        "scene {scene} has one frame; noise shows in the difference of frames: give two or more (ten are good), or the scene's known mean (--mean IMAGE)"
+        "scene {scene} has one frame; noise shows in the difference of frames: give two or more (ten are good), the scene's known mean (--mean IMAGE), or --moving, which takes it from textureless places"
     )]
     OneFrame { scene: usize },
     #[error("scene {scene} has more than {MAX_FRAMES} frames; leave some out")]
@@ -108,11 +119,11 @@ pub enum CalibrateError {
     )]
     TooFew { channel: &'static str, needed: f64, best: f64 },
     #[error(
-        "scene {scene} is not at rest: the whole picture moves from frame to frame (one common motion explains {percent:.0} % of what changes; of noise it explains none); put the camera on a stand and give frames in which nothing moves"
+        "scene {scene} is not at rest: the whole picture moves from frame to frame (one common motion explains {percent:.0} % of what changes; of noise it explains none); put the camera on a stand and give frames in which nothing moves, or give --moving, which takes the noise from textureless places"
     )]
     CameraMoves { scene: usize, percent: f64 },
     #[error(
-        "scene {scene} is not at rest: half of the picture or more changes in whole patches ({percent:.0} % of what changes; of noise less than 25 %); give frames from one place, in one light, in which nothing moves, and each scene as a folder of its own"
+        "scene {scene} is not at rest: half of the picture or more changes in whole patches ({percent:.0} % of what changes; of noise less than 25 %); give frames from one place, in one light, in which nothing moves, and each scene as a folder of its own, or --moving, which takes the noise from textureless places"
     )]
     SceneChanges { scene: usize, percent: f64 },
     #[error(
@@ -127,7 +138,7 @@ pub enum CalibrateError {
     InFile { path: PathBuf, source: Box<CalibrateError> },
 }
 
-const CHANNELS: [&str; 3] = ["R", "G", "B"];
+pub(super) const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 /// A calibration under way: scenes one after the other, frame by frame. Memory: the sums of one picture, and a
 /// little (0.2 MB) for each scene done.
@@ -318,12 +329,13 @@ impl NoiseCalibrator {
             neighbour_correlation,
         };
         let excluded_share = (self.moving + self.drifting) as f64 / self.pixels.max(1) as f64;
-        Ok(NoiseCalibration { profile, bins, scenes: self.scenes, frames: self.frames, excluded_share, warnings })
+        let (method, scenes, frames) = (Method::Resting, self.scenes, self.frames);
+        Ok(NoiseCalibration { profile, bins, method, scenes, frames, excluded_share, warnings })
     }
 }
 
 /// Says which bins are filled and which are biased, or that none is good.
-fn check(
+pub(super) fn check(
     channel: &'static str,
     bins: &[BinReport],
     needed: f64,
@@ -350,7 +362,7 @@ fn check(
     Ok(())
 }
 
-fn round4(value: f64) -> f64 {
+pub(super) fn round4(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 

@@ -1,6 +1,6 @@
 //! The table that a person reads after a calibration.
 
-use super::noise::{BinReport, NoiseCalibration};
+use super::noise::{BinReport, Method, NoiseCalibration};
 use crate::words::count;
 use std::fmt;
 
@@ -14,13 +14,18 @@ fn cell(bin: &BinReport) -> String {
 impl fmt::Display for NoiseCalibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [red, green, blue] = &self.bins;
-        writeln!(
-            f,
-            "{}, {}; {:.2} % of the pixels moved or drifted and are left out",
-            count(self.scenes, "scene"),
-            count(self.frames, "frame"),
-            100.0 * self.excluded_share
-        )?;
+        let (frames, left_out) = (count(self.frames, "frame"), 100.0 * self.excluded_share);
+        match self.method {
+            Method::Resting => writeln!(
+                f,
+                "{}, {frames}; {left_out:.2} % of the pixels moved or drifted and are left out",
+                count(self.scenes, "scene")
+            )?,
+            Method::Moving => writeln!(
+                f,
+                "{frames} of a moving camera; noise from textureless places: {left_out:.2} % of the blocks are left out"
+            )?,
+        }
         writeln!(f, "sigma in 8-bit codes [95 % interval] and independent samples, for each channel")?;
         writeln!(f, "{:>11}   {:^33}   {:^33}   {:^33}", "codes", "R", "G", "B")?;
         for ((r, g), b) in red.iter().zip(green).zip(blue) {

@@ -9,10 +9,10 @@ use toml_edit::{DocumentMut, Item, Table, TableLike};
 
 use super::Interruption;
 use super::outputs::Inputs;
-use crate::calibrate::{NoiseOptions, noise_from_paths};
+use crate::calibrate::{Method, NoiseCalibration, NoiseOptions, moving_noise_from_paths, noise_from_paths};
 use crate::profile_noise::noise_table_toml;
 use crate::sink::atomic::write_atomically;
-use crate::words::reason;
+use crate::words::{count, reason};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -22,15 +22,18 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum What {
-    /// Noise by channel and intensity, from static scenes
+    /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless places
     Noise(NoiseArgs),
 }
 
 #[derive(clap::Args)]
 struct NoiseArgs {
-    /// Pictures of one static scene, or folders of one static scene each
+    /// Pictures of one static scene, or folders of one static scene each; with --moving any pictures, folders and recordings
     #[arg(required = true)]
     frames: Vec<PathBuf>,
+    /// The camera moved: take the noise from textureless places of its pictures, less exact than from scenes at rest
+    #[arg(long, conflicts_with = "mean")]
+    moving: bool,
     /// The scene's known mean, for single noisy frames; once for each of them
     #[arg(long)]
     mean: Vec<PathBuf>,
@@ -56,8 +59,14 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     if noise_of(&mut profile).with_context(|| failed("refused"))?.iter().next().is_some() && !args.force {
         bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
     }
-    let calibration = noise_from_paths(&args.frames, &args.mean, &NoiseOptions::default())?;
+    let options = NoiseOptions::default();
+    let calibration = if args.moving {
+        moving_noise_from_paths(&args.frames, &options)?
+    } else {
+        noise_from_paths(&args.frames, &args.mean, &options)?
+    };
     replace(noise_of(&mut profile)?, &noise_table_toml(&calibration.profile));
+    sign(&mut profile, &calibration);
     interruption.hold(|| Ok(write_atomically(&args.output, |file| file.write_all(profile.to_string().as_bytes()))?))?;
     write!(std::io::stdout().lock(), "{calibration}")?;
     Ok(())
@@ -77,6 +86,23 @@ fn noise_of(profile: &mut DocumentMut) -> Result<&mut dyn TableLike> {
     let camera = camera.as_table_like_mut().context("camera is not a table")?;
     let noise = camera.entry("noise").or_insert_with(toml_edit::table);
     noise.as_table_like_mut().context("camera.noise is not a table")
+}
+
+/// How the line over the table begins that says where its noise came from.
+const SIGNATURE: &str = "# By `locard calibrate noise";
+
+/// Says over the table by which method its noise was found, in place of what was said there before.
+fn sign(profile: &mut DocumentMut, calibration: &NoiseCalibration) {
+    let frames = count(calibration.frames, "frame");
+    let how = match calibration.method {
+        Method::Resting => format!("`, from {frames} of {} at rest.", count(calibration.scenes, "scene")),
+        Method::Moving => format!(" --moving`, from textureless places of {frames} of a moving camera."),
+    };
+    let noise = profile.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
+    let Some(decor) = noise.and_then(Item::as_table_mut).map(Table::decor_mut) else { return };
+    let before = decor.prefix().and_then(|prefix| prefix.as_str()).unwrap_or("\n");
+    let kept: String = before.split_inclusive('\n').filter(|line| !line.starts_with(SIGNATURE)).collect();
+    decor.set_prefix(format!("{kept}{SIGNATURE}{how}\n"));
 }
 
 /// Puts new values for old ones; comments and everything else in the file stay as they are.

@@ -1,0 +1,402 @@
+//! Noise from frames of a camera that moves: where a picture has no texture, what is left beside a plane is noise.
+//!
+//! A picture's content only adds to a block's residual variance, so the lowest blocks of each channel and intensity are
+//! the noise's. Their variances are those of χ² cut off above (docs/calibration.md derives it); how many degrees of
+//! freedom it has and what the plane took follow from the noise's own correlation (plane.rs).
+//!
+//! Blocks as in Liu, Freeman, Szeliski and Kang 2006 (noise level functions from one picture) and in Pyatykh, Hesser and Zheng
+//! 2013: whole ones, judged by variance, none found by edges. Not separable from noise: texture that every block of an intensity
+//! has, and a pattern fixed on the sensor.
+
+use statrs::function::gamma::gamma_lr;
+
+use super::bins::{chi_square_interval, fill};
+use super::censoring::{NEAREST_USABLE, kept_variance};
+use super::noise::{BinReport, CHANNELS, CalibrateError, Method, NoiseCalibration, NoiseOptions, check, round4};
+use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE, WHITE};
+use super::rounding::Rounding;
+use super::scene_sums::UNIT;
+use crate::camera::{NoiseBin, NoiseProfile};
+use crate::image::{Codes, Pixels};
+
+/// Blocks with up to this many times the noise's variance are looked at: past the middle of χ², for the noise of one
+/// intensity differs a little with colour, and not far, for what lies above is texture.
+const CUT: f64 = 1.2;
+/// The search begins at this quantile of a bin's blocks.
+const LOWEST: f64 = 0.05;
+/// Fewer blocks than this below the cut tell nothing.
+const NEEDED_BLOCKS: usize = 10;
+/// σ and correlation depend on each other; they settle within three rounds.
+const ROUNDS: usize = 4;
+/// A block with more than this share of its pixels at an end of the code range is of no use.
+const CLIPPED: f64 = 0.02;
+/// Below this variance (8-bit codes squared, times the frames' step squared) a block is clipped within the camera.
+const TOO_QUIET: f64 = 0.1;
+/// So many blocks are kept, by chance, for each sixteenth of green's code range.
+const CAPACITY: usize = 16_384;
+const DRAWERS: usize = 16;
+
+/// What is kept of a block, in 8-bit code values.
+#[derive(Clone, Debug)]
+struct Block {
+    mean: [f32; 3],
+    /// Mean products of residuals by distance; the first is the variance.
+    products: [[f32; LAGS]; 3],
+    /// R·G, R·B, G·B.
+    cross: [f32; 3],
+    usable: [bool; 3],
+}
+
+/// What one intensity bin holds before it is judged.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    pixels: u64,
+    clipped: u64,
+}
+
+/// An estimate under way, frame by frame. Memory: 60 MB at most.
+#[derive(Debug)]
+pub struct MovingCalibrator {
+    options: NoiseOptions,
+    plane: Plane,
+    frame_bits: Option<u32>,
+    frames: usize,
+    /// By green's mean; what came, and what was kept of it.
+    drawers: [(u64, Vec<Block>); DRAWERS],
+    seen: [Vec<Seen>; 3],
+}
+
+/// Variances at the bins' middles, rounding included, and what they were found with.
+#[derive(Clone, Debug)]
+struct Found {
+    /// Variance and independent samples, for each bin of each channel.
+    variance: [Vec<f64>; 3],
+    independent: [Vec<f64>; 3],
+    measured: [Vec<bool>; 3],
+    /// The noise's covariance by distance, rounding included, its variance being 1.
+    covariance: [ByLag; 3],
+    channel: [Option<f64>; 3],
+    neighbour: [Option<f64>; 2],
+    flat: usize,
+}
+
+impl MovingCalibrator {
+    pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
+        if options.bins == 0 || options.bins > 256 {
+            return Err(CalibrateError::Bins { found: options.bins });
+        }
+        let seen = std::array::from_fn(|_| vec![Seen::default(); options.bins]);
+        let plane = Plane::new();
+        Ok(Self { options, plane, frame_bits: None, frames: 0, drawers: Default::default(), seen })
+    }
+
+    /// Adds a frame; frames may differ in size.
+    pub fn add_frame(&mut self, frame: &Pixels) -> Result<(), CalibrateError> {
+        if frame.width == 0 || frame.height == 0 {
+            return Err(CalibrateError::Empty);
+        }
+        let bits = if frame.max_code() == 255 { 8 } else { 16 };
+        let expected = *self.frame_bits.get_or_insert(bits);
+        if bits != expected {
+            return Err(CalibrateError::Depth { expected, found: bits });
+        }
+        self.frames += 1;
+        for y in 0..frame.height as usize / SIDE {
+            for x in 0..frame.width as usize / SIDE {
+                let block = self.block(frame, x * SIDE, y * SIDE);
+                self.keep(block);
+            }
+        }
+        Ok(())
+    }
+
+    fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Block {
+        let pixels = (SIDE * SIDE) as f64;
+        let quiet = TOO_QUIET * self.rounding().frame_step.powi(2);
+        let mut block = Block { mean: [0.0; 3], products: [[0.0; LAGS]; 3], cross: [0.0; 3], usable: [false; 3] };
+        let mut residuals = [[0.0; SIDE * SIDE]; 3];
+        for (channel, values) in residuals.iter_mut().enumerate() {
+            for (i, value) in values.iter_mut().enumerate() {
+                let place = 3 * ((y0 + i / SIDE) * frame.width as usize + x0 + i % SIDE) + channel;
+                *value = match &frame.codes {
+                    Codes::U8(codes) => codes.get(place).copied().map_or(0.0, f64::from),
+                    Codes::U16(codes) => codes.get(place).copied().map_or(0.0, f64::from) / UNIT as f64,
+                };
+            }
+            let mean = values.iter().sum::<f64>() / pixels;
+            let clipped = values.iter().filter(|v| **v <= 0.0 || **v >= 255.0).count();
+            let bin = bin_of(mean, self.options.bins);
+            let seen = &mut self.seen[channel][bin];
+            *seen = Seen { pixels: seen.pixels + pixels as u64, clipped: seen.clipped + clipped as u64 };
+            self.plane.take_off(values);
+            let products = Plane::products(values);
+            block.mean[channel] = mean as f32;
+            block.products[channel] = products.map(|p| p as f32);
+            block.usable[channel] = clipped as f64 <= CLIPPED * pixels && products[0] >= quiet;
+        }
+        for (cross, (a, b)) in block.cross.iter_mut().zip(PAIRS) {
+            *cross = (residuals[a].iter().zip(&residuals[b]).map(|(a, b)| a * b).sum::<f64>() / pixels) as f32;
+        }
+        block
+    }
+
+    /// Keeps a block, or lets chance decide where there are too many (Vitter 1985, algorithm R).
+    fn keep(&mut self, block: Block) {
+        let (came, kept) = &mut self.drawers[bin_of(f64::from(block.mean[1]), DRAWERS)];
+        *came += 1;
+        if kept.len() < CAPACITY {
+            return kept.push(block);
+        }
+        let hashed = (*came).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let place = ((hashed ^ (hashed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 16) % *came;
+        if let Some(old) = kept.get_mut(place as usize) {
+            *old = block;
+        }
+    }
+
+    fn rounding(&self) -> Rounding {
+        let frame_step = if self.frame_bits == Some(16) { 1.0 / UNIT as f64 } else { 1.0 };
+        Rounding { frame_step, mean_step: None }
+    }
+
+    fn blocks(&self) -> impl Iterator<Item = &Block> {
+        self.drawers.iter().flat_map(|(_, kept)| kept)
+    }
+
+    /// The profile and its table.
+    pub fn finish(self) -> Result<NoiseCalibration, CalibrateError> {
+        if self.frames == 0 {
+            return Err(CalibrateError::NoFrames);
+        }
+        let (rounding, found) = (self.rounding(), self.estimate());
+        let mut warnings = Vec::new();
+        let bins = [0, 1, 2].map(|c| self.reports(c, &found, &rounding));
+        for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
+            check(channel, bins, self.options.min_independent, &mut warnings)?;
+        }
+        warnings.push(
+            "the intervals are those of chance; texture that is everywhere counts as noise, so sigma may be too large"
+                .to_owned(),
+        );
+        let told = |value: Option<f64>, low: f64| round4(value.unwrap_or(0.0).clamp(low, 1.0));
+        let profile = NoiseProfile {
+            bins: [0, 1, 2]
+                .map(|c| bins[c].iter().map(|b| NoiseBin { code: b.code, sigma: round4(b.sigma) }).collect::<Vec<_>>()),
+            channel_correlation: found.channel.map(|c| told(c, -1.0)),
+            neighbour_correlation: found.neighbour.map(|c| told(c, 0.0)),
+        };
+        let excluded_share = 1.0 - found.flat as f64 / self.blocks().count().max(1) as f64;
+        let (scenes, frames, method) = (1, self.frames, Method::Moving);
+        Ok(NoiseCalibration { profile, bins, method, scenes, frames, excluded_share, warnings })
+    }
+
+    fn reports(&self, channel: usize, found: &Found, rounding: &Rounding) -> Vec<BinReport> {
+        let mut reports: Vec<BinReport> = (0..self.options.bins)
+            .map(|bin| {
+                let (variance, independent) = (found.variance[channel][bin], found.independent[channel][bin]);
+                let Seen { pixels, clipped } = self.seen[channel][bin];
+                let code_range = range_of(bin, self.options.bins);
+                BinReport {
+                    code_range,
+                    code: 0.5 * (code_range[0] + code_range[1]),
+                    count: pixels,
+                    clipped_share: clipped as f64 / pixels.max(1) as f64,
+                    independent_count: independent,
+                    mu: 0.0,
+                    sigma: rounding.sigma(variance),
+                    sigma_ci95: chi_square_interval(independent)
+                        .map(|ci| ci.map(|factor| rounding.sigma(variance * factor))),
+                    filled_from_neighbours: !found.measured[channel][bin],
+                }
+            })
+            .collect();
+        fill(&mut reports);
+        reports
+    }
+
+    fn estimate(&self) -> Found {
+        let bins = self.options.bins;
+        let mut found = Found {
+            variance: std::array::from_fn(|_| vec![1.0; bins]),
+            independent: std::array::from_fn(|_| vec![0.0; bins]),
+            measured: std::array::from_fn(|_| vec![false; bins]),
+            covariance: [WHITE; 3],
+            channel: [None; 3],
+            neighbour: [None; 2],
+            flat: 0,
+        };
+        for _ in 0..ROUNDS {
+            let freedom = found.covariance.map(|r| self.plane.freedom(&r));
+            let kept = found.covariance.map(|r| self.plane.kept(&r));
+            for channel in 0..3 {
+                self.variances(&mut found, channel, freedom[channel], kept[channel]);
+            }
+            self.correlations(&mut found, freedom, kept);
+        }
+        found
+    }
+
+    /// Brings one channel's variances nearer to those of its lowest blocks.
+    fn variances(&self, found: &mut Found, channel: usize, freedom: f64, kept: f64) {
+        let bins = self.options.bins;
+        let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); bins];
+        for block in self.blocks() {
+            let ratio = ratio(block, channel, &found.variance[channel]);
+            ratios[bin_of(f64::from(block.mean[channel]), bins)].extend(ratio.map(|r| r / kept));
+        }
+        let lowest: Vec<Option<(f64, f64)>> = ratios.iter_mut().map(|r| lowest(r, freedom)).collect();
+        for (bin, lowest) in lowest.iter().enumerate() {
+            let (factor, blocks) = lowest.unwrap_or((1.0, 0.0));
+            found.variance[channel][bin] *= factor;
+            found.independent[channel][bin] = blocks * freedom;
+            found.measured[channel][bin] = lowest.is_some() && blocks * freedom >= self.options.min_independent;
+        }
+        // The others lie between: what a block near a bin's edge is measured with.
+        let good: Vec<(f64, f64)> = (0..bins)
+            .filter(|bin| found.measured[channel][*bin])
+            .map(|bin| (bin as f64, found.variance[channel][bin]))
+            .collect();
+        for bin in 0..bins {
+            if let Some(variance) = between(&good, bin as f64).filter(|_| !found.measured[channel][bin]) {
+                found.variance[channel][bin] = variance;
+            }
+        }
+    }
+
+    /// How the noise hangs together, from blocks that are flat in every channel.
+    fn correlations(&self, found: &mut Found, freedom: [f64; 3], kept: [f64; 3]) {
+        let (bins, rounding) = (self.options.bins, self.rounding());
+        let rounded: [Vec<f64>; 3] =
+            [0, 1, 2].map(|c| found.variance[c].iter().map(|v| 1.0 - rounding.sigma(*v).powi(2) / v).collect());
+        let most = freedom.map(|nu| 1.0 + (2.0 / nu).sqrt());
+        let (mut products, mut cross, mut shares) = ([[0.0; LAGS]; 3], [0.0; 3], [0.0; 3]);
+        let mut flat = 0usize;
+        for block in self.blocks() {
+            let ratios = [0, 1, 2].map(|c| ratio(block, c, &found.variance[c]).filter(|r| *r <= most[c] * kept[c]));
+            let [Some(r), Some(g), Some(b)] = ratios else { continue };
+            flat += 1;
+            let scale: [f64; 3] = std::array::from_fn(|c| [r, g, b][c] / f64::from(block.products[c][0]));
+            for c in 0..3 {
+                for (sum, product) in products[c].iter_mut().zip(block.products[c]) {
+                    *sum += f64::from(product) * scale[c];
+                }
+                shares[c] += rounded[c][bin_of(f64::from(block.mean[c]), bins)];
+            }
+            for (sum, (cross, (a, b))) in cross.iter_mut().zip(block.cross.iter().zip(PAIRS)) {
+                *sum += f64::from(*cross) * (scale[a] * scale[b]).sqrt();
+            }
+        }
+        found.flat = flat;
+        if flat == 0 {
+            return;
+        }
+        let n = flat as f64;
+        let covariance = products.map(|sums| self.plane.covariance(&sums.map(|s| s / n)));
+        if covariance.iter().any(|r| r[0] <= 0.0) {
+            return;
+        }
+        found.covariance = covariance.map(|r| r.map(|v| (v / r[0]).clamp(-1.0, 1.0)));
+        // Rounding is independent from pixel to pixel.
+        let own: [f64; 3] = std::array::from_fn(|c| covariance[c][0] - shares[c] / n);
+        if own.iter().any(|v| *v <= 0.0) {
+            return;
+        }
+        found.neighbour = NEIGHBOURS.map(|k| {
+            let covariance: f64 = covariance.iter().map(|r| r[k]).sum();
+            Some(covariance / own.iter().sum::<f64>())
+        });
+        found.channel = std::array::from_fn(|i| {
+            let (a, b) = PAIRS[i];
+            Some(cross[i] / n / (kept[a] * kept[b] * own[a] * own[b]).sqrt())
+        });
+    }
+}
+
+const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+fn bin_of(code: f64, bins: usize) -> usize {
+    ((code * bins as f64 / 256.0) as usize).min(bins - 1)
+}
+
+fn range_of(bin: usize, bins: usize) -> [f64; 2] {
+    [bin, bin + 1].map(|edge| (edge as f64 * 256.0 / bins as f64).min(255.0))
+}
+
+/// Linear between points, constant beyond.
+fn between(points: &[(f64, f64)], at: f64) -> Option<f64> {
+    let after = points.partition_point(|p| p.0 <= at);
+    match (points.get(after.wrapping_sub(1)), points.get(after)) {
+        (Some(a), Some(b)) => Some(a.1 + (b.1 - a.1) * (at - a.0) / (b.0 - a.0)),
+        (Some(a), None) | (None, Some(a)) => Some(a.1),
+        (None, None) => None,
+    }
+}
+
+/// A block's variance over the one to expect at its intensity (`variance`: at the bins' middles), clipping included; `None`
+/// where it is of no use.
+fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
+    let code = f64::from(block.mean[channel]);
+    let bins = variance.len();
+    let at = (code * bins as f64 / 256.0 - 0.5).clamp(0.0, bins as f64 - 1.0);
+    let (low, high) = (at as usize, (at as usize + 1).min(bins - 1));
+    let expected = variance[low] + (variance[high] - variance[low]) * at.fract();
+    let from_end = code.min(255.0 - code) / expected.sqrt();
+    let usable = block.usable[channel] && from_end >= NEAREST_USABLE;
+    usable.then(|| f64::from(block.products[channel][0]) / (expected * kept_variance(from_end, 0.0)))
+}
+
+/// The variance of which the lowest of these are noise, and how many of them are. For x like χ² with ν degrees over ν,
+/// times s, the mean of those below a cut T is s·F_(ν+2)(νT/s) / F_ν(νT/s); at T = CUT·s this is one fixed factor, and s is
+/// sought at which it holds, from below: the first, for texture only adds.
+fn lowest(values: &mut [f64], freedom: f64) -> Option<(f64, f64)> {
+    values.sort_by(f64::total_cmp);
+    let below = |degrees: f64| gamma_lr(0.5 * degrees, 0.5 * freedom * CUT);
+    let (share, factor) = (below(freedom), below(freedom + 2.0) / below(freedom));
+    let sums: Vec<f64> = values
+        .iter()
+        .scan(0.0, |sum, v| {
+            *sum += v;
+            Some(*sum)
+        })
+        .collect();
+    let mut scale = *values.get((LOWEST * values.len() as f64) as usize)?;
+    let mut count = 0;
+    for _ in 0..200 {
+        count = values.partition_point(|v| *v <= CUT * scale);
+        let next = sums.get(count.checked_sub(1)?)? / count as f64 / factor;
+        let done = (next - scale).abs() < 1e-7 * scale;
+        scale = next;
+        if done {
+            break;
+        }
+    }
+    (count >= NEEDED_BLOCKS && scale > 0.0).then_some((scale, count as f64 / share))
+}
+
+/// Estimates from frames in memory.
+pub fn from_frames(frames: &[Pixels], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
+    let mut calibrator = MovingCalibrator::new(options.clone())?;
+    frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;
+    calibrator.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+    /// χ² at evenly spaced quantiles, a third of all; the rest is texture, twice to ninety times as strong.
+    #[test]
+    fn the_lowest_third_is_found_among_texture() {
+        let chi = ChiSquared::new(40.0).unwrap();
+        let mut values: Vec<f64> =
+            (0..1000).map(|i| 3.0 * chi.inverse_cdf((f64::from(i) + 0.5) / 1000.0) / 40.0).collect();
+        let (alone, count) = lowest(&mut values.clone(), 40.0).unwrap();
+        assert!((alone / 3.0 - 1.0).abs() < 0.01 && (count / 1000.0 - 1.0).abs() < 0.02, "{alone} {count}");
+        values.extend((0..2000).map(|i| 6.0 * (1.0 + 0.0002 * f64::from(i * i))));
+        let (among, count) = lowest(&mut values, 40.0).unwrap();
+        assert!((among / 3.0 - 1.0).abs() < 0.02 && (count / 1000.0 - 1.0).abs() < 0.04, "{among} {count}");
+        assert!(lowest(&mut [], 40.0).is_none() && lowest(&mut [0.0; 50], 40.0).is_none());
+        assert!(lowest(&mut [1.0; 5], 40.0).is_none());
+    }
+}

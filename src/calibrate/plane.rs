@@ -1,0 +1,223 @@
+//! What taking a plane off a small block does to noise whose neighbours hang together, and back.
+//!
+//! A block's n pixels are y = plane + e, e normal with the covariance R = Σ_k r_k S_k: S_k marks the pairs of pixels that lie
+//! k = (|Δx|, |Δy|) apart, r_k is the noise's covariance there (0 beyond [`REACH`]). With M = 1 − QQᵀ, Q an orthonormal
+//! base of the planes, the residuals are Me and their covariance MRM = Σ_k r_k B_k, B_k = M S_k M. So
+//!
+//! - the mean product of residuals that lie j apart expects c_j = Σ_k A_jk r_k, A_jk = Σ_(S_j) B_k / |S_j|: a linear system
+//!   that gives the r from the c, the low frequencies that the plane took included;
+//! - the mean square is distributed like χ² with ν = tr(MR)² / tr(MRMR) degrees of freedom (Satterthwaite 1946).
+
+/// Side of a block, pixels. Wide enough for the plane to leave most of the noise, small enough to find places.
+pub(crate) const SIDE: usize = 12;
+const PIXELS: usize = SIDE * SIDE;
+/// Noise this many pixels apart, across or down, still counts as one; beyond it is taken to be independent.
+const REACH: usize = 3;
+/// Distances up to [`REACH`] each way.
+pub(crate) const LAGS: usize = (REACH + 1) * (REACH + 1);
+/// Distances to the neighbour to the right and the one below.
+pub(crate) const NEIGHBOURS: [usize; 2] = [1, REACH + 1];
+
+/// Something for each distance: the noise's covariance, or the mean product of residuals.
+pub(crate) type ByLag = [f64; LAGS];
+/// One that does not hang together: variance 1.
+pub(crate) const WHITE: ByLag = {
+    let mut white = [0.0; LAGS];
+    white[0] = 1.0;
+    white
+};
+
+/// The block's algebra; made once.
+#[derive(Debug)]
+pub(crate) struct Plane {
+    /// B_k by rows.
+    left: Vec<Vec<f64>>,
+    expected: [ByLag; LAGS],
+    base: [[f64; PIXELS]; 3],
+}
+
+fn lag(a: usize, b: usize) -> Option<usize> {
+    let (dx, dy) = ((a % SIDE).abs_diff(b % SIDE), (a / SIDE).abs_diff(b / SIDE));
+    (dx <= REACH && dy <= REACH).then_some(dy * (REACH + 1) + dx)
+}
+
+/// The mean of the block's pixel pairs' values at each distance.
+fn mean_by_lag(value: impl Fn(usize, usize) -> f64) -> ByLag {
+    let (mut sums, mut pairs) = ([0.0; LAGS], [0.0; LAGS]);
+    for a in 0..PIXELS {
+        for b in a..PIXELS.min(a + REACH * (SIDE + 1) + 1) {
+            if let Some(k) = lag(a, b) {
+                sums[k] += value(a, b);
+                pairs[k] += 1.0;
+            }
+        }
+    }
+    std::array::from_fn(|k| sums[k] / pairs[k])
+}
+
+impl Plane {
+    pub fn new() -> Self {
+        let middle = (SIDE as f64 - 1.0) / 2.0;
+        let slope = (SIDE as f64 * (0..SIDE).map(|i| (i as f64 - middle).powi(2)).sum::<f64>()).sqrt();
+        let base: [[f64; PIXELS]; 3] = [
+            [1.0 / SIDE as f64; PIXELS],
+            std::array::from_fn(|i| ((i % SIDE) as f64 - middle) / slope),
+            std::array::from_fn(|i| ((i / SIDE) as f64 - middle) / slope),
+        ];
+        let left: Vec<Vec<f64>> = (0..LAGS).map(|k| projected(&base, k)).collect();
+        let mut expected = [[0.0; LAGS]; LAGS];
+        for (k, left) in left.iter().enumerate() {
+            for (row, mean) in expected.iter_mut().zip(mean_by_lag(|a, b| left[a * PIXELS + b])) {
+                row[k] = mean;
+            }
+        }
+        Self { left, expected, base }
+    }
+
+    /// Takes the plane off a block's values.
+    pub fn take_off(&self, values: &mut [f64; PIXELS]) {
+        for base in &self.base {
+            let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
+            values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
+        }
+    }
+
+    /// The mean products of residuals, by distance.
+    pub fn products(residuals: &[f64; PIXELS]) -> ByLag {
+        let rows: &[[f64; SIDE]] = residuals.as_chunks().0;
+        let mut means = [0.0; LAGS];
+        for (k, mean) in means.iter_mut().enumerate() {
+            let (dx, dy) = (k % (REACH + 1), k / (REACH + 1));
+            let sum: f64 = rows
+                .iter()
+                .zip(&rows[dy..])
+                .map(|(above, below)| {
+                    let right: f64 = above.iter().zip(&below[dx..]).map(|(a, b)| a * b).sum();
+                    let left: f64 = above[dx..].iter().zip(below).map(|(a, b)| a * b).sum();
+                    right + left
+                })
+                .sum();
+            *mean = sum / (2 * (SIDE - dx) * (SIDE - dy)) as f64;
+        }
+        means
+    }
+
+    /// The noise's covariance from the mean products of residuals.
+    pub fn covariance(&self, products: &ByLag) -> ByLag {
+        // The diagonal is by far the largest of each row: no pivots are sought.
+        let (mut matrix, mut right) = (self.expected, *products);
+        for i in 0..LAGS {
+            for j in i + 1..LAGS {
+                let factor = matrix[j][i] / matrix[i][i];
+                for k in i..LAGS {
+                    matrix[j][k] -= factor * matrix[i][k];
+                }
+                right[j] -= factor * right[i];
+            }
+        }
+        for i in (0..LAGS).rev() {
+            let known: f64 = (i + 1..LAGS).map(|k| matrix[i][k] * right[k]).sum();
+            right[i] = (right[i] - known) / matrix[i][i];
+        }
+        right
+    }
+
+    /// The share of a covariance's variance that the plane leaves, 0 to 1.
+    pub fn kept(&self, covariance: &ByLag) -> f64 {
+        self.expected[0].iter().zip(covariance).map(|(a, r)| a * r).sum::<f64>() / covariance[0]
+    }
+
+    /// Degrees of freedom of the mean square of residuals.
+    pub fn freedom(&self, covariance: &ByLag) -> f64 {
+        let trace = PIXELS as f64 * covariance[0] * self.kept(covariance);
+        let squares: f64 = (0..PIXELS * PIXELS)
+            .map(|i| self.left.iter().zip(covariance).map(|(left, r)| r * left[i]).sum::<f64>().powi(2))
+            .sum();
+        trace * trace / squares
+    }
+}
+
+/// M S_k M by rows.
+fn projected(base: &[[f64; PIXELS]; 3], k: usize) -> Vec<f64> {
+    let apart = |a: usize, b: usize| lag(a, b) == Some(k);
+    // S q for each q of the base, and qᵀ S p
+    let moved = base.map(|q| {
+        let sum = |a: usize| (0..PIXELS).filter(|b| apart(a, *b)).map(|b| q[b]).sum();
+        std::array::from_fn::<f64, PIXELS, _>(sum)
+    });
+    let inner: [[f64; 3]; 3] = base.map(|q| moved.map(|s| q.iter().zip(&s).map(|(a, b)| a * b).sum()));
+    let mut all = vec![0.0; PIXELS * PIXELS];
+    for (i, value) in all.iter_mut().enumerate() {
+        let (a, b) = (i / PIXELS, i % PIXELS);
+        *value = f64::from(apart(a, b));
+        for q in 0..3 {
+            *value -= base[q][a] * moved[q][b] + moved[q][a] * base[q][b];
+            for p in 0..3 {
+                *value += base[q][a] * inner[q][p] * base[p][b];
+            }
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn white_noise_has_as_many_degrees_as_pixels_less_three() {
+        let plane = Plane::new();
+        assert!((plane.freedom(&WHITE) - 141.0).abs() < 1e-9);
+        assert!((plane.kept(&WHITE) - 141.0 / 144.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_plane_takes_planes_and_nothing_twice() {
+        let plane = Plane::new();
+        let mut values: [f64; PIXELS] = std::array::from_fn(|i| 3.0 + 0.5 * (i % SIDE) as f64 - (i / SIDE) as f64);
+        plane.take_off(&mut values);
+        assert!(values.iter().all(|v| v.abs() < 1e-12));
+        // One pixel: what is left of it is its own square of M, and of a neighbour's product −(QQᵀ) between.
+        let mut values = [0.0; PIXELS];
+        values[0] = 1.0;
+        plane.take_off(&mut values);
+        let (once, m) = (values, values[0]);
+        plane.take_off(&mut values);
+        assert!(values.iter().zip(&once).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert!((m - (1.0 - 1.0 / 144.0 - 2.0 * 5.5 * 5.5 / (12.0 * 143.0))).abs() < 1e-12, "{m}");
+    }
+
+    /// Both ways: from r by the sum over all pairs of M R M, which is written apart here, and from c back to r.
+    #[test]
+    fn covariance_undoes_what_the_plane_did() {
+        let plane = Plane::new();
+        let r: ByLag = std::array::from_fn(|k| 0.6f64.powi((k % 4) as i32) * 0.4f64.powi((k / 4) as i32));
+        // Residuals of every unit impulse: M's columns. E[e eᵀ] = M R M.
+        let columns: Vec<[f64; PIXELS]> = (0..PIXELS)
+            .map(|i| {
+                let mut unit = [0.0; PIXELS];
+                unit[i] = 1.0;
+                plane.take_off(&mut unit);
+                unit
+            })
+            .collect();
+        let spread: Vec<[f64; PIXELS]> = columns
+            .iter()
+            .map(|m| std::array::from_fn(|j| (0..PIXELS).map(|i| m[i] * lag(i, j).map_or(0.0, |k| r[k])).sum()))
+            .collect();
+        let entry = |a: usize, b: usize| -> f64 { spread[a].iter().zip(&columns[b]).map(|(x, y)| x * y).sum() };
+        let expected = mean_by_lag(entry);
+        let products = Plane::products(&columns[30]);
+        let counted = mean_by_lag(|a, b| columns[30][a] * columns[30][b]);
+        assert!(products.iter().zip(&counted).all(|(a, b)| (a - b).abs() < 1e-15), "{products:?}");
+        let found = plane.covariance(&expected);
+        assert!(found.iter().zip(&r).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        assert!((plane.kept(&r) - expected[0]).abs() < 1e-12);
+        let (mut trace, mut squares) = (0.0, 0.0);
+        for a in 0..PIXELS {
+            trace += entry(a, a);
+            squares += (0..PIXELS).map(|b| entry(a, b).powi(2)).sum::<f64>();
+        }
+        assert!((plane.freedom(&r) / (trace * trace / squares) - 1.0).abs() < 1e-9);
+    }
+}
