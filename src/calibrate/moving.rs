@@ -25,10 +25,16 @@ const CUT: f64 = 1.2;
 /// The search begins at this quantile of a bin's blocks.
 const LOWEST: f64 = 0.05;
 /// Fewer blocks than this below the cut tell nothing.
-const NEEDED_BLOCKS: usize = 10;
+const NEEDED_BLOCKS: usize = 40;
+/// Blocks below the cut that spread by this factor more than χ² does are no noise but weak texture: 1.0 to 1.25 is measured
+/// where σ is right, 1.25 to 1.4 where texture was taken for noise.
+const WIDEST: f64 = 1.25;
+/// Nor are they, where so many times as many lie between the cut and half as much again: there is no crowd of flat ones.
+const CROWDED: f64 = 1.5;
 /// σ and correlation depend on each other; they settle within three rounds.
 const ROUNDS: usize = 4;
-/// A block with more than this share of its pixels at an end of the code range is of no use.
+/// A block with more than this share of any channel's pixels at an end of the code range is of no use: cameras mix channels
+/// after clipping, and what was clipped has no noise to give.
 const CLIPPED: f64 = 0.02;
 /// Below this variance (8-bit codes squared, times the frames' step squared) a block is clipped within the camera.
 const TOO_QUIET: f64 = 0.1;
@@ -44,7 +50,6 @@ struct Block {
     products: [[f32; LAGS]; 3],
     /// R·G, R·B, G·B.
     cross: [f32; 3],
-    usable: [bool; 3],
 }
 
 /// What one intensity bin holds before it is judged.
@@ -61,6 +66,7 @@ pub struct MovingCalibrator {
     plane: Plane,
     frame_bits: Option<u32>,
     frames: usize,
+    blocks: u64,
     /// By green's mean; what came, and what was kept of it.
     drawers: [(u64, Vec<Block>); DRAWERS],
     seen: [Vec<Seen>; 3],
@@ -87,7 +93,7 @@ impl MovingCalibrator {
         }
         let seen = std::array::from_fn(|_| vec![Seen::default(); options.bins]);
         let plane = Plane::new();
-        Ok(Self { options, plane, frame_bits: None, frames: 0, drawers: Default::default(), seen })
+        Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, drawers: Default::default(), seen })
     }
 
     /// Adds a frame; frames may differ in size.
@@ -103,17 +109,21 @@ impl MovingCalibrator {
         self.frames += 1;
         for y in 0..frame.height as usize / SIDE {
             for x in 0..frame.width as usize / SIDE {
-                let block = self.block(frame, x * SIDE, y * SIDE);
-                self.keep(block);
+                self.blocks += 1;
+                if let Some(block) = self.block(frame, x * SIDE, y * SIDE) {
+                    self.keep(block);
+                }
             }
         }
         Ok(())
     }
 
-    fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Block {
+    /// A block's sums; `None` where it is clipped.
+    fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Option<Block> {
         let pixels = (SIDE * SIDE) as f64;
         let quiet = TOO_QUIET * self.rounding().frame_step.powi(2);
-        let mut block = Block { mean: [0.0; 3], products: [[0.0; LAGS]; 3], cross: [0.0; 3], usable: [false; 3] };
+        let mut block = Block { mean: [0.0; 3], products: [[0.0; LAGS]; 3], cross: [0.0; 3] };
+        let mut usable = true;
         let mut residuals = [[0.0; SIDE * SIDE]; 3];
         for (channel, values) in residuals.iter_mut().enumerate() {
             for (i, value) in values.iter_mut().enumerate() {
@@ -132,12 +142,12 @@ impl MovingCalibrator {
             let products = Plane::products(values);
             block.mean[channel] = mean as f32;
             block.products[channel] = products.map(|p| p as f32);
-            block.usable[channel] = clipped as f64 <= CLIPPED * pixels && products[0] >= quiet;
+            usable &= clipped as f64 <= CLIPPED * pixels && products[0] >= quiet;
         }
         for (cross, (a, b)) in block.cross.iter_mut().zip(PAIRS) {
             *cross = (residuals[a].iter().zip(&residuals[b]).map(|(a, b)| a * b).sum::<f64>() / pixels) as f32;
         }
-        block
+        usable.then_some(block)
     }
 
     /// Keeps a block, or lets chance decide where there are too many (Vitter 1985, algorithm R).
@@ -185,7 +195,10 @@ impl MovingCalibrator {
             channel_correlation: found.channel.map(|c| told(c, -1.0)),
             neighbour_correlation: found.neighbour.map(|c| told(c, 0.0)),
         };
-        let excluded_share = 1.0 - found.flat as f64 / self.blocks().count().max(1) as f64;
+        // What chance did not keep is like what it kept.
+        let kept = self.drawers.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
+        let came = self.drawers.iter().map(|d| d.0).sum::<u64>() as f64;
+        let excluded_share = 1.0 - found.flat as f64 / kept * came / self.blocks.max(1) as f64;
         let (scenes, frames, method) = (1, self.frames, Method::Moving);
         Ok(NoiseCalibration { profile, bins, method, scenes, frames, excluded_share, warnings })
     }
@@ -225,11 +238,13 @@ impl MovingCalibrator {
             neighbour: [None; 2],
             flat: 0,
         };
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
+            // Before the correlation is known, noise spreads more than it should.
+            let strict = round >= ROUNDS / 2;
             let freedom = found.covariance.map(|r| self.plane.freedom(&r));
             let kept = found.covariance.map(|r| self.plane.kept(&r));
             for channel in 0..3 {
-                self.variances(&mut found, channel, freedom[channel], kept[channel]);
+                self.variances(&mut found, channel, (freedom[channel], kept[channel]), strict);
             }
             self.correlations(&mut found, freedom, kept);
         }
@@ -237,14 +252,17 @@ impl MovingCalibrator {
     }
 
     /// Brings one channel's variances nearer to those of its lowest blocks.
-    fn variances(&self, found: &mut Found, channel: usize, freedom: f64, kept: f64) {
+    fn variances(&self, found: &mut Found, channel: usize, (freedom, kept): (f64, f64), strict: bool) {
         let bins = self.options.bins;
         let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); bins];
         for block in self.blocks() {
             let ratio = ratio(block, channel, &found.variance[channel]);
             ratios[bin_of(f64::from(block.mean[channel]), bins)].extend(ratio.map(|r| r / kept));
         }
-        let lowest: Vec<Option<(f64, f64)>> = ratios.iter_mut().map(|r| lowest(r, freedom)).collect();
+        let lowest: Vec<Option<(f64, f64)>> = ratios
+            .iter_mut()
+            .map(|r| lowest(r, freedom).filter(|l| l.like_noise || !strict).map(|l| (l.scale, l.blocks)))
+            .collect();
         for (bin, lowest) in lowest.iter().enumerate() {
             let (factor, blocks) = lowest.unwrap_or((1.0, 0.0));
             found.variance[channel][bin] *= factor;
@@ -341,17 +359,29 @@ fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
     let (low, high) = (at as usize, (at as usize + 1).min(bins - 1));
     let expected = variance[low] + (variance[high] - variance[low]) * at.fract();
     let from_end = code.min(255.0 - code) / expected.sqrt();
-    let usable = block.usable[channel] && from_end >= NEAREST_USABLE;
-    usable.then(|| f64::from(block.products[channel][0]) / (expected * kept_variance(from_end, 0.0)))
+    (from_end >= NEAREST_USABLE)
+        .then(|| f64::from(block.products[channel][0]) / (expected * kept_variance(from_end, 0.0)))
 }
 
-/// The variance of which the lowest of these are noise, and how many of them are. For x like χ² with ν degrees over ν,
-/// times s, the mean of those below a cut T is s·F_(ν+2)(νT/s) / F_ν(νT/s); at T = CUT·s this is one fixed factor, and s is
-/// sought at which it holds, from below: the first, for texture only adds.
-fn lowest(values: &mut [f64], freedom: f64) -> Option<(f64, f64)> {
+/// What the lowest of a bin's blocks say.
+#[derive(Clone, Copy, Debug)]
+struct Lowest {
+    scale: f64,
+    /// How many blocks of noise alone there are, those above the cut included.
+    blocks: f64,
+    /// Whether they spread as noise does; else they are weak texture.
+    like_noise: bool,
+}
+
+/// The variance of which the lowest of these are noise.
+/// For x like χ² with ν degrees over ν, times s, those below a cut T have the mean s·F_(ν+2)(νT/s) / F_ν(νT/s) and the mean
+/// square s²·(1+2/ν)·F_(ν+4)(νT/s) / F_ν(νT/s). At T = CUT·s these are fixed factors. s is sought at which the first holds,
+/// from below: the first such, for texture only adds.
+fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
     values.sort_by(f64::total_cmp);
     let below = |degrees: f64| gamma_lr(0.5 * degrees, 0.5 * freedom * CUT);
-    let (share, factor) = (below(freedom), below(freedom + 2.0) / below(freedom));
+    let (share, mean) = (below(freedom), below(freedom + 2.0) / below(freedom));
+    let square = (1.0 + 2.0 / freedom) * below(freedom + 4.0) / share;
     let sums: Vec<f64> = values
         .iter()
         .scan(0.0, |sum, v| {
@@ -363,14 +393,21 @@ fn lowest(values: &mut [f64], freedom: f64) -> Option<(f64, f64)> {
     let mut count = 0;
     for _ in 0..200 {
         count = values.partition_point(|v| *v <= CUT * scale);
-        let next = sums.get(count.checked_sub(1)?)? / count as f64 / factor;
+        let next = sums.get(count.checked_sub(1)?)? / count as f64 / mean;
         let done = (next - scale).abs() < 1e-7 * scale;
         scale = next;
         if done {
             break;
         }
     }
-    (count >= NEEDED_BLOCKS && scale > 0.0).then_some((scale, count as f64 / share))
+    if count < NEEDED_BLOCKS || scale <= 0.0 {
+        return None;
+    }
+    let n = count as f64;
+    let spread = values.iter().take(count).map(|v| (v / scale - mean).powi(2)).sum::<f64>() / n;
+    let next = (values.partition_point(|v| *v <= 1.5 * CUT * scale) - count) as f64;
+    let like_noise = spread <= WIDEST * WIDEST * (square - mean * mean) && next <= CROWDED * n;
+    Some(Lowest { scale, blocks: n / share, like_noise })
 }
 
 /// Estimates from frames in memory.
@@ -391,12 +428,16 @@ mod tests {
         let chi = ChiSquared::new(40.0).unwrap();
         let mut values: Vec<f64> =
             (0..1000).map(|i| 3.0 * chi.inverse_cdf((f64::from(i) + 0.5) / 1000.0) / 40.0).collect();
-        let (alone, count) = lowest(&mut values.clone(), 40.0).unwrap();
-        assert!((alone / 3.0 - 1.0).abs() < 0.01 && (count / 1000.0 - 1.0).abs() < 0.02, "{alone} {count}");
+        let alone = lowest(&mut values.clone(), 40.0).unwrap();
+        assert!((alone.scale / 3.0 - 1.0).abs() < 0.01 && (alone.blocks / 1000.0 - 1.0).abs() < 0.02, "{alone:?}");
         values.extend((0..2000).map(|i| 6.0 * (1.0 + 0.0002 * f64::from(i * i))));
-        let (among, count) = lowest(&mut values, 40.0).unwrap();
-        assert!((among / 3.0 - 1.0).abs() < 0.02 && (count / 1000.0 - 1.0).abs() < 0.04, "{among} {count}");
+        let among = lowest(&mut values, 40.0).unwrap();
+        assert!((among.scale / 3.0 - 1.0).abs() < 0.02 && (among.blocks / 1000.0 - 1.0).abs() < 0.04, "{among:?}");
+        assert!(alone.like_noise && among.like_noise);
         assert!(lowest(&mut [], 40.0).is_none() && lowest(&mut [0.0; 50], 40.0).is_none());
-        assert!(lowest(&mut [1.0; 5], 40.0).is_none());
+        assert!(lowest(&mut [1.0; 39], 40.0).is_none());
+        // Texture alone, growing like a power, is no noise.
+        let mut texture: Vec<f64> = (1..2000).map(|i| f64::from(i).sqrt()).collect();
+        assert!(!lowest(&mut texture, 40.0).unwrap().like_noise);
     }
 }
