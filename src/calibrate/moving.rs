@@ -436,8 +436,10 @@ mod tests {
         assert!(alone.like_noise && among.like_noise);
         assert!(lowest(&mut [], 40.0).is_none() && lowest(&mut [0.0; 50], 40.0).is_none());
         assert!(lowest(&mut [1.0; 39], 40.0).is_none());
-        // Texture alone, growing like a power, is no noise.
-        let mut texture: Vec<f64> = (1..2000).map(|i| f64::from(i).sqrt()).collect();
+        // Texture alone: none below 1, then ever more.
+        let mut texture: Vec<f64> = (0..2000).map(|i| 1.0 + 0.2 * f64::from(i).sqrt()).collect();
         assert!(!lowest(&mut texture, 40.0).unwrap().like_noise);
+        let mut from_nothing: Vec<f64> = (0..2000).map(|i| f64::from(i).sqrt()).collect();
+        assert!(lowest(&mut from_nothing, 40.0).is_none());
     }
 }
