@@ -108,10 +108,9 @@ impl Plane {
         let (mut matrix, mut right) = (self.expected, *products);
         for i in 0..LAGS {
             for j in i + 1..LAGS {
-                let factor = matrix[j][i] / matrix[i][i];
-                for k in i..LAGS {
-                    matrix[j][k] -= factor * matrix[i][k];
-                }
+                let eliminating = matrix[i];
+                let factor = matrix[j][i] / eliminating[i];
+                matrix[j].iter_mut().zip(eliminating).for_each(|(m, e)| *m -= factor * e);
                 right[j] -= factor * right[i];
             }
         }
