@@ -1,8 +1,7 @@
-// Triangles to multisampled colour and geometry.
+// Triangles to multisampled colour and depth.
 //
 // A vertex is seen by the pose of the moment at which its own row is read, plus the sample's
 // time in the shutter; distortion is applied to vertices, whose triangles are fine enough.
-// @import shared/layer
 
 // What a draw call is made for: each mixture is a pipeline of its own, so that an untextured
 // thing does not pay for five textures (software drivers work through both sides of an `if`).
@@ -35,15 +34,14 @@ struct View {
     focal_px: vec4<f32>,      // fx, fy, cx, cy
     distortion: vec4<f32>,    // k1, k2, p1, p2; of a fisheye k1, k2, k3, k4
     lens: vec4<f32>,          // k3, valid radius (of a fisheye angle), slope at it, near plane (m)
-    shutter: vec4<f32>,       // sample time (s), half step for velocity (s), readout (s), picture height (px)
+    shutter: vec4<f32>,       // sample time (s), readout (s), picture height (px), unused
     keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
-    mean_velocity: vec4<f32>, // of the objects on the whole (px/s)
     aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m); far plane of parallel rays (m)
     outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it is a part of
     outer: vec4<f32>,         // of that camera: fy, cy
-    // Rotation, and the camera's position, at the sample time and a half step before and after.
-    moment_rotation: array<vec4<f32>, 3>,
-    moment_eye: array<vec4<f32>, 3>,
+    // The camera's rotation and position at the sample time.
+    rotation: vec4<f32>,
+    eye: vec4<f32>,
     key_rotation: array<vec4<f32>, MAX_KEYS>,
     key_translation: array<vec4<f32>, MAX_KEYS>,
 }
@@ -117,7 +115,6 @@ struct Fragment {
     @location(2) tangent: vec4<f32>,
     @location(3) uv: vec4<f32>,
     @location(4) color: vec4<f32>,
-    @location(5) @interpolate(perspective, centroid) seen: vec3<f32>, // depth (m), velocity less the mean (px/s)
 }
 
 fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
@@ -189,21 +186,21 @@ fn project(p: vec3<f32>) -> vec2<f32> {
 
 struct Seen { at_px: vec2<f32>, depth_m: f32 }
 
-// Where the point is seen at one of the three moments (0: the sample's; 1, 2: a half step
-// before and after) from the middle of its own row's exposure. The row's time depends on the
-// row found, a contraction by readout · speed / height (≲ 0.1) a step.
-fn see(point: vec3<f32>, moment: u32) -> Seen {
+// Where the point is seen from the middle of its own row's exposure. The row's time depends on the row found, a
+// contraction by readout · speed / height (≲ 0.1) a step.
+fn see(point: vec3<f32>) -> Seen {
     if !rolling {
-        let p = rotate(view.moment_rotation[moment], point - view.moment_eye[moment].xyz);
+        let p = rotate(view.rotation, point - view.eye.xyz);
         return Seen(project(p), p.z);
     }
-    let sample_s = view.shutter.x + select(select(view.shutter.y, -view.shutter.y, moment == 1u), 0.0, moment == 0u);
+    let sample_s = view.shutter.x;
+    let readout_s = view.shutter.y;
     var p = in_camera(point, sample_s);
     var at = project(p);
     for (var i = 0; i < 4; i++) {
-        let row_s = (row_of(p, at) / view.shutter.w - 0.5) * view.shutter.z;
+        let row_s = (row_of(p, at) / view.shutter.z - 0.5) * readout_s;
         // Rows far outside the picture are never read; their time stays near it.
-        p = in_camera(point, sample_s + clamp(row_s, -view.shutter.z, view.shutter.z));
+        p = in_camera(point, sample_s + clamp(row_s, -readout_s, readout_s));
         at = project(p);
     }
     return Seen(at, p.z);
@@ -217,9 +214,7 @@ fn vertex(corner: Corner) -> Fragment {
     let row2 = corner.row2;
     let mirror = corner.mirror_offset.x;
     let position = vec3<f32>(dot(row0, p), dot(row1, p), dot(row2, p));
-    let here = see(position, 0u);
-    let before = see(position, 1u);
-    let after = see(position, 2u);
+    let here = see(position);
 
     // The inverse transpose up to a positive factor: rows of cofactors, and the mirror's sign.
     let n = vec3<f32>(
@@ -250,9 +245,6 @@ fn vertex(corner: Corner) -> Fragment {
     out.tangent = vec4<f32>(t, corner.tangent.w * mirror);
     out.uv = vec4<f32>(corner.uv0, corner.uv1);
     out.color = corner.color;
-    // Less the mean: interpolating in slivers loses digits of large values.
-    let velocity = (after.at_px - before.at_px) / (2.0 * view.shutter.y);
-    out.seen = vec3<f32>(here.depth_m, velocity - view.mean_velocity.xy);
     return out;
 }
 
@@ -364,7 +356,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // The eye is the origin: positions are around the camera.
     var towards_eye = -normalize(in.position);
     if parallel {
-        let q = view.moment_rotation[0];
+        let q = view.rotation;
         towards_eye = rotate(vec4<f32>(-q.xyz, q.w), vec3<f32>(0.0, 0.0, -1.0));
     }
     let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
@@ -419,11 +411,6 @@ fn base_texel(uv: vec2<f32>) -> vec4<f32> {
         + textureSampleBias(base_color_texture, base_color_sampler, uv - b, FINER));
 }
 
-struct Out {
-    @location(0) color: vec4<f32>,
-    @location(1) geometry: vec4<u32>,
-}
-
 fn base_of(in: Fragment) -> vec4<f32> {
     var base = material.base_color;
     if has_colors {
@@ -435,7 +422,8 @@ fn base_of(in: Fragment) -> vec4<f32> {
     return base;
 }
 
-fn surface(in: Fragment, front: bool, base: vec4<f32>) -> Out {
+// Premultiplied, within the range of 16-bit floats.
+fn surface(in: Fragment, front: bool, base: vec4<f32>) -> vec4<f32> {
     var color = base.rgb;
     if !unlit {
         var emitted = material.emissive.rgb;
@@ -445,16 +433,11 @@ fn surface(in: Fragment, front: bool, base: vec4<f32>) -> Out {
         color = shade(in, front, base.rgb) + emitted;
     }
     let alpha = select(1.0, clamp(base.a, 0.0, 1.0), blended);
-    let velocity = in.seen.yz + view.mean_velocity.xy;
-    var out: Out;
-    // Within the range of 16-bit floats.
-    out.color = vec4<f32>(min(color * alpha, vec3<f32>(60000.0)), alpha);
-    out.geometry = pack_geometry(in.seen.x, velocity);
-    return out;
+    return vec4<f32>(min(color * alpha, vec3<f32>(60000.0)), alpha);
 }
 
 @fragment
-fn whole(in: Fragment, @builtin(front_facing) front: bool) -> Out {
+fn whole(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
     return surface(in, front, base_of(in));
 }
 
@@ -469,7 +452,8 @@ fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
     }
     if hidden_by_depth {
         let wall = textureLoad(real_depth, vec2<i32>(in.at.xy), 0).r;
-        if wall > 0.0 && in.seen.x > wall + view.keys.w {
+        // Rays are not parallel here: w is 1 / depth.
+        if wall > 0.0 && 1.0 > (wall + view.keys.w) * in.at.w {
             mask = 0u;
         }
     }
@@ -478,13 +462,18 @@ fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
 
 struct PartlyOut {
     @location(0) color: vec4<f32>,
-    @location(1) geometry: vec4<u32>,
     @builtin(sample_mask) mask: u32,
 }
 
 @fragment
 fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
     let base = base_of(in);
-    let out = surface(in, front, base);
-    return PartlyOut(out.color, out.geometry, samples_of(in, base));
+    return PartlyOut(surface(in, front, base), samples_of(in, base));
+}
+
+// Of what is blended, after all its colours: its depth, where it can be seen at all.
+@fragment
+fn depth_of_blended(in: Fragment) -> @builtin(sample_mask) u32 {
+    let base = base_of(in);
+    return select(0u, samples_of(in, base), base.a > 0.0);
 }

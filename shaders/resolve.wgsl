@@ -1,27 +1,45 @@
-// Four samples to one pixel: colour averaged, geometry of the nearest sample kept.
-// @import shared/fullscreen
+// Four samples to one pixel: colour averaged; depth of the nearest, and how fast what is there moves.
 // @import shared/layer
-@group(0) @binding(0) var color: texture_multisampled_2d<f32>;
-@group(0) @binding(1) var geometry: texture_multisampled_2d<u32>;
+struct Resolve {
+    size: vec4<f32>,   // of the targets (px), side of a cell (px), cells a row
+    depth: vec4<f32>,  // near plane (m); of parallel rays the far one (m), else 0
+}
+@group(0) @binding(0) var<uniform> resolve: Resolve;
+@group(0) @binding(1) var color: texture_multisampled_2d<f32>;
+@group(0) @binding(2) var depth: texture_depth_multisampled_2d;
+// At the cells' corners: velocity of what is infinitely far, and what nearness adds to it (src/render/motion.rs), px/s.
+@group(0) @binding(3) var<storage, read> motion: array<vec4<f32>>;
+
+struct Corner {
+    @builtin(position) at: vec4<f32>,
+    @location(0) @interpolate(linear) motion: vec4<f32>,
+}
+
+// A corner of a cell's quad, in the order of a Z.
+@vertex
+fn cell(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
+    let columns = u32(resolve.size.w);
+    let at = vec2<u32>(instance % columns + (vertex & 1u), instance / columns + (vertex >> 1u));
+    let device = vec2<f32>(at) * resolve.size.z / resolve.size.xy * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    return Corner(vec4<f32>(device, 0.0, 1.0), motion[at.y * (columns + 1u) + at.x]);
+}
 
 struct Out { @location(0) color: vec4<f32>, @location(1) geometry: vec4<u32> }
 
 @fragment
-fn main(@builtin(position) at: vec4<f32>) -> Out {
-    let p = vec2<i32>(at.xy);
+fn main(in: Corner) -> Out {
+    let p = vec2<i32>(in.at.xy);
     var sum = vec4<f32>(0.0);
-    var nearest = vec4<u32>(0u);
-    var nearest_m = 1e30;
+    // Depth is reversed: near / z, or from 1 at the near to 0 at the far plane.
+    var nearness = 0.0;
     for (var i = 0; i < 4; i++) {
-        let c = textureLoad(color, p, i);
-        sum += c;
-        // Geometry is not cleared: it tells something where there is colour.
-        let g = textureLoad(geometry, p, i);
-        let depth = unpack_geometry(g).x;
-        if c.a > 0.0 && depth < nearest_m {
-            nearest = g;
-            nearest_m = depth;
-        }
+        sum += textureLoad(color, p, i);
+        nearness = max(nearness, textureLoad(depth, p, i));
     }
-    return Out(sum * 0.25, nearest);
+    var depth_m = resolve.depth.x / max(nearness, 1e-30);
+    if resolve.depth.y > 0.0 {
+        depth_m = mix(resolve.depth.y, resolve.depth.x, nearness);
+    }
+    let geometry = pack_geometry(depth_m, in.motion.xy + in.motion.zw * nearness);
+    return Out(sum * 0.25, select(vec4<u32>(0u), geometry, sum.a > 0.0 && nearness > 0.0));
 }

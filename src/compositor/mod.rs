@@ -300,7 +300,7 @@ impl Compositor {
             geometry: job.geometry,
             keys: &keys,
             shutter,
-            mean_px_per_s: footprint.mean_px_per_s,
+            depths_m: footprint.depths_m,
             rect: drawn,
             occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
             parallel_to_m: None,

@@ -96,7 +96,7 @@ impl SideView {
             geometry: &self.geometry,
             keys: &self.keys,
             shutter: of.shutter,
-            mean_px_per_s: [0.0; 2],
+            depths_m: of.depths_m,
             rect: self.rect,
             occlusion: None,
             parallel_to_m: None,

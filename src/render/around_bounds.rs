@@ -27,7 +27,6 @@ struct Seen {
     low: DVec2,
     high: DVec2,
     fastest: f64,
-    way: DVec2,
 }
 
 /// Corners of a box and the points along its edges, in the same order for each box.
@@ -63,7 +62,7 @@ fn seen(geometry: &Geometry, moments: &[[DVec3; 8]; 3], dt_s: f64) -> Option<See
             })
             .collect::<Vec<_>>()
     });
-    let (mut low, mut high, mut fastest, mut way) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0f64, DVec2::ZERO);
+    let (mut low, mut high, mut fastest) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0f64);
     for moment in &places {
         for (n, (at, step)) in moment.iter().enumerate() {
             let around = if (n as u32).is_multiple_of(STEPS + 1) { 0.0 } else { 0.5 * step };
@@ -73,10 +72,9 @@ fn seen(geometry: &Geometry, moments: &[[DVec3; 8]; 3], dt_s: f64) -> Option<See
     for pair in places.windows(2) {
         for ((a, _), (b, _)) in pair[0].iter().zip(&pair[1]) {
             fastest = fastest.max(a.distance(*b) / dt_s);
-            way += (*b - *a) / dt_s / (2.0 * pair[0].len() as f64);
         }
     }
-    Some(Seen { low: low - 1.0, high: high + 1.0, fastest, way })
+    Some(Seen { low: low - 1.0, high: high + 1.0, fastest })
 }
 
 /// The footprint of all parts.
@@ -92,7 +90,7 @@ pub fn footprint_around(
     let most = most_px_per_s(geometry, shutter);
     let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
     let (mut nearest, mut farthest, mut fastest) = (f64::INFINITY, NEAR_M, 0.0f64);
-    let (mut mean, mut count, mut anywhere) = (DVec2::ZERO, 0.0, false);
+    let mut anywhere = false;
     let mut all: Vec<Seen> = Vec::new();
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let Some(b) = bounds[part.mesh] else { continue };
@@ -106,7 +104,6 @@ pub fn footprint_around(
         match seen(geometry, &in_camera, keys.reach_s) {
             Some(seen) => {
                 fastest = fastest.max(seen.fastest);
-                (mean, count) = (mean + seen.way, count + 1.0);
                 all.push(seen);
             }
             None => {
@@ -136,12 +133,7 @@ pub fn footprint_around(
     } else {
         Rect::new(0, 0, 0, 0)
     };
-    Footprint {
-        rect,
-        fastest_px_per_s: (1.1 * fastest).min(most) as f32,
-        depths_m: [nearest.min(farthest), farthest],
-        mean_px_per_s: (mean / f64::max(count, 1.0)).clamp(DVec2::splat(-1e4), DVec2::splat(1e4)).as_vec2().to_array(),
-    }
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest).min(most) as f32, depths_m: [nearest.min(farthest), farthest] }
 }
 
 /// The shortest stretch of a circle of this length that holds all of some stretches; it begins on the first turn.

@@ -18,8 +18,6 @@ pub struct Footprint {
     pub fastest_px_per_s: f32,
     /// Between which depths all points of the objects lie while the shutter is open, metres.
     pub depths_m: [f64; 2],
-    /// How the objects move on the whole: the mean of their boxes' corners, px/s.
-    pub mean_px_per_s: [f32; 2],
 }
 
 /// A bounding box in the axes of its mesh, and one corner of it for each of eight.
@@ -71,7 +69,6 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
     let mut rect = Rect::new(0, 0, 0, 0);
     let mut fastest = 0.0f64;
     let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
-    let (mut mean, mut count) = (DVec2::ZERO, 0.0);
     let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let Some(b) = bounds[part.mesh] else { continue };
@@ -97,8 +94,6 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
             let dt = keys.reach_s * (moments[b] - moments[a]) as f64 * 2.0 / (keys.poses.len() - 1) as f64;
             for (p, q) in at_px[a].iter().zip(&at_px[b]) {
                 fastest = fastest.max(p.distance(*q) / dt);
-                mean += (*q - *p) / dt;
-                count += 1.0;
             }
         }
         let low = seen.iter().flatten().fold(DVec2::INFINITY, |m, p| m.min(*p));
@@ -119,10 +114,9 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
         // One pixel for what is curved between the border's samples.
         rect = rect.union(&own.grown(1));
     }
-    // A tenth more for what speeds up between the three moments.
-    let mean_px_per_s = (mean / f64::max(count, 1.0)).clamp(DVec2::splat(-1e4), DVec2::splat(1e4)).as_vec2().to_array();
     let depths_m = [nearest.min(farthest), farthest];
-    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m, mean_px_per_s }
+    // A tenth more for what speeds up between the three moments.
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m }
 }
 
 /// Places along a rectangle's border, so near to each other that its picture is straight between them. To the sides of a

@@ -11,11 +11,12 @@ use super::bounds::{Bounds, Footprint, footprint};
 use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::material::bind_groups;
-use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant};
+use super::motion::Motion;
+use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
 use super::plan::{Layer, LayerRun, Sample, SamplePlan};
-use super::view::{Shutter, ViewKeys, ViewUniform};
+use super::view::{NEAR_M, Shutter, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants, run_tiles};
 use crate::image::Rect;
 use crate::pose::Pose;
 use crate::scene::{Scene, Vertex};
@@ -52,8 +53,8 @@ pub struct View<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
-    /// Of the objects on the whole, px/s.
-    pub mean_px_per_s: [f32; 2],
+    /// Of the objects' nearest and farthest points, metres.
+    pub depths_m: [f64; 2],
     /// What is drawn, in raster axes; may reach beyond the picture.
     pub rect: Rect,
     /// The real scene's depth over `rect` (metres, 0 unknown), and how much nearer it must be.
@@ -76,10 +77,11 @@ struct Draw {
     depth_m: f64,
 }
 
-/// The draw calls of a view, and the vertices and indices of what had to be cut fine for it.
+/// The draw calls of a view, the vertices and indices of what had to be cut fine for it, and how what is drawn moves.
 struct Draws {
     list: Vec<Draw>,
     diced: Option<(wgpu::Buffer, wgpu::Buffer)>,
+    motion: Motion,
 }
 
 /// What all samples of a frame share.
@@ -125,7 +127,13 @@ impl Renderer {
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
             pipelines,
-            resolve: FullscreenPass::new(gpu, "resolve", &assemble("resolve"), &[COLOR, GEOMETRY]),
+            resolve: FullscreenPass::with(
+                gpu,
+                "resolve",
+                &assemble("resolve"),
+                &[COLOR, GEOMETRY],
+                &Options { vertex: "cell", ..Options::default() },
+            ),
             accumulate: Accumulate::new(gpu),
             gather: Gather::default(),
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
@@ -311,7 +319,7 @@ impl Renderer {
                 buffer("diced indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             )
         });
-        Draws { list: draws, diced: buffers }
+        Draws { list: draws, diced: buffers, motion: Motion::new(gpu, view) }
     }
 
     fn instances(&self, view: &View<'_>, sample: &Sample) -> Vec<Instance> {
@@ -379,21 +387,22 @@ impl Renderer {
             ],
         });
         let color = run.pool.get(gpu, "samples colour", 0, size, COLOR, SAMPLES);
-        let geometry = run.pool.get(gpu, "samples geometry", 0, size, GEOMETRY, SAMPLES);
         let depth = run.pool.get(gpu, "samples depth", 0, size, DEPTH, SAMPLES);
         {
-            let attach = |view, load| {
-                let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
-                Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
-            };
-            let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
             let mut pass = run.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("raster"),
-                // What geometry holds is read only where colour was drawn: it need not be cleared.
-                color_attachments: &[attach(&color.view, clear), attach(&geometry.view, wgpu::LoadOp::Load)],
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &color.view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &depth.view,
-                    depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                    depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
                     stencil_ops: None,
                 }),
                 timestamp_writes: None,
@@ -403,8 +412,9 @@ impl Renderer {
             pass.set_viewport(0.0, 0.0, size.0 as f32, size.1 as f32, 0.0, 1.0);
             pass.set_scissor_rect(0, 0, size.0, size.1);
             pass.set_bind_group(0, &frame, &[]);
-            for draw in &draws.list {
-                let Some(pipeline) = self.pipelines.get(&draw.variant) else { continue };
+            let blended = draws.list.iter().filter(|d| d.variant.blended).map(|d| (d, Writes::BlendedDepth));
+            for (draw, writes) in draws.list.iter().map(|d| (d, Writes::Color)).chain(blended) {
+                let Some(pipeline) = self.pipelines.get(draw.variant, writes) else { continue };
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(1, &self.materials[draw.material], &[]);
                 let (vertices, indices, base, range) = match (&draw.diced, &draws.diced) {
@@ -420,12 +430,12 @@ impl Renderer {
                 pass.draw_indexed(range, base, draw.part..draw.part + 1);
             }
         }
-        self.resolve.run(
-            gpu,
-            run.encoder,
-            &[Slot::Texture(&color.view), Slot::Texture(&geometry.view)],
-            &[&out.color, &out.geometry],
-            size,
-        );
+        let Motion { side_px, cells, nodes } = &draws.motion;
+        let far_m = view.parallel_to_m.unwrap_or(0.0) as f32;
+        let uniform = [size.0 as f32, size.1 as f32, *side_px as f32, cells.0 as f32, NEAR_M as f32, far_m, 0.0, 0.0];
+        let uniform = constants(gpu, "resolve", bytemuck::cast_slice(&uniform));
+        let slots =
+            [Slot::Buffer(&uniform), Slot::Texture(&color.view), Slot::Texture(&depth.view), Slot::Buffer(nodes)];
+        run_tiles(gpu, run.encoder, &[&self.resolve], &slots, &[&out.color, &out.geometry], size, cells.0 * cells.1);
     }
 }

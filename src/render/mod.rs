@@ -10,6 +10,7 @@ mod draw;
 mod irradiance;
 mod light;
 mod material;
+mod motion;
 mod panorama;
 mod pipeline;
 mod plan;

@@ -92,6 +92,15 @@ impl Variant {
     }
 }
 
+/// What a pipeline writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Writes {
+    /// Colour; depth too, unless what is behind shows through.
+    Color,
+    /// The depth of what is blended, once all colours are there.
+    BlendedDepth,
+}
+
 /// Of an object, for its draw calls: the instance's attributes of shaders/raster.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
@@ -110,7 +119,7 @@ pub struct Pipelines {
     layout: wgpu::PipelineLayout,
     pub frame_layout: wgpu::BindGroupLayout,
     pub material_layout: wgpu::BindGroupLayout,
-    made: HashMap<Variant, wgpu::RenderPipeline>,
+    made: HashMap<(Variant, Writes), wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
@@ -135,24 +144,32 @@ impl Pipelines {
     /// Makes what is missing for the variants.
     pub fn prepare(&mut self, gpu: &Gpu, variants: impl Iterator<Item = Variant>) {
         for variant in variants {
-            if !self.made.contains_key(&variant) {
-                let pipeline = self.make(gpu, &variant);
-                self.made.insert(variant, pipeline);
+            for writes in [Writes::Color, Writes::BlendedDepth] {
+                let key = (variant, writes);
+                if (writes == Writes::Color || variant.blended) && !self.made.contains_key(&key) {
+                    let pipeline = self.make(gpu, &variant, writes);
+                    self.made.insert(key, pipeline);
+                }
             }
         }
     }
 
     /// One that [`Pipelines::prepare`] was asked for.
-    pub fn get(&self, variant: &Variant) -> Option<&wgpu::RenderPipeline> {
-        self.made.get(variant)
+    pub fn get(&self, variant: Variant, writes: Writes) -> Option<&wgpu::RenderPipeline> {
+        self.made.get(&(variant, writes))
     }
 
-    fn make(&self, gpu: &Gpu, variant: &Variant) -> wgpu::RenderPipeline {
+    fn make(&self, gpu: &Gpu, variant: &Variant, writes: Writes) -> wgpu::RenderPipeline {
         let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2, 4 => Float32x2, 5 => Float32x4];
         let instance = wgpu::vertex_attr_array![6 => Float32x4, 7 => Float32x4, 8 => Float32x4, 9 => Float32x3];
         let constants = variant.constants();
         let compilation_options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
-        let partly = variant.masked || variant.hidden_by_depth;
+        let entry = match writes {
+            Writes::BlendedDepth => "depth_of_blended",
+            Writes::Color if variant.masked || variant.hidden_by_depth => "partly",
+            Writes::Color => "whole",
+        };
+        let deep = writes == Writes::BlendedDepth;
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("raster"),
             layout: Some(&self.layout),
@@ -180,7 +197,7 @@ impl Pipelines {
             },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH,
-                depth_write_enabled: Some(!variant.blended),
+                depth_write_enabled: Some(deep || !variant.blended),
                 depth_compare: Some(wgpu::CompareFunction::Greater),
                 stencil: Default::default(),
                 bias: Default::default(),
@@ -188,16 +205,13 @@ impl Pipelines {
             multisample: wgpu::MultisampleState { count: SAMPLES, ..Default::default() },
             fragment: Some(wgpu::FragmentState {
                 module: &self.module,
-                entry_point: Some(if partly { "partly" } else { "whole" }),
+                entry_point: Some(entry),
                 compilation_options,
-                targets: &[
-                    Some(wgpu::ColorTargetState {
-                        format: COLOR,
-                        blend: variant.blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-                        write_mask: wgpu::ColorWrites::ALL,
-                    }),
-                    Some(GEOMETRY.into()),
-                ],
+                targets: &[Some(wgpu::ColorTargetState {
+                    format: COLOR,
+                    blend: variant.blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
+                    write_mask: if deep { wgpu::ColorWrites::empty() } else { wgpu::ColorWrites::ALL },
+                })],
             }),
             multiview_mask: None,
             cache: None,

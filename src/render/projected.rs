@@ -215,7 +215,7 @@ impl Studio<'_> {
                     geometry,
                     keys: &keys,
                     shutter,
-                    mean_px_per_s: [0.0; 2],
+                    depths_m: footprint.depths_m,
                     rect: tile,
                     occlusion: None,
                     parallel_to_m,

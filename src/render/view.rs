@@ -57,7 +57,7 @@ impl ViewKeys {
 
     /// Rotation, and the camera's position around the origin, at an offset from the timestamp;
     /// `in_camera` of shaders/raster.wgsl does the same for rows with times of their own.
-    fn at(&self, offset_s: f64) -> (DQuat, DVec3) {
+    pub fn at(&self, offset_s: f64) -> (DQuat, DVec3) {
         let last = (self.poses.len() - 1) as f64;
         let x = ((offset_s / self.reach_s + 1.0) * 0.5 * last).clamp(0.0, last);
         let i = x.floor().min(last - 1.0);
@@ -82,12 +82,11 @@ pub struct ViewUniform {
     pub lens: [f32; 4],
     pub shutter: [f32; 4],
     pub keys: [f32; 4],
-    pub mean_velocity: [f32; 4],
     pub aperture: [f32; 4],
     pub outer_turn: [f32; 4],
     pub outer: [f32; 4],
-    pub moment_rotation: [[f32; 4]; 3],
-    pub moment_eye: [[f32; 4]; 3],
+    pub rotation: [f32; 4],
+    pub eye: [f32; 4],
     pub key_rotation: [[f32; 4]; MAX_KEYS],
     pub key_translation: [[f32; 4]; MAX_KEYS],
 }
@@ -96,7 +95,7 @@ impl ViewUniform {
     pub fn new(view: &View<'_>, sample: &Sample, focus_distance_m: f64, tolerance_m: f32) -> Self {
         let time_s = sample.time_s;
         let [lens_x, lens_y] = sample.lens_m;
-        let View { geometry, keys, shutter, rect, mean_px_per_s, .. } = *view;
+        let View { geometry, keys, shutter, rect, .. } = *view;
         let i = &geometry.intrinsics;
         // A view out of another camera's picture has that one's lens and rows.
         let whole = view.outer.map_or(geometry, |outer| outer.geometry);
@@ -120,27 +119,20 @@ impl ViewUniform {
             let eye = (pose.position_in_world_m() - keys.origin_in_world_m).as_vec3();
             key_translation[n] = [eye.x, eye.y, eye.z, 0.0];
         }
-        let step = shutter.velocity_step_s();
-        let moments = [time_s, time_s - step, time_s + step].map(|t| keys.at(t));
+        let (rotation, eye) = keys.at(time_s);
         let keys_per_s = (count - 1) as f64 / (2.0 * keys.reach_s);
         Self {
             rect_px: [rect.x0 as f32, rect.y0 as f32, rect.width() as f32, rect.height() as f32],
             focal_px: [i.fx_px as f32, i.fy_px as f32, i.cx_px as f32, i.cy_px as f32],
             distortion: [d.k1, d.k2, k3_or_p1, k4_or_p2].map(|k| k as f32),
             lens: [d.k3 as f32, valid as f32, slope as f32, NEAR_M as f32],
-            shutter: [
-                time_s as f32,
-                shutter.velocity_step_s() as f32,
-                shutter.readout_time_s as f32,
-                whole.intrinsics.height_px as f32,
-            ],
+            shutter: [time_s as f32, shutter.readout_time_s as f32, whole.intrinsics.height_px as f32, 0.0],
             keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
-            mean_velocity: [mean_px_per_s[0], mean_px_per_s[1], 0.0, 0.0],
             aperture: [lens_x, lens_y, 1.0 / focus_distance_m, view.parallel_to_m.unwrap_or(0.0)].map(|v| v as f32),
             outer_turn: view.outer.map_or(DQuat::IDENTITY, |outer| outer.camera_from_view).as_quat().to_array(),
             outer: [whole.intrinsics.fy_px as f32, whole.intrinsics.cy_px as f32, 0.0, 0.0],
-            moment_rotation: moments.map(|(q, _)| q.as_quat().to_array()),
-            moment_eye: moments.map(|(_, eye)| eye.as_vec3().extend(0.0).to_array()),
+            rotation: rotation.as_quat().to_array(),
+            eye: eye.as_vec3().extend(0.0).to_array(),
             key_rotation,
             key_translation,
         }
