@@ -20,14 +20,13 @@
 //! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, rows
 //! and columns, correlation beyond two pixels, a covariance of mixed neighbours.
 
-use std::sync::LazyLock;
+mod pattern;
 
-use statrs::distribution::{ContinuousCDF, Normal};
+use pattern::{NORMAL_TABLE, Passes, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d, side_tap};
 
 use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::params::{Params, Value};
 use crate::render::LayerRun;
@@ -88,46 +87,6 @@ pub struct NoiseEffect {
     passes: Option<Passes>,
 }
 
-#[derive(Debug)]
-struct Passes {
-    normal_table: Texture,
-    white: FullscreenPass,
-    /// Without and with correlation of neighbours.
-    pattern: [FullscreenPass; 2],
-}
-
-/// Side of the square table of quantiles.
-const TABLE_SIDE: u32 = 64;
-/// The table's unit, σ.
-const TABLE_UNIT: f64 = 1.0 / 4096.0;
-
-/// The normal distribution's quantiles at (i + ½)/4096 in whole 4096ths of σ, scaled so that
-/// the table's own variance is 1.
-static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
-    let count = TABLE_SIDE * TABLE_SIDE;
-    let normal = Normal::standard();
-    let quantiles: Vec<f64> = (0..count).map(|i| normal.inverse_cdf((f64::from(i) + 0.5) / f64::from(count))).collect();
-    let variance = quantiles.iter().map(|q| q * q).sum::<f64>() / f64::from(count);
-    quantiles.iter().map(|q| (q / variance.sqrt() / TABLE_UNIT).round() as i16).collect()
-});
-
-/// `White` of shaders/noise_white.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct WhiteUniform {
-    key: [u32; 4],
-    origin: [i32; 4],
-}
-
-/// `Pattern` of shaders/noise_pattern.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct PatternUniform {
-    filter_shape: [f32; 4],
-    mix_a: [f32; 4],
-    mix_b: [f32; 4],
-}
-
 /// `Noise` of shaders/noise.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
@@ -136,62 +95,6 @@ struct NoiseUniform {
     origin: [i32; 4],
     grain: [f32; 4],
     read: [f32; 4],
-}
-
-/// pcg3d of Jarzynski and Olano 2020.
-pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
-    let [mut x, mut y, mut z] = v.map(|c| c.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
-    for round in 0..2 {
-        x = x.wrapping_add(y.wrapping_mul(z));
-        y = y.wrapping_add(z.wrapping_mul(x));
-        z = z.wrapping_add(x.wrapping_mul(y));
-        if round == 0 {
-            x ^= x >> 16;
-            y ^= y >> 16;
-            z ^= z >> 16;
-        }
-    }
-    [x, y, z]
-}
-
-/// The side tap a of (a, 1, a) whose output has neighbour correlation ρ = 2a/(1 + 2a²); the
-/// filter reaches at most 1/√2, which is given for anything above.
-pub fn side_tap(correlation: f64) -> f64 {
-    let rho = correlation.clamp(0.0, std::f64::consts::FRAC_1_SQRT_2);
-    if rho < 1e-6 { 0.0 } else { (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / (2.0 * rho) }
-}
-
-/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels'
-/// correlation (r-g, r-b, g-b); correlations that no three channels can have are drawn
-/// towards 0 until they can.
-pub fn cholesky(correlation: [f64; 3]) -> [f64; 5] {
-    let mut shrink = 1.0f64;
-    loop {
-        let [rg, rb, gb] = correlation.map(|c| c.clamp(-1.0, 1.0) * shrink);
-        let l22 = (1.0 - rg * rg).max(0.0).sqrt();
-        let l32 = if l22 > 1e-9 { (gb - rb * rg) / l22 } else { 0.0 };
-        let rest = 1.0 - rb * rb - l32 * l32;
-        if rest >= 0.0 {
-            return [rg, l22, rb, l32, rest.sqrt()];
-        }
-        shrink *= 0.98;
-    }
-}
-
-impl Passes {
-    fn new(gpu: &Gpu) -> Self {
-        let table = Texture::new(gpu, "normal quantiles", TABLE_SIDE, TABLE_SIDE, wgpu::TextureFormat::R16Sint, 1);
-        table.write(gpu, TABLE_SIDE, TABLE_SIDE, &NORMAL_TABLE);
-        let pass = |name, fragment| {
-            let options = Options { fragment, ..Options::default() };
-            FullscreenPass::with(gpu, name, &assemble(name), &[wgpu::TextureFormat::Rgba16Sint], &options)
-        };
-        Self {
-            normal_table: table,
-            white: pass("noise_white", "main"),
-            pattern: ["unfiltered", "filtered"].map(|fragment| pass("noise_pattern", fragment)),
-        }
-    }
 }
 
 impl NoiseEffect {
@@ -206,14 +109,6 @@ impl NoiseEffect {
         let (x, y) = ([shown.x0, shown.x1].map(first), [shown.y0, shown.y1].map(first));
         Rect::new(x[0] - 1, y[0] - 1, x[1] + 3, y[1] + 3)
     }
-}
-
-/// Where in the endless hash a frame's pattern lies: so far apart that no two frames or seeds
-/// show shifted copies of each other.
-fn pattern_key(seed: u64, frame: usize, delay: u32) -> [u32; 3] {
-    let pattern = frame as u64 / u64::from(delay.max(1));
-    let folded = pcg3d([seed as u32, (seed >> 32) as u32, 0x6c6f_6361]);
-    pcg3d([pattern as u32 ^ folded[0], (pattern >> 32) as u32 ^ folded[1], folded[2]])
 }
 
 impl Effect for NoiseEffect {
@@ -260,44 +155,14 @@ impl Effect for NoiseEffect {
     }
 
     fn mixed_inputs(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, shown: Rect) -> MixedInputs {
-        let gpu = run.gpu;
         let ratios = self.params.ratios(context);
         let recorded = self.params.recorded_speed(context);
         let magnification = self.params.patch_px(&ratios);
         let lattice = Self::lattice(magnification, shown);
-        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
-        let (neighbours, channels) = context
-            .camera
-            .noise
-            .as_ref()
-            .map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
-        let taps = neighbours.map(side_tap);
-
-        let [x, y, z] = pattern_key(context.seed, context.frame, self.params.animation_delay);
-        let white = WhiteUniform { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1, 0, 0] };
-        let white = constants(gpu, "noise_white", bytemuck::bytes_of(&white));
-        let around = (lattice.width() + 2, lattice.height() + 2);
-        let lattice_noise = run.pool.get(gpu, "white noise", 0, around, wgpu::TextureFormat::Rgba16Sint, 1);
-        let slots = [Slot::Buffer(&white), Slot::Texture(&passes.normal_table.view)];
-        passes.white.run(gpu, run.encoder, &slots, &[&lattice_noise], around);
-
-        let pattern_pass = &passes.pattern[usize::from(taps != [0.0; 2])];
-        let norm = taps.iter().map(|a| 1.0 + 2.0 * a * a).product::<f64>().sqrt().recip();
-        let l = cholesky(channels).map(|v| v as f32);
-        let uniform = PatternUniform {
-            filter_shape: [taps[0] as f32, taps[1] as f32, norm as f32, 0.0],
-            mix_a: [l[0], l[1], l[2], l[3]],
-            mix_b: [l[4], 0.0, 0.0, 0.0],
-        };
-        let uniform = constants(gpu, "noise_pattern", bytemuck::bytes_of(&uniform));
-        let size = (lattice.width(), lattice.height());
-        let pattern = run.pool.get(gpu, "noise pattern", 0, size, wgpu::TextureFormat::Rgba16Sint, 1);
-        let slots = [Slot::Buffer(&uniform), Slot::Texture(&lattice_noise.view)];
-        pattern_pass.run(gpu, run.encoder, &slots, &[&pattern], size);
-
-        // What the filter really gives, where the wish lies beyond its reach.
-        let given = taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32);
         let Camera { noise, response, .. } = context.camera;
+        let pattern = Pattern::new(noise.as_ref(), context.seed, context.frame, self.params.animation_delay);
+        let given = pattern.given();
+        let pattern = pattern.texture(run, &mut self.passes, lattice);
         let read = |c| noise.as_ref().map_or(0.0, |noise| read_light(noise, response, c) as f32);
         let uniform = NoiseUniform {
             shape: [magnification, self.params.scale, given[0], given[1]],
@@ -374,53 +239,4 @@ pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) 
 /// that its camera part brought along.
 pub fn twin(code: f64, sigma: f64, scale: f64, camera_variance: f64, pattern: f64) -> f64 {
     code + ((scale * sigma).powi(2) - camera_variance).max(0.0).sqrt() * pattern
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn taps_give_the_correlation_asked_for() {
-        for rho in [0.0, 0.1, 0.45, 0.6, 0.7] {
-            let a = side_tap(rho);
-            assert!((2.0 * a / (1.0 + 2.0 * a * a) - rho).abs() < 1e-9, "{rho}");
-        }
-    }
-
-    #[test]
-    fn cholesky_by_hand() {
-        // rg = 0.6: l21 = 0.6, l22 = 0.8; rb = 0: l31 = 0; gb = 0.4: l32 = 0.5; l33 = √0.75.
-        let l = cholesky([0.6, 0.0, 0.4]);
-        for (got, want) in l.iter().zip([0.6, 0.8, 0.0, 0.5, 0.75f64.sqrt()]) {
-            assert!((got - want).abs() < 1e-12, "{l:?}");
-        }
-        assert!(cholesky([1.0, -1.0, 1.0]).iter().all(|v| v.is_finite()));
-    }
-
-    #[test]
-    fn the_table_is_normal() {
-        let t: Vec<f64> = NORMAL_TABLE.iter().map(|&v| f64::from(v) * TABLE_UNIT).collect();
-        let n = t.len() as f64;
-        let moment = |p: i32| t.iter().map(|v| v.powi(p)).sum::<f64>() / n;
-        assert!(moment(1).abs() < 1e-3);
-        assert!((moment(2) - 1.0).abs() < 1e-3);
-        // The normal distribution's fourth moment is 3; a table of 4096 lacks the far tails.
-        assert!((moment(4) - 3.0).abs() < 0.1, "{}", moment(4));
-    }
-
-    #[test]
-    fn pcg3d_reference_values() {
-        // Worked through the paper's listing with 32-bit wrap-around by hand for the zero
-        // vector: after the affine step all three are 1013904223.
-        let c: u32 = 1_013_904_223;
-        let x = c.wrapping_add(c.wrapping_mul(c));
-        let y = c.wrapping_add(c.wrapping_mul(x));
-        let z = c.wrapping_add(x.wrapping_mul(y));
-        let (x, y, z) = (x ^ (x >> 16), y ^ (y >> 16), z ^ (z >> 16));
-        let x = x.wrapping_add(y.wrapping_mul(z));
-        let y = y.wrapping_add(z.wrapping_mul(x));
-        let z = z.wrapping_add(x.wrapping_mul(y));
-        assert_eq!(pcg3d([0, 0, 0]), [x, y, z]);
-    }
 }

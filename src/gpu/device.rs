@@ -95,6 +95,11 @@ fn no_adapter() -> GpuError {
 }
 
 impl Gpu {
+    /// Whether shaders run on this machine's processor.
+    pub fn software(&self) -> bool {
+        self.info.device_type == DeviceType::Cpu
+    }
+
     /// Opens the best adapter of this machine; `WGPU_ADAPTER_NAME` picks one whose name
     /// contains it.
     pub fn open() -> Result<Self, GpuError> {
