@@ -1,6 +1,6 @@
 //! What depth of field costs over a whole picture, whatever the renderer costs.
 
-use super::{Row, median_ms};
+use super::{Table, median_ms};
 use crate::camera::{Camera, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfFieldEffect;
@@ -51,10 +51,10 @@ fn site(x: f64, y: f64) -> f64 {
     circle
 }
 
-/// Times the methods over a whole picture, against a copy that took `copy` ms: `layered` for one depth after another and
-/// for a site, the others for one depth.
-pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32, copy: f64) -> Result<Vec<Row>, SubmitError> {
-    let mut rows = Vec::new();
+/// Times the methods over a whole picture: `layered` for one depth after another and for a site, the others for one depth.
+pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
+    let gpu = table.gpu;
+    let (width, height) = (table.picture[0].width, table.picture[0].height);
     let intrinsics = Intrinsics { width_px: width, height_px: height, fx_px: FOCAL_PX, ..Intrinsics::default() };
     let geometry = Geometry::new(intrinsics, Default::default());
     let camera = Camera { geometry: Some(geometry.clone()), ..Camera::default() };
@@ -95,7 +95,7 @@ pub fn depth_of_field(gpu: &Gpu, width: u32, height: u32, copy: f64) -> Result<V
             effect.run(&mut run, &context, layer.clone());
             gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
         })?;
-        rows.push(Row { name: format!("depth_of_field {method}, {name}"), ms, copies: ms / copy });
+        table.push(format!("depth_of_field {method}, {name}"), ms)?;
     }
-    Ok(rows)
+    Ok(())
 }

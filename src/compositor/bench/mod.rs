@@ -175,23 +175,56 @@ fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
     PoseTrack::new(poses, 1.0).unwrap_or_default()
 }
 
-/// One full-screen copy of rgba16f, milliseconds: the yardstick.
-fn copy_ms(gpu: &Gpu, width: u32, height: u32) -> Result<f64, GpuError> {
-    let format = wgpu::TextureFormat::Rgba16Float;
-    let [from, to] = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
-    let pass = FullscreenPass::new(gpu, "copy", &assemble("copy"), &[format]);
-    let encoder = || gpu.device.create_command_encoder(&Default::default());
-    median_ms(encoder, |mut encoder| {
-        pass.run(gpu, &mut encoder, &[Slot::Texture(&from.view)], &[&to], (width, height));
-        gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
-    })
+/// Rows on their way, and the yardstick: one full-screen copy of rgba16f, timed before the first row and after each, for a
+/// machine's own speed changes while a table is made.
+struct Table<'a> {
+    gpu: &'a Gpu,
+    copy: FullscreenPass,
+    picture: [Texture; 2],
+    copies_ms: Vec<f64>,
+    rows: Vec<(String, f64)>,
+}
+
+impl<'a> Table<'a> {
+    fn new(gpu: &'a Gpu, width: u32, height: u32) -> Result<Self, GpuError> {
+        let format = wgpu::TextureFormat::Rgba16Float;
+        let copy = FullscreenPass::new(gpu, "copy", &assemble("copy"), &[format]);
+        let picture = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
+        let mut table = Self { gpu, copy, picture, copies_ms: Vec::new(), rows: Vec::new() };
+        table.time_copy()?;
+        Ok(table)
+    }
+
+    fn time_copy(&mut self) -> Result<(), GpuError> {
+        let (gpu, [from, to]) = (self.gpu, &self.picture);
+        let encoder = || gpu.device.create_command_encoder(&Default::default());
+        let ms = median_ms(encoder, |mut encoder| {
+            self.copy.run(gpu, &mut encoder, &[Slot::Texture(&from.view)], &[to], (to.width, to.height));
+            gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
+        })?;
+        self.copies_ms.push(ms);
+        Ok(())
+    }
+
+    fn push(&mut self, name: String, ms: f64) -> Result<(), GpuError> {
+        self.rows.push((name, ms));
+        self.time_copy()
+    }
+
+    /// The copy first.
+    fn rows(mut self) -> Vec<Row> {
+        self.copies_ms.sort_by(f64::total_cmp);
+        let copy = self.copies_ms[self.copies_ms.len() / 2];
+        let first = ("full-screen copy".to_owned(), copy);
+        let row = |(name, ms): (String, f64)| Row { name, ms, copies: ms / copy };
+        std::iter::once(first).chain(self.rows).map(row).collect()
+    }
 }
 
 /// Times everything at a picture size: the copy, the plain composite, each effect alone over
 /// it, and all effects at their defaults.
 pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
-    let copy = copy_ms(gpu, width, height)?;
-    let mut rows = vec![Row { name: "full-screen copy".to_owned(), ms: copy, copies: 1.0 }];
+    let mut table = Table::new(gpu, width, height)?;
     let Load { camera, geometry, track, scene } = Load::new(width, height);
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
@@ -223,8 +256,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         if !runs {
             return Ok(());
         }
-        rows.push(Row { name, ms, copies: ms / copy });
-        Ok(())
+        Ok(table.push(name, ms)?)
     };
     let mut plain = Settings::default();
     plain.plain();
@@ -240,6 +272,6 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         }
     }
     time(ALL.to_owned(), Settings::default(), None)?;
-    rows.extend(full_picture::depth_of_field(gpu, width, height, copy)?);
-    Ok(rows)
+    full_picture::depth_of_field(&mut table)?;
+    Ok(table.rows())
 }
