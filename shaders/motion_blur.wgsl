@@ -1,5 +1,6 @@
 // Motion blur by velocity: each pixel gathers, for each moment of the shutter, the surface that
 // is there at that moment. Silhouettes dissolve because moments without a surface are empty.
+// @import shared/fullscreen
 // @import shared/layer
 struct Blur {
     size: vec4<i32>,      // layer width, height, tile side, unused
@@ -21,41 +22,14 @@ fn color_between(p: vec2<f32>) -> vec4<f32> {
     return textureSampleLevel(color, between, (p + 0.5) * blur.shutter.zw, 0.0);
 }
 
-// A corner of a tile's quad; all corners in one point where a tile is not of a kind from
-// `first` to `last` (shaders/motion_blur_tiles.wgsl). A branch in the fragment shader would do
-// the same, but software drivers work through both sides of a branch, and the one for many
-// motions costs several times the other.
-fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32) -> vec4<f32> {
-    let columns = f32((blur.size.x + blur.size.z - 1) / blur.size.z);
+// Of the pixel's tile the fastest motion (px in the whole shutter), and what is to be done there
+// (shaders/motion_blur_tiles.wgsl).
+struct Tile { motion: vec2<f32>, kind: f32 }
+
+fn tile_at(p: vec2<i32>) -> Tile {
     // Floats: whole numbers are divided one by one on software drivers.
-    let row = floor((f32(instance) + 0.5) / columns);
-    let tile = vec2<f32>(f32(instance) - row * columns, row);
-    let kind = textureLoad(fastest, vec2<i32>(tile), 0).w;
-    // The corners of a Z.
-    let at = (tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) * f32(blur.size.z);
-    let size = vec2<f32>(blur.size.xy);
-    let device = min(at, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    let drawn = kind >= first && kind <= last;
-    return vec4<f32>(select(vec2<f32>(0.0), device, drawn), 0.0, 1.0);
-}
-
-@vertex
-fn one_motion_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(vertex, instance, 1.0, 1.0);
-}
-
-@vertex
-fn many_motions_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(vertex, instance, 2.0, 2.0);
-}
-
-@vertex
-fn all_tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    return tile_corner(vertex, instance, 1.0, 2.0);
-}
-
-fn dominant_motion(p: vec2<i32>) -> vec2<f32> {
-    return textureLoad(fastest, p / blur.size.z, 0).xy * blur.shutter.x;
+    let tile = textureLoad(fastest, vec2<i32>((vec2<f32>(p) + 0.5) / f32(blur.size.z)), 0);
+    return Tile(tile.xy * blur.shutter.x, tile.w);
 }
 
 // A motion shorter than is drawn is none.
@@ -78,23 +52,23 @@ fn tap_weight(line: Line, k: f32) -> f32 {
     return clamp(line.half - k + 0.5, 0.0, 1.0);
 }
 
+struct Sum { color: vec4<f32>, weight: f32 }
+
 // Less than a 16-bit float's step at 1 is what a sampler's rounding brings from next door.
 fn mean_of(sum: vec4<f32>, weight: f32) -> vec4<f32> {
     return select(sum / weight, vec4<f32>(0.0), sum.a < weight / 2048.0);
 }
 
-@fragment
-fn one_motion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let p = vec2<i32>(at.xy);
+// The sum over the shutter, and its weight, where all that passes has one motion: the pixel's own.
+fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, is_kind: bool) -> Sum {
     let x = vec2<f32>(p);
-    let own = unpack_geometry(textureLoad(geometry, p, 0));
-    let dominant = dominant_motion(p);
     let line = line_along(drawn_motion(select(dominant, own.zw * blur.shutter.x, own.x > 0.0), dominant));
     let center = tap_weight(line, 0.0);
     var sum = center * color_between(x);
     var weight = center;
     // Two neighbouring taps are one look between them, nearer to the one that weighs more.
-    for (var k = 1; k <= line.taps; k += 2) {
+    let taps = select(0, line.taps, is_kind);
+    for (var k = 1; k <= taps; k += 2) {
         let near = tap_weight(line, f32(k));
         let far = tap_weight(line, f32(k + 1));
         let both = near + far;
@@ -102,7 +76,7 @@ fn one_motion(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         sum += both * (color_between(x + away) + color_between(x - away));
         weight += 2.0 * both;
     }
-    return mean_of(sum, weight);
+    return Sum(sum, weight);
 }
 
 // Whether the surface that going back along `motion` (px in the whole shutter) meets does come
@@ -152,22 +126,32 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     return select(vec4<f32>(0.0), color, there);
 }
 
-@fragment
-fn many_motions(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let p = vec2<i32>(at.xy);
-    let own = unpack_geometry(textureLoad(geometry, p, 0));
-    let dominant = dominant_motion(p);
+fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, is_kind: bool) -> Sum {
     let motion = drawn_motion(dominant, dominant);
     let line = line_along(motion);
     let x_major = abs(motion.x) >= abs(motion.y);
     var sum = vec4<f32>(0.0);
     var weight = 0.0;
-    for (var k = -line.taps; k <= line.taps; k++) {
+    let taps = select(-1, line.taps, is_kind);
+    for (var k = -taps; k <= taps; k++) {
         let w = tap_weight(line, abs(f32(k)));
         weight += w;
         sum += w * surface_at(vec2<f32>(p), own, motion, f32(k) / (2.0 * line.half), x_major);
     }
-    return mean_of(sum, weight);
+    return Sum(sum, weight);
+}
+
+// Software drivers work through both sides of a branch, and many motions cost several times what one costs; a loop that
+// no pixel of a group enters costs nothing. (So do tiles drawn one by one, but there each is two triangles.)
+@fragment
+fn blurred(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let p = vec2<i32>(at.xy);
+    let own = unpack_geometry(textureLoad(geometry, p, 0));
+    let tile = tile_at(p);
+    let is_many = tile.kind > 1.5;
+    let one = one_motion(p, own, tile.motion, !is_many);
+    let many = many_motions(p, own, tile.motion, is_many);
+    return mean_of(select(one.color, many.color, is_many), select(one.weight, many.weight, is_many));
 }
 
 // The geometry of what is newly covered: of the nearest surface that passes.
@@ -179,12 +163,13 @@ fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
         return own;
     }
     var nearest = vec4<f32>(0.0);
-    let dominant = dominant_motion(p);
-    let line = line_along(drawn_motion(dominant, dominant));
+    let tile = tile_at(p);
+    let line = line_along(drawn_motion(tile.motion, tile.motion));
+    let taps = select(-1, line.taps, tile.kind > 0.5);
     // All that a look between pixels can touch: of each column (row) of the major axis four
     // pixels across it.
-    let across = select(vec2<i32>(1, 0), vec2<i32>(0, 1), abs(dominant.x) >= abs(dominant.y));
-    for (var k = -line.taps; k <= line.taps; k++) {
+    let across = select(vec2<i32>(1, 0), vec2<i32>(0, 1), abs(tile.motion.x) >= abs(tile.motion.y));
+    for (var k = -taps; k <= taps; k++) {
         let q = vec2<i32>(floor(vec2<f32>(p) - f32(k) * line.step));
         for (var m = -1; m <= 2; m++) {
             let g = geometry_at(q + m * across);

@@ -20,7 +20,7 @@
 use super::{Effect, EffectError, FrameContext, Stage};
 use crate::camera::accumulation::{self, MOST_STEPS};
 use crate::camera::{Camera, Geometry};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
+use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
 use crate::params::{Params, Value};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun, Sample, SamplePlan};
 
@@ -53,8 +53,7 @@ pub struct MotionBlurEffect {
 struct Passes {
     /// From pixels to tiles, and from tiles to their neighbourhoods.
     tiles: [FullscreenPass; 2],
-    /// For tiles in whose neighbourhood all moves alike, and for the others.
-    blur: [FullscreenPass; 2],
+    blur: FullscreenPass,
     passing: FullscreenPass,
     between: wgpu::Sampler,
 }
@@ -229,14 +228,12 @@ impl Effect for MotionBlurEffect {
             Slot::Texture(&layer.color.view),
             Slot::Sampler(&passes.between),
         ];
-        let count = tiles.0 * tiles.1;
-        let [one, many] = &passes.blur;
-        run_tiles(gpu, run.encoder, &[one, many], &slots, &[&color], layer.size, count);
+        passes.blur.run(gpu, run.encoder, &slots, &[&color], layer.size);
         if !run.geometry_is_read {
             return Layer { color, ..layer };
         }
         let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, GEOMETRY, 1);
-        run_tiles(gpu, run.encoder, &[&passes.passing], &slots[..3], &[&geometry], layer.size, count);
+        passes.passing.run(gpu, run.encoder, &slots[..3], &[&geometry], layer.size);
         Layer { color, geometry, ..layer }
     }
 }
@@ -244,8 +241,8 @@ impl Effect for MotionBlurEffect {
 impl Passes {
     fn new(gpu: &Gpu) -> Self {
         let shader = assemble("motion_blur");
-        let pass = |vertex, fragment, format| {
-            let options = Options { vertex, fragment, ..Options::default() };
+        let pass = |fragment, format| {
+            let options = Options { fragment, ..Options::default() };
             FullscreenPass::with(gpu, "motion_blur", &shader, &[format], &options)
         };
         Self {
@@ -254,8 +251,8 @@ impl Passes {
                 let shader = assemble("motion_blur_tiles");
                 FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[COLOR; 2][..targets], &options)
             }),
-            blur: [pass("one_motion_tiles", "one_motion", COLOR), pass("many_motions_tiles", "many_motions", COLOR)],
-            passing: pass("all_tiles", "passing", GEOMETRY),
+            blur: pass("blurred", COLOR),
+            passing: pass("passing", GEOMETRY),
             between: gpu.linear_sampler(),
         }
     }
