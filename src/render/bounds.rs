@@ -1,6 +1,9 @@
 //! Where in the picture the objects can be, how fast they move there: all wide work stays
 //! inside that rectangle.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
 use glam::{DVec2, DVec3};
 
 use super::view::{NEAR_M, ViewKeys};
@@ -46,10 +49,32 @@ impl Bounds {
     }
 }
 
-/// Normalised coordinates (x/z, y/z) of a box's corners seen with a pose; `None` where a
-/// corner is not before the camera.
-fn normalised(corners: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> {
-    corners
+/// Cells across the longest side of a box.
+const CELLS: f64 = 6.0;
+/// A mesh of no more vertices is told by them.
+const FEW: usize = 512;
+
+/// Points in whose convex hull all of some points lie, hardly larger than theirs: the points themselves where they are few,
+/// else the corners of the boxes around those that are near to each other.
+pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
+    let wide = |p: &[f32; 3]| DVec3::from(p.map(f64::from));
+    let Some(all) = Bounds::of(points.iter().copied()).filter(|_| points.len() > FEW) else {
+        return points.iter().map(wide).collect();
+    };
+    let side = ((all.high - all.low).max_element() / CELLS).max(f64::MIN_POSITIVE);
+    let mut cells: BTreeMap<[u32; 3], Bounds> = BTreeMap::new();
+    for p in points.iter().map(wide) {
+        let cell = ((p - all.low) / side).to_array().map(|v| v as u32);
+        let own = cells.entry(cell).or_insert(Bounds { low: p, high: p });
+        *own = Bounds { low: own.low.min(p), high: own.high.max(p) };
+    }
+    cells.values().flat_map(Bounds::corners).collect()
+}
+
+/// Normalised coordinates (x/z, y/z) of points seen with a pose; `None` where one is
+/// not before the camera.
+fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> {
+    points
         .iter()
         .map(|&c| {
             let p = pose.transform_point(c);
@@ -58,12 +83,13 @@ fn normalised(corners: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>>
         .collect()
 }
 
-/// The footprint of all parts. A box that crosses the camera's plane counts as everywhere.
+/// The footprint of all parts, by their meshes' outlines. A part of which a point lies at or behind the camera's plane
+/// counts as everywhere.
 ///
-/// Conservative: a box's picture without distortion lies in the rectangle around its corners,
-/// distortion takes that rectangle's inside to the inside of its border's image, and poses
-/// within the shutter are looked at at its ends and its middle.
-pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
+/// Conservative: a part's picture without distortion lies in the rectangle around its outline's, distortion takes that
+/// rectangle's inside to the inside of its border's image, and poses within the shutter are looked at at its ends and its
+/// middle.
+pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
     let mut rect = Rect::new(0, 0, 0, 0);
@@ -71,17 +97,16 @@ pub fn footprint(scene: &Scene, bounds: &[Option<Bounds>], geometry: &Geometry, 
     let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
     let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
-        let Some(b) = bounds[part.mesh] else { continue };
-        let corners = b.corners().map(|c| part.world_from_mesh.transform_point3(c));
-        if keys.poses.iter().all(|pose| corners.iter().all(|&c| pose.transform_point(c).z < NEAR_M)) {
+        let points: Vec<_> = outlines[part.mesh].iter().map(|&p| part.world_from_mesh.transform_point3(p)).collect();
+        if keys.poses.iter().all(|pose| points.iter().all(|&p| pose.transform_point(p).z < NEAR_M)) {
             continue;
         }
         for &m in &moments {
-            for z in corners.map(|c| keys.poses[m].transform_point(c).z) {
+            for z in points.iter().map(|&p| keys.poses[m].transform_point(p).z) {
                 (nearest, farthest) = (nearest.min(z.max(NEAR_M)), farthest.max(z));
             }
         }
-        let seen: Option<Vec<_>> = moments.iter().map(|&m| normalised(&corners, &keys.poses[m])).collect();
+        let seen: Option<Vec<_>> = moments.iter().map(|&m| normalised(&points, &keys.poses[m])).collect();
         let Some(seen) = seen else {
             // All of the picture, and beyond it by as much as anything can be blurred in.
             rect = rect.union(&picture.grown(64));
@@ -140,4 +165,34 @@ pub fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
     let (Some(first), Some(last)) = (keys.poses.first(), keys.poses.last()) else { return 0.0 };
     let turn = first.rotation.angle_between(last.rotation);
     2.0 * geometry.intrinsics.fx_px * turn / (2.0 * keys.reach_s) + 500.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_outline_holds_its_points_and_little_more() {
+        // A ball of 40 × 40 points and a thorn.
+        let mut points: Vec<[f32; 3]> = (0..1600)
+            .map(|i| {
+                let (a, b) =
+                    ((i % 40) as f32 / 40.0 * std::f32::consts::TAU, (i / 40) as f32 / 39.0 * std::f32::consts::PI);
+                [b.sin() * a.cos(), b.cos(), b.sin() * a.sin()]
+            })
+            .collect();
+        points.push([0.0, 0.0, 1.5]);
+        let outline = outline(&points);
+        assert!(outline.len() < 1600, "{}", outline.len());
+        for i in 0..500 {
+            let (z, a) = (f64::from(i) / 250.0 - 0.998, f64::from(i) * 2.399_963);
+            let towards = DVec3::new((1.0 - z * z).sqrt() * a.cos(), (1.0 - z * z).sqrt() * a.sin(), z);
+            let farthest =
+                |points: &mut dyn Iterator<Item = DVec3>| points.map(|p| p.dot(towards)).fold(f64::MIN, f64::max);
+            let exact = farthest(&mut points.iter().map(|p| DVec3::from(p.map(f64::from))));
+            let told = farthest(&mut outline.iter().copied());
+            // A cell's diagonal in depth is what sticks out at most: the box's own corner does by √3 − 1.
+            assert!(told >= exact && told < exact + 0.25, "{towards}: {told}, exact {exact}");
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Drawing a plan's samples and summing them.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -7,7 +8,7 @@ use glam::DVec3;
 use super::accumulate::Accumulate;
 use super::around::{Gather, Outer, SideView, moments, out_of_view};
 use super::around_bounds::footprint_around;
-use super::bounds::{Bounds, Footprint, footprint};
+use super::bounds::{Bounds, Footprint, footprint, outline};
 use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::material::bind_groups;
@@ -21,6 +22,9 @@ use crate::image::Rect;
 use crate::pose::Pose;
 use crate::scene::{Scene, Vertex};
 
+/// Where the outlines of all parts have more points, boxes stand for them: a millisecond's work.
+const MOST_POINTS: usize = 16384;
+
 /// A mesh on the GPU.
 #[derive(Debug)]
 struct GpuMesh {
@@ -29,6 +33,8 @@ struct GpuMesh {
     longest: f64,
     has_colors: bool,
     bounds: Option<Bounds>,
+    /// Its convex hull holds the mesh.
+    outline: Vec<DVec3>,
 }
 
 /// A scene ready to be drawn.
@@ -110,6 +116,7 @@ impl Renderer {
                     longest: longest_edge(mesh),
                     has_colors: mesh.vertices.iter().any(|v| v.color != [1.0; 4]),
                     bounds: Bounds::of(mesh.vertices.iter().map(|v| v.position)),
+                    outline: outline(&mesh.vertices.iter().map(|v| v.position).collect::<Vec<_>>()),
                 }
             })
             .collect();
@@ -152,11 +159,21 @@ impl Renderer {
 
     /// Where the objects can be while the shutter is open.
     pub fn footprint(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter) -> Footprint {
-        let bounds: Vec<_> = self.meshes.iter().map(|m| m.bounds).collect();
-        match geometry.sees_around() {
-            true => footprint_around(&self.scene, &bounds, geometry, keys, shutter),
-            false => footprint(&self.scene, &bounds, geometry, keys),
+        if geometry.sees_around() {
+            let bounds: Vec<_> = self.meshes.iter().map(|m| m.bounds).collect();
+            return footprint_around(&self.scene, &bounds, geometry, keys, shutter);
         }
+        let points: usize =
+            self.scene.objects.iter().flat_map(|o| &o.parts).map(|p| self.meshes[p.mesh].outline.len()).sum();
+        let outlines: Vec<Cow<'_, [DVec3]>> = self
+            .meshes
+            .iter()
+            .map(|m| match m.bounds {
+                Some(bounds) if points > MOST_POINTS => bounds.corners().to_vec().into(),
+                _ => m.outline.as_slice().into(),
+            })
+            .collect();
+        footprint(&self.scene, &outlines, geometry, keys)
     }
 
     /// The box of each part, corners in the world; none for empty ones.
