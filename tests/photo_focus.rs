@@ -6,15 +6,19 @@
 mod board;
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/kinect.rs"]
+mod kinect;
+
+use std::sync::LazyLock;
 
 use board::{FOCAL_PX, panel, sideways};
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, Geometry, NoiseBin, NoiseProfile, Opening, Response};
+use locard::camera::{Camera, NoiseBin, NoiseProfile, Opening, Response};
 use locard::compositor::{Compositor, Settings};
 use locard::image::{Codes, DepthMap, Pixels};
 use locard::photo::{Exposed, Framing, Real, Site, take};
 use locard::scene::Scene;
-use locard::simulate::{Detail, Options, Simulation};
+use locard::simulate::{Detail, Options, Shot, Simulation};
 
 const SIZE: (u32, u32) = (320, 240);
 
@@ -184,19 +188,28 @@ fn blurred_real_pixels_get_the_films_grain() {
     }
 }
 
-#[test]
-fn a_photograph_is_what_a_thin_lens_sees() {
+/// A simulated room, seen by a pinhole.
+struct Room {
+    camera: Camera,
+    recorded: Pixels,
+    light: Vec<[f32; 3]>,
+    depth_m: Vec<f32>,
+    /// Focus distance and diameter, metres, and what a thin lens sees with them: 200 rays a pixel.
+    seen: Vec<([f64; 2], Pixels)>,
+}
+
+const ROOM_FOCAL_PX: f32 = 260.0;
+
+static ROOM: LazyLock<Room> = LazyLock::new(|| {
     let options = Options {
         width_px: SIZE.0,
         height_px: SIZE.1,
-        focal_px: 260.0,
+        focal_px: ROOM_FOCAL_PX.into(),
         exposure_time_s: 0.0,
         readout_time_s: 0.0,
         ..Options::default()
     };
     let simulation = Simulation::with_detail(&options, Detail::for_focal_px(120.0), 2).unwrap();
-    let geometry: Geometry = simulation.geometry().clone();
-    let camera = gpu::camera(&geometry, 0.0);
     let sharp = simulation.shot(70);
     let pinhole = simulation.take(&sharp);
     let response = Response::default();
@@ -204,34 +217,65 @@ fn a_photograph_is_what_a_thin_lens_sees() {
         let code = |l: &f32| (65535.0 * response.encode(f64::from(*l).clamp(0.0, 1.0))).round() as u16;
         Pixels { width: SIZE.0, height: SIZE.1, codes: Codes::U16(light.as_flattened().iter().map(code).collect()) }
     };
-    let depth = DepthMap { width: SIZE.0, height: SIZE.1, depth_m: pinhole.depth_m.clone(), timestamp_s: 0.0 };
-    let recorded = codes(&pinhole.light);
-    for (focus_distance_m, diameter_m) in [(0.6, 0.025), (2.0, 0.06)] {
+    let seen = |[focus_distance_m, aperture_diameter_m]: [f64; 2]| {
+        let shot = Shot { samples: 200, aperture_diameter_m, focus_distance_m, ..sharp };
+        ([focus_distance_m, aperture_diameter_m], codes(&simulation.take(&shot).light))
+    };
+    Room {
+        camera: gpu::camera(simulation.geometry(), 0.0),
+        recorded: codes(&pinhole.light),
+        seen: [[0.6, 0.025], [2.0, 0.06]].map(seen).into(),
+        light: pinhole.light,
+        depth_m: pinhole.depth_m,
+    }
+});
+
+impl Room {
+    /// Taken with a depth, by the lens of one of `seen`.
+    fn photo(&self, depth_m: &[f32], [focus_distance_m, diameter_m]: [f64; 2]) -> Pixels {
         let opening = Opening { diameter_m, focus_distance_m, blades: 0, rotation_rad: 0.0 };
-        let truth = simulation.take(&locard::simulate::Shot {
-            samples: 200,
-            aperture_diameter_m: opening.diameter_m,
-            focus_distance_m,
-            ..sharp
-        });
-        let truth = codes(&truth.light);
-        let done = photo(&camera, Scene::default(), &recorded, &depth, opening, SIZE.0);
-        let apart = |a: &Pixels| {
-            let places = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
-            let sum: f64 = places.map(|(x, y)| (light(a, x, y) - light(&truth, x, y)).abs()).sum();
-            sum / f64::from(SIZE.0 * SIZE.1)
-        };
-        let (of_photo, of_recorded) = (apart(&done), apart(&recorded));
-        if let Ok(folder) = std::env::var("LOCARD_PICTURES") {
-            for (name, p) in [("truth", &truth), ("photo", &done), ("recorded", &recorded)] {
-                let bytes: Vec<u8> = (0..SIZE.1)
-                    .flat_map(|y| (0..SIZE.0).flat_map(move |x| p.at(x, y)))
-                    .map(|c| (c * 255 / p.max_code()) as u8)
-                    .collect();
-                let path = format!("{folder}/{name}-{focus_distance_m}.png");
-                image::RgbImage::from_raw(SIZE.0, SIZE.1, bytes).unwrap().save(path).unwrap();
-            }
+        let depth = DepthMap { width: SIZE.0, height: SIZE.1, depth_m: depth_m.to_vec(), timestamp_s: 0.0 };
+        photo(&self.camera, Scene::default(), &self.recorded, &depth, opening, SIZE.0)
+    }
+}
+
+/// Mean difference in linear light.
+fn apart(a: &Pixels, b: &Pixels) -> f64 {
+    let places = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
+    let sum: f64 = places.map(|(x, y)| (light(a, x, y) - light(b, x, y)).abs()).sum();
+    sum / f64::from(SIZE.0 * SIZE.1)
+}
+
+/// Into the folder that LOCARD_PICTURES names, if it does.
+fn show(name: &str, p: &Pixels) {
+    let Ok(folder) = std::env::var("LOCARD_PICTURES") else { return };
+    let bytes: Vec<u8> = (0..SIZE.1)
+        .flat_map(|y| (0..SIZE.0).flat_map(move |x| p.at(x, y)))
+        .map(|c| (c * 255 / p.max_code()) as u8)
+        .collect();
+    image::RgbImage::from_raw(SIZE.0, SIZE.1, bytes).unwrap().save(format!("{folder}/{name}.png")).unwrap();
+}
+
+#[test]
+fn a_photograph_is_what_a_thin_lens_sees() {
+    for (lens, truth) in &ROOM.seen {
+        let done = ROOM.photo(&ROOM.depth_m, *lens);
+        let (of_photo, of_recorded) = (apart(&done, truth), apart(&ROOM.recorded, truth));
+        for (name, pixels) in [("truth", truth), ("photo", &done), ("recorded", &ROOM.recorded)] {
+            show(&format!("{name}-{}", lens[0]), pixels);
         }
+        println!("{lens:?}: {of_photo}, the recorded picture {of_recorded}");
         assert!(of_photo < 0.003 && of_photo < 0.4 * of_recorded, "{of_photo}, the recorded picture {of_recorded}");
+    }
+}
+
+#[test]
+fn with_a_kinects_depth_it_is_nearly_so() {
+    let measured_m = kinect::measured(&ROOM.depth_m, &ROOM.light, SIZE.0 as usize, ROOM_FOCAL_PX);
+    for (lens, truth) in &ROOM.seen {
+        let done = ROOM.photo(&measured_m, *lens);
+        let of_photo = apart(&done, truth);
+        show(&format!("kinect-{}", lens[0]), &done);
+        println!("{lens:?}: {of_photo}");
     }
 }

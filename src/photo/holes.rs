@@ -3,73 +3,172 @@
 //! A structured-light sensor sees from one place and lights from another beside it: what a near thing shades from the
 //! light has no depth, and lies behind it, at its side (Khoshelham & Elberink 2012). So has what comes into view
 //! when depth is carried to another moment. Of the two ends of such a gap the farther one is what goes on in it, as in
-//! views made up from depth (Fehn 2004). Other gaps (dark and shining things, windows) tell nothing of themselves;
-//! where their ends are alike, both rules say the same.
+//! views made up from depth (Fehn 2004). How wide a shade can be is known: the places at which a point seen at z is
+//! looked for lie f·b/z apart for eyes b apart, so that of an edge between z₁ and z₂ is f·b·(1/z₁ − 1/z₂) wide.
+//!
+//! Wider gaps are dark or shining things, and rims that the sensor does not see. In them 1/z is the smoothest there is
+//! between what was measured around (Laplace's equation: a plane's 1/z is linear in the picture, so planes go on
+//! through them), where smoothness counts little between pixels that do not look alike (the weights of Levin et al. 2004).
+//! So a dark thing takes the depth of what was measured on it, as a whole, and not that of what is beside it.
 
-/// Rows and columns to either side that smooth what was filled in, so that rows do not stand apart.
-const SMOOTHED_PX: i32 = 2;
+use super::surfaces::apart;
 
-/// Fills the gaps (0 and what is no distance) of a map, row by row: a gap takes the farther one of its ends, along the row or the
-/// column, whichever way it is shorter. `false` where nothing was measured at all.
-pub fn fill(depth_m: &mut [f32], width: usize) -> bool {
-    let known = |z: f32| z.is_finite() && z > 0.0;
-    if width == 0 || !depth_m.iter().any(|z| known(*z)) {
-        return false;
+/// From a sensor's light to its eye at most, metres: 75 mm in the Kinect, 95 mm in the widest that is held by hand.
+const BASELINE_M: f32 = 0.095;
+/// What else a shade's ends are frayed by, px.
+const FRAYED_PX: f32 = 4.0;
+/// σ of colours (square roots of light) that are of one thing, and what is left between those that are not.
+const COLOR_SIGMA: f32 = 0.03;
+const BETWEEN_THINGS: f32 = 1e-3;
+/// Rounds of relaxation at each size, and over-relaxation (1.7: sizes are halved, so that each has its own waves alone to settle).
+const ROUNDS: usize = 80;
+const OVER: f32 = 1.7;
+
+/// Fills the gaps (0 and what is no distance) of a map, row by row. `looks`: square roots of its picture's light;
+/// `focal_px`: of its pixels. Says which pixels took the farther side of a shade without having been asked how they look. `None` where nothing was measured at
+/// all.
+pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32) -> Option<Vec<bool>> {
+    let known: Vec<bool> = depth_m.iter().map(|z| z.is_finite() && *z > 0.0).collect();
+    if width == 0 || !known.contains(&true) {
+        return None;
     }
     let height = depth_m.len() / width;
-    let measured: Vec<bool> = depth_m.iter().map(|z| known(*z)).collect();
-    let mut is_known = measured.clone();
-    // A row and a column without a measurement meet where there is still nothing; then what was filled in goes on.
-    while is_known.contains(&false) {
-        let mut found: Vec<(usize, f32)> = vec![(usize::MAX, 0.0); depth_m.len()];
-        for y in 0..height {
-            gaps(depth_m, &is_known, &mut found, y * width, 1, width);
-        }
-        for x in 0..width {
-            gaps(depth_m, &is_known, &mut found, x, width, height);
-        }
-        for (i, (length, z)) in found.into_iter().enumerate() {
-            if length < usize::MAX {
-                (depth_m[i], is_known[i]) = (z, true);
-            }
+    // Of each pixel in a shade: how wide it is, and its farther end. The shorter way across decides.
+    let mut shade = vec![(usize::MAX, 0.0f32); depth_m.len()];
+    for y in 0..height {
+        shades(depth_m, &known, &mut shade, [y * width, 1, width], focal_px);
+    }
+    for x in 0..width {
+        shades(depth_m, &known, &mut shade, [x, width, height], focal_px);
+    }
+    let is_shade: Vec<bool> = shade.iter().map(|(length, _)| *length < usize::MAX).collect();
+    for i in (0..depth_m.len()).filter(|&i| is_shade[i]) {
+        depth_m[i] = shade[i].1;
+    }
+    let is_fixed: Vec<bool> = known.iter().zip(&is_shade).map(|(known, shade)| *known || *shade).collect();
+    if is_fixed.contains(&false) {
+        let values = depth_m.iter().zip(&is_fixed).map(|(z, fixed)| if *fixed { z.recip() } else { 0.0 }).collect();
+        let smooth = Grid { width, values, is_fixed: is_fixed.clone(), looks: looks.to_vec() }.relaxed();
+        // No smooth map goes beyond what it is fixed to; rounding may.
+        let measured = || depth_m.iter().zip(&is_fixed).filter(|(_, fixed)| **fixed).map(|(z, _)| *z);
+        let range = [measured().fold(f32::INFINITY, f32::min), measured().fold(0.0, f32::max)];
+        for i in (0..depth_m.len()).filter(|&i| !is_fixed[i]) {
+            depth_m[i] = smooth.values[i].recip().clamp(range[0], range[1]);
         }
     }
-    let filled = depth_m.to_vec();
-    let mut around = Vec::new();
-    for i in (0..depth_m.len()).filter(|i| !measured[*i]) {
-        let (x, y) = ((i % width) as i32, (i / width) as i32);
-        let place = |at: i32, side: usize| at.clamp(0, side as i32 - 1) as usize;
-        around.clear();
-        for dy in -SMOOTHED_PX..=SMOOTHED_PX {
-            let row = place(y + dy, height) * width;
-            around.extend((-SMOOTHED_PX..=SMOOTHED_PX).map(|dx| filled[row + place(x + dx, width)]));
-        }
-        around.sort_by(f32::total_cmp);
-        depth_m[i] = around[around.len() / 2];
-    }
-    true
+    Some(is_shade)
 }
 
-/// Along one line of pixels, every gap's length and its farther end, where they are shorter than what was found before.
-fn gaps(depth_m: &[f32], known: &[bool], found: &mut [(usize, f32)], first: usize, step: usize, count: usize) {
+/// Along one line of pixels (its first, from one to the next, how many): what is as narrow as a shade between its ends.
+fn shades(depth_m: &[f32], known: &[bool], shade: &mut [(usize, f32)], line: [usize; 3], focal_px: f32) {
+    let [first, step, count] = line;
     let at = |n: usize| first + n * step;
-    let mut n = 0;
-    while n < count {
-        if known[at(n)] {
-            n += 1;
-            continue;
-        }
-        let end = (n..count).find(|&m| known[at(m)]).unwrap_or(count);
-        let before = n.checked_sub(1).map(|m| depth_m[at(m)]);
-        let after = (end < count).then(|| depth_m[at(end)]);
-        if let Some(z) = before.into_iter().chain(after).max_by(f32::total_cmp) {
-            for m in n..end {
-                if end - n < found[at(m)].0 {
-                    found[at(m)] = (end - n, z);
+    let mut last: Option<usize> = None;
+    for n in (0..count).filter(|&n| known[at(n)]) {
+        if let Some(before) = last.filter(|before| n - before > 1) {
+            let [a, b] = [depth_m[at(before)], depth_m[at(n)]];
+            let length = n - before - 1;
+            if length as f32 <= FRAYED_PX + focal_px * BASELINE_M * (1.0 / a - 1.0 / b).abs() {
+                for m in (before + 1..n).map(at) {
+                    if length < shade[m].0 {
+                        shade[m] = (length, a.max(b));
+                    }
                 }
             }
         }
-        n = end;
+        last = Some(n);
+    }
+}
+
+/// Values, and which of them stay.
+struct Grid {
+    width: usize,
+    values: Vec<f32>,
+    is_fixed: Vec<bool>,
+    looks: Vec<[f32; 3]>,
+}
+
+impl Grid {
+    /// With the others smooth between those; there is at least one.
+    fn relaxed(mut self) -> Self {
+        let (width, height) = (self.width, self.values.len() / self.width);
+        let open: Vec<usize> = (0..self.values.len()).filter(|&i| !self.is_fixed[i]).collect();
+        if width.min(height) > 2 {
+            // Long waves settle on a grid of half the size.
+            let half = self.half().relaxed();
+            for &i in &open {
+                self.values[i] = half.values[i / width / 2 * half.width + i % width / 2];
+            }
+        } else {
+            let (sum, count) = (0..self.values.len())
+                .filter(|&i| self.is_fixed[i])
+                .fold((0.0, 0.0f32), |(sum, count), i| (sum + self.values[i], count + 1.0));
+            open.iter().for_each(|&i| self.values[i] = sum / count.max(1.0));
+        }
+        let beside: Vec<[(usize, f32); 4]> = open
+            .iter()
+            .map(|&i| {
+                let (x, y) = (i % width, i / width);
+                let link = |is_there: bool, n: usize| {
+                    if !is_there {
+                        return (i, 0.0);
+                    }
+                    let apart = apart(&self.looks[i], &self.looks[n]) / COLOR_SIGMA;
+                    (n, BETWEEN_THINGS + (-0.5 * apart * apart).exp())
+                };
+                [
+                    link(x > 0, i.wrapping_sub(1)),
+                    link(x + 1 < width, i + 1),
+                    link(y > 0, i.wrapping_sub(width)),
+                    link(y + 1 < height, i + width),
+                ]
+            })
+            .collect();
+        for round in 0..ROUNDS {
+            // The last rounds settle what over-relaxing leaves.
+            let over = if round + 8 < ROUNDS { OVER } else { 1.0 };
+            let mut settle = |(&i, beside): (&usize, &[(usize, f32); 4])| {
+                let (sum, all) = beside.iter().fold((0.0, 0.0), |(s, a), (n, w)| (s + w * self.values[*n], a + w));
+                if all > 0.0 {
+                    self.values[i] += over * (sum / all - self.values[i]);
+                }
+            };
+            // There and back.
+            if round.is_multiple_of(2) {
+                open.iter().zip(&beside).for_each(&mut settle);
+            } else {
+                open.iter().zip(&beside).rev().for_each(&mut settle);
+            }
+        }
+        self
+    }
+
+    /// Means of squares of 2 × 2; of values those that stay.
+    fn half(&self) -> Self {
+        let height = self.values.len() / self.width;
+        let (w, h) = (self.width.div_ceil(2), height.div_ceil(2));
+        let mut half =
+            Self { width: w, values: vec![0.0; w * h], is_fixed: vec![false; w * h], looks: vec![[0.0; 3]; w * h] };
+        for (i, ((value, fixed), looks)) in
+            half.values.iter_mut().zip(&mut half.is_fixed).zip(&mut half.looks).enumerate()
+        {
+            let (x, y) = (2 * (i % w), 2 * (i / w));
+            let (mut stay, mut all) = (0.0f32, 0.0f32);
+            for n in (y..(y + 2).min(height)).flat_map(|y| (x..(x + 2).min(self.width)).map(move |x| (x, y))) {
+                let n = n.1 * self.width + n.0;
+                (0..3).for_each(|c| looks[c] += self.looks[n][c]);
+                all += 1.0;
+                if self.is_fixed[n] {
+                    *value += self.values[n];
+                    stay += 1.0;
+                }
+            }
+            *looks = looks.map(|l| l / all.max(1.0));
+            if stay > 0.0 {
+                (*value, *fixed) = (*value / stay, true);
+            }
+        }
+        half
     }
 }
 
@@ -77,19 +176,23 @@ fn gaps(depth_m: &[f32], known: &[bool], found: &mut [(usize, f32)], first: usiz
 mod tests {
     use super::*;
 
+    const GREY: [f32; 3] = [0.5; 3];
+    const BLACK: [f32; 3] = [0.05; 3];
+
     #[test]
-    fn a_gap_is_what_stands_farther_at_its_ends() {
+    fn a_shade_is_what_stands_farther_at_its_ends() {
         // A thing at 1 m before a wall at 3 m, and its shadow right of it.
         let row = [3.0, 3.0, 1.0, 1.0, 0.0, 0.0, 3.0, 3.0];
         let mut depth: Vec<f32> = (0..8).flat_map(|_| row).collect();
-        assert!(fill(&mut depth, 8));
-        for row in depth.chunks(8) {
+        let guessed = fill(&mut depth, &[GREY; 64], 8, 500.0).unwrap();
+        for (row, guessed) in depth.chunks(8).zip(guessed.chunks(8)) {
             assert_eq!(row, [3.0, 3.0, 1.0, 1.0, 3.0, 3.0, 3.0, 3.0]);
+            assert_eq!(guessed, [false, false, false, false, true, true, false, false]);
         }
     }
 
     #[test]
-    fn the_shorter_way_through_a_gap_decides() {
+    fn the_shorter_way_through_a_shade_decides() {
         // A gap two rows high across a thing: between its own rows, and not the walls beside it.
         let mut depth = vec![1.0f32; 9 * 9];
         for y in 0..9 {
@@ -97,17 +200,50 @@ mod tests {
         }
         depth[3 * 9 + 1..3 * 9 + 8].fill(0.0);
         depth[4 * 9 + 1..4 * 9 + 8].fill(f32::NAN);
-        assert!(fill(&mut depth, 9));
+        assert!(fill(&mut depth, &[GREY; 81], 9, 500.0).is_some());
         assert!((1..8).all(|x| depth[3 * 9 + x] == 1.0 && depth[4 * 9 + x] == 1.0), "{:?}", &depth[27..45]);
+    }
+
+    #[test]
+    fn a_dark_thing_takes_its_own_depth_where_little_of_it_was_measured() {
+        // A black square at 1 m before a grey wall at 2 m; of it 12 pixels were measured.
+        let (width, height) = (96, 80);
+        let inside = |i: usize| (20..80).contains(&(i % width)) && (10..70).contains(&(i / width));
+        let looks: Vec<_> = (0..width * height).map(|i| if inside(i) { BLACK } else { GREY }).collect();
+        let mut depth: Vec<f32> = (0..width * height)
+            .map(|i| match inside(i) {
+                false => 2.0,
+                true if (30..34).contains(&(i % width)) && (50..53).contains(&(i / width)) => 1.0,
+                true => 0.0,
+            })
+            .collect();
+        assert!(fill(&mut depth, &looks, width, 100.0).is_some());
+        for i in 0..width * height {
+            let wanted = if inside(i) { 1.0 } else { 2.0 };
+            assert!((depth[i] / wanted - 1.0).abs() < 0.06, "{} {}: {}", i % width, i / width, depth[i]);
+        }
+    }
+
+    #[test]
+    fn planes_go_on_through_wide_gaps() {
+        // 1/z = 0.4 + 0.004 x + 0.002 y
+        let (width, height) = (90, 70);
+        let plane = |i: usize| 1.0 / (0.4 + 0.004 * (i % width) as f32 + 0.002 * (i / width) as f32);
+        let gap = |i: usize| (20..70).contains(&(i % width)) && (15..60).contains(&(i / width));
+        let mut depth: Vec<f32> = (0..width * height).map(|i| if gap(i) { 0.0 } else { plane(i) }).collect();
+        assert!(fill(&mut depth, &vec![GREY; width * height], width, 100.0).is_some());
+        for i in 0..width * height {
+            assert!((depth[i] / plane(i) - 1.0).abs() < 0.01, "{} {}: {} {}", i % width, i / width, depth[i], plane(i));
+        }
     }
 
     #[test]
     fn borders_and_lone_measurements_go_on() {
         let mut depth = vec![0.0f32; 20];
         depth[7] = 2.5;
-        assert!(fill(&mut depth, 5));
-        assert!(depth.iter().all(|z| *z == 2.5));
-        assert!(!fill(&mut [0.0, f32::NAN, -1.0], 3));
-        assert!(!fill(&mut [], 0));
+        assert!(fill(&mut depth, &[GREY; 20], 5, 500.0).is_some());
+        assert!(depth.iter().all(|z| (z - 2.5).abs() < 1e-5), "{depth:?}");
+        assert!(fill(&mut [0.0, f32::NAN, -1.0], &[GREY; 3], 3, 500.0).is_none());
+        assert!(fill(&mut [], &[], 0, 500.0).is_none());
     }
 }

@@ -13,8 +13,15 @@ use super::{Framing, behind, edges, holes};
 pub const JUMP: f32 = 1.04;
 /// What is made up behind a surface reaches at most so far, pixels of the grid.
 const MOST_BEHIND_PX: f64 = 96.0;
+/// No edge of the depth is farther off than this share of the recorded picture's width (12 of 640 px).
+const MOST_OFF: f64 = 12.0 / 640.0;
 /// The grid has no more pixels.
 const MOST_PIXELS: f64 = 2.0e6;
+
+/// How far apart two colours are (square roots of light).
+pub fn apart(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+}
 
 /// By the recorded camera's depth (`depth_m`, its picture's size, 0 where nothing is known). Circles are at most
 /// `reach_px` of the photograph in radius. `None` where the depth is of another size, or nothing was measured in what the photograph shows.
@@ -49,12 +56,15 @@ pub fn made(
         pixels.at(x as u32, y as u32).map(|code| response.decode(f64::from(code) / most) as f32)
     };
     let mut depth_m: Vec<f32> = places().map(measured).collect();
-    if !holes::fill(&mut depth_m, width as usize) {
-        return None;
-    }
     let light: Vec<[f32; 3]> = places().map(seen).collect();
-    let depth_m = edges::widened(&edges::on_colors(&depth_m, &light, width as usize), width as usize);
+    let looks: Vec<[f32; 3]> = light.iter().map(|l| l.map(|c| c.max(0.0).sqrt())).collect();
+    let columns = width as usize;
+    let of_recorded = framing.framed.step * enlargement;
+    let guessed = holes::fill(&mut depth_m, &looks, columns, (recorded.fx_px / of_recorded) as f32)?;
+    let most_off_px = (f64::from(recorded.width_px) * MOST_OFF / of_recorded).round().max(2.0) as usize;
+    let doubtful_px = edges::doubtful_px(&depth_m, &looks, columns, most_off_px);
+    let depth_m = edges::widened(&edges::on_colors(&depth_m, &guessed, &looks, columns, doubtful_px), columns);
     let reach = (1.3 * reach_px / enlargement + 3.0).min(MOST_BEHIND_PX) as usize;
-    let (behind_m, behind_light) = behind::made_up(&depth_m, &light, width as usize, reach);
+    let (behind_m, behind_light) = behind::made_up(&depth_m, &light, columns, reach);
     Some(Surfaces { width, height, enlargement, depth_m, behind_m, light, behind_light })
 }

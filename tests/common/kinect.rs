@@ -1,0 +1,85 @@
+//! What a structured-light sensor makes of exact depth.
+
+/// Fractions of one that depend on what is given alone.
+fn hashed(values: [usize; 3]) -> f32 {
+    let mut h = 0x9e37_79b9_7f4a_7c15u64;
+    for v in values {
+        h = (h ^ v as u64).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        h ^= h >> 29;
+    }
+    (h >> 40) as f32 / (1u64 << 24) as f32
+}
+
+/// Depth as a Kinect would have measured it, 0 where it measured none; `fx_px` is the picture's.
+///
+/// Near things are wider by 1 to 4 px of 640, by squares of 6 px that each are matched at once (measured against colour edges
+/// in a real recording: 2 to 4); all of it lies 2 px to the side, 1 px down (time and pose). What the projector,
+/// 75 mm to the right, does not light has no depth (Khoshelham & Elberink 2012, section 2), nor has what is black. Half of
+/// the pixels on edges lie between the surfaces. Disparity in steps of 1/8 px at 580 px.
+pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -> Vec<f32> {
+    let height = exact_m.len() / width;
+    let scale = width as f32 / 640.0;
+    let px = |at640: f32| (at640 * scale).round() as i32;
+    let place = |x: i32, y: i32| {
+        y.clamp(0, height as i32 - 1) as usize * width + x.clamp(0, width as i32 - 1) as usize
+    };
+    let cell = (6.0 * scale).max(1.0) as usize;
+    let at = |i: usize| ((i % width) as i32, (i / width) as i32);
+    // Wider, and beside.
+    let mut out: Vec<f32> = (0..exact_m.len())
+        .map(|i| {
+            let (x, y) = at(i);
+            let (x, y) = (x - px(2.0), y - px(1.0));
+            let r = px(1.0 + 3.0 * hashed([x as usize / cell, y as usize / cell, 1]));
+            let mut nearest = f32::INFINITY;
+            for dy in -r..=r {
+                for dx in -r..=r {
+                    if dx * dx + dy * dy <= r * r {
+                        nearest = nearest.min(exact_m[place(x + dx, y + dy)]);
+                    }
+                }
+            }
+            // Slopes stay as they are.
+            let own = exact_m[place(x, y)];
+            if own > 1.04 * nearest { nearest } else { own }
+        })
+        .collect();
+    // Flying pixels.
+    let before = out.clone();
+    for i in 0..out.len() {
+        let (x, y) = at(i);
+        let around = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(dx, dy)| before[place(x + dx, y + dy)]);
+        let far = around.into_iter().fold(before[i], f32::max);
+        if far > 1.04 * before[i] && hashed([x as usize, y as usize, 2]) < 0.5 {
+            let share = hashed([x as usize, y as usize, 3]);
+            out[i] = 1.0 / (share / before[i] + (1.0 - share) / far);
+        }
+    }
+    // Unlit: what the projector sees lies fx·b/z to the side; a nearer pixel that comes to lie there or beyond it shades it.
+    let disparity = |z: f32| fx_px * 0.075 / z;
+    let lit = out.clone();
+    for y in 0..height {
+        let mut beyond = f32::NEG_INFINITY;
+        for x in 0..width {
+            let i = y * width + x;
+            // The projector stands to the left of the row's end: shades fall to the right of near things.
+            let seen = x as f32 + disparity(lit[i]);
+            if seen < beyond - 1.5 {
+                out[i] = 0.0;
+            }
+            beyond = beyond.max(seen);
+        }
+    }
+    for i in 0..out.len() {
+        let (x, y) = at(i);
+        let black = light[i].into_iter().fold(0.0, f32::max) < 0.012;
+        if black && hashed([x as usize / cell, y as usize / cell, 4]) < 0.8 {
+            out[i] = 0.0;
+        }
+        if out[i] > 0.0 {
+            let steps = 580.0 * 0.075 / out[i] * 8.0;
+            out[i] = 580.0 * 0.075 * 8.0 / steps.round().max(1.0);
+        }
+    }
+    out
+}
