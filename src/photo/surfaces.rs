@@ -13,8 +13,8 @@ use super::{Framing, behind, edges, holes};
 pub const JUMP: f32 = 1.04;
 /// What is made up behind a surface reaches at most so far, pixels of the grid.
 const MOST_BEHIND_PX: f64 = 96.0;
-/// No edge of the depth is farther off than this share of the recorded picture's width (12 of 640 px).
-const MOST_OFF: f64 = 12.0 / 640.0;
+/// How far the depth's edges may lie beside the picture's, as a share of its width: those of a Kinect do by up to 8 of 640 px.
+const MOST_OFF: f64 = 8.0 / 640.0;
 /// The grid has no more pixels.
 const MOST_PIXELS: f64 = 2.0e6;
 
@@ -61,9 +61,13 @@ pub fn made(
     let columns = width as usize;
     let of_recorded = framing.framed.step * enlargement;
     let guessed = holes::fill(&mut depth_m, &looks, columns, (recorded.fx_px / of_recorded) as f32)?;
-    let most_off_px = (f64::from(recorded.width_px) * MOST_OFF / of_recorded).round().max(2.0) as usize;
-    let doubtful_px = edges::doubtful_px(&depth_m, &looks, columns, most_off_px);
-    let depth_m = edges::widened(&edges::on_colors(&depth_m, &guessed, &looks, columns, doubtful_px), columns);
+    let off_px = (f64::from(recorded.width_px) * MOST_OFF / of_recorded).round() as usize;
+    let depth_m = if edges::are_off(&depth_m, &looks, columns, off_px) {
+        let on_colors = edges::on_colors(&depth_m, &guessed, &looks, columns, off_px);
+        edges::widened(&on_colors, Some(&looks), columns)
+    } else {
+        edges::widened(&depth_m, None, columns)
+    };
     let reach = (1.3 * reach_px / enlargement + 3.0).min(MOST_BEHIND_PX) as usize;
     let (behind_m, behind_light) = behind::made_up(&depth_m, &light, columns, reach);
     Some(Surfaces { width, height, enlargement, depth_m, behind_m, light, behind_light })

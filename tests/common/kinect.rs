@@ -20,9 +20,7 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
     let height = exact_m.len() / width;
     let scale = width as f32 / 640.0;
     let px = |at640: f32| (at640 * scale).round() as i32;
-    let place = |x: i32, y: i32| {
-        y.clamp(0, height as i32 - 1) as usize * width + x.clamp(0, width as i32 - 1) as usize
-    };
+    let place = |x: i32, y: i32| y.clamp(0, height as i32 - 1) as usize * width + x.clamp(0, width as i32 - 1) as usize;
     let cell = (6.0 * scale).max(1.0) as usize;
     let at = |i: usize| ((i % width) as i32, (i / width) as i32);
     // Wider, and beside.
