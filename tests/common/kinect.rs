@@ -14,7 +14,7 @@ fn hashed(values: [usize; 3]) -> f32 {
 ///
 /// Near things are wider by 1 to 4 px of 640, by squares of 6 px that each are matched at once (measured against colour edges
 /// in a real recording: 2 to 4); all of it lies 2 px to the side, 1 px down (time and pose). What the projector,
-/// 75 mm to the right, does not light has no depth (Khoshelham & Elberink 2012, section 2), nor has what is black. Half of
+/// 75 mm to the left, does not light has no depth (Khoshelham & Elberink 2012, section 2), nor has what is black. Half of
 /// the pixels on edges lie between the surfaces. Disparity in steps of 1/8 px at 580 px.
 pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -> Vec<f32> {
     let height = exact_m.len() / width;
@@ -57,11 +57,11 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
     let disparity = |z: f32| fx_px * 0.075 / z;
     let lit = out.clone();
     for y in 0..height {
+        // Shades fall to the right of near things.
         let mut beyond = f32::NEG_INFINITY;
         for x in 0..width {
             let i = y * width + x;
-            // The projector stands to the left of the row's end: shades fall to the right of near things.
-            let seen = x as f32 + disparity(lit[i]);
+                let seen = x as f32 + disparity(lit[i]);
             if seen < beyond - 1.5 {
                 out[i] = 0.0;
             }
