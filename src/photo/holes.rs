@@ -217,9 +217,9 @@ mod tests {
             })
             .collect();
         assert!(fill(&mut depth, &looks, width, 100.0).is_some());
-        for i in 0..width * height {
+        for (i, z) in depth.iter().enumerate() {
             let wanted = if inside(i) { 1.0 } else { 2.0 };
-            assert!((depth[i] / wanted - 1.0).abs() < 0.1, "{} {}: {}", i % width, i / width, depth[i]);
+            assert!((z / wanted - 1.0).abs() < 0.1, "{} {}: {z}", i % width, i / width);
         }
     }
 
@@ -231,8 +231,8 @@ mod tests {
         let gap = |i: usize| (20..70).contains(&(i % width)) && (15..60).contains(&(i / width));
         let mut depth: Vec<f32> = (0..width * height).map(|i| if gap(i) { 0.0 } else { plane(i) }).collect();
         assert!(fill(&mut depth, &vec![GREY; width * height], width, 100.0).is_some());
-        for i in 0..width * height {
-            assert!((depth[i] / plane(i) - 1.0).abs() < 0.01, "{} {}: {} {}", i % width, i / width, depth[i], plane(i));
+        for (i, z) in depth.iter().enumerate() {
+            assert!((z / plane(i) - 1.0).abs() < 0.01, "{} {}: {z} {}", i % width, i / width, plane(i));
         }
     }
 

@@ -61,7 +61,7 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
         let mut beyond = f32::NEG_INFINITY;
         for x in 0..width {
             let i = y * width + x;
-                let seen = x as f32 + disparity(lit[i]);
+            let seen = x as f32 + disparity(lit[i]);
             if seen < beyond - 1.5 {
                 out[i] = 0.0;
             }
