@@ -7,12 +7,15 @@ struct Resolve {
 @group(0) @binding(0) var<uniform> resolve: Resolve;
 @group(0) @binding(1) var color: texture_multisampled_2d<f32>;
 @group(0) @binding(2) var depth: texture_depth_multisampled_2d;
-// At the cells' corners: velocity of what is infinitely far, and what nearness adds to it (src/render/motion.rs), px/s.
-@group(0) @binding(3) var<storage, read> motion: array<vec4<f32>>;
+// At the cells' corners: velocity of what is infinitely far, and what nearness adds to it, px/s; how the time of rows
+// changes from place to place, s/px (src/render/motion.rs).
+struct Node { motion: vec4<f32>, row_time: vec4<f32> }
+@group(0) @binding(3) var<storage, read> nodes: array<Node>;
 
 struct Corner {
     @builtin(position) at: vec4<f32>,
     @location(0) @interpolate(linear) motion: vec4<f32>,
+    @location(1) @interpolate(linear) row_time: vec2<f32>,
 }
 
 // A corner of a cell's quad, in the order of a Z.
@@ -21,7 +24,8 @@ fn cell(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     let columns = u32(resolve.size.w);
     let at = vec2<u32>(instance % columns + (vertex & 1u), instance / columns + (vertex >> 1u));
     let device = vec2<f32>(at) * resolve.size.z / resolve.size.xy * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    return Corner(vec4<f32>(device, 0.0, 1.0), motion[at.y * (columns + 1u) + at.x]);
+    let node = nodes[at.y * (columns + 1u) + at.x];
+    return Corner(vec4<f32>(device, 0.0, 1.0), node.motion, node.row_time.xy);
 }
 
 struct Out { @location(0) color: vec4<f32>, @location(1) geometry: vec4<u32> }
@@ -40,6 +44,8 @@ fn main(in: Corner) -> Out {
     if resolve.depth.y > 0.0 {
         depth_m = mix(resolve.depth.y, resolve.depth.x, nearness);
     }
-    let geometry = pack_geometry(depth_m, in.motion.xy + in.motion.zw * nearness);
+    let velocity = in.motion.xy + in.motion.zw * nearness;
+    // What falls as fast as rows are read would be met without end.
+    let geometry = pack_geometry(depth_m, velocity / max(1.0 - dot(in.row_time, velocity), 0.1));
     return Out(sum * 0.25, select(vec4<u32>(0u), geometry, sum.a > 0.0 && nearness > 0.0));
 }
