@@ -4,8 +4,11 @@ struct Step { size: vec2<u32>, stride: u32, unused: u32, weight: vec4<f32> }
 @group(0) @binding(0) var<uniform> sample_step: Step;
 @group(0) @binding(1) var color: texture_2d<f32>;
 @group(0) @binding(2) var geometry: texture_2d<u32>;
-@group(0) @binding(3) var<storage, read_write> sum: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read_write> nearest: array<vec4<f32>>;
+// Eight bytes a pixel in each: adapters bind no more than so much of a buffer.
+@group(0) @binding(3) var<storage, read_write> red_green: array<vec2<f32>>;
+@group(0) @binding(4) var<storage, read_write> blue_alpha: array<vec2<f32>>;
+// Geometry of the nearest, two words in one.
+@group(0) @binding(5) var<storage, read_write> nearest: array<vec2<u32>>;
 
 @compute @workgroup_size(8, 8)
 fn add(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -13,10 +16,14 @@ fn add(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let i = id.y * sample_step.stride + id.x;
-    sum[i] += textureLoad(color, id.xy, 0) * sample_step.weight.x;
-    let g = unpack_geometry(textureLoad(geometry, id.xy, 0));
-    let before = nearest[i];
-    if g.x > 0.0 && (before.x == 0.0 || depth_m(g) < depth_m(before)) {
+    let light = textureLoad(color, id.xy, 0) * sample_step.weight.x;
+    red_green[i] += light.xy;
+    blue_alpha[i] += light.zw;
+    let texel = textureLoad(geometry, id.xy, 0);
+    let g = texel.xz | (texel.yw << vec2<u32>(16u));
+    let depth = bitcast<f32>(g.x);
+    let before = bitcast<f32>(nearest[i].x);
+    if depth > 0.0 && (before == 0.0 || depth < before) {
         nearest[i] = g;
     }
 }

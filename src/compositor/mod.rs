@@ -15,7 +15,7 @@ use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
 use crate::image::{Codes, LayerImage, Pixels, Rect};
 use crate::pose::Pose;
-use crate::render::{LayerRun, Renderer, SamplePlan, Shutter, View, ViewKeys};
+use crate::render::{LayerRun, Renderer, SamplePlan, Shutter, View, ViewKeys, largest_sum_px};
 use crate::scene::Scene;
 use crate::tracking::PoseTrack;
 
@@ -260,7 +260,11 @@ impl Compositor {
         let Some(Places { drawn, objects_px, pieces, looked_at }) = Places::of(&asked) else {
             return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
         };
-        let [side_px, area_px] = [TexturePool::largest_side_px(&self.gpu), TexturePool::largest_area_px(&self.gpu)];
+        let plan = active.iter().fold(SamplePlan::single(), |plan, &i| self.settings.effects[i].plan(&context, plan));
+        let [side_px, mut area_px] = [TexturePool::largest_side_px(&self.gpu), TexturePool::largest_area_px(&self.gpu)];
+        if plan.samples.len() > 1 {
+            area_px = area_px.min(largest_sum_px(&self.gpu));
+        }
         let (width_px, height_px) = (drawn.width(), drawn.height());
         if width_px.max(height_px) > side_px || u64::from(width_px) * u64::from(height_px) > u64::from(area_px) {
             let reach = |i: &&usize| self.settings.effects[**i].reach_px(&context);
@@ -295,7 +299,6 @@ impl Compositor {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut run =
             LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: job.want_layer };
-        let plan = active.iter().fold(SamplePlan::single(), |plan, &i| self.settings.effects[i].plan(&context, plan));
         let view = View {
             geometry: job.geometry,
             keys: &keys,
@@ -432,7 +435,8 @@ fn paste_layer(
     let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
     color.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
-            if let Some(i) = at(row, column) {
+            // Light that rounding left without coverage is nothing, as in the composite.
+            if let Some(i) = at(row, column).filter(|_| half(&t[6..]) > 0.0) {
                 out.rgba[i] = texel(t);
             }
         }

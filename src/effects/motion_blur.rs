@@ -117,7 +117,9 @@ impl MotionBlurEffect {
 
     /// Moments evenly over the exposure, two for each pixel of the longest blur, at least 32.
     fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
-        let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, 4096);
+        // In seconds of hand-held shutter moments 2 px apart are not told from closer ones.
+        let most = if context.photograph.is_some() { 1024 } else { 4096 };
+        let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, most);
         (0..n)
             .map(|i| Sample {
                 time_s: ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * context.exposure_time_s,
@@ -154,13 +156,17 @@ impl Effect for MotionBlurEffect {
         context.exposure_time_s == 0.0 || Self::longest_px(context) <= self.params.threshold_px
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        0.5 * Self::longest_px(context) + 2.0
+        match self.method(context) {
+            Method::Velocity => 0.5 * Self::longest_px(context) + 2.0,
+            // Drawn where they are seen.
+            Method::Copies | Method::Accumulation | Method::Reference => 0.0,
+        }
     }
     fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
         match self.method(context) {
             // The renderer's rectangle spans the moments already.
             Method::Velocity | Method::Accumulation | Method::Reference => 1.0,
-            Method::Copies => self.reach_px(context),
+            Method::Copies => 0.5 * Self::longest_px(context) + 2.0,
         }
     }
     fn beyond_s(&self, exposure_time_s: f64) -> f64 {

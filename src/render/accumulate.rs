@@ -14,8 +14,18 @@ pub struct Accumulate {
 #[derive(Debug)]
 pub struct Sum {
     stride: u32,
-    color: wgpu::Buffer,
-    nearest: wgpu::Buffer,
+    /// Red and green, blue and alpha, the nearest's geometry.
+    parts: [wgpu::Buffer; 3],
+}
+
+/// Of each part, bytes a pixel.
+const BYTES_PER_PX: u64 = 8;
+
+/// No more pixels are summed: an adapter binds no more of a buffer.
+pub fn largest_area_px(gpu: &Gpu) -> u32 {
+    let limits = gpu.device.limits();
+    let bytes = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+    (bytes / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
 }
 
 impl Accumulate {
@@ -42,25 +52,28 @@ impl Accumulate {
         let buffer = || {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("sum"),
-                size: 16 * u64::from(size.0.max(1)) * u64::from(size.1.max(1)),
+                size: BYTES_PER_PX * u64::from(size.0.max(1)) * u64::from(size.1.max(1)),
                 usage: wgpu::BufferUsages::STORAGE,
                 mapped_at_creation: false,
             })
         };
-        Sum { stride: size.0, color: buffer(), nearest: buffer() }
+        Sum { stride: size.0, parts: std::array::from_fn(|_| buffer()) }
     }
 
     /// Adds `weight` times a layer.
     pub fn add(&self, run: &mut LayerRun<'_>, sum: &Sum, layer: &Layer, weight: f32) {
         let step: [u32; 8] = [layer.size.0, layer.size.1, sum.stride, 0, weight.to_bits(), 0, 0, 0];
         let step = constants(run.gpu, "accumulate", bytemuck::cast_slice(&step));
-        let entries = [
-            wgpu::BindGroupEntry { binding: 0, resource: step.as_entire_binding() },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(&layer.color.view) },
-            wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(&layer.geometry.view) },
-            wgpu::BindGroupEntry { binding: 3, resource: sum.color.as_entire_binding() },
-            wgpu::BindGroupEntry { binding: 4, resource: sum.nearest.as_entire_binding() },
+        let resources = [
+            step.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&layer.color.view),
+            wgpu::BindingResource::TextureView(&layer.geometry.view),
         ];
+        let parts = sum.parts.iter().map(wgpu::Buffer::as_entire_binding);
+        let entries: Vec<_> = (0..)
+            .zip(resources.into_iter().chain(parts))
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
         let group = run.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("accumulate"),
             layout: &self.add.get_bind_group_layout(0),
@@ -75,10 +88,11 @@ impl Accumulate {
     /// The finished sum into a layer.
     pub fn finish(&self, run: &mut LayerRun<'_>, sum: &Sum, out: &Layer) {
         let uniform = constants(run.gpu, "accumulated", bytemuck::cast_slice(&[sum.stride, 0, 0, 0]));
+        let [red_green, blue_alpha, nearest] = sum.parts.each_ref().map(Slot::Buffer);
         self.finish.run(
             run.gpu,
             run.encoder,
-            &[Slot::Buffer(&uniform), Slot::Buffer(&sum.color), Slot::Buffer(&sum.nearest)],
+            &[Slot::Buffer(&uniform), red_green, blue_alpha, nearest],
             &[&out.color, &out.geometry],
             out.size,
         );

@@ -18,6 +18,7 @@ mod projected;
 mod resample;
 mod view;
 
+pub use accumulate::largest_area_px as largest_sum_px;
 pub use bounds::Footprint;
 pub use draw::{Renderer, View};
 pub use pipeline::{COLOR, GEOMETRY};
