@@ -133,7 +133,11 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
         }
     }
     if files.is_empty() {
-        return Err(failed("no PNG or JPEG files in this folder".to_owned()));
+        return Err(failed(
+            "no PNG or JPEG files in this folder; of a recording give the folder of its frames, or the recording itself \
+             with --moving for a camera that was not at rest"
+                .to_owned(),
+        ));
     }
     files.sort();
     Ok(files)
