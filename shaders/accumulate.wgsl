@@ -1,5 +1,4 @@
 // Adds one sample of a plan to the running sum in 32-bit floats; it starts from zeros.
-// @import shared/layer
 struct Step { size: vec2<u32>, stride: u32, unused: u32, weight: vec4<f32> }
 @group(0) @binding(0) var<uniform> sample_step: Step;
 @group(0) @binding(1) var color: texture_2d<f32>;

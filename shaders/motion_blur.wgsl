@@ -22,8 +22,8 @@ fn color_between(p: vec2<f32>) -> vec4<f32> {
     return textureSampleLevel(color, between, (p + 0.5) * blur.shutter.zw, 0.0);
 }
 
-// Of the pixel's tile the fastest motion (px in the whole shutter), and what is to be done there
-// (shaders/motion_blur_tiles.wgsl).
+// Of the pixel's tile and those around it the fastest motion (px in the whole shutter), and what is to be done in the tile:
+// 0 nothing, 1 one motion, 2 many (shaders/motion_blur_tiles.wgsl).
 struct Tile { motion: vec2<f32>, kind: f32 }
 
 fn tile_at(p: vec2<i32>) -> Tile {
@@ -60,14 +60,14 @@ fn mean_of(sum: vec4<f32>, weight: f32) -> vec4<f32> {
 }
 
 // The sum over the shutter, and its weight, where all that passes has one motion: the pixel's own.
-fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, is_kind: bool) -> Sum {
+fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -> Sum {
     let x = vec2<f32>(p);
     let line = line_along(drawn_motion(select(dominant, own.zw * blur.shutter.x, own.x > 0.0), dominant));
     let center = tap_weight(line, 0.0);
     var sum = center * color_between(x);
     var weight = center;
     // Two neighbouring taps are one look between them, nearer to the one that weighs more.
-    let taps = select(0, line.taps, is_kind);
+    let taps = select(0, line.taps, wanted);
     for (var k = 1; k <= taps; k += 2) {
         let near = tap_weight(line, f32(k));
         let far = tap_weight(line, f32(k + 1));
@@ -126,13 +126,13 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     return select(vec4<f32>(0.0), color, there);
 }
 
-fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, is_kind: bool) -> Sum {
+fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -> Sum {
     let motion = drawn_motion(dominant, dominant);
     let line = line_along(motion);
     let x_major = abs(motion.x) >= abs(motion.y);
     var sum = vec4<f32>(0.0);
     var weight = 0.0;
-    let taps = select(-1, line.taps, is_kind);
+    let taps = select(-1, line.taps, wanted);
     for (var k = -taps; k <= taps; k++) {
         let w = tap_weight(line, abs(f32(k)));
         weight += w;
@@ -142,7 +142,7 @@ fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, is_kind: bool
 }
 
 // Software drivers work through both sides of a branch, and many motions cost several times what one costs; a loop that
-// no pixel of a group enters costs nothing. (So do tiles drawn one by one, but there each is two triangles.)
+// no pixel of a group enters costs nothing.
 @fragment
 fn blurred(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);

@@ -9,7 +9,7 @@ struct Resolve {
 @group(0) @binding(2) var depth: texture_depth_multisampled_2d;
 // At the cells' corners: velocity of what is infinitely far, and what nearness adds to it, px/s; how the time of rows
 // changes from place to place, s/px (src/render/motion.rs).
-struct Node { motion: vec4<f32>, row_time: vec4<f32> }
+struct Node { motion: vec4<f32>, row_time: vec2<f32>, unused: vec2<f32> }
 @group(0) @binding(3) var<storage, read> nodes: array<Node>;
 
 struct Corner {
@@ -25,7 +25,7 @@ fn cell(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     let at = vec2<u32>(instance % columns + (vertex & 1u), instance / columns + (vertex >> 1u));
     let device = vec2<f32>(at) * resolve.size.z / resolve.size.xy * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
     let node = nodes[at.y * (columns + 1u) + at.x];
-    return Corner(vec4<f32>(device, 0.0, 1.0), node.motion, node.row_time.xy);
+    return Corner(vec4<f32>(device, 0.0, 1.0), node.motion, node.row_time);
 }
 
 struct Out { @location(0) color: vec4<f32>, @location(1) geometry: vec4<u32> }

@@ -27,7 +27,7 @@ pub struct FrameExposure {
     pub photo: PhotoSettings,
 }
 
-/// The settings that a picture was taken with, as its file (EXIF) gives them; all above 0, but for the time.
+/// The settings that a picture was taken with, as its file (EXIF) gives them; all above 0 but `taken_s`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhotoSettings {
     /// How long the shutter was open, seconds.

@@ -1,7 +1,6 @@
 // The virtual layer: premultiplied linear colour, and the geometry of its nearest sample.
 // Geometry texels are four 16-bit words: the two of depth (m, a 32-bit float; 0: nothing is
-// there) and two 16-bit floats of velocity (px/s). Whole numbers pass multisampled targets
-// without a conversion for each sample.
+// there) and two 16-bit floats of velocity (px/s): one texel holds both, each as exact as it is wanted.
 
 // Depth in x, velocity in zw.
 fn unpack_geometry(texel: vec4<u32>) -> vec4<f32> {

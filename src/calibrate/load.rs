@@ -39,7 +39,7 @@ pub fn noise_from_paths(
     Ok(calibration)
 }
 
-/// No more frames of a moving camera than this are taken, evenly spread: textureless places abound, decoding costs.
+/// About so many frames of a moving camera are judged, evenly spread: textureless places abound.
 const MOST_FRAMES: usize = 120;
 
 /// Estimates from frames of a moving camera: picture files, folders of them (in order of name) and recordings.

@@ -12,7 +12,9 @@ use statrs::function::gamma::gamma_lr;
 
 use super::bins::{chi_square_interval, fill};
 use super::censoring::{NEAREST_USABLE, kept_variance};
-use super::noise::{BinReport, CHANNELS, CalibrateError, Method, NoiseCalibration, NoiseOptions, check, round4};
+use super::noise::{
+    BinReport, CHANNELS, CalibrateError, Method, NoiseCalibration, NoiseOptions, check, round4, told_correlation,
+};
 use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE, WHITE};
 use super::rounding::Rounding;
 use super::scene_sums::UNIT;
@@ -29,7 +31,7 @@ const NEEDED_BLOCKS: usize = 40;
 /// Blocks below the cut that spread by this factor more than χ² does are no noise but weak texture: 1.0 to 1.25 is measured
 /// where σ is right, 1.25 to 1.4 where texture was taken for noise.
 const WIDEST: f64 = 1.25;
-/// Nor are they, where so many times as many lie between the cut and half as much again: there is no crowd of flat ones.
+/// Nor are they where so many times as many lie between the cut and 1.5 times the cut as below it: flat ones would be a crowd.
 const CROWDED: f64 = 1.5;
 /// σ and correlation depend on each other; they settle within three rounds.
 const ROUNDS: usize = 4;
@@ -87,6 +89,7 @@ struct Found {
 }
 
 impl MovingCalibrator {
+    /// An error unless 1 to 256 bins are asked for.
     pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
         if options.bins == 0 || options.bins > 256 {
             return Err(CalibrateError::Bins { found: options.bins });
@@ -96,7 +99,7 @@ impl MovingCalibrator {
         Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, drawers: Default::default(), seen })
     }
 
-    /// Adds a frame; frames may differ in size.
+    /// Adds a frame; frames may differ in size. An error where it is empty or has other bits than those before.
     pub fn add_frame(&mut self, frame: &Pixels) -> Result<(), CalibrateError> {
         if frame.width == 0 || frame.height == 0 {
             return Err(CalibrateError::Empty);
@@ -188,12 +191,16 @@ impl MovingCalibrator {
             "the intervals are those of chance; texture that is everywhere counts as noise, so sigma may be too large"
                 .to_owned(),
         );
-        let told = |value: Option<f64>, low: f64| round4(value.unwrap_or(0.0).clamp(low, 1.0));
+        let mut told = |value, name: &str, low| told_correlation(value, name, low, &mut warnings);
+        let [rg, rb, gb] = found.channel;
+        let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
+        let [right, below] = found.neighbour;
+        let neighbour_correlation = [told(right, "to the right", 0.0), told(below, "below", 0.0)];
         let profile = NoiseProfile {
             bins: [0, 1, 2]
                 .map(|c| bins[c].iter().map(|b| NoiseBin { code: b.code, sigma: round4(b.sigma) }).collect::<Vec<_>>()),
-            channel_correlation: found.channel.map(|c| told(c, -1.0)),
-            neighbour_correlation: found.neighbour.map(|c| told(c, 0.0)),
+            channel_correlation,
+            neighbour_correlation,
         };
         // What chance did not keep is like what it kept.
         let kept = self.drawers.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
@@ -410,7 +417,7 @@ fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
     Some(Lowest { scale, blocks: n / share, like_noise })
 }
 
-/// Estimates from frames in memory.
+/// Estimates from frames in memory. Errors as of [`MovingCalibrator::add_frame`] and [`MovingCalibrator::finish`].
 pub fn from_frames(frames: &[Pixels], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
     frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;

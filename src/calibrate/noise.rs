@@ -79,7 +79,7 @@ pub struct NoiseCalibration {
     /// 1 for a moving camera.
     pub scenes: usize,
     pub frames: usize,
-    /// Share of all pixels left out because they moved or drifted, or of blocks because of their texture, 0 to 1.
+    /// Share of all pixels left out because they moved or drifted, or of blocks because of texture, clipping or too little noise, 0 to 1.
     pub excluded_share: f64,
     /// What a person should know before trusting the table.
     pub warnings: Vec<String>,
@@ -301,16 +301,7 @@ impl NoiseCalibrator {
         }
         self.end_scene()?;
         let (rounding, mut warnings) = (self.rounding(), std::mem::take(&mut self.warnings));
-        let mut told = |correlation: Option<f64>, name: &str, low: f64| {
-            let value = correlation.unwrap_or(0.0);
-            if correlation.is_none() {
-                warnings.push(format!("correlation {name} could not be measured (too quiet or clipped); 0 is written"));
-            } else if value < low - 0.02 {
-                warnings
-                    .push(format!("correlation {name} is {value:.2}; {low} is written (sharpening in the camera?)"));
-            }
-            round4(value.max(low))
-        };
+        let mut told = |value, name: &str, low| told_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
         let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
         let [right, below] = Pool::neighbour_correlation(&self.pools);
@@ -360,6 +351,17 @@ pub(super) fn check(
         ));
     }
     Ok(())
+}
+
+/// A correlation as it is written: 0 where it could not be measured, `low` where it lies below; either is said.
+pub(crate) fn told_correlation(measured: Option<f64>, name: &str, low: f64, warnings: &mut Vec<String>) -> f64 {
+    let value = measured.unwrap_or(0.0);
+    if measured.is_none() {
+        warnings.push(format!("correlation {name} could not be measured (too quiet or clipped); 0 is written"));
+    } else if value < low - 0.02 {
+        warnings.push(format!("correlation {name} is {value:.2}; {low} is written (sharpening in the camera?)"));
+    }
+    round4(value.clamp(low, 1.0))
 }
 
 pub(super) fn round4(value: f64) -> f64 {

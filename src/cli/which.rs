@@ -15,6 +15,7 @@ pub struct Which {
 }
 
 impl Which {
+    /// An error for a name that no effect has; it lists those that there are.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {
             let known: Vec<&str> = settings.effects.iter().map(|e| e.params().table()).collect();

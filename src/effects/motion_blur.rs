@@ -11,7 +11,7 @@
 //!   the newest at the end of the exposure; here the mean of all moments, each by its weight, lies in the exposure's
 //!   middle, where the camera saw the thing, and the oldest frame before its beginning. It trails, where a shutter is a
 //!   box, and so few frames are seen apart.
-//! - `reference`: the layer drawn at many moments and summed, at least two for each pixel of
+//! - `reference`: the layer drawn at many moments and summed, two for each pixel of
 //!   blur: slow, and what the others are judged by.
 //!
 //! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at
@@ -84,6 +84,11 @@ impl MotionBlurEffect {
         context.fastest_px_per_s * context.exposure_time_s as f32
     }
 
+    /// Half of it and a little: how far what is blurred lies from where it comes from, px.
+    fn half_px(context: &FrameContext<'_>) -> f32 {
+        0.5 * Self::longest_px(context) + 2.0
+    }
+
     /// Copies of each object along the blur vector of its centre (Fischer, §Motion blur).
     fn copies(&self, context: &FrameContext<'_>) -> Vec<Sample> {
         let n = self.params.copies;
@@ -115,9 +120,9 @@ impl MotionBlurEffect {
         weights.into_iter().enumerate().map(|(i, w)| ((mean - i as f64) * back, w)).collect()
     }
 
-    /// Moments evenly over the exposure, two for each pixel of the longest blur, at least 32.
+    /// Moments evenly over the exposure, two for each pixel of the longest blur: at least 32, and at most 4096 (above 2048 px
+    /// they lie farther apart), in a photograph 1024 (above 512 px; seconds of a hand-held shutter).
     fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
-        // In seconds of hand-held shutter moments 2 px apart are not told from closer ones.
         let most = if context.photograph.is_some() { 1024 } else { 4096 };
         let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, most);
         (0..n)
@@ -157,7 +162,7 @@ impl Effect for MotionBlurEffect {
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
         match self.method(context) {
-            Method::Velocity => 0.5 * Self::longest_px(context) + 2.0,
+            Method::Velocity => Self::half_px(context),
             // Drawn where they are seen.
             Method::Copies | Method::Accumulation | Method::Reference => 0.0,
         }
@@ -166,7 +171,7 @@ impl Effect for MotionBlurEffect {
         match self.method(context) {
             // The renderer's rectangle spans the moments already.
             Method::Velocity | Method::Accumulation | Method::Reference => 1.0,
-            Method::Copies => 0.5 * Self::longest_px(context) + 2.0,
+            Method::Copies => Self::half_px(context),
         }
     }
     fn beyond_s(&self, exposure_time_s: f64) -> f64 {

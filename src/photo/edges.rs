@@ -21,7 +21,7 @@ use super::surfaces::{JUMP, apart};
 const NOISE: f32 = 0.02;
 /// What it costs to believe the map at an edge, in the same unit; less by straight line to nothing where it is trusted.
 const DOUBT: f32 = 0.3;
-/// To believe what was guessed in a shade: less than any contrast of two things, and more than a way through one.
+/// To believe what was guessed in a shade: less than most contrasts of two things, and more than a way through one.
 const GUESS: f32 = 0.05;
 /// And what the length of a way costs, for one as long as edges are doubted far.
 const WAY: f32 = 0.015;

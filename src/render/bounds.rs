@@ -23,7 +23,7 @@ pub struct Footprint {
     pub depths_m: [f64; 2],
 }
 
-/// A bounding box in the axes of its mesh, and one corner of it for each of eight.
+/// A bounding box in the axes of its mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     pub low: DVec3,
@@ -68,7 +68,10 @@ pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
         let own = cells.entry(cell).or_insert(Bounds { low: p, high: p });
         *own = Bounds { low: own.low.min(p), high: own.high.max(p) };
     }
-    cells.values().flat_map(Bounds::corners).collect()
+    match 8 * cells.len() < points.len() {
+        true => cells.values().flat_map(Bounds::corners).collect(),
+        false => points.iter().map(wide).collect(),
+    }
 }
 
 /// Normalised coordinates (x/z, y/z) of points seen with a pose; `None` where one is

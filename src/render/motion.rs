@@ -1,12 +1,13 @@
 //! How what stands still moves through the picture while the camera moves.
 //!
 //! A turning camera moves all depths alike, a camera that goes moves them by their nearness (Longuet-Higgins and Prazdny
-//! 1980, "The interpretation of a moving retinal image"): at every place velocity is V = a + b/z, z the depth seen there,
-//! through a thin lens too. So a net of a and b, worked out at two depths, holds the velocity of all that can be
-//! drawn, and the triangles need not carry it.
+//! 1980, "The interpretation of a moving retinal image"): at every place velocity is V = a + b/z, z the depth seen there.
+//! So a net of a and b, worked out at two depths, holds the velocity of all that can be drawn, and the triangles need not
+//! carry it. It is that through the middle of the lens; other points of it see their own, which is left out.
 //!
-//! Where rows have times of their own, what moves is met by rows that are read at another time: with g, how a row's time
-//! changes from place to place (s/px), dt = ds + g·dx, and velocity is V / (1 − g·V).
+//! Where rows have times of their own, a point that is displaced by dx is met by a row that is read g·dx later, g being how a
+//! row's time changes from place to place (s/px). So in a time ds of the exposure dx = V (ds + g·dx), and velocity dx/ds is
+//! V / (1 − g·V).
 //!
 //! V is the chord of the exposure, which is exact at the two depths and as good as straight between them.
 
@@ -16,15 +17,12 @@ use super::draw::View;
 use super::view::NEAR_M;
 use crate::gpu::Gpu;
 
-/// Velocities fit 16-bit floats, px/s.
-const LARGEST_PX_PER_S: f64 = 60000.0;
-
 /// The net over a rectangle, on the GPU.
 #[derive(Debug)]
 pub struct Motion {
     /// Of a cell, px.
     pub side_px: u32,
-    /// Cells across and down.
+    /// Cells across and down; there is one node more each way.
     pub cells: (u32, u32),
     /// At the cells' corners, row by row: [`Node`]s.
     pub nodes: wgpu::Buffer,
@@ -35,7 +33,7 @@ pub struct Motion {
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 struct Node {
     /// a, px/s.
-    still: [f32; 2],
+    at_infinity: [f32; 2],
     /// b / [`NEAR_M`], px/s.
     by_nearness: [f32; 2],
     /// g, s/px.
@@ -44,7 +42,7 @@ struct Node {
 }
 
 impl Motion {
-    /// While the shutter is open in the middle of the exposure. What parallel rays see stands still.
+    /// At the middle of the exposure. 0 for parallel rays, with which single pictures are taken.
     pub fn new(gpu: &Gpu, view: &View<'_>) -> Self {
         use wgpu::util::DeviceExt;
         // Between nodes h apart a turn by ω leaves the straight line by h² ω / (4 f), with this h by f ω / 4096; a lens that
@@ -86,7 +84,8 @@ impl<'a> Path<'a> {
     fn new(view: &'a View<'a>) -> Self {
         let step_s = view.shutter.velocity_step_s();
         let moments = [0.0, -step_s, step_s].map(|t| view.keys.at(t));
-        // Those of the objects, an octave apart at least, and none so near that the chord is far from straight.
+        // Those of the objects, an octave apart at least. Nearer than five times the way that the camera goes a chord is far
+        // from straight: not so near, unless all is.
         let travel_m = moments[1].1.distance(moments[2].1);
         let far = view.depths_m[1].max(4.0 * NEAR_M);
         let near = view.depths_m[0].max(5.0 * travel_m).max(2.0 * NEAR_M).min(0.5 * far);
@@ -103,15 +102,15 @@ impl<'a> Path<'a> {
         let [near, far] = self.depths_m.map(|depth_m| self.velocity(ray, depth_m));
         let [u, v] = self.depths_m.map(|depth_m| NEAR_M / depth_m);
         let by_nearness = (near - far) / (u - v);
-        let still = far - by_nearness * v;
+        let at_infinity = far - by_nearness * v;
         let readout_s = self.view.shutter.readout_time_s;
         let row_time = match (readout_s > 0.0, &self.view.outer) {
             (false, _) => DVec2::ZERO,
             (true, None) => DVec2::new(0.0, readout_s / f64::from(self.view.geometry.intrinsics.height_px)),
             (true, Some(_)) => DVec2::new(self.slope(at_px, DVec2::X), self.slope(at_px, DVec2::Y)),
         };
-        let [still, by_nearness, row_time] = [still, by_nearness, row_time].map(|v| v.as_vec2().to_array());
-        Node { still, by_nearness, row_time, unused: [0.0; 2] }
+        let [at_infinity, by_nearness, row_time] = [at_infinity, by_nearness, row_time].map(|v| v.as_vec2().to_array());
+        Node { at_infinity, by_nearness, row_time, unused: [0.0; 2] }
     }
 
     /// How the row's time changes to one side, s/px.
@@ -141,8 +140,7 @@ impl<'a> Path<'a> {
             let p = turn * (point - eye);
             self.view.geometry.distorted_px(p.truncate() / p.z.max(0.5 * NEAR_M))
         };
-        let chord = seen(after) - seen(before);
-        (chord / (2.0 * self.step_s)).clamp(DVec2::splat(-LARGEST_PX_PER_S), DVec2::splat(LARGEST_PX_PER_S))
+        (seen(after) - seen(before)) / (2.0 * self.step_s)
     }
 
     /// When the row is read in which a direction is seen; far outside the picture rows are as those at its rims.
@@ -180,10 +178,10 @@ mod tests {
             parallel_to_m: None,
             outer: None,
         };
-        let Node { still, by_nearness, row_time, .. } = Path::new(&view).node(at);
-        let [still, by_nearness, row_time] =
-            [still, by_nearness, row_time].map(|[x, y]| DVec2::new(x.into(), y.into()));
-        let v = still + by_nearness * NEAR_M / z;
+        let Node { at_infinity, by_nearness, row_time, .. } = Path::new(&view).node(at);
+        let [at_infinity, by_nearness, row_time] =
+            [at_infinity, by_nearness, row_time].map(|[x, y]| DVec2::new(x.into(), y.into()));
+        let v = at_infinity + by_nearness * NEAR_M / z;
         v / (1.0 - row_time.dot(v))
     }
 

@@ -75,7 +75,7 @@ pub struct Shot {
 
 /// Drawn pixels to each of the picture's, along each side; of four samples each.
 const FINER: u32 = 2;
-/// Tiles of what is drawn, px a side: a gigabyte of multisampled targets would be 3600.
+/// Tiles of what is drawn, px a side: a gigabyte of multisampled targets would be 4600.
 const TILE_PX: i32 = 1024;
 
 /// Takes a picture; transparent where neither object nor background is seen.

@@ -80,7 +80,8 @@ fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
     })
 }
 
-/// Since 1970-01-01 0:00; a day that no month has is unknown. Years begin in March, as in sink/photograph.rs.
+/// Since 1970-01-01 0:00, from then to the year 8000; a day beyond its month's end lies in the next one. Years begin in March,
+/// as in sink/photograph.rs.
 fn seconds(at: &DateTime) -> Option<f64> {
     let (year, month, day) = (i64::from(at.year), i64::from(at.month), i64::from(at.day));
     if !(1..=12).contains(&month) || !(1..=31).contains(&day) || at.hour > 23 || at.minute > 59 || at.second > 60 {
@@ -91,7 +92,7 @@ fn seconds(at: &DateTime) -> Option<f64> {
         365 * year + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400) + (153 * month + 2) / 5 + day - 1;
     let of_day = i64::from(at.hour) * 3600 + i64::from(at.minute) * 60 + i64::from(at.second);
     // 1970-01-01 is 719468 days after 0000-03-01.
-    Some(((days - 719_468) * 86400 + of_day) as f64)
+    (1970..8000).contains(&at.year).then(|| ((days - 719_468) * 86400 + of_day) as f64)
 }
 
 #[cfg(test)]

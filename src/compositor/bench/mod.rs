@@ -47,7 +47,7 @@ impl Load {
     }
 }
 
-/// The name of the last row: what a frame costs as users have it.
+/// The row of what a frame costs as users have it.
 pub const ALL: &str = "all effects at their defaults";
 
 /// How often each thing is timed, at most, after so many rounds that are not; fewer where it takes longer than this in all.
@@ -222,7 +222,7 @@ impl<'a> Table<'a> {
 }
 
 /// Times everything at a picture size: the copy, the plain composite, each effect alone over
-/// it, and all effects at their defaults.
+/// it, all effects at their defaults, and depth of field over a whole picture.
 pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height)?;
     let Load { camera, geometry, track, scene } = Load::new(width, height);
@@ -262,13 +262,13 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
     plain.plain();
     time("plain composite".to_owned(), plain, None)?;
     for effect in crate::effects::all() {
-        let table = effect.params().table();
+        let effect_name = effect.params().table();
         for (label, sets) in effect.cases() {
             let mut settings = Settings::default();
-            let known = settings.only(&[table.to_owned()]).is_ok()
-                && sets.iter().all(|(name, value)| matches!(settings.set(table, name, value), Some(Ok(()))));
-            debug_assert!(known, "{table} {label}");
-            time(format!("plain + {table} {label}").trim_end().to_owned(), settings, Some(table))?;
+            let known = settings.only(&[effect_name.to_owned()]).is_ok()
+                && sets.iter().all(|(name, value)| matches!(settings.set(effect_name, name, value), Some(Ok(()))));
+            debug_assert!(known, "{effect_name} {label}");
+            time(format!("plain + {effect_name} {label}").trim_end().to_owned(), settings, Some(effect_name))?;
         }
     }
     time(ALL.to_owned(), Settings::default(), None)?;

@@ -1,7 +1,7 @@
 //! The noise at lattice points: white normal noise, filtered and mixed as src/effects/noise.rs says; variance 1.
 //!
-//! By shaders; where the adapter is this machine's processor, by the processor itself: the look at texels that shaders
-//! are made of is what drivers in software are slow at (a fifth of the time).
+//! By shaders; where the adapter is this machine's processor, by the processor itself, which takes a fifth of the shaders'
+//! time: looking up texels is what drivers in software are slow at.
 
 use std::sync::LazyLock;
 
@@ -25,6 +25,7 @@ pub struct Pattern {
     cholesky: [f64; 5],
 }
 
+/// The shaders, with what they read.
 #[derive(Debug)]
 pub struct Passes {
     normal_table: Texture,
