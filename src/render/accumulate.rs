@@ -24,7 +24,7 @@ const BYTES_PER_PX: u64 = 8;
 /// No more pixels are summed: an adapter binds no more of a buffer.
 pub fn largest_area_px(gpu: &Gpu) -> u32 {
     let limits = gpu.device.limits();
-    let bytes = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+    let bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
     (bytes / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
 }
 
