@@ -1,4 +1,5 @@
 // Adds one sample of a plan to the running sum in 32-bit floats; it starts from zeros.
+// @import shared/layer
 struct Step { size: vec2<u32>, stride: u32, unused: u32, weight: vec4<f32> }
 @group(0) @binding(0) var<uniform> sample_step: Step;
 @group(0) @binding(1) var color: texture_2d<f32>;
@@ -6,7 +7,7 @@ struct Step { size: vec2<u32>, stride: u32, unused: u32, weight: vec4<f32> }
 // Eight bytes a pixel in each: adapters bind no more than so much of a buffer.
 @group(0) @binding(3) var<storage, read_write> red_green: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read_write> blue_alpha: array<vec2<f32>>;
-// Geometry of the nearest, two words in one.
+// Geometry of the nearest, in words.
 @group(0) @binding(5) var<storage, read_write> nearest: array<vec2<u32>>;
 
 @compute @workgroup_size(8, 8)
@@ -18,8 +19,7 @@ fn add(@builtin(global_invocation_id) id: vec3<u32>) {
     let light = textureLoad(color, id.xy, 0) * sample_step.weight.x;
     red_green[i] += light.xy;
     blue_alpha[i] += light.zw;
-    let texel = textureLoad(geometry, id.xy, 0);
-    let g = texel.xz | (texel.yw << vec2<u32>(16u));
+    let g = words_of(textureLoad(geometry, id.xy, 0));
     let depth = bitcast<f32>(g.x);
     let before = bitcast<f32>(nearest[i].x);
     if depth > 0.0 && (before == 0.0 || depth < before) {

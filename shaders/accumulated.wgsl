@@ -1,5 +1,6 @@
 // The finished sum of a plan as a layer.
 // @import shared/fullscreen
+// @import shared/layer
 struct Size { stride: vec4<u32> }
 @group(0) @binding(0) var<uniform> size: Size;
 @group(0) @binding(1) var<storage, read> red_green: array<vec2<f32>>;
@@ -11,6 +12,5 @@ struct Out { @location(0) color: vec4<f32>, @location(1) geometry: vec4<u32> }
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> Out {
     let i = u32(at.y) * size.stride.x + u32(at.x);
-    let g = nearest[i];
-    return Out(vec4<f32>(red_green[i], blue_alpha[i]), vec4<u32>(g.x & 0xffffu, g.x >> 16u, g.y & 0xffffu, g.y >> 16u));
+    return Out(vec4<f32>(red_green[i], blue_alpha[i]), texel_of(nearest[i]));
 }

@@ -2,15 +2,24 @@
 // Geometry texels are four 16-bit words: the two of depth (m, a 32-bit float; 0: nothing is
 // there) and two 16-bit floats of velocity (px/s): one texel holds both, each as exact as it is wanted.
 
+// A texel in two words of 32 bits, depth and velocity, for buffers; and back.
+fn words_of(texel: vec4<u32>) -> vec2<u32> {
+    return texel.xz | (texel.yw << vec2<u32>(16u));
+}
+
+fn texel_of(words: vec2<u32>) -> vec4<u32> {
+    return vec4<u32>(words & vec2<u32>(0xffffu), words >> vec2<u32>(16u)).xzyw;
+}
+
 // Depth in x, velocity in zw.
 fn unpack_geometry(texel: vec4<u32>) -> vec4<f32> {
-    return vec4<f32>(bitcast<f32>(texel.x | (texel.y << 16u)), 0.0, unpack2x16float(texel.z | (texel.w << 16u)));
+    let words = words_of(texel);
+    return vec4<f32>(bitcast<f32>(words.x), 0.0, unpack2x16float(words.y));
 }
 
 fn pack_geometry(depth_m: f32, velocity: vec2<f32>) -> vec4<u32> {
-    let depth = bitcast<u32>(depth_m);
     let v = pack2x16float(clamp(velocity, vec2<f32>(-60000.0), vec2<f32>(60000.0)));
-    return vec4<u32>(depth & 0xffffu, depth >> 16u, v & 0xffffu, v >> 16u);
+    return texel_of(vec2<u32>(bitcast<u32>(depth_m), v));
 }
 
 fn inside_layer(p: vec2<i32>, size: vec2<i32>) -> bool {
