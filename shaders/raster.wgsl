@@ -38,7 +38,7 @@ struct View {
     keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
     aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m); far plane of parallel rays (m)
     outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it is a part of
-    outer: vec4<f32>,         // of that camera: fy, cy
+    outer: vec4<f32>,         // of that camera: fy, cy; column and row of the target in the real depth
     // The camera's rotation and position at the sample time.
     rotation: vec4<f32>,
     eye: vec4<f32>,
@@ -451,7 +451,7 @@ fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
         mask = (1u << u32(round(covered * 4.0))) - 1u;
     }
     if hidden_by_depth {
-        let wall = textureLoad(real_depth, vec2<i32>(in.at.xy), 0).r;
+        let wall = textureLoad(real_depth, vec2<i32>(in.at.xy + view.outer.zw), 0).r;
         // Rays are not parallel here: w is 1 / depth.
         if wall > 0.0 && 1.0 > (wall + view.keys.w) * in.at.w {
             mask = 0u;

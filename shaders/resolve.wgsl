@@ -1,8 +1,9 @@
 // Four samples to one pixel: colour averaged; depth of the nearest, and how fast what is there moves.
 // @import shared/layer
 struct Resolve {
-    size: vec4<f32>,   // of the targets (px), side of a cell (px), cells a row
+    size: vec4<f32>,   // of the targets (px), side of a cell (px), cells a row that are drawn
     depth: vec4<f32>,  // near plane (m); of parallel rays the far one (m), else 0
+    cells: vec4<u32>,  // column and row of the first one in the net, cells a row of the net
 }
 @group(0) @binding(0) var<uniform> resolve: Resolve;
 @group(0) @binding(1) var color: texture_multisampled_2d<f32>;
@@ -24,7 +25,8 @@ fn cell(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     let columns = u32(resolve.size.w);
     let at = vec2<u32>(instance % columns + (vertex & 1u), instance / columns + (vertex >> 1u));
     let device = vec2<f32>(at) * resolve.size.z / resolve.size.xy * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    let node = nodes[at.y * (columns + 1u) + at.x];
+    let place = at + resolve.cells.xy;
+    let node = nodes[place.y * (resolve.cells.z + 1u) + place.x];
     return Corner(vec4<f32>(device, 0.0, 1.0), node.motion, node.row_time);
 }
 

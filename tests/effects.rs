@@ -106,6 +106,31 @@ fn accumulation_is_the_papers_finite_sum() {
     assert_eq!(layer.rgba, draw(7).rgba);
 }
 
+/// A second of a hand that trembles five times: at its ends and its middle it is where it rests. A place beside the middle
+/// is covered while A sin(φ) > d - h.
+#[test]
+fn a_long_exposure_follows_the_hand() {
+    let (half, swing) = (20.0, 20.0);
+    let track = board::moved(600, 0.001, |t| [swing * (10.0 * std::f64::consts::PI * t).sin(), 0.0]);
+    for readout_s in [0.0, 0.004] {
+        let mut geometry = gpu::pinhole(160, 60, FOCAL_PX);
+        geometry.intrinsics.readout_time_s = readout_s;
+        let settings = gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]);
+        let frame = gpu::frame(0, 0.0, gpu::grey(160, 60, 0));
+        let camera = gpu::camera(&geometry, 1.0);
+        let done = gpu::composite(&gpu::gpu(), &camera, settings, board([half, 20.0], 0.8), &track, frame);
+        let layer = done.layer.unwrap();
+        for (row, x) in [12, 30, 47].into_iter().flat_map(|row| (10..150).map(move |x| (row, x))) {
+            let beside = ((x as f64 + 0.5) - 80.0).abs();
+            let expected = 0.5 - ((beside - half) / swing).clamp(-1.0, 1.0).asin() / std::f64::consts::PI;
+            let found = f64::from(layer.rgba[row * 160 + x][3]);
+            // Where the hand turns, coverage is as steep as a root.
+            let limit = if (beside - half).abs() > swing - 2.0 { 0.08 } else { 0.012 };
+            assert!((found - expected).abs() < limit, "{readout_s} s, {x}, {row}: {found}, by hand {expected}");
+        }
+    }
+}
+
 /// At the defaults, where one frame follows the other by the whole exposure, and what is drawn lies before it.
 #[test]
 fn accumulation_lies_where_the_camera_saw_the_thing() {

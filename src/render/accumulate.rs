@@ -60,9 +60,10 @@ impl Accumulate {
         Sum { stride: size.0, parts: std::array::from_fn(|_| buffer()) }
     }
 
-    /// Adds `weight` times a layer.
-    pub fn add(&self, run: &mut LayerRun<'_>, sum: &Sum, layer: &Layer, weight: f32) {
-        let step: [u32; 8] = [layer.size.0, layer.size.1, sum.stride, 0, weight.to_bits(), 0, 0, 0];
+    /// Adds `weight` times a layer, which begins at a column and row of the sum.
+    pub fn add(&self, run: &mut LayerRun<'_>, sum: &Sum, layer: &Layer, from: (u32, u32), weight: f32) {
+        let first = from.1 * sum.stride + from.0;
+        let step: [u32; 8] = [layer.size.0, layer.size.1, sum.stride, first, weight.to_bits(), 0, 0, 0];
         let step = constants(run.gpu, "accumulate", bytemuck::cast_slice(&step));
         let resources = [
             step.as_entire_binding(),

@@ -68,11 +68,6 @@ pub fn out_of_view(geometry: &Geometry, corners: &[DVec3; 8]) -> bool {
         || beyond(&|c| high.y * c.z - c.y)
 }
 
-/// The first, the middle and the last moment.
-pub fn moments(keys: &ViewKeys) -> [&Pose; 3] {
-    [0, keys.poses.len() / 2, keys.poses.len() - 1].map(|m| &keys.poses[m])
-}
-
 impl SideView {
     /// Those in which something of the boxes (corners in the world) is seen.
     pub fn all(view: &View<'_>, boxes: &[[DVec3; 8]]) -> Vec<Self> {
@@ -120,8 +115,9 @@ impl SideView {
 fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
     let side = geometry.intrinsics.width_px;
     let mut rect = Rect::new(0, 0, 0, 0);
+    let (moments, _) = keys.sampled();
     for corners in boxes {
-        let seen = moments(keys).map(|pose| corners.map(|c| pose.transform_point(c)));
+        let seen: Vec<_> = moments.iter().map(|pose| corners.map(|c| pose.transform_point(c))).collect();
         if seen.iter().all(|corners| out_of_view(geometry, corners)) {
             continue;
         }

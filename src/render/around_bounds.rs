@@ -39,8 +39,8 @@ fn along_edges(corners: &[DVec3; 8]) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// What is seen of a box (corners in the camera's axes) at three moments `dt_s` apart. `None` where it may be anywhere.
-fn seen(geometry: &Geometry, moments: &[[DVec3; 8]; 3], dt_s: f64) -> Option<Seen> {
+/// What is seen of a box (corners in the camera's axes) at moments `dt_s` apart. `None` where it may be anywhere.
+fn seen(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<Seen> {
     let poles: &[DVec3] = if geometry.is_round() { &[DVec3::Y, DVec3::NEG_Y] } else { &[DVec3::NEG_Z] };
     for corners in moments {
         let centre = 0.5 * (corners[0] + corners[7]);
@@ -50,10 +50,11 @@ fn seen(geometry: &Geometry, moments: &[[DVec3; 8]; 3], dt_s: f64) -> Option<See
             return None;
         }
     }
-    let start = geometry.carried_px(0.5 * (moments[1][0] + moments[1][7]));
-    let places = moments.map(|corners| {
+    let middle = moments.get(moments.len() / 2)?;
+    let start = geometry.carried_px(0.5 * (middle[0] + middle[7]));
+    let places = moments.iter().map(|corners| {
         let mut last = None;
-        along_edges(&corners)
+        along_edges(corners)
             .map(|p| {
                 let at = start + geometry.way_px(start, geometry.carried_px(p));
                 // An edge's way between two places is curved: half as far to each side at most.
@@ -62,6 +63,7 @@ fn seen(geometry: &Geometry, moments: &[[DVec3; 8]; 3], dt_s: f64) -> Option<See
             })
             .collect::<Vec<_>>()
     });
+    let places: Vec<_> = places.collect();
     let (mut low, mut high, mut fastest) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0f64);
     for moment in &places {
         for (n, (at, step)) in moment.iter().enumerate() {
@@ -88,20 +90,20 @@ pub fn footprint_around(
     let i = &geometry.intrinsics;
     let (width, height) = (f64::from(i.width_px), f64::from(i.height_px));
     let most = most_px_per_s(geometry, shutter);
-    let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
+    let (moments, step_s) = keys.sampled();
     let (mut nearest, mut farthest, mut fastest) = (f64::INFINITY, NEAR_M, 0.0f64);
     let mut anywhere = false;
     let mut all: Vec<Seen> = Vec::new();
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let Some(b) = bounds[part.mesh] else { continue };
         let corners = b.corners().map(|c| part.world_from_mesh.transform_point3(c));
-        let in_camera = moments.map(|m| corners.map(|c| keys.poses[m].transform_point(c)));
+        let in_camera: Vec<_> = moments.iter().map(|pose| corners.map(|c| pose.transform_point(c))).collect();
         for corners in &in_camera {
             let (centre, radius) = (0.5 * (corners[0] + corners[7]), 0.5 * corners[0].distance(corners[7]));
             nearest = nearest.min((centre.length() - radius).max(NEAR_M));
             farthest = farthest.max(centre.length() + radius);
         }
-        match seen(geometry, &in_camera, keys.reach_s) {
+        match seen(geometry, &in_camera, step_s) {
             Some(seen) => {
                 fastest = fastest.max(seen.fastest);
                 all.push(seen);

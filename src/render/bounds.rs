@@ -90,26 +90,26 @@ fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> 
 /// counts as everywhere.
 ///
 /// Conservative: a part's picture without distortion lies in the rectangle around its outline's, distortion takes that
-/// rectangle's inside to the inside of its border's image, and poses within the shutter are looked at at its ends and its
-/// middle.
+/// rectangle's inside to the inside of its border's image, and poses within the shutter are looked at from key to key
+/// ([`ViewKeys::sampled`]).
 pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
     let mut rect = Rect::new(0, 0, 0, 0);
     let mut fastest = 0.0f64;
     let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
-    let moments = [0, keys.poses.len() / 2, keys.poses.len() - 1];
+    let (moments, step_s) = keys.sampled();
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let points: Vec<_> = outlines[part.mesh].iter().map(|&p| part.world_from_mesh.transform_point3(p)).collect();
         if keys.poses.iter().all(|pose| points.iter().all(|&p| pose.transform_point(p).z < NEAR_M)) {
             continue;
         }
-        for &m in &moments {
-            for z in points.iter().map(|&p| keys.poses[m].transform_point(p).z) {
+        for pose in &moments {
+            for z in points.iter().map(|&p| pose.transform_point(p).z) {
                 (nearest, farthest) = (nearest.min(z.max(NEAR_M)), farthest.max(z));
             }
         }
-        let seen: Option<Vec<_>> = moments.iter().map(|&m| normalised(&points, &keys.poses[m])).collect();
+        let seen: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
         let Some(seen) = seen else {
             // All of the picture, and beyond it by as much as anything can be blurred in.
             rect = rect.union(&picture.grown(64));
@@ -118,10 +118,9 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
         };
         let at_px: Vec<Vec<DVec2>> =
             seen.iter().map(|points| points.iter().map(|&p| geometry.distorted_px(p)).collect()).collect();
-        for (a, b) in [(0, 1), (1, 2)] {
-            let dt = keys.reach_s * (moments[b] - moments[a]) as f64 * 2.0 / (keys.poses.len() - 1) as f64;
-            for (p, q) in at_px[a].iter().zip(&at_px[b]) {
-                fastest = fastest.max(p.distance(*q) / dt);
+        for pair in at_px.windows(2) {
+            for (p, q) in pair[0].iter().zip(&pair[1]) {
+                fastest = fastest.max(p.distance(*q) / step_s);
             }
         }
         let low = seen.iter().flatten().fold(DVec2::INFINITY, |m, p| m.min(*p));
@@ -143,7 +142,7 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
         rect = rect.union(&own.grown(1));
     }
     let depths_m = [nearest.min(farthest), farthest];
-    // A tenth more for what speeds up between the three moments.
+    // A tenth more for what speeds up between the moments.
     Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m }
 }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::accumulate::Accumulate;
-use super::around::{Gather, Outer, SideView, moments, out_of_view};
+use super::around::{Gather, Outer, SideView, out_of_view};
 use super::around_bounds::footprint_around;
 use super::bounds::{Bounds, Footprint, footprint, outline};
 use super::dice::{Bend, dice, longest_edge};
@@ -54,7 +54,7 @@ pub struct Renderer {
 }
 
 /// What one frame's drawing needs.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
@@ -63,7 +63,7 @@ pub struct View<'a> {
     pub depths_m: [f64; 2],
     /// What is drawn, in raster axes; may reach beyond the picture.
     pub rect: Rect,
-    /// The real scene's depth over `rect` (metres, 0 unknown), and how much nearer it must be.
+    /// The real scene's depth over the frame's rectangle (metres, 0 unknown), and how much nearer it must be.
     pub occlusion: Option<(&'a Texture, f32)>,
     /// Rays are parallel, up to this distance (m) from the camera's plane: `geometry` has no distortion, and its focal
     /// lengths are px a metre.
@@ -226,8 +226,13 @@ impl Renderer {
         let one = layer(run, 1);
         let sum = self.accumulate.begin(gpu, size);
         for (i, sample) in plan.samples.iter().enumerate() {
-            self.draw_sample(run, view, (sample, plan.focus_distance_m), &prepared, &one);
-            self.accumulate.add(run, &sum, &one, sample.weight);
+            let part = self.part_of(view, sample, plan.focus_distance_m, &prepared);
+            if !part.is_empty() {
+                let one = Layer { size: (part.width(), part.height()), ..one.clone() };
+                self.draw_sample(run, &View { rect: part, ..*view }, (sample, plan.focus_distance_m), &prepared, &one);
+                let from = ((part.x0 - view.rect.x0) as u32, (part.y0 - view.rect.y0) as u32);
+                self.accumulate.add(run, &sum, &one, from, sample.weight);
+            }
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
                 let next = gpu.device.create_command_encoder(&Default::default());
@@ -237,6 +242,20 @@ impl Renderer {
         }
         self.accumulate.finish(run, &sum, &out);
         out
+    }
+
+    /// What of a view the objects may touch in one sample of a plan, from cell to cell of its motion's net.
+    fn part_of(&self, view: &View<'_>, sample: &Sample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
+        let Prepared::Plane(Draws { motion, .. }) = prepared else { return view.rect };
+        let keys = view.keys.around(sample.time_s, view.shutter.readout_time_s);
+        let footprint = self.footprint(view.geometry, &keys, view.shutter);
+        let from_lens_px = footprint.depths_m.map(|z| {
+            let [x, y] = sample.lens_m.map(|c| c * view.geometry.intrinsics.fx_px * (1.0 / z - 1.0 / focus_distance_m));
+            x.hypot(y)
+        });
+        let moved_px = sample.offsets_px.iter().map(|[x, y]| f64::from(x.hypot(*y)));
+        let beside_px = from_lens_px.into_iter().fold(0.0, f64::max) + moved_px.fold(0.0, f64::max);
+        motion.cells_around(&footprint.rect.grown(beside_px.ceil() as i32 + 1)).intersection(&view.rect)
     }
 
     /// What all samples of a view share.
@@ -281,6 +300,7 @@ impl Renderer {
     fn draws(&self, gpu: &Gpu, view: &View<'_>) -> Draws {
         use wgpu::util::DeviceExt;
         let bend = Bend::of(view.geometry, view.shutter.readout_time_s);
+        let (moments, _) = view.keys.sampled();
         let (mut vertices, mut indices) = (Vec::new(), Vec::new());
         let mut draws = Vec::new();
         for (number, part) in self.scene.objects.iter().flat_map(|o| &o.parts).enumerate() {
@@ -289,8 +309,8 @@ impl Renderer {
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
             // Of the views around a camera most see nothing of it.
-            let out = |pose: &Pose| out_of_view(view.geometry, &corners.map(|c| pose.transform_point(c)));
-            if view.outer.is_some() && moments(view.keys).into_iter().all(out) {
+            let out = |pose: &&Pose| out_of_view(view.geometry, &corners.map(|c| pose.transform_point(c)));
+            if view.outer.is_some() && moments.iter().all(out) {
                 continue;
             }
             let cut = || dice(mesh, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
@@ -367,8 +387,7 @@ impl Renderer {
         use wgpu::util::DeviceExt;
         let gpu = run.gpu;
         let size = out.size;
-        let tolerance = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
-        let uniform = ViewUniform::new(view, sample, focus_distance_m, tolerance);
+        let uniform = ViewUniform::new(view, &draws.motion.rect, sample, focus_distance_m);
         let uniform = constants(gpu, "view", bytemuck::bytes_of(&uniform));
         let instances = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("instances"),
@@ -447,12 +466,17 @@ impl Renderer {
                 pass.draw_indexed(range, base, draw.part..draw.part + 1);
             }
         }
-        let Motion { side_px, cells, nodes } = &draws.motion;
+        let motion = &draws.motion;
         let far_m = view.parallel_to_m.unwrap_or(0.0) as f32;
-        let uniform = [size.0 as f32, size.1 as f32, *side_px as f32, cells.0 as f32, NEAR_M as f32, far_m, 0.0, 0.0];
+        let (first, cells) = motion.cells_of(&view.rect);
+        let uniform = [
+            [size.0 as f32, size.1 as f32, motion.side_px as f32, cells.0 as f32],
+            [NEAR_M as f32, far_m, 0.0, 0.0],
+            [first.0, first.1, motion.cells.0, 0].map(f32::from_bits),
+        ];
         let uniform = constants(gpu, "resolve", bytemuck::cast_slice(&uniform));
-        let slots =
-            [Slot::Buffer(&uniform), Slot::Texture(&color.view), Slot::Texture(&depth.view), Slot::Buffer(nodes)];
+        let [color, depth] = [&color, &depth].map(|texture| Slot::Texture(&texture.view));
+        let slots = [Slot::Buffer(&uniform), color, depth, Slot::Buffer(&motion.nodes)];
         run_tiles(gpu, run.encoder, &[&self.resolve], &slots, &[&out.color, &out.geometry], size, cells.0 * cells.1);
     }
 }

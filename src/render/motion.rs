@@ -16,12 +16,15 @@ use glam::{DQuat, DVec2, DVec3};
 use super::draw::View;
 use super::view::NEAR_M;
 use crate::gpu::Gpu;
+use crate::image::Rect;
 
 /// The net over a rectangle, on the GPU.
 #[derive(Debug)]
 pub struct Motion {
     /// Of a cell, px.
     pub side_px: u32,
+    /// What it covers.
+    pub rect: Rect,
     /// Cells across and down; there is one node more each way.
     pub cells: (u32, u32),
     /// At the cells' corners, row by row: [`Node`]s.
@@ -66,7 +69,22 @@ impl Motion {
             contents: bytemuck::cast_slice(&nodes),
             usage: wgpu::BufferUsages::STORAGE,
         });
-        Self { side_px, cells, nodes }
+        Self { side_px, rect: view.rect, cells, nodes }
+    }
+
+    /// The cells that a rectangle touches.
+    pub fn cells_around(&self, rect: &Rect) -> Rect {
+        let side = self.side_px as i32;
+        let down = |edge: i32, from: i32| from + (edge - from).div_euclid(side) * side;
+        let (x, y) = (self.rect.x0, self.rect.y0);
+        Rect::new(down(rect.x0, x), down(rect.y0, y), down(rect.x1 - 1, x) + side, down(rect.y1 - 1, y) + side)
+    }
+
+    /// The first cell of a part that begins with one, and how many it has across and down.
+    pub fn cells_of(&self, part: &Rect) -> ((u32, u32), (u32, u32)) {
+        let cell = |from: i32, to: i32| (to - from).max(0) as u32 / self.side_px;
+        let first = (cell(self.rect.x0, part.x0), cell(self.rect.y0, part.y0));
+        (first, (part.width().div_ceil(self.side_px), part.height().div_ceil(self.side_px)))
     }
 }
 

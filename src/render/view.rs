@@ -5,10 +5,13 @@ use glam::{DQuat, DVec3};
 use super::draw::View;
 use super::plan::Sample;
 use crate::camera::LensModel;
+use crate::image::Rect;
 use crate::pose::Pose;
 
 /// As in shaders/raster.wgsl.
 pub const MAX_KEYS: usize = 33;
+/// Between keys lies no more, seconds: for so long a hand goes straight on.
+const LONGEST_STEP_S: f64 = 0.008;
 /// Nothing nearer is drawn, metres.
 pub const NEAR_M: f64 = 0.01;
 
@@ -41,7 +44,7 @@ impl Shutter {
 pub struct ViewKeys {
     /// The camera's position at the timestamp, metres.
     pub origin_in_world_m: DVec3,
-    /// `camera_from_world` at each step, first to last; the middle one is the frame's own pose.
+    /// `camera_from_world` at each step, first to last; the middle one is the frame's own pose. An odd number.
     pub poses: Vec<Pose>,
     pub reach_s: f64,
 }
@@ -50,9 +53,30 @@ impl ViewKeys {
     /// Asks `pose_at(offset_s)` for the poses around the timestamp.
     pub fn new(shutter: Shutter, mut pose_at: impl FnMut(f64) -> Pose) -> Self {
         let reach_s = shutter.reach_s();
-        let half = (MAX_KEYS / 2) as f64;
-        let poses: Vec<_> = (0..MAX_KEYS).map(|i| pose_at((i as f64 - half) / half * reach_s)).collect();
-        Self { origin_in_world_m: poses[MAX_KEYS / 2].position_in_world_m(), poses, reach_s }
+        // The shader knows MAX_KEYS of them around its moment: as many as a readout needs.
+        let step_s = LONGEST_STEP_S.max(shutter.readout_time_s / (MAX_KEYS / 2 - 1) as f64);
+        let half = ((reach_s / step_s).ceil() as usize).max(MAX_KEYS / 2);
+        let at = |i: usize| (i as f64 - half as f64) / half as f64 * reach_s;
+        let poses: Vec<_> = (0..=2 * half).map(|i| pose_at(at(i))).collect();
+        Self { origin_in_world_m: poses[half].position_in_world_m(), poses, reach_s }
+    }
+
+    /// Those from `reach_s` before an offset to `reach_s` after it: three.
+    pub fn around(&self, offset_s: f64, reach_s: f64) -> Self {
+        let pose = |t: f64| {
+            let (rotation, position_m) = self.at(t);
+            Pose::new(rotation, rotation * -(position_m + self.origin_in_world_m))
+        };
+        let poses = [-reach_s, 0.0, reach_s].map(|t| pose(offset_s + t)).into();
+        Self { origin_in_world_m: self.origin_in_world_m, poses, reach_s }
+    }
+
+    /// Poses from the first to the last, between which nothing else is to be expected, and the seconds from one to the
+    /// next: all keys of a long exposure, five of one during which a hand goes one way.
+    pub fn sampled(&self) -> (Vec<&Pose>, f64) {
+        let last = self.poses.len() - 1;
+        let every = if self.poses.len() == MAX_KEYS { last / 4 } else { 1 };
+        (self.poses.iter().step_by(every).collect(), 2.0 * self.reach_s * every as f64 / last as f64)
     }
 
     /// Rotation, and the camera's position around the origin, at an offset from the timestamp;
@@ -68,7 +92,7 @@ impl ViewKeys {
 
     /// The frame's own pose.
     pub fn middle(&self) -> Pose {
-        self.poses[MAX_KEYS / 2]
+        self.poses[self.poses.len() / 2]
     }
 }
 
@@ -92,26 +116,34 @@ pub struct ViewUniform {
 }
 
 impl ViewUniform {
-    pub fn new(view: &View<'_>, sample: &Sample, focus_distance_m: f64, tolerance_m: f32) -> Self {
+    /// `whole` is the rectangle over which the real scene's depth is known.
+    pub fn new(view: &View<'_>, whole: &Rect, sample: &Sample, focus_distance_m: f64) -> Self {
+        let tolerance_m = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
+        let from = [view.rect.x0 - whole.x0, view.rect.y0 - whole.y0].map(|c| c as f32);
         let time_s = sample.time_s;
         let [lens_x, lens_y] = sample.lens_m;
         let View { geometry, keys, shutter, rect, .. } = *view;
         let i = &geometry.intrinsics;
         // A view out of another camera's picture has that one's lens and rows.
-        let whole = view.outer.map_or(geometry, |outer| outer.geometry);
-        let d = &whole.distortion;
-        let valid = whole.valid_radius();
+        let camera = view.outer.map_or(geometry, |outer| outer.geometry);
+        let d = &camera.distortion;
+        let valid = camera.valid_radius();
         let (k3_or_p1, k4_or_p2) = match d.model {
             LensModel::OpencvFisheye => (d.k3, d.k4),
             LensModel::Opencv | LensModel::Equirectangular => (d.p1, d.p2),
         };
         // A large finite number stands for "everywhere".
-        let (valid, slope) = if valid.is_finite() { (valid, whole.rim_slope()) } else { (1e9, 1.0) };
-        let count = keys.poses.len();
+        let (valid, slope) = if valid.is_finite() { (valid, camera.rim_slope()) } else { (1e9, 1.0) };
+        let (rotation, eye) = keys.at(time_s);
+        let keys_per_s = (keys.poses.len() - 1) as f64 / (2.0 * keys.reach_s);
+        let nearest = ((time_s + keys.reach_s) * keys_per_s).round().max(0.0) as usize;
+        let first = nearest.saturating_sub(MAX_KEYS / 2).min(keys.poses.len().saturating_sub(MAX_KEYS));
+        let first_s = first as f64 / keys_per_s - keys.reach_s;
+        let known = &keys.poses[first..keys.poses.len().min(first + MAX_KEYS)];
         let mut key_rotation = [[0.0; 4]; MAX_KEYS];
         let mut key_translation = [[0.0; 4]; MAX_KEYS];
         let mut last = DQuat::IDENTITY;
-        for (n, pose) in keys.poses.iter().enumerate() {
+        for (n, pose) in known.iter().enumerate() {
             // Neighbours on the same side, for the shader mixes them.
             let q = if last.dot(pose.rotation) < 0.0 { -pose.rotation } else { pose.rotation };
             last = q;
@@ -119,18 +151,16 @@ impl ViewUniform {
             let eye = (pose.position_in_world_m() - keys.origin_in_world_m).as_vec3();
             key_translation[n] = [eye.x, eye.y, eye.z, 0.0];
         }
-        let (rotation, eye) = keys.at(time_s);
-        let keys_per_s = (count - 1) as f64 / (2.0 * keys.reach_s);
         Self {
             rect_px: [rect.x0 as f32, rect.y0 as f32, rect.width() as f32, rect.height() as f32],
             focal_px: [i.fx_px as f32, i.fy_px as f32, i.cx_px as f32, i.cy_px as f32],
             distortion: [d.k1, d.k2, k3_or_p1, k4_or_p2].map(|k| k as f32),
             lens: [d.k3 as f32, valid as f32, slope as f32, NEAR_M as f32],
-            shutter: [time_s as f32, shutter.readout_time_s as f32, whole.intrinsics.height_px as f32, 0.0],
-            keys: [-keys.reach_s as f32, keys_per_s as f32, (count - 1) as f32, tolerance_m],
+            shutter: [time_s as f32, shutter.readout_time_s as f32, camera.intrinsics.height_px as f32, 0.0],
+            keys: [first_s as f32, keys_per_s as f32, (known.len() - 1) as f32, tolerance_m],
             aperture: [lens_x, lens_y, 1.0 / focus_distance_m, view.parallel_to_m.unwrap_or(0.0)].map(|v| v as f32),
             outer_turn: view.outer.map_or(DQuat::IDENTITY, |outer| outer.camera_from_view).as_quat().to_array(),
-            outer: [whole.intrinsics.fy_px as f32, whole.intrinsics.cy_px as f32, 0.0, 0.0],
+            outer: [camera.intrinsics.fy_px as f32, camera.intrinsics.cy_px as f32, from[0], from[1]],
             rotation: rotation.as_quat().to_array(),
             eye: eye.as_vec3().extend(0.0).to_array(),
             key_rotation,

@@ -65,9 +65,15 @@ pub fn both(mut a: Scene, b: Scene) -> Scene {
 
 /// A camera that moves sideways so that the board moves by these many px a second.
 pub fn sideways(px_per_s: [f64; 2]) -> PoseTrack {
+    moved(50, 0.01, |t| px_per_s.map(|px| px * t))
+}
+
+/// A camera that moves so that the board is so many px beside its place at each time: from `steps` steps before 0 to as many
+/// after it.
+pub fn moved(steps: i32, step_s: f64, at_px: impl Fn(f64) -> [f64; 2]) -> PoseTrack {
     let at = |t: f64| {
-        let m = [px_per_s[0] * t, px_per_s[1] * t].map(|px| px * DEPTH_M / FOCAL_PX);
+        let m = at_px(t).map(|px| px * DEPTH_M / FOCAL_PX);
         Pose::from_camera_in_world(DVec3::new(-m[0], -m[1], 0.0), DQuat::IDENTITY)
     };
-    PoseTrack::new((-50..=50).map(|i| (f64::from(i) * 0.01, at(f64::from(i) * 0.01))).collect(), 1.0).unwrap()
+    PoseTrack::new((-steps..=steps).map(|i| f64::from(i) * step_s).map(|t| (t, at(t))).collect(), 1.0).unwrap()
 }
