@@ -5,17 +5,25 @@
 
 // The resolution that is drawn: 0 the layer's, 1 half of it and so on.
 override level: i32 = 0;
-// How many points of the aperture are looked through: 4, 12, 16, 32 or 64.
+// How many points of the aperture are looked through at the layer's resolution: 4 or 12.
 override taps: i32 = 4;
 
-// Two points each, in radii.
+// src/effects/depth_of_field/image.rs writes it.
 struct Aperture {
+    // Two points each, in radii.
     four: array<vec4<f32>, 2>,
     twelve: array<vec4<f32>, 6>,
-    sixteen: array<vec4<f32>, 8>,
-    thirty_two: array<vec4<f32>, 16>,
-    sixty_four: array<vec4<f32>, 32>,
+    // Of each radius (in quarters of a texel) that an image of the opening is to have, and of the next one: the rim, and how far
+    // from its middle the outermost texels lie.
+    rims: array<vec4<f32>, RIMS>,
+    // Row by row around the image's middle: on which rim a texel lies, in the image of what is behind the focus plane and of
+    // what is before it; the same where the middle lies between four texels.
+    places: array<vec4<f32>, PLACES>,
 }
+const RIMS: u32 = 64u;
+const REACH: i32 = 13;
+const COLUMNS: i32 = 27;
+const PLACES: u32 = 729u;
 
 @group(0) @binding(0) var<uniform> lens: Lens;
 @group(0) @binding(1) var<uniform> aperture: Aperture;
@@ -84,27 +92,19 @@ fn any_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> 
 }
 @vertex
 fn two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
-    return tile_corner(v, i, 6.0, 8.0, false);
+    return tile_corner(v, i, 6.0, 6.0, false);
 }
 @vertex
 fn level_one_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 1.0, 5.0, true);
 }
 @vertex
-fn level_two_deep_16_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
+fn level_two_deep_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     return tile_corner(v, i, 6.0, 6.0, true);
 }
 @vertex
-fn level_two_deep_32_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
-    return tile_corner(v, i, 7.0, 7.0, true);
-}
-@vertex
-fn level_two_deep_64_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
-    return tile_corner(v, i, 8.0, 8.0, true);
-}
-@vertex
 fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
-    return tile_corner(v, i, 1.0, 8.0, false);
+    return tile_corner(v, i, 1.0, 6.0, false);
 }
 
 // Nearest and farthest circle in a pixel of the layer.
@@ -127,55 +127,104 @@ fn circle_of_one(p: vec2<i32>, around: f32) -> f32 {
     return select(around, 0.5 * (own.x + own.y), own.x <= own.y);
 }
 
-// Which of the smaller pictures points that far apart are looked up in: their texels are as wide as the points' spacing.
-fn level_of_taps(radius: f32, count: i32) -> f32 {
-    // Each point stands for an area of π r²/count.
-    let spacing = radius * sqrt(3.14159 / f32(count));
-    return clamp(floor(log2(max(spacing, 1e-3)) + 0.5), f32(max(level, 1)), 4.0);
-}
-
-// The points' radius for which edges are as wide as the aperture makes them: less than the aperture's by what blurs
-// besides: the texels that the points look up (squares; between them straight lines, 1/6, or the nearest, 1/12), and the
-// straight lines between the pixels that are drawn here. An edge through a disc is wider from 10 to 90 % (2.75 σ) than one through what
-// is rounder (2.56 σ): not all of their variance counts. The share is found by measuring (tests/depth_of_field.rs).
-fn narrowed(radius: f32, of_taps: f32, between_texels: f32) -> f32 {
-    let texel = exp2(2.0 * of_taps);
-    let drawn = select(0.0, texel_px() * texel_px(), level > 0);
-    let added = (texel - 1.0) / 12.0 + texel * between_texels + drawn / 6.0;
-    return sqrt(max(radius * radius - 0.85 * added / lens.circle.z, 0.0));
-}
-
 // Of a point before the focus plane the image of the opening is upside down.
 fn side_of(circle: f32) -> f32 {
     return select(1.0, -1.0, circle < 0.0);
 }
 
 fn two_taps(i: i32) -> vec4<f32> {
-    if taps > 32 { return aperture.sixty_four[i]; }
-    if taps > 16 { return aperture.thirty_two[i]; }
-    if taps > 12 { return aperture.sixteen[i]; }
     if taps > 4 { return aperture.twelve[i]; }
     return aperture.four[i];
 }
 
+// Where the image of an opening is looked up, and how.
+struct Image {
+    // The resolution, and the texel in whose middle (or at whose upper left corner) the image's lies.
+    level: i32,
+    middle: vec2<i32>,
+    // How far from its middle the outermost texels lie, and rows to each side.
+    far: f32,
+    reach: i32,
+    // The middle lies between texels.
+    between: bool,
+    // A radius in px, and what blurs besides (px²) and is to be taken off it, in texels.
+    scale: f32,
+    off: f32,
+}
+
+// For circles of up to this radius. Those of some that are drawn at a quarter are looked up at a half.
+fn image_at(p: vec2<i32>, radius: f32) -> Image {
+    var image: Image;
+    image.between = level == 2 && radius < FINER_PX;
+    image.level = select(level, 1, image.between);
+    image.middle = select(p, 2 * p + 1, image.between);
+    image.scale = exp2(-f32(image.level));
+    // Texels are squares, and between those that are drawn here lie straight lines. An edge through a disc is wider from 10 to
+    // 90 % (2.75 σ) than one through what is rounder (2.56 σ): not all of their variance counts. The share is found by
+    // measuring (tests/depth_of_field.rs).
+    let drawn = texel_px() * image.scale;
+    image.off = 0.85 * ((1.0 - image.scale * image.scale) / 12.0 + drawn * drawn / 6.0) / lens.circle.z;
+    image.far = rim_of(image, radius).y;
+    image.reach = min(i32(image.far + select(0.0, 0.5, image.between)), REACH);
+    return image;
+}
+
+// The rim of a circle's image for which edges are as wide as the circle makes them, and how far the image reaches.
+fn rim_of(image: Image, radius_px: f32) -> vec2<f32> {
+    // Larger ones are not looked up here.
+    let radius = min(radius_px, most_of_level(level)) * image.scale;
+    return rim_at(4.0 * sqrt(max(radius * radius - image.off, 0.0)));
+}
+
+// Of so many quarters of a texel.
+fn rim_at(quarters: f32) -> vec2<f32> {
+    let i = min(u32(quarters), RIMS - 1u);
+    let rims = aperture.rims[i];
+    return mix(rims.xy, rims.zw, quarters - f32(i));
+}
+
+// Columns to each side in a row.
+fn columns_of(image: Image, y: i32) -> i32 {
+    let beside = select(0.0, 0.5, image.between);
+    let away = f32(y) + beside;
+    return min(i32(sqrt(max(image.far * image.far - away * away, 0.0)) + beside), REACH);
+}
+
+// Which part of a place it goes by.
+fn part_of(between: bool, circle: f32) -> vec4<f32> {
+    let side = select(vec2<f32>(1.0, 0.0), vec2<f32>(0.0, 1.0), circle < 0.0);
+    return select(vec4<f32>(side, 0.0, 0.0), vec4<f32>(0.0, 0.0, side), between);
+}
+
+// How much of a texel lies in an image of the opening.
+fn share_of(place: vec4<f32>, part: vec4<f32>, rim: f32) -> f32 {
+    return clamp(rim - dot(place, part), 0.0, 1.0);
+}
+
 // One surface, at a lower resolution.
-fn gather(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
+fn gather(p: vec2<i32>, circle: f32) -> vec4<f32> {
     let radius = max(0.5 * abs(circle), HALF_PX);
-    let m = level_of_taps(radius, taps);
-    let r = side_of(circle) * narrowed(radius, m, 1.0 / 6.0);
+    let image = image_at(p, radius);
+    let rim = rim_of(image, radius).x;
+    let part = part_of(image.between, circle);
     var sum = vec4<f32>(0.0);
-    for (var i = 0; i < taps / 2; i++) {
-        let t = r * two_taps(i);
-        sum += textureSampleLevel(colors, between, (at_px - t.xy) * lens.texture.xy, m - 1.0);
-        sum += textureSampleLevel(colors, between, (at_px - t.zw) * lens.texture.xy, m - 1.0);
+    var weight = 0.0;
+    for (var y = -image.reach; y <= image.reach; y++) {
+        let columns = columns_of(image, y);
+        for (var x = -columns; x <= columns; x++) {
+            let w = share_of(aperture.places[(y + REACH) * COLUMNS + x + REACH], part, rim);
+            // Beside the layer there is no light.
+            sum += w * textureLoad(colors, image.middle + vec2<i32>(x, y), image.level - 1);
+            weight += w;
+        }
     }
-    return sum / f32(taps);
+    return sum / weight;
 }
 
 // One surface with small circles, at the layer's resolution.
 fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
-    // As in `narrowed`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
+    // As in `image_of`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
     let added = select(1.2, 0.35, taps == 4) / 6.0;
     let r = side_of(circle) * sqrt(max(radius * radius - added / lens.circle.z, 0.0));
     var sum = vec4<f32>(0.0);
@@ -187,15 +236,9 @@ fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     return sum / f32(taps);
 }
 
-// Share of a pixel that a circle around another one, of an opening of this variance, covers.
-fn covers(radius: f32, distance: f32) -> f32 {
-    let same_variance = 2.0 * sqrt(lens.circle.z) * radius;
-    return clamp(same_variance + 0.5 - distance, 0.0, 1.0);
-}
-
 // Two surfaces, one behind the other, parted in the middle of the circles: their signed circles at a place, and the
 // radii over which they are gathered.
-struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32, one_is_sharp: bool }
+struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32, hidden: bool, one_is_sharp: bool }
 
 fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
     let split = 0.5 * (range.x + range.y);
@@ -206,9 +249,9 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
     let back = select(range.y, own.y, seen_behind);
     let front_px = 0.5 * abs(front);
     // What the nearer one hides is made up of what is seen around it, as far as its blur uncovers it.
-    let smallest = select(0.0, 0.5 * min(abs(range.x), abs(range.y)), range.x * range.y > 0.0);
+    let smallest = smallest_radius(range.x, range.y);
     let back_px = max(0.5 * abs(back), select(0.0, front_px, in_front));
-    return Two(split, front, back, front_px, back_px, smallest < TWO_HALF_PX);
+    return Two(split, front, back, front_px, back_px, in_front, smallest < TWO_HALF_PX);
 }
 
 struct Layers { front: vec4<f32>, back: vec4<f32> }
@@ -225,33 +268,40 @@ fn over(l: Layers) -> vec4<f32> {
     return l.front + (1.0 - l.front.a) * l.back;
 }
 
-// At a lower resolution, by points that look up whole texels, each of them the nearer surface's or the farther one's.
-fn gather_two(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
+// At a lower resolution, each texel being the nearer surface's or the farther one's.
+fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
     let two = two_at(p, around);
     let front_px = max(two.front_px, TWO_HALF_PX);
-    let back_px = max(two.back_px, TWO_HALF_PX);
-    let m = vec2<f32>(level_of_taps(front_px, taps), level_of_taps(back_px, taps));
-    let front_r = side_of(two.front) * narrowed(front_px, m.x, 1.0 / 12.0);
-    let back_r = side_of(two.back) * narrowed(back_px, m.y, 1.0 / 12.0);
-    let texel = exp2(m);
-    let mip = vec2<i32>(m) - 1;
+    // Beside the nearer one lie texels that hold both: what it hides is looked for behind them.
+    let beyond = select(1.5, 2.0, level == 1) * texel_px();
+    let back_px = max(two.back_px + select(0.0, beyond, two.hidden), TWO_HALF_PX);
+    let image = image_at(p, min(max(front_px, back_px), most_of_level(level)));
+    let front = rim_of(image, front_px).x;
+    let back = rim_of(image, back_px).x;
+    let front_part = part_of(image.between, two.front);
+    let back_part = part_of(image.between, two.back);
     var near = vec4<f32>(0.0);
+    var near_weight = 0.0;
     var far = vec4<f32>(0.0);
     var far_weight = 0.0;
-    for (var i = 0; i < taps; i++) {
-        let pair = two_taps(i / 2);
-        let t = select(pair.xy, pair.zw, (i & 1) == 1);
-        let q = vec2<i32>(floor((at_px - front_r * t) / texel.x));
-        let range = textureLoad(circles, q, mip.x);
-        // A texel with both is half of each.
-        near += select(select(1.0, 0.5, range.y >= two.split), 0.0, range.x >= two.split) * textureLoad(colors, q, mip.x);
-        let r = vec2<i32>(floor((at_px - back_r * t) / texel.y));
-        let seen = select(0.0, 1.0, textureLoad(circles, r, mip.y).x >= two.split);
-        let light = textureLoad(colors, r, mip.y);
-        far += seen * light;
-        far_weight += max(seen, 1.0 - light.a);
+    for (var y = -image.reach; y <= image.reach; y++) {
+        let columns = columns_of(image, y);
+        for (var x = -columns; x <= columns; x++) {
+            let q = image.middle + vec2<i32>(x, y);
+            let place = aperture.places[(y + REACH) * COLUMNS + x + REACH];
+            let light = textureLoad(colors, q, image.level - 1);
+            let range = textureLoad(circles, q, image.level - 1);
+            // A texel with both has the nearer one's light, and of the farther one nothing is known there.
+            let w = share_of(place, front_part, front);
+            near += select(w, 0.0, range.x >= two.split) * light;
+            near_weight += w;
+            let v = share_of(place, back_part, back);
+            let seen = select(0.0, v, range.x >= two.split);
+            far += seen * light;
+            far_weight += select(max(seen, v * (1.0 - light.a)), seen, range.y >= two.split);
+        }
     }
-    return layers(near, f32(taps), far, far_weight);
+    return layers(near, near_weight, far, far_weight);
 }
 
 // At the layer's resolution: what has small circles here, the rest from lower resolutions.
@@ -265,16 +315,20 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers 
     var far_weight = 0.0;
     // Without a turn where there is nothing to do: software drivers work through both sides of a branch.
     let reach = i32(ceil(max(select(-1.0, two.front_px, front_is_fine), select(-1.0, two.back_px, back_is_fine))));
+    let front_rim = rim_at(4.0 * two.front_px).x;
+    let back_rim = rim_at(4.0 * two.back_px).x;
+    let front_part = part_of(false, two.front);
+    let back_part = part_of(false, two.back);
     for (var y = -reach; y <= reach; y++) {
         for (var x = -reach; x <= reach; x++) {
             let q = p + vec2<i32>(x, y);
-            let away = length(vec2<f32>(f32(x), f32(y)));
+            let place = aperture.places[(y + REACH) * COLUMNS + x + REACH];
             let is_near = circles_in_layer(q).x < two.split;
             let c = textureLoad(color, q, 0);
-            let w = covers(two.front_px, away);
+            let w = share_of(place, front_part, front_rim);
             near += select(0.0, w, is_near) * c;
             near_weight += w;
-            let v = covers(two.back_px, away);
+            let v = share_of(place, back_part, back_rim);
             far += select(v, 0.0, is_near) * c;
             far_weight += select(v, v * (1.0 - c.a), is_near);
         }
@@ -292,13 +346,14 @@ struct Blurred { @location(0) all: vec4<f32>, @location(1) front: vec4<f32>, @lo
 
 @fragment
 fn level_one_deep(in: Corner) -> Blurred {
-    let one = gather(in.at.xy * texel_px(), circle_of_one(vec2<i32>(in.at.xy), in.around));
+    let p = vec2<i32>(in.at.xy);
+    let one = gather(p, circle_of_one(p, in.around));
     return Blurred(one, vec4<f32>(0.0), one);
 }
 
 @fragment
 fn level_two_deep(in: Corner) -> Blurred {
-    let two = gather_two(vec2<i32>(in.at.xy), in.at.xy * texel_px(), in.range);
+    let two = gather_two(vec2<i32>(in.at.xy), in.range);
     return Blurred(over(two), two.front, two.back);
 }
 

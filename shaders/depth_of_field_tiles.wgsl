@@ -13,11 +13,8 @@ const FINE: f32 = 2.0;
 const WIDER: f32 = 3.0;
 const COARSE: f32 = 4.0;
 const ANY: f32 = 5.0;
-// Two surfaces behind each other, by how many points their largest circle wants: as far apart as half the resolution's
-// texels, 2 px.
-const TWO_DEEP_16: f32 = 6.0;
-const TWO_DEEP_32: f32 = 7.0;
-const TWO_DEEP_64: f32 = 8.0;
+// Two surfaces behind each other.
+const TWO_DEEP: f32 = 6.0;
 
 fn side() -> i32 { return lens.size.z; }
 
@@ -93,18 +90,15 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             far = max(far, select(-NOTHING, range.y, seen));
         }
     }
-    let same_side = near * far > 0.0;
-    let smallest = select(0.0, 0.5 * min(abs(near), abs(far)), same_side);
+    let smallest = smallest_radius(near, far);
     let largest = 0.5 * max(abs(near), abs(far));
-    // A surface that recedes is one as long as its circles differ by less than is seen.
-    let one = far - near < 1.5 + 0.3 * smallest;
+    let one = is_one_surface(near, far);
     let one_level = smallest >= HALF_PX && level_of(smallest) == level_of(largest);
     var kind = select(ANY, COARSE, one_level);
     kind = select(kind, WIDER, largest < HALF_PX);
     kind = select(kind, FINE, largest < FEW_PX);
     kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
-    let two_deep = select(select(TWO_DEEP_64, TWO_DEEP_32, largest < TWO_32_PX), TWO_DEEP_16, largest < TWO_16_PX);
-    kind = select(two_deep, kind, one);
+    kind = select(TWO_DEEP, kind, one);
     // Of two surfaces of which one is sharp, only the other needs a lower resolution.
     let lowest = select(smallest, largest, !one && smallest < TWO_HALF_PX);
     let coarse = largest >= select(TWO_HALF_PX, HALF_PX, one);

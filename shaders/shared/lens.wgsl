@@ -7,27 +7,42 @@ struct Lens {
 
 // Where there is no surface: the nearest circle, and less it the farthest.
 const NOTHING: f32 = 60000.0;
-// Radii from which half, a quarter, an eighth of the resolution is enough (px).
+// Radii from which half, a quarter, an eighth, a sixteenth of the resolution is enough (px).
 const HALF_PX: f32 = 2.8;
 const QUARTER_PX: f32 = 8.0;
 const EIGHTH_PX: f32 = 32.0;
+const SIXTEENTH_PX: f32 = 64.0;
+// Up to which radius texels of half the resolution are looked up, where a quarter is drawn (px).
+const FINER_PX: f32 = 16.0;
 // Radii up to which four points are enough (px).
 const FEW_PX: f32 = 1.6;
 // The same where two surfaces are behind each other, which costs more.
 const TWO_HALF_PX: f32 = 2.5;
-const TWO_QUARTER_PX: f32 = 16.0;
-// Radii up to which 16 and 32 points are enough there (px).
-const TWO_16_PX: f32 = 4.5;
-const TWO_32_PX: f32 = 6.5;
 // Circles below this are points (px).
 const SHARP_PX: f32 = 0.7;
 
-fn level_of(radius: f32) -> f32 {
-    return select(0.0, 1.0, radius >= HALF_PX) + select(0.0, 1.0, radius >= QUARTER_PX) + select(0.0, 1.0, radius >= EIGHTH_PX);
+fn level_of_two(radius: f32) -> f32 {
+    let over = vec3<bool>(radius >= QUARTER_PX, radius >= EIGHTH_PX, radius >= SIXTEENTH_PX);
+    return 1.0 + dot(select(vec3<f32>(0.0), vec3<f32>(1.0), over), vec3<f32>(1.0));
 }
 
-fn level_of_two(radius: f32) -> f32 {
-    return 1.0 + select(0.0, 1.0, radius >= TWO_QUARTER_PX) + select(0.0, 1.0, radius >= EIGHTH_PX);
+fn level_of(radius: f32) -> f32 {
+    return select(0.0, level_of_two(radius), radius >= HALF_PX);
+}
+
+// The largest radius that is looked up at a level, and a little more for the texels beside (px).
+fn most_of_level(level: i32) -> f32 {
+    return 1.25 * select(select(select(1e6, SIXTEENTH_PX, level < 4), EIGHTH_PX, level < 3), QUARTER_PX, level < 2);
+}
+
+// Whether what lies between a nearest and a farthest circle is one surface: one that recedes is, as long as its circles
+// differ by less than is seen.
+fn is_one_surface(near: f32, far: f32) -> bool {
+    return far - near < 1.5 + 0.3 * smallest_radius(near, far);
+}
+
+fn smallest_radius(near: f32, far: f32) -> f32 {
+    return select(0.0, 0.5 * min(abs(near), abs(far)), near * far > 0.0);
 }
 
 // vSLRcam (8) in pixels: fx · D · (1/d_s − 1/d_o).

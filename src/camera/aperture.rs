@@ -55,6 +55,19 @@ impl Aperture {
         self.variance
     }
 
+    /// The radius at which an opening of this shape has a point on its outline; 0 in the middle.
+    pub fn gauge(&self, [x, y]: [f64; 2]) -> f64 {
+        // Halfway between the outline's steps.
+        let at = y.atan2(x).rem_euclid(TAU) / TAU * STEPS as f64 - 0.5 + STEPS as f64;
+        let [a, b] = [0, 1].map(|k| self.outline[(at as usize + k) % STEPS]);
+        x.hypot(y) / (a + at.fract() * (b - a))
+    }
+
+    /// How near the outline comes to the middle, in radii.
+    pub fn apothem(&self) -> f64 {
+        self.outline.iter().copied().fold(1.0, f64::min)
+    }
+
     /// The point that the square's u and v (0..1) stand for, in radii.
     pub fn point(&self, u: f64, v: f64) -> [f64; 2] {
         let i = self.share.partition_point(|&s| s <= u).clamp(1, STEPS) - 1;

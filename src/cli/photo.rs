@@ -117,6 +117,9 @@ struct Dials {
     focus_distance_m: f64,
 }
 
+/// The times of a series, stops from its middle.
+const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
+
 impl Dials {
     fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
         let by_settings = match (args.site.aperture, args.site.shutter) {
@@ -170,6 +173,27 @@ impl Dials {
         Asked { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
     }
 
+    /// Of an exposure that its mode could not bring about, why.
+    fn misses(&self, asked: &Asked) -> Option<String> {
+        let missed = self.mode != Mode::Manual && asked.over_ev.abs() > 0.5;
+        missed.then(|| {
+            let (stops, side, other) = match asked.over_ev {
+                over if over > 0.0 => (over, "too bright", "a smaller"),
+                over => (-over, "too dark", "a larger"),
+            };
+            let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
+            format!(
+                "{} is {stops:.1} stops {side}: the shutter can be open from {} to {} (no longer than frames go on around \
+                 this one), the aperture {} to {}; {other} --iso helps, or a frame further from the recording's ends",
+                asked.settings,
+                stops::format_shutter_s(shortest_s),
+                stops::format_shutter_s(longest_s),
+                stops::format_f_number(widest_f_number),
+                stops::format_f_number(narrowest_f_number),
+            )
+        })
+    }
+
     /// What is varied stays as it is set; in manual mode all the rest does too, else the camera makes up for it.
     fn series(&self, bracket: Option<Bracket>) -> Vec<Asked> {
         let manual = self.mode == Mode::Manual;
@@ -187,7 +211,7 @@ impl Dials {
             Bracket::Shutter => {
                 let mode = if manual { Mode::Manual } else { Mode::ShutterPriority };
                 let middle = if manual { self.set.time_s } else { usual.settings.time_s };
-                let times = (-3..=3).map(|stops| middle * f64::from(stops).exp2());
+                let times = TIMES.map(|stops| middle * f64::from(stops).exp2());
                 let times = times.filter(|t| full(*t, shortest_s, longest_s));
                 times.map(|time_s| self.metered(mode, Settings { time_s, ..self.set })).collect()
             }
@@ -263,6 +287,16 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     limits.longest_s = limits.longest_s.min(recorded_s);
     let mut dials = Dials::new(args, taken, lux, limits)?;
     let count = dials.series(args.bracket).len();
+    if let (Some(Bracket::Shutter), left_out @ 1..) = (args.bracket, TIMES.count().saturating_sub(count)) {
+        let Limits { shortest_s, longest_s, .. } = dials.limits;
+        let text = format!(
+            "{left_out} of {} times are left out: shutters here are open from {} to {}",
+            TIMES.count(),
+            stops::format_shutter_s(shortest_s),
+            stops::format_shutter_s(longest_s)
+        );
+        warn(args.quiet, &text);
+    }
     let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.site.profile).and(&scene.files);
     for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
         photograph::check(&path, args.force)?;
@@ -274,6 +308,13 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     let depth = frame.depth.as_ref().filter(|_| effects.depth.occlusion);
     if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &recording.track, recording.time_offset_s)) {
         warn(args.quiet, &format!("nothing real hides objects: {why}"));
+    }
+    let unknown_speed = rig.exposure.iso.or(taken.iso).is_none();
+    if unknown_speed && camera.noise.is_some() && (args.site.iso.is_some() || args.bracket == Some(Bracket::Iso)) {
+        let text = format!(
+            "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is taken"
+        );
+        warn(args.quiet, &text);
     }
     if camera.noise.is_none() {
         let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; `locard \
@@ -301,6 +342,9 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
                         as it was recorded";
             warn(args.quiet, text);
             told = true;
+        }
+        if let Some(text) = dials.misses(asked) {
+            warn(args.quiet, &text);
         }
         let pixels = site.take(&dials, asked, &framing, opening, taken)?;
         let path = path_of(args, &(n + 1).to_string());
@@ -438,12 +482,12 @@ impl Shoot<'_> {
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
         let real = Real::new(&frames, response, &framing.framed, framing.size(), gain);
         drop(frames);
-        let measured_at = self.rig.exposure.iso.or(taken.iso);
+        let measured_at = self.rig.exposure.iso.or(taken.iso).unwrap_or(USUAL_ISO);
         let exposed = Exposed {
             opening,
             time_s: if has_times { asked.settings.time_s } else { 0.0 },
             over_ev: gain.log2(),
-            iso_ratio: measured_at.map_or(1.0, |iso| asked.settings.iso / iso),
+            iso_ratio: asked.settings.iso / measured_at,
         };
         let site = Site {
             recorded: &self.whole,

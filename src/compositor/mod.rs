@@ -1,6 +1,7 @@
 //! The per-frame loop: a pure function of a frame, the poses around it, the scene and the
 //! settings.
 
+mod behind_real;
 pub mod bench;
 mod mix;
 mod occlusion;
@@ -25,6 +26,7 @@ pub use real::Surfaces;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
+use behind_real::{BehindReal, deep_within};
 use mix::{MixedEffect, Mixer, Piece};
 use occlusion::{RayCache, enlarged};
 use places::{Asked, Places};
@@ -102,6 +104,7 @@ pub struct Compositor {
     mixer: Mixer,
     rays: RayCache,
     real: RealPart,
+    behind_real: BehindReal,
     pool: TexturePool,
     readbacks: ReadbackSet,
 }
@@ -152,6 +155,7 @@ impl Compositor {
             mixer,
             rays: RayCache::default(),
             real,
+            behind_real: BehindReal::default(),
             pool: TexturePool::default(),
             readbacks: ReadbackSet::default(),
         }
@@ -290,12 +294,23 @@ impl Compositor {
                 enlarged(depth_m, (width_px, height_px), &part.framed, drawn)
             }),
         };
-        let occlusion = texels.map(|texels| {
-            let size = (drawn.width(), drawn.height());
-            let texture = self.pool.get(&gpu, "real depth", 0, size, wgpu::TextureFormat::R32Float, 1);
-            texture.write(&gpu, size.0, size.1, &texels);
+        // Hidden before it is blurred is what is hidden however far it is blurred, if it is cut off after that.
+        let cuts = |i: &usize| job.photograph.is_none() && self.settings.effects[*i].blurs_behind_real();
+        let cut_after = active.iter().copied().rfind(cuts).filter(|_| texels.is_some());
+        let size = (drawn.width(), drawn.height());
+        let mut real_depth = |slot, texels: &[f32]| {
+            let texture = self.pool.get(&gpu, "real depth", slot, size, wgpu::TextureFormat::R32Float, 1);
+            texture.write(&gpu, size.0, size.1, texels);
             texture
+        };
+        let hidden_first = texels.as_ref().map(|texels| match cut_after {
+            Some(i) => {
+                let reach_px = self.settings.effects[i].reach_px(&context).ceil() as usize;
+                real_depth(0, &deep_within(texels, size.0 as usize, reach_px))
+            }
+            None => real_depth(0, texels),
         });
+        let hidden_then = cut_after.and(texels.as_ref()).map(|texels| real_depth(1, texels));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut run =
             LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: job.want_layer };
@@ -305,7 +320,7 @@ impl Compositor {
             shutter,
             depths_m: footprint.depths_m,
             rect: drawn,
-            occlusion: occlusion.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
+            occlusion: hidden_first.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
             parallel_to_m: None,
             outer: None,
         };
@@ -317,9 +332,14 @@ impl Compositor {
         for (n, &i) in active.iter().enumerate() {
             if self.settings.effects[i].stage() == Stage::Layer {
                 let later = &active[n + 1..];
-                run.geometry_is_read =
-                    job.want_layer || later.iter().any(|&k| self.settings.effects[k].reads_geometry());
+                let cut_here = hidden_then.as_ref().filter(|_| cut_after == Some(i));
+                run.geometry_is_read = job.want_layer
+                    || cut_here.is_some()
+                    || later.iter().any(|&k| self.settings.effects[k].reads_geometry());
                 layer = self.settings.effects[i].run(&mut run, &context, layer);
+                if let Some(real_depth) = cut_here {
+                    layer = self.behind_real.cut(&mut run, layer, real_depth, self.settings.depth.tolerance_m);
+                }
             }
         }
         let composites = |i: &&usize| {

@@ -22,6 +22,7 @@
 //! (drawn that wide), and real things before a blurred object, over which its blur reaches.
 
 pub mod diffusion;
+mod image;
 mod layered;
 pub mod operator;
 pub mod poisson;
@@ -173,6 +174,11 @@ impl Effect for DepthOfFieldEffect {
 
     fn hides_behind_real(&self) -> bool {
         self.params.method == Method::Layered
+    }
+
+    fn blurs_behind_real(&self) -> bool {
+        // Through each point of the lens `reference` draws what is seen there.
+        self.params.method != Method::Reference
     }
 
     fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, mut layer: Layer) -> Layer {

@@ -162,6 +162,10 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn hides_behind_real(&self) -> bool {
         false
     }
+    /// Whether it blurs objects where real things before them are sharp, which then cut off what it has made.
+    fn blurs_behind_real(&self) -> bool {
+        false
+    }
     /// Whether it reads the layer's geometry.
     fn reads_geometry(&self) -> bool {
         false

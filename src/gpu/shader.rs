@@ -19,6 +19,7 @@ pub fn sources() -> &'static [(&'static str, &'static str)] {
         "accumulate",
         "accumulated",
         "around",
+        "behind_real",
         "chromatic_aberration",
         "chromatic_aberration_over",
         "composite",

@@ -12,6 +12,8 @@ use crate::pose::Pose;
 pub const MAX_KEYS: usize = 33;
 /// Between keys lies no more, seconds: for so long a hand goes straight on.
 const LONGEST_STEP_S: f64 = 0.008;
+/// To each side no more, which a minute needs.
+const MOST_STEPS: usize = 4096;
 /// Nothing nearer is drawn, metres.
 pub const NEAR_M: f64 = 0.01;
 
@@ -55,7 +57,7 @@ impl ViewKeys {
         let reach_s = shutter.reach_s();
         // The shader knows MAX_KEYS of them around its moment: as many as a readout needs.
         let step_s = LONGEST_STEP_S.max(shutter.readout_time_s / (MAX_KEYS / 2 - 1) as f64);
-        let half = ((reach_s / step_s).ceil() as usize).max(MAX_KEYS / 2);
+        let half = ((reach_s / step_s).ceil() as usize).clamp(MAX_KEYS / 2, MOST_STEPS);
         let at = |i: usize| (i as f64 - half as f64) / half as f64 * reach_s;
         let poses: Vec<_> = (0..=2 * half).map(|i| pose_at(at(i))).collect();
         Self { origin_in_world_m: poses[half].position_in_world_m(), poses, reach_s }

@@ -60,9 +60,9 @@ pub fn write(path: &Path, pixels: &Pixels, notes: Option<&Notes>, force: bool) -
         let problem = "a photograph has 8 bits a code value, these pixels have 16".to_owned();
         return Err(SinkError::Refused { path: path.to_owned(), problem });
     };
-    let exif = notes.map(exif_block).transpose();
-    let exif = exif.map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
     let (width, height) = (pixels.width, pixels.height);
+    let exif = notes.map(|notes| exif_block(notes, width, height)).transpose();
+    let exif = exif.map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
     write_atomically(path, |writer| {
         let written = if extension(path) == "png" {
             encode(PngEncoder::new(writer), codes, width, height, exif)
@@ -101,7 +101,7 @@ fn ratio(value: f64) -> Rational {
     Rational { num: (1e4 * value).round() as u32, denom: 10_000 }
 }
 
-fn exif_block(notes: &Notes) -> io::Result<Vec<u8>> {
+fn exif_block(notes: &Notes, width: u32, height: u32) -> io::Result<Vec<u8>> {
     let text = |text: &str| Value::Ascii(vec![text.as_bytes().iter().copied().filter(u8::is_ascii).collect()]);
     let number = |value: f64| Value::Rational(vec![ratio(value)]);
     let short = |value: f64| Value::Short(vec![value.round().clamp(0.0, 65535.0) as u16]);
@@ -113,6 +113,12 @@ fn exif_block(notes: &Notes) -> io::Result<Vec<u8>> {
         (Tag::Model, text("Locard virtual SLR")),
         (Tag::Software, text(concat!("Locard ", env!("CARGO_PKG_VERSION")))),
         (Tag::Orientation, short(1.0)),
+        // Dots an inch, which say nothing of a picture that is not printed; readers expect them.
+        (Tag::XResolution, number(72.0)),
+        (Tag::YResolution, number(72.0)),
+        (Tag::ResolutionUnit, short(2.0)),
+        // Colours are sampled in the middle of the pixels that share them.
+        (Tag::YCbCrPositioning, short(1.0)),
         (Tag::DateTime, text(&taken)),
         (Tag::ExposureTime, number(notes.time_s)),
         (Tag::FNumber, number(notes.f_number)),
@@ -121,11 +127,16 @@ fn exif_block(notes: &Notes) -> io::Result<Vec<u8>> {
         (Tag::ExifVersion, Value::Undefined(b"0232".to_vec(), 0)),
         (Tag::DateTimeOriginal, text(&taken)),
         (Tag::DateTimeDigitized, text(&taken)),
+        // Y, Cb, Cr.
+        (Tag::ComponentsConfiguration, Value::Undefined(vec![1, 2, 3, 0], 0)),
         (Tag::ExposureBiasValue, Value::SRational(vec![third(notes.compensation_ev)])),
         (Tag::SubjectDistance, number(notes.focus_distance_m)),
         (Tag::FocalLength, number(notes.focal_length_mm)),
         (Tag::FocalLengthIn35mmFilm, short(notes.equivalent_mm)),
+        (Tag::FlashpixVersion, Value::Undefined(b"0100".to_vec(), 0)),
         (Tag::ColorSpace, short(1.0)),
+        (Tag::PixelXDimension, Value::Long(vec![width])),
+        (Tag::PixelYDimension, Value::Long(vec![height])),
     ];
     let fields: Vec<Field> =
         fields.into_iter().map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value }).collect();

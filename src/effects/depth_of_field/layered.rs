@@ -2,42 +2,41 @@
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
 //! 2. Tiles, a third as wide as circles reach or wider: from the circles that reach into a tile, and all that is seen
-//!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 12 points at full resolution) or with large ones
-//!    (16 points at a half, 64 at a quarter or an eighth); two surfaces behind each other, kept apart until the end.
+//!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 12 points of the
+//!    opening at full resolution) or with large ones (all texels of the opening's image at a half, a quarter and so on); two
+//!    surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own, which picks up 3.
 //!
-//! The points are spread evenly over the opening (camera/aperture.rs) and look up texels as wide as they are apart. All
-//! that these steps blur besides is taken off the points' spread, so that the width of edges is the opening's. Every point sums
-//! with the same weight, and straight lines between texels share out each texel's light in whole: energy is kept.
+//! Texels weigh by their share of the opening's image (`image`), and straight lines between them share out each one's light in whole:
+//! energy is kept. All that these steps blur besides is taken off the image's size, so that the width of edges is the
+//! opening's.
 
-use crate::camera::{Aperture, Opening};
+use crate::camera::Opening;
 use crate::effects::FrameContext;
-use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, constants, run_tiles};
+use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, run_tiles};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
 use super::circles_px;
+use super::image;
 use super::surroundings::{PHOTOGRAPHS_TILE_PX, Tiling, lens};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
 /// The lower resolutions: a half and so on; and how many of them are drawn at.
 const LEVELS: u32 = 4;
-const DRAWN: usize = 3;
-/// Points of the opening at each lower resolution.
-const TAPS: [usize; DRAWN] = [16, 64, 64];
-/// From which radii half, a quarter and an eighth of the resolution may be asked for, px: by any tile, and the most that
-/// one asks for. As in shaders/shared/lens.wgsl; a test compares them.
-const FIRST_PX: [f32; DRAWN] = [2.5, 16.0, 32.0];
-const LAST_PX: [f32; DRAWN] = [2.5, 8.0, 32.0];
+const DRAWN: usize = 4;
+/// From which radii half, a quarter and so on of the resolution may be asked for, px. As in shaders/shared/lens.wgsl; a test
+/// compares them.
+const FROM_PX: [f32; DRAWN] = [2.5, 8.0, 32.0, 64.0];
 
 #[derive(Debug)]
 pub struct Passes {
     pyramid: [FullscreenPass; 2],
     /// Of each tile; how far away it is touched from; of it and those around; with what those need; their corners.
     tiles: [FullscreenPass; 5],
-    /// At each lower resolution for one surface, and for two through 16, 32 or 64 points.
-    levels: [[FullscreenPass; 4]; DRAWN],
+    /// At each lower resolution for one surface, and for two.
+    levels: [[FullscreenPass; 2]; DRAWN],
     /// At the layer's resolution, for each kind of tile.
     full: [FullscreenPass; 6],
     passing: FullscreenPass,
@@ -51,51 +50,16 @@ pub struct Passes {
 struct Shape {
     blades: u32,
     rotation_rad: f64,
-    /// `ApertureUniform`.
-    points: wgpu::Buffer,
+    image: wgpu::Buffer,
 }
 
 impl Shape {
     fn new(gpu: &Gpu, opening: &Opening) -> Self {
-        let aperture = Aperture::of(opening);
-        Self {
-            blades: opening.blades,
-            rotation_rad: opening.rotation_rad,
-            points: constants(gpu, "aperture", bytemuck::bytes_of(&ApertureUniform::new(&aperture))),
-        }
+        Self { blades: opening.blades, rotation_rad: opening.rotation_rad, image: image::buffer(gpu, opening) }
     }
 
     fn is_of(&self, opening: &Opening) -> bool {
         (self.blades, self.rotation_rad) == (opening.blades, opening.rotation_rad)
-    }
-}
-
-/// `Aperture` of shaders/depth_of_field.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct ApertureUniform {
-    four: [[f32; 2]; 4],
-    twelve: [[f32; 2]; 12],
-    sixteen: [[f32; 2]; 16],
-    thirty_two: [[f32; 2]; 32],
-    sixty_four: [[f32; 2]; 64],
-}
-
-impl ApertureUniform {
-    fn new(aperture: &Aperture) -> Self {
-        fn points<const N: usize>(aperture: &Aperture, rings: &[u32]) -> [[f32; 2]; N] {
-            let points = aperture.rings(rings);
-            // Their middle on the opening's, that nothing is shifted.
-            let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / N as f64);
-            std::array::from_fn(|i| [0, 1].map(|c| (points[i][c] - middle[c]) as f32))
-        }
-        Self {
-            four: points(aperture, &[4]),
-            twelve: points(aperture, &[3, 9]),
-            sixteen: points(aperture, &[4, 12]),
-            thirty_two: points(aperture, &[4, 11, 17]),
-            sixty_four: points(aperture, &[4, 12, 20, 28]),
-        }
     }
 }
 
@@ -128,9 +92,9 @@ fn is_one_surface(context: &FrameContext<'_>) -> bool {
     (far - near).abs() < 1.5 + 0.3 * 0.5 * circles_px(context)[0]
 }
 
-/// The lower resolution at which a radius is gathered: the lowest that any tile may ask for, and the highest.
-fn levels_of(radius: f32) -> [usize; 2] {
-    [FIRST_PX, LAST_PX].map(|from| from.iter().filter(|&&f| radius >= f).count())
+/// The lower resolution at which a radius is gathered.
+fn level_of(radius: f32) -> usize {
+    FROM_PX.iter().filter(|&&from| radius >= from).count()
 }
 
 impl Passes {
@@ -156,12 +120,8 @@ impl Passes {
             pyramid: [("first", Integers), ("next", Floats)].map(pyramid),
             tiles: ["own", "touching", "around", "needed", "corners"].map(tiles),
             levels: std::array::from_fn(|i| {
-                [
-                    gather("level_one_deep_tiles", "level_one_deep", i + 1, TAPS[i], &[COLOR; 3]),
-                    gather("level_two_deep_16_tiles", "level_two_deep", i + 1, 16, &[COLOR; 3]),
-                    gather("level_two_deep_32_tiles", "level_two_deep", i + 1, 32, &[COLOR; 3]),
-                    gather("level_two_deep_64_tiles", "level_two_deep", i + 1, 64, &[COLOR; 3]),
-                ]
+                [("level_one_deep_tiles", "level_one_deep"), ("level_two_deep_tiles", "level_two_deep")]
+                    .map(|(vertex, fragment)| gather(vertex, fragment, i + 1, 4, &[COLOR; 3]))
             }),
             full: [
                 ("sharp_tiles", "sharp", 4),
@@ -197,8 +157,11 @@ impl Passes {
 
         let [own, touched, around, needed] = ["own circles", "touched tiles", "circles around", "circles"]
             .map(|purpose| run.pool.get(gpu, purpose, 0, tiles, COLOR, 1));
-        let colors = run.pool.pyramid(gpu, "smaller layer", layer.size, COLOR, LEVELS);
-        let circles = run.pool.pyramid(gpu, "smaller circles", layer.size, CIRCLES, LEVELS);
+        // With a texel beside the layer at the lowest resolution, empty as all that is not drawn: where a driver takes the outermost
+        // texel for those beyond it.
+        let more = (width + (1 << LEVELS), height + (1 << LEVELS));
+        let colors = run.pool.pyramid(gpu, "smaller layer", more, COLOR, LEVELS);
+        let circles = run.pool.pyramid(gpu, "smaller circles", more, CIRCLES, LEVELS);
         let blurred = ["smaller blurred", "smaller front", "smaller back"]
             .map(|purpose| run.pool.pyramid(gpu, purpose, layer.size, COLOR, DRAWN as u32));
         let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
@@ -233,7 +196,7 @@ impl Passes {
         // What is drawn into cannot be read: other textures stand for the lower resolutions first.
         let mut slots = [
             Slot::Buffer(&lens),
-            Slot::Buffer(&shape.points),
+            Slot::Buffer(&shape.image),
             Slot::Texture(&needed.view),
             Slot::Texture(&corners.view),
             Slot::Texture(&layer.color.view),
@@ -246,7 +209,7 @@ impl Passes {
             Slot::Sampler(&self.between),
         ];
         let [least, _] = circles_px(context);
-        for level in 1.max(levels_of(0.5 * least)[0])..=levels_of(largest)[1] {
+        for level in 1.max(level_of(0.5 * least))..=level_of(largest) {
             let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
             let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
             let passes: Vec<_> = self.levels[level - 1].iter().collect();
@@ -277,8 +240,8 @@ mod tests {
             let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: f32 = "))).unwrap();
             line.trim_end_matches(';').parse().unwrap()
         };
-        assert_eq!(FIRST_PX, [value("TWO_HALF_PX"), value("TWO_QUARTER_PX"), value("EIGHTH_PX")]);
-        assert_eq!(LAST_PX, [value("TWO_HALF_PX").min(value("HALF_PX")), value("QUARTER_PX"), value("EIGHTH_PX")]);
+        let half = value("TWO_HALF_PX").min(value("HALF_PX"));
+        assert_eq!(FROM_PX, [half, value("QUARTER_PX"), value("EIGHTH_PX"), value("SIXTEENTH_PX")]);
         assert_eq!(super::super::SHARP_PX, value("SHARP_PX"));
     }
 }

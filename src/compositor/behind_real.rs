@@ -1,0 +1,91 @@
+//! What real things hide of a layer that is blurred where they are sharp.
+//!
+//! A thing in focus hides whole pixels: through each of them all points of the lens see it. A blurred object behind it is hidden
+//! there, and beside it is as blurred as if nothing stood before it. So it is drawn as far as its blur reaches
+//! behind the edge, blurred, and cut off then.
+//!
+//! Not modelled: real things that are blurred themselves (the recording shows them as it saw them; a pixel is theirs or not).
+
+use crate::gpu::{FullscreenPass, Slot, Texture, assemble, constants};
+use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+
+#[derive(Debug, Default)]
+pub struct BehindReal {
+    pass: Option<FullscreenPass>,
+}
+
+impl BehindReal {
+    /// Cuts off what lies more than the tolerance behind the real scene's depth (metres, 0 unknown).
+    pub fn cut(&mut self, run: &mut LayerRun<'_>, layer: Layer, real_depth: &Texture, tolerance_m: f32) -> Layer {
+        let gpu = run.gpu;
+        let new = || FullscreenPass::new(gpu, "behind real", &assemble("behind_real"), &[COLOR, GEOMETRY]);
+        let pass = self.pass.get_or_insert_with(new);
+        let color = run.pool.get(gpu, "cut colour", 0, layer.size, COLOR, 1);
+        let geometry = run.pool.get(gpu, "cut geometry", 0, layer.size, GEOMETRY, 1);
+        let uniform = [layer.size.0, layer.size.1, tolerance_m.to_bits(), 0];
+        let uniform = constants(gpu, "behind real", bytemuck::cast_slice(&uniform));
+        let [light, depths] = [&layer.color, &layer.geometry].map(|texture| Slot::Texture(&texture.view));
+        let slots = [Slot::Buffer(&uniform), light, depths, Slot::Texture(&real_depth.view)];
+        pass.run(gpu, run.encoder, &slots, &[&color, &geometry], layer.size);
+        Layer { color, geometry, ..layer }
+    }
+}
+
+/// The depths behind which something is hidden however far `reach_px` it is blurred: of the square around each pixel the
+/// farthest, 0 where one is unknown.
+pub fn deep_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
+    // Unknown ones are the farthest of all.
+    let known = |m: f32| if m > 0.0 { m } else { f32::INFINITY };
+    let height = depth_m.len() / width.max(1);
+    let mut rows = vec![0.0; depth_m.len()];
+    for (from, to) in depth_m.chunks_exact(width.max(1)).zip(rows.chunks_exact_mut(width.max(1))) {
+        farthest(width, reach_px, |x| known(from[x]), |x, m| to[x] = m);
+    }
+    let mut out = vec![0.0; depth_m.len()];
+    for x in 0..width {
+        farthest(
+            height,
+            reach_px,
+            |y| rows[y * width + x],
+            |y, m| out[y * width + x] = if m.is_finite() { m } else { 0.0 },
+        );
+    }
+    out
+}
+
+/// The greatest of those up to `reach` beside each: a queue of falling ones (Lemire 2006).
+fn farthest(count: usize, reach: usize, at: impl Fn(usize) -> f32, mut give: impl FnMut(usize, f32)) {
+    let mut queue = std::collections::VecDeque::<(usize, f32)>::new();
+    for i in 0..count + reach {
+        if i < count {
+            let value = at(i);
+            while queue.back().is_some_and(|(_, last)| *last <= value) {
+                queue.pop_back();
+            }
+            queue.push_back((i, value));
+        }
+        let Some(middle) = i.checked_sub(reach) else { continue };
+        while queue.front().is_some_and(|(n, _)| n + reach < middle) {
+            queue.pop_front();
+        }
+        if let Some((_, most)) = queue.front() {
+            give(middle, *most);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_farthest_around_by_hand() {
+        // 4 × 3, a step at the third column; one unknown.
+        let depth = [1.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0, 2.0, 0.0, 1.0, 2.0, 2.0];
+        assert_eq!(deep_within(&depth, 4, 0), depth);
+        assert_eq!(deep_within(&depth, 4, 1), [1.0, 2.0, 2.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0, 2.0]);
+        // Wider than all.
+        assert_eq!(deep_within(&depth[..4], 4, 9), [2.0; 4]);
+        assert!(deep_within(&[], 0, 3).is_empty());
+    }
+}

@@ -1,0 +1,137 @@
+//! The image of the opening on the texels of a picture, for `layered`.
+//!
+//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d). Of an image of radius r its
+//! share is about what of its width lies inside: r·a − g·a + ½ between 0 and 1, a being how far the rim's straight parts are
+//! from the middle (the apothem; 1 for a circle). The table holds g·a of each texel, and of each radius the rim (about r·a + ½)
+//! with which edges are as wide as the opening's.
+
+use crate::camera::{Aperture, Opening};
+use crate::gpu::{Gpu, constants};
+
+/// Texels to each side. As in shaders/depth_of_field.wgsl.
+const REACH: i32 = 13;
+/// Radii of which rims are told, and how many of them make a texel; up to which radius texels are counted one by one.
+const RIMS: usize = 64;
+const STEPS: f64 = 4.0;
+const COUNTED: f64 = 8.0;
+
+/// `Aperture` of the shader.
+pub fn buffer(gpu: &Gpu, opening: &Opening) -> wgpu::Buffer {
+    let aperture = Aperture::of(opening);
+    let rims = rims(&aperture);
+    let floats: Vec<f32> = points(&aperture, &[4])
+        .chain(points(&aperture, &[3, 9]))
+        .chain(rims.windows(2).flatten().copied())
+        .chain(places(&aperture).flatten())
+        .flatten()
+        .map(|v| v as f32)
+        .collect();
+    constants(gpu, "image of the opening", bytemuck::cast_slice(&floats))
+}
+
+/// A few points, their middle on the opening's, that nothing is shifted.
+fn points(aperture: &Aperture, rings: &[u32]) -> impl Iterator<Item = [f64; 2]> {
+    let points = aperture.rings(rings);
+    let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / points.len() as f64);
+    points.into_iter().map(move |p| [p[0] - middle[0], p[1] - middle[1]])
+}
+
+/// g·a of a texel.
+fn place(aperture: &Aperture, x: f64, y: f64) -> f64 {
+    aperture.apothem() * aperture.gauge([x, y])
+}
+
+fn square(reach: i32) -> impl Iterator<Item = (f64, f64)> {
+    (-reach..=reach).flat_map(move |y| (-reach..=reach).map(move |x| (f64::from(x), f64::from(y))))
+}
+
+/// Light that comes from a texel at d went through the opening at −d where it is focused behind the picture, at d where it is before.
+fn places(aperture: &Aperture) -> impl Iterator<Item = [[f64; 2]; 2]> {
+    let both = |(x, y): (f64, f64)| [place(aperture, -x, -y), place(aperture, x, y)];
+    square(REACH).map(move |(x, y)| [both((x, y)), both((x + 0.5, y + 0.5))])
+}
+
+/// Of each radius the rim, and how far from the middle the outermost texels' middles lie.
+fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
+    let apothem = aperture.apothem();
+    let counted = Counted::new(aperture);
+    (0..=RIMS)
+        .map(|i| {
+            let radius = i as f64 / STEPS;
+            let rim = match radius < COUNTED {
+                true => counted.rim(radius, apothem),
+                // Half a texel's soft rim adds 1/8 to the second moment of a circle and takes 1/48 off.
+                false => (radius * radius - 0.104 / aperture.variance()).sqrt() * apothem + 0.5,
+            };
+            [rim, rim / apothem]
+        })
+        .collect()
+}
+
+/// What is needed to count texels one by one.
+struct Counted {
+    reach: i32,
+    /// Row by row.
+    places: Vec<f64>,
+    /// Of points spread evenly over the opening, x and y, in radii.
+    points: Vec<[f64; 2]>,
+}
+
+impl Counted {
+    fn new(aperture: &Aperture) -> Self {
+        let reach = COUNTED as i32 + 3;
+        let places = square(reach).map(|(x, y)| place(aperture, x, y)).collect();
+        Self { reach, places, points: (0..2000).map(|i| aperture.sequence(i)).collect() }
+    }
+
+    /// The rim with which edges are as wide as the opening of this radius makes them. Between two, ever closer.
+    fn rim(&self, radius: f64, apothem: f64) -> f64 {
+        let wanted: f64 = [0, 1].map(|axis| width(self.points.iter().map(|p| (radius * p[axis], 1.0)))).iter().sum();
+        // No smaller than holds the four texels around a point between them.
+        let (mut low, mut high) = (apothem.max(0.75), (radius + 1.5) * apothem + 0.5);
+        for _ in 0..24 {
+            let middle = 0.5 * (low + high);
+            (low, high) = if self.widths(middle) > wanted { (low, middle) } else { (middle, high) };
+        }
+        low
+    }
+
+    /// Of edges along both axes together.
+    fn widths(&self, rim: f64) -> f64 {
+        let columns = 2 * self.reach + 1;
+        let mut sums = [vec![0.0; columns as usize], vec![0.0; columns as usize]];
+        for (place, (x, y)) in self.places.iter().zip(square(self.reach)) {
+            let share = (rim - place).clamp(0.0, 1.0);
+            for (sums, at) in sums.iter_mut().zip([x, y]) {
+                sums[(at as i32 + self.reach) as usize] += share;
+            }
+        }
+        sums.iter().map(|sums| width((0..).zip(sums).map(|(i, s)| (f64::from(i - self.reach), *s)))).sum()
+    }
+}
+
+/// How wide an edge is from 10 to 90 % that light at these places (with their weights) makes, in pixels, the mean over places
+/// of the edge between pixels.
+fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
+    const PLACES: usize = 5;
+    let light: Vec<_> = light.filter(|(_, weight)| *weight > 0.0).collect();
+    let all: f64 = light.iter().map(|(_, weight)| weight).sum();
+    let reach = COUNTED as i32 + 4;
+    let width_at = |edge: f64| {
+        let profile: Vec<f64> = (-reach..=reach)
+            .map(|x| {
+                let share = |(at, weight): &(f64, f64)| weight * (f64::from(x) + 0.5 - edge - at).clamp(0.0, 1.0);
+                light.iter().map(share).sum::<f64>() / all
+            })
+            .collect();
+        crossing(&profile, 0.9) - crossing(&profile, 0.1)
+    };
+    (0..PLACES).map(|k| width_at(k as f64 / PLACES as f64)).sum::<f64>() / PLACES as f64
+}
+
+/// Where a rising profile meets a level.
+fn crossing(profile: &[f64], level: f64) -> f64 {
+    let after = profile.iter().position(|v| *v > level).unwrap_or(profile.len() - 1).max(1);
+    let (a, b) = (profile[after - 1], profile[after]);
+    after as f64 - if b > a { (b - level) / (b - a) } else { 0.0 }
+}
