@@ -55,6 +55,7 @@ fn made(
             photograph,
             opening: None,
             exposure_time_s: exposure_s,
+            summed: &[],
             recorded: &geometry,
             framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
         }),

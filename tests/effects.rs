@@ -254,6 +254,7 @@ fn the_noise_is_its_twin() {
             fastest_px_per_s: 0.0,
             opening: None,
             photograph: None,
+            summed: &[],
             depths_m: [1.0, 1.0],
             real_depths_m: None,
             objects_px: locard::image::Rect::new(0, 0, 0, 0),

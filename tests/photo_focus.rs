@@ -49,6 +49,7 @@ fn photo(camera: &Camera, scene: Scene, pixels: &Pixels, depth: &DepthMap, openi
         frame: 3,
         timestamp_s: 0.0,
         exposure: Default::default(),
+        summed: &[],
         depth: Some(depth),
     };
     let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };

@@ -17,7 +17,7 @@ use crate::compositor::{Compositor, Job, measured_from};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::image::{Pixels, Rect};
-use crate::photo::{self, Exposed, Framing, Real, Site};
+use crate::photo::{self, Exposed, Framing, Real, Site, Summed};
 use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::sink::photograph::{self, Notes};
@@ -468,11 +468,15 @@ impl Shoot<'_> {
             (args.site.frame..args.site.frame + 1, vec![1.0])
         };
         let mut frames = Vec::with_capacity(weights.len());
+        let mut summed = Vec::new();
         if range.len() == 1 {
             frames.push((1.0, self.frame.pixels.clone()));
         } else {
             for (frame, weight) in recording.frames(range)?.zip(weights) {
-                frames.push((weight, frame?.pixels));
+                let frame = frame?;
+                let exposure_s = self.compositor.exposure_time_s(&frame, recording.frame_interval_s);
+                summed.push(Summed { time_s: frame.timestamp_s - self.frame.timestamp_s, exposure_s, weight });
+                frames.push((weight, frame.pixels));
             }
         }
         let response = &self.rig.response;
@@ -497,6 +501,7 @@ impl Shoot<'_> {
             frame: args.site.frame,
             timestamp_s: self.frame.timestamp_s,
             exposure: self.frame.exposure,
+            summed: &summed,
             depth: self.frame.depth.as_ref(),
         };
         Ok(photo::take(&mut self.compositor, &site, framing, real, &exposed)?)

@@ -11,7 +11,7 @@ mod run;
 mod settings;
 
 use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening, Response};
-use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage};
+use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage, Summed};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
 use crate::image::{Codes, LayerImage, Pixels, Rect};
@@ -58,6 +58,8 @@ pub struct Part<'a> {
     /// The virtual camera's; none for a pinhole.
     pub opening: Option<Opening>,
     pub exposure_time_s: f64,
+    /// The recording's frames that its real part sums; empty for one.
+    pub summed: &'a [Summed],
     /// The recording's camera, and where in its pictures the photograph lies.
     pub recorded: &'a Geometry,
     pub framed: Framed,
@@ -177,7 +179,7 @@ impl Compositor {
 
     /// The exposure of a frame, seconds: the camera's shutter angle, what the recording says
     /// of the frame (unless the settings overrule it), the camera's time, half the interval.
-    fn exposure_time_s(&self, frame: &Frame, interval_s: f64) -> f64 {
+    pub fn exposure_time_s(&self, frame: &Frame, interval_s: f64) -> f64 {
         let camera = &self.camera.exposure;
         let angle = |deg: f64| deg / 360.0 * interval_s;
         let recorded = frame.exposure.time_s.filter(|_| !self.settings.overrule_recorded_exposure);
@@ -211,7 +213,10 @@ impl Compositor {
             Some(part) => part.opening,
             None => self.camera.lens.opening(job.geometry)?,
         };
-        let beyond_s = self.settings.effects.iter().map(|e| e.beyond_s(exposure_time_s)).fold(0.0, f64::max);
+        let summed = job.photograph.map_or(&[][..], |part| part.summed);
+        let summed_to_s = summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
+        let beyond_s = self.settings.effects.iter().map(|e| e.beyond_s(exposure_time_s));
+        let beyond_s = beyond_s.chain(summed_to_s).fold(0.0, f64::max);
         let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s, beyond_s };
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
@@ -231,6 +236,7 @@ impl Compositor {
             fastest_px_per_s: footprint.fastest_px_per_s,
             opening,
             photograph: job.photograph.map(|part| part.photograph),
+            summed,
             // Where there are no objects all that lies between depths is real.
             depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
             real_depths_m,

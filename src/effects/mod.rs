@@ -10,7 +10,9 @@ pub mod point_spread;
 mod stage;
 pub mod vignetting;
 
-pub use stage::{Effect, EffectError, FrameContext, MixedInputs, ObjectMotion, Photograph, Stage, response_constants};
+pub use stage::{
+    Effect, EffectError, FrameContext, MixedInputs, ObjectMotion, Photograph, Stage, Summed, response_constants,
+};
 
 /// Every effect at its defaults, in the order of the light.
 pub fn all() -> Vec<Box<dyn Effect>> {

@@ -17,7 +17,7 @@
 //! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
-use super::{Effect, EffectError, FrameContext, Stage};
+use super::{Effect, EffectError, FrameContext, Stage, Summed};
 use crate::camera::accumulation::{self, MOST_STEPS};
 use crate::camera::{Camera, Geometry};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
@@ -120,17 +120,22 @@ impl MotionBlurEffect {
         weights.into_iter().enumerate().map(|(i, w)| ((mean - i as f64) * back, w)).collect()
     }
 
-    /// Moments evenly over the exposure, two for each pixel of the longest blur: at least 32, and at most 4096 (above 2048 px
+    /// Moments evenly over the exposure (where a photograph sums frames, over theirs: between them it saw nothing), two for each pixel of the longest blur: at least 32, and at most 4096 (above 2048 px
     /// they lie farther apart), in a photograph 1024 (above 512 px; seconds of a hand-held shutter).
     fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
         let most = if context.photograph.is_some() { 1024 } else { 4096 };
         let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, most);
-        (0..n)
-            .map(|i| Sample {
-                time_s: ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * context.exposure_time_s,
-                ..Sample::plain(1.0 / n as f32)
+        let alone = [Summed { time_s: 0.0, exposure_s: context.exposure_time_s, weight: 1.0 }];
+        let frames = if context.summed.is_empty() { &alone } else { context.summed };
+        let each = n.div_ceil(frames.len() as u32);
+        let moments = |frame: &Summed| {
+            let Summed { time_s, exposure_s, weight } = *frame;
+            (0..each).map(move |i| Sample {
+                time_s: time_s + ((f64::from(i) + 0.5) / f64::from(each) - 0.5) * exposure_s,
+                ..Sample::plain((weight / f64::from(each)) as f32)
             })
-            .collect()
+        };
+        frames.iter().flat_map(moments).collect()
     }
 }
 

@@ -37,6 +37,16 @@ pub struct Photograph {
     pub noise_left: f64,
 }
 
+/// One of the recording's frames that are summed for a photograph's real part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Summed {
+    /// The middle of its exposure, seconds from the photograph's own.
+    pub time_s: f64,
+    pub exposure_s: f64,
+    /// Its share of the light.
+    pub weight: f64,
+}
+
 /// What effects may know of the frame. A pure function of the frames and poses around it.
 #[derive(Clone, Debug)]
 pub struct FrameContext<'a> {
@@ -58,6 +68,8 @@ pub struct FrameContext<'a> {
     pub opening: Option<Opening>,
     /// None where virtual things are added to the recording and nothing else is changed.
     pub photograph: Option<Photograph>,
+    /// Of a photograph the recording's frames that it sums; empty where it shows one.
+    pub summed: &'a [Summed],
     /// Between which depths all points of the objects lie, metres.
     pub depths_m: [f64; 2],
     /// Of a photograph whose real surfaces are known: between which depths they lie, metres.

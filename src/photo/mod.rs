@@ -25,6 +25,7 @@ mod sheet;
 mod surfaces;
 mod take;
 
+pub use crate::effects::Summed;
 pub use focus::distance_m;
 pub use framing::{Framing, FramingError};
 pub use real::{Real, shutter_weights};

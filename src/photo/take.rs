@@ -2,7 +2,7 @@
 
 use crate::camera::{Geometry, Opening};
 use crate::compositor::{Compositor, Job, Part, SubmitError, seen_at_frame};
-use crate::effects::Photograph;
+use crate::effects::{Photograph, Summed};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
 use crate::image::{Codes, DepthMap, Pixels, Rect};
@@ -27,6 +27,8 @@ pub struct Site<'a> {
     pub interval_s: f64,
     pub frame: usize,
     pub timestamp_s: f64,
+    /// The recording's frames that the real part sums; empty for one.
+    pub summed: &'a [Summed],
     /// What the recording says of the frame's exposure.
     pub exposure: FrameExposure,
     /// What hides virtual things, and what the real part's depth of field goes by.
@@ -98,6 +100,7 @@ pub fn take(
             photograph,
             opening: exposed.opening,
             exposure_time_s: exposed.time_s,
+            summed: site.summed,
             recorded: site.recorded,
             framed: framing.framed,
             depth_m: depth_m.as_deref(),

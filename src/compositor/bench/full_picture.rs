@@ -86,6 +86,7 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
             fastest_px_per_s: 0.0,
             opening: Some(opening),
             photograph: None,
+            summed: &[],
             depths_m: range.map(depth_m),
             objects: &[],
         };
