@@ -63,10 +63,13 @@ impl Shape {
     }
 }
 
+/// The widest circle whose image the shader holds, px: 12.5 texels to each side at a sixteenth.
+const WIDEST_PX: f32 = 400.0;
+
 /// No circle is drawn wider than a quarter of the picture.
 fn widest_px(context: &FrameContext<'_>) -> f32 {
     let i = &context.geometry.intrinsics;
-    i.width_px.max(i.height_px) as f32 / 4.0
+    (i.width_px.max(i.height_px) as f32 / 4.0).min(WIDEST_PX)
 }
 
 /// Of what is drawn, px.
