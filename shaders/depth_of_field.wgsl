@@ -152,7 +152,7 @@ struct Image {
     off: f32,
 }
 
-// For circles of up to this radius. Those of some that are drawn at a quarter are looked up at a half.
+// For circles of up to this radius (px). Smaller ones that are drawn at a quarter are looked up at a half.
 fn image_at(p: vec2<i32>, radius: f32) -> Image {
     var image: Image;
     image.between = level == 2 && radius < FINER_PX;
@@ -224,7 +224,7 @@ fn gather(p: vec2<i32>, circle: f32) -> vec4<f32> {
 // One surface with small circles, at the layer's resolution.
 fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
-    // As in `image_of`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
+    // As in `image_at`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
     let added = select(1.2, 0.35, taps == 4) / 6.0;
     let r = side_of(circle) * sqrt(max(radius * radius - added / lens.circle.z, 0.0));
     var sum = vec4<f32>(0.0);
