@@ -53,7 +53,7 @@ fn photo(camera: &Camera, scene: Scene, pixels: &Pixels, depth: &DepthMap, openi
         depth: Some(depth),
     };
     let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
-    take(&mut compositor, &site, &framing, real, &exposed).unwrap()
+    take(&mut compositor, &site, &framing, real, &exposed, |_| ()).unwrap().pixels
 }
 
 fn without_noise() -> Camera {

@@ -104,7 +104,10 @@ fn what_is_missing_is_said() {
     let modes: Vec<_> = lit["proposals"].as_array().unwrap().iter().map(|p| p["mode"].as_str().unwrap()).collect();
     assert_eq!(modes, ["p", "s"]);
     for (arguments, named) in [
-        (&["--frame", "72"][..], "0..72"),
+        (&["--frame", "72"][..], "72 frames, numbered 0 to 71"),
+        (&["--frame", "-1"], "-1 is refused: accepted is the number of a frame"),
+        // A lens that cannot be is refused before what is missing is asked for.
+        (&["--frame", "0", "--set", "camera.lens.blades=2"], "camera.lens.blades"),
         (&["--frame", "0", "--shutter", "0"], "more than 0 and up to 60 s"),
         (&["--frame", "0", "--aperture", "-2"], "0.5 to 256"),
         (&["--frame", "0", "--iso", "50"], "100 to 25600"),

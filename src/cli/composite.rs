@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 
 use super::outputs::{self, Inputs};
 use super::which::Which;
-use super::{Interrupted, Interruption, progress, tell, warn};
+use super::{Interrupted, Interruption, NOTHING_SEEN, progress, tell, warn};
 use crate::camera::{Geometry, Intrinsics};
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
 use crate::gpu::Gpu;
@@ -95,7 +95,11 @@ pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) 
     }
     let range = a.unwrap_or(0)..b.unwrap_or(count);
     if range.start >= range.end || range.end > count {
-        bail!("--frames {}..{}: the recording has the frames 0..{count}", range.start, range.end);
+        bail!(
+            "--frames {}..{}: accepted is what lies within 0..{count}, for there are {count} frames",
+            range.start,
+            range.end
+        );
     }
     Ok(range)
 }
@@ -231,6 +235,9 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
         let number = 1 + lacking.count();
         let of = format!("{number} of {}", count(stats.len(), "frame"));
         warn(args.quiet, &format!("nothing real hides objects in {of}, though there is depth (frame {frame}: {why})"));
+    }
+    if stats.iter().all(|s| s.rect_px.is_none() && s.no_pose.is_none()) {
+        warn(args.quiet, NOTHING_SEEN);
     }
 
     if let Some(path) = &args.report {
@@ -435,6 +442,6 @@ mod tests {
             assert!(text.contains("there is no frame in it"), "{text}");
         }
         let text = frame_range(Some((Some(9), None)), 9).unwrap_err().to_string();
-        assert!(text.contains("--frames 9..9: the recording has the frames 0..9"), "{text}");
+        assert!(text.contains("--frames 9..9: accepted is what lies within 0..9"), "{text}");
     }
 }

@@ -18,7 +18,7 @@ pub struct Args {
     /// A recording, a scene (.glb, .gltf, scene.toml) or a profile
     what: PathBuf,
     /// A frame of the recording
-    #[arg(long)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: Option<usize>,
     /// Columns and rows from the upper left: the world point there
     #[arg(long, value_name = "X,Y", requires = "frame", value_parser = numbers::<2>)]
@@ -195,9 +195,7 @@ fn recording(args: &Args) -> Result<()> {
 }
 
 fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Write) -> Result<()> {
-    if frame >= recording.frame_count() {
-        bail!("--frame {frame}: the recording has the frames 0..{}", recording.frame_count());
-    }
+    super::check_frame(frame, recording.frame_count())?;
     let pose = recording.pose_at_frame(frame);
     writeln!(out, "frame      {frame} at {:.6} s", recording.timestamps_s[frame])?;
     match &pose {

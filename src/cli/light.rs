@@ -20,7 +20,7 @@ pub struct Site {
     /// The recording
     pub recording: PathBuf,
     /// Which of its frames
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     pub frame: usize,
     /// The f-number, as in 2.8
     #[arg(long, value_name = "F", allow_hyphen_values = true, value_parser = stops::parse_f_number)]
@@ -62,9 +62,7 @@ impl Site {
     pub fn open(&self) -> Result<Opened> {
         let options = OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() };
         let recording = Recording::open(&self.recording, &options)?;
-        if self.frame >= recording.frame_count() {
-            bail!("--frame {}: the recording has the frames 0..{}", self.frame, recording.frame_count());
-        }
+        super::check_frame(self.frame, recording.frame_count())?;
         let (mut rig, mut effects) = (Rig::default(), Effects::default());
         for profile in recording.camera_profile.iter().chain(&self.profile) {
             rig.read(profile, &mut effects)?;

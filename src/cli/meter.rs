@@ -27,6 +27,9 @@ pub fn run(args: &Args) -> Result<()> {
     let (json, args) = (args.json, &args.site);
     let Opened { recording, rig, taken, .. } = args.open()?;
     let frame = args.frame;
+    if let Some(geometry) = rig.geometry_over(recording.geometry_at_frame(frame)) {
+        rig.lens.opening(&geometry)?;
+    }
     let asked = Known { f_number: args.aperture, time_s: args.shutter, iso: args.iso }.or(taken);
 
     let scene = scene_light(args.lux, &recording, frame, &rig, taken)?;

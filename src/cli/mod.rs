@@ -171,6 +171,29 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "locard: {text}");
 }
 
+/// The number of a frame, as an option's value.
+fn frame_number(text: &str) -> Result<usize, String> {
+    text.trim().parse().map_err(|_| format!("{text} is refused: accepted is the number of a frame, from 0 on"))
+}
+
+/// That a recording has a frame.
+fn check_frame(frame: usize, count: usize) -> anyhow::Result<()> {
+    match count.checked_sub(1) {
+        Some(last) if frame > last => {
+            anyhow::bail!(
+                "--frame {frame}: the recording has {}, numbered 0 to {last}",
+                crate::words::count(count, "frame")
+            )
+        }
+        None => anyhow::bail!("--frame {frame}: the recording has no frames"),
+        _ => Ok(()),
+    }
+}
+
+/// Said where a scene was drawn and no object came into any picture.
+const NOTHING_SEEN: &str = "no object of the scene is before the camera: `locard inspect RECORDING --frame N` says where the \
+                            camera is and looks, `locard inspect SCENE` where the objects are";
+
 /// A line on stderr that is no error.
 fn warn(quiet: bool, text: &str) {
     if !quiet {
@@ -190,12 +213,17 @@ fn tell(quiet: bool, text: &str) {
     }
 }
 
-/// A bar on a terminal, nothing in a pipe.
+/// A bar over frames on a terminal, nothing in a pipe.
 fn progress(quiet: bool, length: usize) -> indicatif::ProgressBar {
+    progress_of(quiet, length, "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left")
+}
+
+/// A bar as a template of indicatif's says.
+fn progress_of(quiet: bool, length: usize, template: &str) -> indicatif::ProgressBar {
     if !watched(quiet) {
         return indicatif::ProgressBar::hidden();
     }
-    let style = indicatif::ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left");
+    let style = indicatif::ProgressStyle::with_template(template);
     let bar = indicatif::ProgressBar::new(length as u64);
     match style {
         Ok(style) => bar.with_style(style),

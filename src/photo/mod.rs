@@ -30,4 +30,4 @@ pub use focus::distance_m;
 pub use framing::{Framing, FramingError};
 pub use real::{Real, shutter_weights};
 pub use sheet::{contact_sheet, small};
-pub use take::{Exposed, Site, TakeError, take};
+pub use take::{Exposed, Site, TakeError, Taken, take};

@@ -56,14 +56,24 @@ pub enum TakeError {
     Gpu(#[from] GpuError),
 }
 
-/// Puts the compositor's scene into the real part, which is exposed already. 8 bits.
+/// What was taken.
+#[derive(Clone, Debug)]
+pub struct Taken {
+    /// 8 bits.
+    pub pixels: Pixels,
+    /// Whether any object is before the camera.
+    pub shows_objects: bool,
+}
+
+/// Puts the compositor's scene into the real part, which is exposed already. Tells what share of the picture is done.
 pub fn take(
     compositor: &mut Compositor,
     site: &Site<'_>,
     framing: &Framing,
     real: Real,
     exposed: &Exposed,
-) -> Result<Pixels, TakeError> {
+    mut done: impl FnMut(f64),
+) -> Result<Taken, TakeError> {
     let (width, height) = framing.size();
     let photograph = Photograph {
         over_ev: exposed.over_ev,
@@ -91,7 +101,10 @@ pub fn take(
         None => TILE_PX,
     };
     let mut out = vec![0u8; 3 * width as usize * height as usize];
-    for region in tiles(width, height, tile_px) {
+    let tiles = tiles(width, height, tile_px);
+    let mut shows_objects = false;
+    for (n, &region) in tiles.iter().enumerate() {
+        done(n as f64 / tiles.len() as f64);
         let before = copied(&pixels, region);
         let frame =
             Frame { index: site.frame, timestamp_s: site.timestamp_s, pixels, depth: None, exposure: site.exposure };
@@ -115,10 +128,12 @@ pub fn take(
             want_layer: false,
             photograph: Some(part),
         })?;
-        pixels = compositor.collect(pending)?.pixels;
+        let composited = compositor.collect(pending)?;
+        shows_objects |= composited.stats.rect_px.is_some();
+        pixels = composited.pixels;
         develop(&mut pixels, before, region, &mut out);
     }
-    Ok(Pixels { width, height, codes: Codes::U8(out) })
+    Ok(Taken { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
 }
 
 /// The rows' places in a picture's codes.

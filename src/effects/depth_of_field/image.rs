@@ -135,3 +135,23 @@ fn crossing(profile: &[f64], level: f64) -> f64 {
     let (a, b) = (profile[after - 1], profile[after]);
     after as f64 - if b > a { (b - level) / (b - a) } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tables_are_as_long_as_the_shaders() {
+        let shader = include_str!("../../../shaders/depth_of_field.wgsl");
+        let holds = |name: &str| {
+            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: "))).expect(name);
+            let (_, value) = line.split_once("= ").expect(name);
+            value.trim_end_matches(['u', ';']).trim_end_matches('u').parse::<usize>().expect(name)
+        };
+        let columns = 2 * REACH as usize + 1;
+        assert_eq!(
+            ["RIMS", "REACH", "COLUMNS", "PLACES"].map(holds),
+            [RIMS, REACH as usize, columns, columns * columns]
+        );
+    }
+}

@@ -1,0 +1,139 @@
+//! What a person set, in a mode, and the photographs of a series that follow from it.
+
+use anyhow::{Result, bail};
+
+use super::{Args, Bracket};
+use crate::camera::exposure::Settings;
+use crate::camera::metering::{Limits, Mode, meter};
+use crate::camera::stops::{self, Step};
+use crate::cli::light::{Known, USUAL_ISO};
+
+/// One photograph of a series.
+pub struct Asked {
+    pub settings: Settings,
+    /// Stops brighter than wanted that nothing was left to choose against.
+    pub over_ev: f64,
+    pub focus_distance_m: f64,
+}
+
+/// What the person set, in a mode.
+pub struct Dials {
+    pub mode: Mode,
+    pub set: Settings,
+    pub lux: f64,
+    pub compensation_ev: f64,
+    pub limits: Limits,
+    pub focus_distance_m: f64,
+}
+
+/// The times of a series, stops from its middle.
+pub const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
+
+impl Dials {
+    pub fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
+        let by_settings = match (args.site.aperture, args.site.shutter) {
+            (Some(_), Some(_)) => Mode::Manual,
+            (Some(_), None) => Mode::AperturePriority,
+            (None, Some(_)) => Mode::ShutterPriority,
+            (None, None) => Mode::Program,
+        };
+        let mode = args.mode.unwrap_or(by_settings);
+        let chooses = |name: &str, given: Option<f64>, modes: [Mode; 2], other: &str| match given {
+            Some(_) if modes.contains(&mode) => {
+                bail!(
+                    "--mode {} chooses the {name} itself: leave --{name} out, or take --mode {other} or m",
+                    mode.letter()
+                )
+            }
+            _ => Ok(()),
+        };
+        chooses("aperture", args.site.aperture, [Mode::Program, Mode::ShutterPriority], "a")?;
+        chooses("shutter", args.site.shutter, [Mode::Program, Mode::AperturePriority], "s")?;
+        let needs = |given: Option<f64>, modes: [Mode; 2], name: &str| {
+            if modes.contains(&mode) && given.is_none() {
+                bail!("--mode {} needs --{name}", mode.letter());
+            }
+            Ok(given.unwrap_or(1.0))
+        };
+        // A bracket goes through what it varies.
+        let varied = |what: Bracket, given: Option<f64>, usual: f64| match args.bracket {
+            Some(bracket) if bracket == what => given.or(Some(usual)),
+            _ => given,
+        };
+        let f_number = varied(Bracket::Aperture, args.site.aperture, 8f64.sqrt());
+        let time_s = varied(Bracket::Shutter, args.site.shutter, limits.hand_held_s);
+        let set = Settings {
+            f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
+            time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
+            iso: args.site.iso.or(taken.iso).unwrap_or(USUAL_ISO),
+        };
+        Ok(Self {
+            mode,
+            set: set.exact(),
+            lux,
+            compensation_ev: args.site.compensation,
+            limits,
+            focus_distance_m: f64::INFINITY,
+        })
+    }
+
+    fn metered(&self, mode: Mode, set: Settings) -> Asked {
+        let metered = meter(mode, self.lux, set, self.compensation_ev, &self.limits);
+        Asked { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
+    }
+
+    /// Of an exposure that its mode could not bring about, why.
+    pub fn misses(&self, asked: &Asked) -> Option<String> {
+        let missed = self.mode != Mode::Manual && asked.over_ev.abs() > 0.5;
+        missed.then(|| {
+            let (stops, side, other) = match asked.over_ev {
+                over if over > 0.0 => (over, "too bright", "a smaller"),
+                over => (-over, "too dark", "a larger"),
+            };
+            let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
+            format!(
+                "{} is {stops:.1} stops {side}: the shutter can be open from {} to {} (no longer than frames go on around \
+                 this one), the aperture {} to {}; {other} --iso helps, or a frame further from the recording's ends",
+                asked.settings,
+                stops::format_shutter_s(shortest_s),
+                stops::format_shutter_s(longest_s),
+                stops::format_f_number(widest_f_number),
+                stops::format_f_number(narrowest_f_number),
+            )
+        })
+    }
+
+    /// What is varied stays as it is set; in manual mode all the rest does too, else the camera makes up for it.
+    pub fn series(&self, bracket: Option<Bracket>) -> Vec<Asked> {
+        let manual = self.mode == Mode::Manual;
+        let usual = self.metered(self.mode, self.set);
+        let Some(bracket) = bracket else { return vec![usual] };
+        let Limits { widest_f_number, narrowest_f_number, shortest_s, longest_s, .. } = self.limits;
+        let full = |value: f64, least: f64, most: f64| (least * 0.999..=most * 1.001).contains(&value);
+        match bracket {
+            Bracket::Aperture => {
+                let mode = if manual { Mode::Manual } else { Mode::AperturePriority };
+                let stops = stops::f_numbers(Step::Full).into_iter().map(|stop| stop.exact);
+                let stops = stops.filter(|n| full(*n, widest_f_number, narrowest_f_number));
+                stops.map(|f_number| self.metered(mode, Settings { f_number, ..self.set })).collect()
+            }
+            Bracket::Shutter => {
+                let mode = if manual { Mode::Manual } else { Mode::ShutterPriority };
+                let middle = if manual { self.set.time_s } else { usual.settings.time_s };
+                let times = TIMES.map(|stops| middle * f64::from(stops).exp2());
+                let times = times.filter(|t| full(*t, shortest_s, longest_s));
+                times.map(|time_s| self.metered(mode, Settings { time_s, ..self.set })).collect()
+            }
+            Bracket::Iso => {
+                let speeds = stops::iso_speeds(Step::Full).into_iter().map(|stop| stop.exact);
+                speeds.map(|iso| self.metered(self.mode, Settings { iso, ..self.set })).collect()
+            }
+            Bracket::Focus => (-3..=3)
+                .map(|thirds| {
+                    let focus_distance_m = self.focus_distance_m * (f64::from(thirds) / 3.0).exp2();
+                    Asked { focus_distance_m, settings: usual.settings, over_ev: usual.over_ev }
+                })
+                .collect(),
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! `locard photo`.
+
+mod dials;
+mod shoot;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+
+use dials::{Asked, Dials, TIMES};
+use shoot::Shoot;
+
+use super::light::{self, Known, Opened, USUAL_ISO};
+use super::outputs::Inputs;
+use super::which::Which;
+use super::{Interruption, NOTHING_SEEN, progress_of, tell, warn};
+use crate::camera::exposure::INDOORS_LX;
+use crate::camera::metering::{Limits, Mode, PictureLight};
+use crate::camera::{Film, Geometry, Opening, stops};
+use crate::compositor::{Compositor, measured_from};
+use crate::gpu::Gpu;
+use crate::photo::{self, Framing};
+use crate::profile::Rig;
+use crate::recording::Recording;
+use crate::sink::photograph;
+
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    site: light::Site,
+    /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
+    #[arg(long)]
+    scene: PathBuf,
+    /// p (program), a (aperture priority), s (shutter priority), m (manual); else by what is set
+    #[arg(long)]
+    mode: Option<Mode>,
+    /// The focal length in mm; else one that sees all of the recorded picture that the film's shape allows
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
+    focal: Option<f64>,
+    /// What is sharp: a distance in metres, inf, or auto (what is in the middle)
+    #[arg(long, default_value = "auto", allow_hyphen_values = true, value_parser = focus)]
+    focus: Focus,
+    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm; else the recording's
+    #[arg(long)]
+    film: Option<Film>,
+    /// Width of the photograph; else as many pixels as the recording has there
+    #[arg(long, value_name = "PX")]
+    width: Option<u32>,
+    /// A series in which one setting goes through its range, and a contact sheet
+    #[arg(long, value_enum)]
+    bracket: Option<Bracket>,
+    #[command(flatten)]
+    which: Which,
+    /// Seed of the grain
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// A .jpg or .png; of a series, NAME-1.jpg and so on, and NAME-sheet.jpg
+    #[arg(short = 'o', long = "output", value_name = "FILE")]
+    output: PathBuf,
+    /// Replace pictures that exist
+    #[arg(long)]
+    force: bool,
+    /// No warnings
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Focus {
+    Auto,
+    Metres(f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Bracket {
+    /// f/2.8 to f/22
+    Aperture,
+    /// Three stops to both sides
+    Shutter,
+    /// ISO 100 to 25600
+    Iso,
+    /// From half the distance to twice
+    Focus,
+}
+
+fn focus(text: &str) -> Result<Focus, String> {
+    let metres = match text.trim().trim_end_matches('m').trim_end() {
+        "auto" => return Ok(Focus::Auto),
+        "inf" | "infinity" => Some(f64::INFINITY),
+        number => number.parse().ok().filter(|m: &f64| (0.01..=1e5).contains(m)),
+    };
+    metres.map(Focus::Metres).ok_or_else(|| format!("{text} is refused: accepted are auto, inf, and 0.01 to 100000 m"))
+}
+
+fn focal_length(text: &str) -> Result<f64, String> {
+    let mm = text.trim().trim_end_matches("mm").trim_end().parse().ok().filter(|mm| (1.0..=5000.0).contains(mm));
+    mm.ok_or_else(|| format!("{text} is refused: accepted is 1 to 5000 mm"))
+}
+
+pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
+    let Opened { recording, rig, mut effects, taken } = args.site.open()?;
+    let index = args.site.frame;
+    recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
+    effects.seed = args.seed;
+    args.which.apply(&mut effects)?;
+    let whole = super::composite::camera_of(&recording, &rig, index)?;
+    let whole = with_film(whole, &rig, recording.exposure.get(index).and_then(|e| e.photo.focal_length_m));
+    if whole.is_round() {
+        bail!("a photograph out of a 360° picture is not made: composite into the recording, and crop that");
+    }
+
+    // All that can be refused is, before anything is drawn.
+    rig.lens.opening(&whole)?;
+    effects.check(&rig.camera(), &whole)?;
+    let focal_length_m = args.focal.map(|mm| 1e-3 * mm);
+    let (given_m, checked_m) = match args.focus {
+        Focus::Metres(distance_m) => (distance_m, focal_length_m),
+        // What a lens sees depends on where it is focused, which is not known yet; a series goes on to infinity.
+        Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| args.bracket == Some(Bracket::Focus))),
+    };
+    Framing::new(&whole, args.film, checked_m, given_m, args.width)?;
+    let scene = crate::scene::load(&args.scene, recording.up)?;
+    for text in recording.warnings.iter().chain(&scene.warnings) {
+        warn(args.quiet, text);
+    }
+    let lux = match (args.site.lux, taken.settings()) {
+        (None, None) => {
+            let text =
+                format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken");
+            warn(args.quiet, &text);
+            INDOORS_LX
+        }
+        _ => light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux,
+    };
+    let asked = Known { f_number: args.site.aperture, ..Known::default() };
+    let mut limits = light::limits(&rig, asked);
+    let recorded_s = recorded_s(&recording, index);
+    if let Some(time_s) = args.site.shutter.filter(|&time_s| time_s > recorded_s * 1.001) {
+        bail!(
+            "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
+             {recorded_s:.3} s, or a frame further from its ends"
+        );
+    }
+    limits.longest_s = limits.longest_s.min(recorded_s);
+    let mut dials = Dials::new(args, taken, lux, limits)?;
+    let count = dials.series(args.bracket).len();
+    if let (Some(Bracket::Shutter), left_out @ 1..) = (args.bracket, TIMES.count().saturating_sub(count)) {
+        let Limits { shortest_s, longest_s, .. } = dials.limits;
+        let text = format!(
+            "{left_out} of {} times are left out: shutters here are open from {} to {}",
+            TIMES.count(),
+            stops::format_shutter_s(shortest_s),
+            stops::format_shutter_s(longest_s)
+        );
+        warn(args.quiet, &text);
+    }
+    let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.site.profile).and(&scene.files);
+    for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
+        photograph::check(&path, args.force)?;
+        inputs.check_file(&path)?;
+    }
+
+    let frame = recording.frames(index..index + 1)?.next().context("the frame cannot be read")??;
+    let camera = rig.camera();
+    let depth = frame.depth.as_ref().filter(|_| effects.depth.occlusion);
+    if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &recording.track, recording.time_offset_s)) {
+        warn(args.quiet, &format!("nothing real hides objects: {why}"));
+    }
+    let unknown_speed = rig.exposure.iso.or(taken.iso).is_none();
+    if unknown_speed && camera.noise.is_some() && (args.site.iso.is_some() || args.bracket == Some(Bracket::Iso)) {
+        let text = format!(
+            "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is taken"
+        );
+        warn(args.quiet, &text);
+    }
+    if camera.noise.is_none() {
+        let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; `locard \
+                    calibrate noise` measures it from pictures of a scene at rest";
+        warn(args.quiet, text);
+    }
+    let compositor = Compositor::new(Gpu::open()?, camera, effects, scene);
+    for text in compositor.warnings() {
+        warn(args.quiet, &text);
+    }
+    let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
+    let mut site = Shoot { args, recording, rig, whole, frame, mean, compositor };
+    dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
+    let mut sheet = Vec::new();
+    let mut told = false;
+    let series = dials.series(args.bracket);
+    let framed =
+        |asked: &Asked| Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width);
+    let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
+    for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
+        let opening = site.lens(asked).opening(&framing.geometry)?;
+        let flat = site.frame.depth.is_none();
+        if flat && !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
+            let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as sharp \
+                        as it was recorded";
+            warn(args.quiet, text);
+            told = true;
+        }
+        if let Some(text) = dials.misses(asked) {
+            warn(args.quiet, &text);
+        }
+        let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
+        bar.set_message(format!("photograph {} of {}", n + 1, series.len()));
+        bar.enable_steady_tick(std::time::Duration::from_millis(500));
+        let done = |share: f64| bar.set_position((100.0 * share) as u64);
+        let photo::Taken { pixels, shows_objects } = site.take(&dials, asked, &framing, opening, taken, done)?;
+        bar.finish_and_clear();
+        if !shows_objects && n == 0 {
+            warn(args.quiet, NOTHING_SEEN);
+        }
+        let path = path_of(args, &(n + 1).to_string());
+        let notes = site.notes(&dials, asked, &framing);
+        interruption.hold(|| Ok(photograph::write(&path, &pixels, Some(&notes), args.force)?))?;
+        tell(args.quiet, &format!("{}: {}", path.display(), label(asked, &framing).replace('\n', ", ")));
+        if args.bracket.is_some() {
+            sheet.extend(photo::small(&pixels).map(|small| (small, label(asked, &framing))));
+        }
+    }
+    if args.bracket.is_some() {
+        let path = path_of(args, "sheet");
+        interruption.hold(|| Ok(photograph::write(&path, &photo::contact_sheet(&sheet), None, args.force)?))?;
+        tell(args.quiet, &format!("{}", path.display()));
+    }
+    Ok(())
+}
+
+/// How long a shutter whose middle is a frame's time can be open and see frames all the while, seconds; an interval at
+/// least, and any time where the frames' own mean nothing.
+fn recorded_s(recording: &Recording, frame: usize) -> f64 {
+    let times = &recording.timestamps_s;
+    let (Some(first), Some(at), Some(last)) = (times.first(), times.get(frame), times.last()) else { return 0.0 };
+    let interval_s = recording.frame_interval_s;
+    if recording.kind.has_times() { interval_s + 2.0 * (at - first).min(last - at) } else { f64::INFINITY }
+}
+
+/// The camera's geometry with the width of film at which its focal length is what the frame's file says, where nothing else
+/// tells how wide the film is.
+fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometry {
+    let Some(focal_length_m) = focal_length_m.filter(|_| !rig.gives_film_width()) else { return whole };
+    let Geometry { mut intrinsics, distortion, .. } = whole;
+    intrinsics.film_width_mm = 1e3 * focal_length_m * f64::from(intrinsics.width_px) / intrinsics.fx_px;
+    Geometry::new(intrinsics, distortion)
+}
+
+/// Of a single photograph the name that was given, of a series one with a part behind a hyphen.
+fn path_of(args: &Args, part: &str) -> PathBuf {
+    if args.bracket.is_none() {
+        return args.output.clone();
+    }
+    let text = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    let (stem, extension) = (text(args.output.file_stem()), text(args.output.extension()));
+    args.output.with_file_name(format!("{stem}-{part}.{extension}"))
+}
+
+fn label(asked: &Asked, framing: &Framing) -> String {
+    let off =
+        if asked.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", asked.over_ev) } else { String::new() };
+    let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);
+    let focus = match framing.focus_distance_m {
+        far if far.is_infinite() => "infinity".to_owned(),
+        near => format!("{near:.2} m"),
+    };
+    format!("{}\n{lens} at {focus}{off}", asked.settings)
+}
+
+/// Whether things at half the distance that is sharp, or behind it at infinity, would show that they are not.
+fn blurs(opening: &Opening, framing: &Framing) -> bool {
+    let fx_px = framing.geometry.intrinsics.fx_px;
+    let nearer = if framing.focus_distance_m.is_finite() { 0.5 * framing.focus_distance_m } else { 1.0 };
+    [nearer, f64::INFINITY].into_iter().any(|distance_m| opening.circle_px(fx_px, distance_m).abs() > 1.5)
+}

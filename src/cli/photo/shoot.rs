@@ -1,0 +1,170 @@
+//! A recording's frame, photographed.
+
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::Result;
+
+use super::dials::{Asked, Dials};
+use super::{Args, Focus};
+use crate::camera::exposure::Settings;
+use crate::camera::metering::Mode;
+use crate::camera::stops::{self, Step};
+use crate::camera::{Geometry, Lens, Opening};
+use crate::cli::light::{Known, USUAL_ISO};
+use crate::cli::warn;
+use crate::compositor::{Compositor, Job};
+use crate::frame::Frame;
+use crate::image::Rect;
+use crate::photo::{self, Exposed, Framing, Real, Site, Summed, Taken};
+use crate::profile::Rig;
+use crate::recording::Recording;
+use crate::sink::photograph::Notes;
+use crate::words::short;
+
+/// Timestamps from here on (2001-09-09) are seconds since 1970.
+const EPOCH_S: f64 = 1e9;
+
+/// A recording, opened, with the frame that is photographed.
+pub struct Shoot<'a> {
+    pub args: &'a Args,
+    pub recording: Recording,
+    pub rig: Rig,
+    pub whole: Geometry,
+    pub frame: Frame,
+    /// Of its linear light.
+    pub mean: f64,
+    pub compositor: Compositor,
+}
+
+impl Shoot<'_> {
+    pub fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<f64> {
+        if let Focus::Metres(distance_m) = self.args.focus {
+            return Ok(distance_m);
+        }
+        let pending = self.compositor.submit(Job {
+            frame: self.frame.clone(),
+            geometry: &self.whole,
+            track: &self.recording.track,
+            time_offset_s: self.recording.time_offset_s,
+            interval_s: self.recording.frame_interval_s,
+            want_layer: true,
+            photograph: None,
+        })?;
+        let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
+        let framed = |f| Framing::new(&self.whole, self.args.film, f, f64::INFINITY, self.args.width);
+        // A lens that sees too much at infinity may see enough where it will be focused.
+        let framing = framed(focal_length_m).or_else(|_| framed(None))?;
+        let (width, height) = framing.size();
+        let corner = framing.framed.source_px(glam::DVec2::new(f64::from(width), f64::from(height)));
+        let seen = Rect::new(
+            framing.framed.left_px as i32,
+            framing.framed.top_px as i32,
+            corner.x.round() as i32,
+            corner.y.round() as i32,
+        );
+        let found = photo::distance_m(&layer, self.frame.depth.as_ref(), seen);
+        if found.is_none() {
+            warn(self.args.quiet, "there is nothing to focus on: infinity is sharp; --focus sets a distance");
+        }
+        Ok(found.unwrap_or(f64::INFINITY))
+    }
+
+    pub fn lens(&self, asked: &Asked) -> Lens {
+        Lens {
+            f_number: Some(asked.settings.f_number),
+            aperture_diameter_mm: None,
+            focus_distance_m: Some(asked.focus_distance_m).filter(|d| d.is_finite()),
+            ..self.rig.lens.clone()
+        }
+    }
+
+    pub fn take(
+        &mut self,
+        dials: &Dials,
+        asked: &Asked,
+        framing: &Framing,
+        opening: Option<Opening>,
+        taken: Known,
+        done: impl FnMut(f64),
+    ) -> Result<Taken> {
+        let (args, recording) = (self.args, &self.recording);
+        let has_times = recording.kind.has_times();
+        let (range, weights) = if has_times {
+            let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
+            photo::shutter_weights(times, interval_s, args.site.frame, asked.settings.time_s)
+        } else {
+            (args.site.frame..args.site.frame + 1, vec![1.0])
+        };
+        let mut frames = Vec::with_capacity(weights.len());
+        let mut summed = Vec::new();
+        if range.len() == 1 {
+            frames.push((1.0, self.frame.pixels.clone()));
+        } else {
+            for (frame, weight) in recording.frames(range)?.zip(weights) {
+                let frame = frame?;
+                let exposure_s = self.compositor.exposure_time_s(&frame, recording.frame_interval_s);
+                summed.push(Summed { time_s: frame.timestamp_s - self.frame.timestamp_s, exposure_s, weight });
+                frames.push((weight, frame.pixels));
+            }
+        }
+        let response = &self.rig.response;
+        // By the frame itself: what it shows is what was metered.
+        let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
+        // The recording's own settings leave its light as it is, whatever roundings say.
+        let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
+        let real = Real::new(&frames, response, &framing.framed, framing.size(), gain);
+        drop(frames);
+        let measured_at = self.rig.exposure.iso.or(taken.iso).unwrap_or(USUAL_ISO);
+        let exposed = Exposed {
+            opening,
+            time_s: if has_times { asked.settings.time_s } else { 0.0 },
+            over_ev: gain.log2(),
+            iso_ratio: asked.settings.iso / measured_at,
+        };
+        let site = Site {
+            recorded: &self.whole,
+            track: &recording.track,
+            time_offset_s: recording.time_offset_s,
+            interval_s: recording.frame_interval_s,
+            frame: args.site.frame,
+            timestamp_s: self.frame.timestamp_s,
+            exposure: self.frame.exposure,
+            summed: &summed,
+            depth: self.frame.depth.as_ref(),
+        };
+        Ok(photo::take(&mut self.compositor, &site, framing, real, &exposed, done)?)
+    }
+
+    pub fn notes(&self, dials: &Dials, asked: &Asked, framing: &Framing) -> Notes {
+        let Settings { f_number, time_s, iso } = asked.settings;
+        let focal_length_mm = 1e3 * framing.focal_length_m;
+        let clock_s = Some(self.frame.timestamp_s).filter(|t| *t >= EPOCH_S);
+        let recorded_s = self.frame.exposure.photo.taken_s.or(clock_s);
+        let now_s = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Notes {
+            // As they are engraved, like a camera writes them.
+            f_number: stops::marked(&stops::f_numbers(Step::Third), f_number),
+            time_s: stops::marked(&stops::shutter_times_s(Step::Third), time_s),
+            iso: stops::marked(&stops::iso_speeds(Step::Third), iso),
+            focal_length_mm,
+            equivalent_mm: framing.film.equivalent_35mm(focal_length_mm),
+            focus_distance_m: asked.focus_distance_m,
+            compensation_ev: dials.compensation_ev,
+            program: match dials.mode {
+                Mode::Manual => 1,
+                Mode::Program => 2,
+                Mode::AperturePriority => 3,
+                Mode::ShutterPriority => 4,
+            },
+            taken_s: recorded_s.unwrap_or_else(now_s),
+            description: format!(
+                "frame {} of {} at {} s",
+                self.args.site.frame,
+                name(&self.recording.path),
+                short(self.frame.timestamp_s)
+            ),
+        }
+    }
+}
