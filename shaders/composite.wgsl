@@ -58,6 +58,25 @@ fn real_at(p: vec2<i32>, recorded: vec3<f32>) -> vec4<f32> {
 }
 // @real
 
+// What a photograph leaves of σ of real pixels of some light, as light: that of the light as it was recorded, brightened.
+fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
+    let recorded_light = light / composite.scale.y;
+    let recorded = encode(recorded_light, curve, gamma);
+    let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.scale.y;
+    return sigma_at(recorded) / slope * sqrt(composite.scale.z);
+}
+
+// The least variance of virtual pixels of a colour: what the real ones of it around them keep, however slow the film.
+fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
+    if photograph == 0.0 {
+        return vec3<f32>(0.0);
+    }
+    let shown = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
+    let light = decode(shown, curve, gamma);
+    let s = slope_at(shown, light, curve, gamma) * recorded_sigma(light) * real_at(p, light).a;
+    return s * s;
+}
+
 // Premultiplied over in linear light, encoded again. Each colour has its own coverage.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
@@ -70,10 +89,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
     let after = slope_at(mixed, light, curve, gamma);
     var s = w * after / before * sigma_at(code);
     if photograph > 0.0 {
-        let recorded_light = real_light / composite.scale.y;
-        let recorded = encode(recorded_light, curve, gamma);
-        let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.scale.y;
-        s = w * after / slope * sigma_at(recorded) * sqrt(composite.scale.z) * real.a;
+        s = w * after * recorded_sigma(real_light) * real.a;
     }
     let variance = s * s;
     return Mixed(mixed, variance);

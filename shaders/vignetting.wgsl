@@ -1,8 +1,10 @@
-// The layer's light times a gain that is given at the corners of a grid over the picture; coverage stays.
+// The layer's light times a gain that is given at the corners of a grid over the picture; coverage stays. Beyond the image
+// circle, whose rim is one pixel wide, is nothing.
 // @import shared/fullscreen
 struct Vignetting {
     cells: vec4<f32>,   // a pixel's share of a cell: x, y; cells across and down: z, w
     origin: vec4<i32>,  // of the layer in the picture: x, y
+    circle: vec4<f32>,  // the image circle's middle in the picture: x, y; its radius: z
 }
 @group(0) @binding(0) var<uniform> vignetting: Vignetting;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -22,6 +24,7 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let i = vec2<i32>(corner);
     let upper = mix(gain_at(i), gain_at(i + vec2<i32>(1, 0)), f.x);
     let lower = mix(gain_at(i + vec2<i32>(0, 1)), gain_at(i + 1), f.x);
-    let light = textureLoad(layer, p, 0);
-    return vec4<f32>(light.rgb * mix(upper, lower, f.y), light.a);
+    let from_middle = vec2<f32>(p + vignetting.origin.xy) + 0.5 - vignetting.circle.xy;
+    let exposed = clamp(vignetting.circle.z - length(from_middle) + 0.5, 0.0, 1.0);
+    return exposed * textureLoad(layer, p, 0) * vec4<f32>(vec3<f32>(mix(upper, lower, f.y)), 1.0);
 }

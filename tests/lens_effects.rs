@@ -9,7 +9,7 @@ mod gpu;
 
 use board::{FOCAL_PX, board, sideways};
 use glam::DVec2;
-use locard::camera::{Camera, Curve, Distortion, Geometry, Response};
+use locard::camera::{Camera, Curve, Distortion, Geometry, LensModel, Response};
 use locard::compositor::Composited;
 use locard::effects::{chromatic_aberration, exposure, point_spread, vignetting};
 use locard::frame::FrameExposure;
@@ -68,6 +68,29 @@ fn vignetting_is_cos4_of_the_angle() {
     }
 }
 
+/// A fisheye of 200 px a radian that sees half of the sphere and more: at 100 px, 0.5 rad, its picture ends.
+#[test]
+fn nothing_is_drawn_beyond_a_circular_fisheyes_picture() {
+    let mut geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
+    geometry.intrinsics.cx_px = 150.0;
+    let fisheye = Distortion { model: LensModel::OpencvFisheye, ..Default::default() };
+    let camera = gpu::camera(&Geometry::new(geometry.intrinsics, fisheye), 0.0);
+    let whole = drawn_by(&camera, &[], board([900.0, 900.0], 0.5), FrameExposure::default());
+    let circle = [number("vignetting", "image_circle_px", 200.0)];
+    let done = drawn_by(&camera, &circle, board([900.0, 900.0], 0.5), FrameExposure::default());
+    for y in 0..HEIGHT as usize {
+        for x in 0..WIDTH as usize {
+            let off = DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(DVec2::new(150.0, 120.0)) - 100.0;
+            let (found, all) = (rgba(&done, x, y), rgba(&whole, x, y));
+            let left = (0.5 - off).clamp(0.0, 1.0);
+            close(found, all.map(|v| v * left), 2e-3, &format!("({x}, {y}), {off:.2} px beyond the rim"));
+            if off > 0.5 {
+                assert_eq!(codes(&done, x, y), [60; 3], "({x}, {y})");
+            }
+        }
+    }
+}
+
 #[test]
 fn vignetting_follows_the_lens_of_a_distorted_camera() {
     let mut geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
@@ -85,7 +108,8 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
         number("vignetting", "rim_radius_mm", 0.6),
     ];
     let done = drawn_by(&camera, &sets, board([900.0, 900.0], 0.5), FrameExposure::default());
-    let params = vignetting::Vignetting { natural: 0.8, rim_distance_mm: 1.0, rim_radius_mm: 0.6 };
+    let params =
+        vignetting::Vignetting { natural: 0.8, rim_distance_mm: 1.0, rim_radius_mm: 0.6, image_circle_px: None };
     let opening = camera.lens.opening(&geometry).unwrap();
     let mut darkest = 1.0f64;
     for y in (0..HEIGHT as usize).step_by(7) {

@@ -15,7 +15,8 @@ fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
 
 fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
     let brought = pixel.camera_variance * camera_factor(pixel.code);
-    let missing = max(wanted_variance(pixel.code) - brought, vec3<f32>(0.0));
+    let wanted = max(wanted_variance(pixel.code), least_variance(p, pixel.code));
+    let missing = max(wanted - brought, vec3<f32>(0.0));
     let n = pattern_at(p + composite.origin.xy);
     return Mixed(pixel.code + sqrt(missing) * n / 255.0, brought + missing);
 }

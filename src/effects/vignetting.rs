@@ -1,7 +1,8 @@
 //! Vignetting: light is lost away from the picture's middle (camera/falloff.rs).
 //!
 //! gain = cos⁴θ to the power `natural`, times the part of the opening that a rim leaves free. Multiplies the layer's
-//! light; what it covers stays covered. The rim takes the opening from `camera.lens`: stopping down makes it go away.
+//! light; what it covers stays covered, but for what lies beyond a circular fisheye's image circle: there is no picture
+//! there, and the camera's black pixels stay as they are. The rim takes the opening from `camera.lens`: stopping down makes it go away.
 //! The gain is worked out at the corners of 128 cells across the picture and interpolated: within 1e-4 for the natural
 //! part of a lens that sees 90°.
 //!
@@ -25,12 +26,26 @@ crate::params! {
         rim_distance_mm: f64 = 0.0, "mm", 0.0..=1000.0;
         "mechanical: radius of that rim; at least that of the widest opening"
         rim_radius_mm: f64 = 20.0, "mm", 0.1..=1000.0;
+        "diameter of the circle around the principal point that holds the picture, as of a circular fisheye; none: all is picture"
+        image_circle_px: Option<f64> = None, "px", 1.0..=131072.0;
     }
 }
 
 impl Vignetting {
-    fn is_off(&self) -> bool {
+    fn keeps_light(&self) -> bool {
         self.natural == 0.0 && self.rim_distance_mm == 0.0
+    }
+
+    fn is_off(&self) -> bool {
+        self.keeps_light() && self.image_circle_px.is_none()
+    }
+
+    /// The image circle in the picture that is made: middle, radius, 0; px.
+    fn circle(&self, context: &FrameContext<'_>) -> [f64; 4] {
+        let i = &context.geometry.intrinsics;
+        let calibrated = &context.camera.geometry.as_ref().unwrap_or(context.geometry).intrinsics;
+        let radius_px = self.image_circle_px.map_or(NO_CIRCLE_PX, |px| 0.5 * px * i.fx_px / calibrated.fx_px);
+        [i.cx_px, i.cy_px, radius_px, 0.0]
     }
 
     fn rim(&self) -> Rim {
@@ -38,6 +53,8 @@ impl Vignetting {
     }
 }
 
+/// Larger than any picture: no image circle.
+const NO_CIRCLE_PX: f64 = 1e9;
 /// Across the picture.
 const CELLS: u32 = 128;
 
@@ -62,6 +79,7 @@ struct Grid {
 struct Uniform {
     cells: [f32; 4],
     origin: [i32; 4],
+    circle: [f32; 4],
 }
 
 impl Grid {
@@ -127,6 +145,7 @@ impl Effect for VignettingEffect {
         let uniform = Uniform {
             cells: [across / i.width_px as f32, down / i.height_px as f32, across, down],
             origin: [context.drawn.x0, context.drawn.y0, 0, 0],
+            circle: self.params.circle(context).map(|px| px as f32),
         };
         let uniform = constants(gpu, "vignetting", bytemuck::bytes_of(&uniform));
         let color = run.pool.get(gpu, "vignetted colour", 0, layer.size, COLOR, 1);
@@ -139,6 +158,9 @@ impl Effect for VignettingEffect {
 
 /// The gain on light at a place in the picture (px), 0 to 1; 0 where the lens has no ray.
 fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
+    if params.keeps_light() {
+        return 1.0;
+    }
     let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
     let ray = ray.truncate();
     let rim = params.rim();
@@ -173,7 +195,7 @@ mod tests {
         // 525 px beside the middle is 45°: cos⁴ is 1/4, half of it (cos²) is 1/2.
         let at = DVec2::new(320.0 + 525.0, 240.0);
         let gain = |natural, rim_distance_mm, opening| {
-            let params = Vignetting { natural, rim_distance_mm, rim_radius_mm: 10.0 };
+            let params = Vignetting { natural, rim_distance_mm, rim_radius_mm: 10.0, image_circle_px: None };
             super::gain(&params, &geometry, opening, at)
         };
         assert!((gain(1.0, 0.0, None) - 0.25).abs() < 1e-12);
