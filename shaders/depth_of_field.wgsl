@@ -2,6 +2,7 @@
 // it apart (src/effects/depth_of_field/layered.rs).
 // @import shared/layer
 // @import shared/lens
+// @import shared/highlights
 
 // The resolution that is drawn: 0 the layer's, 1 half of it and so on.
 override level: i32 = 0;
@@ -19,6 +20,9 @@ struct Aperture {
     // Row by row around the image's middle: on which rim a texel lies, in the image of what is behind the focus plane and of
     // what is before it; the same where the middle lies between four texels.
     places: array<vec4<f32>, PLACES>,
+    // Angle between the middles of two sides (0 for a circle) and that of one of them, rad; the apothem, in radii; the area, in
+    // squares of the apothem.
+    shape: vec4<f32>,
 }
 const RIMS: u32 = 64u;
 const REACH: i32 = 13;
@@ -38,6 +42,7 @@ const PLACES: u32 = 729u;
 @group(0) @binding(9) var blurred_front: texture_2d<f32>;
 @group(0) @binding(10) var blurred_back: texture_2d<f32>;
 @group(0) @binding(11) var between: sampler;
+@group(0) @binding(12) var<storage, read> highlights: Highlights;
 
 fn texel_px() -> f32 { return exp2(f32(level)); }
 
@@ -394,4 +399,76 @@ fn passing(in: Corner) -> @location(0) vec4<u32> {
     let own = textureLoad(geometry, vec2<i32>(in.at.xy), 0);
     let around = lens.circle.y - in.range.x / lens.circle.x;
     return select(pack_geometry(1.0 / max(around, 1e-6), vec2<f32>(0.0)), own, unpack_geometry(own).x > 0.0);
+}
+
+struct Spot {
+    @builtin(position) at: vec4<f32>,
+    @location(0) @interpolate(flat) middle: vec2<f32>,
+    // Apothem of its image, width of the rim, circle (px).
+    @location(1) @interpolate(flat) size: vec3<f32>,
+    // In a pixel that lies inside.
+    @location(2) @interpolate(flat) light: vec3<f32>,
+}
+
+// A light's image: around the middle of its block's light, its rim as wide as that light is.
+@vertex
+fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Spot {
+    let highlight = highlights.all[i];
+    let first = BLOCK_PX * vec2<i32>(highlight.place.xy);
+    var sum = 0.0;
+    var middle = vec2<f32>(0.0);
+    var second = 0.0;
+    for (var k = 0; k < BLOCK_PX * BLOCK_PX; k++) {
+        let step = vec2<i32>(k % BLOCK_PX, k / BLOCK_PX);
+        let light = brightest(textureLoad(color, first + step, 0));
+        let place = vec2<f32>(step);
+        sum += light;
+        middle += light * place;
+        second += light * dot(place, place);
+    }
+    middle /= max(sum, 1e-6);
+    // A square of this side has the variance that was found along an axis; a pixel's at least.
+    let variance = 0.5 * (second / max(sum, 1e-6) - dot(middle, middle));
+    let rim = sqrt(max(12.0 * variance, 1.0));
+    let circle = highlight.place.w;
+    let apothem = 0.5 * abs(circle) * aperture.shape.z;
+    // What a rim spreads evenly to both sides adds to the area.
+    let area = aperture.shape.w * (apothem * apothem + rim * rim / 12.0);
+    let reach = (apothem + 0.5 * rim) / aperture.shape.z;
+    var out: Spot;
+    out.middle = vec2<f32>(first) + middle + 0.5;
+    let corner = out.middle + reach * (2.0 * vec2<f32>(f32(v & 1u), f32(v >> 1u)) - 1.0);
+    let device = corner / vec2<f32>(lens.size.xy) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    out.at = vec4<f32>(device, 0.0, 1.0);
+    out.size = vec3<f32>(apothem, rim, circle);
+    out.light = highlight.light.rgb / area;
+    return out;
+}
+
+// How far from the middle a side lies that a place lies on.
+fn apothem_at(place: vec2<f32>) -> f32 {
+    let side = aperture.shape.x;
+    let off = atan2(place.y, place.x) - aperture.shape.y;
+    let from_middle = off - side * round(off / max(side, 1e-6));
+    return length(place) * select(1.0, cos(from_middle), side > 0.0);
+}
+
+// So little that it hides nothing, and that the pixel is not taken for one of the camera's.
+const LEAST_ALPHA: f32 = 0.0009765625;
+
+@fragment
+fn spot(in: Spot) -> @location(0) vec4<f32> {
+    let circle = in.size.z;
+    let at = apothem_at(side_of(circle) * (in.at.xy - in.middle));
+    let share = clamp((in.size.x - at) / in.size.y + 0.5, 0.0, 1.0);
+    if share == 0.0 {
+        discard;
+    }
+    // Where two surfaces are, the nearer one hides the farther one's lights as it hides all else.
+    let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.size.z)), 0);
+    var seen = 1.0;
+    if tile.z == 6.0 && circle >= 0.5 * (tile.x + tile.y) {
+        seen = 1.0 - gather_two_fine(vec2<i32>(in.at.xy), in.at.xy, tile.xy).front.a;
+    }
+    return vec4<f32>(share * seen * in.light, select(0.0, LEAST_ALPHA, seen > 0.0));
 }

@@ -253,6 +253,86 @@ fn a_lights_energy_is_kept() {
     }
 }
 
+/// What a square light of 3 px shows as in a pixel: the share of its light, counted on places in pixel and light.
+fn image_of_a_light(aperture: &Aperture, radius_px: f64, upright: f64, area: f64, at: [f64; 2]) -> f64 {
+    let along = |i: u32, n: u32| (f64::from(i) + 0.5) / f64::from(n) - 0.5;
+    let (pixels, lights) = (4, 6);
+    let mut inside = 0;
+    for i in 0..pixels * pixels {
+        for j in 0..lights * lights {
+            let [x, y] = [0, 1].map(|c| {
+                let (in_pixel, in_light) = if c == 0 { (i % pixels, j % lights) } else { (i / pixels, j / lights) };
+                upright * (at[c] + along(in_pixel, pixels) - 3.0 * along(in_light, lights)) / radius_px
+            });
+            inside += u32::from(aperture.gauge([x, y]) <= 1.0);
+        }
+    }
+    f64::from(inside) / f64::from((pixels * lights).pow(2)) * 9.0 / (area * radius_px * radius_px)
+}
+
+/// So bright that a step of a texel would show a hundred times as bright as white.
+#[test]
+fn a_bright_light_shows_the_openings_outline() {
+    const LIGHT: f64 = 3000.0;
+    for (blades, depth_m) in [(0, 2.0), (5, 2.0), (5, 0.5), (6, 0.5)] {
+        // Across pixels and blocks, and within one.
+        for (circle_px, at) in [(10.0, [3.2, 1.7]), (24.0, [0.4, -0.5]), (24.0, [6.5, 5.5]), (52.0, [-8.3, 2.9])] {
+            let corner: [f64; 2] = at.map(|v| v - 1.5);
+            let light = rectangles(&[(corner, corner.map(|v| v + 3.0), depth_m, [LIGHT as f32; 3])]);
+            let camera = camera(circle_px, depth_m, blades);
+            let opening = camera.lens.opening(&camera.geometry.clone().unwrap()).unwrap().unwrap();
+            let aperture = Aperture::of(&opening);
+            let area = match blades {
+                0 => std::f64::consts::PI,
+                n => 0.5 * f64::from(n) * (std::f64::consts::TAU / f64::from(n)).sin(),
+            };
+            let layer = composited(&camera, light, "layered").layer.unwrap();
+            let upright = if depth_m < FOCUS_M { -1.0 } else { 1.0 };
+            let radius_px = 0.5 * circle_px;
+            let full = LIGHT * 9.0 / (area * radius_px * radius_px);
+            let (mut worst, mut off, mut all) = (0.0f64, 0.0, 0.0);
+            for (i, texel) in layer.rgba.iter().enumerate() {
+                let place = [f64::from(i as u32 % WIDTH) - 159.5, f64::from(i as u32 / WIDTH) - 119.5];
+                let from = [place[0] - at[0], place[1] - at[1]];
+                let near = from[0].hypot(from[1]) < radius_px + 4.0;
+                let expected =
+                    if near { LIGHT * image_of_a_light(&aperture, radius_px, upright, area, from) } else { 0.0 };
+                let error = (f64::from(texel[0]) - expected).abs();
+                worst = worst.max(error / full);
+                off += error;
+                all += expected;
+                assert!(texel[0] == 0.0 || texel[3] > 0.0, "light is seen where something is covered");
+            }
+            let text = format!("{blades} blades, {depth_m} m, {circle_px} px: worst {worst:.3}, all {:.4}", off / all);
+            println!("{text}");
+            // A rim of one pixel that lies a tenth of a pixel elsewhere, and where rims meet.
+            assert!(worst < 0.25 && off / all < 0.01 + 0.7 / circle_px, "{text}");
+        }
+    }
+}
+
+/// Half of a light's image lies behind a board in focus.
+#[test]
+fn a_bright_light_is_hidden_by_what_is_before_it() {
+    let light = rectangles(&[([-6.0, -1.0], [-3.0, 2.0], 2.0, [900.0; 3])]);
+    let board = rectangles(&[([0.0, -60.0], [60.0, 60.0], FOCUS_M, [0.2; 3])]);
+    let camera = camera(30.0, 2.0, 0);
+    let done = composited(&camera, both(light.clone(), board), "layered");
+    let again = composited(&camera, light, "layered");
+    let red = |done: &Composited, x: i32, y: i32| {
+        done.layer.as_ref().unwrap().rgba[((y + 120) * WIDTH as i32 + x + 160) as usize][0]
+    };
+    for y in -10..10 {
+        for x in 1..20 {
+            assert!((red(&done, x, y) - 0.2).abs() < 1e-3, "({x}, {y}): {}", red(&done, x, y));
+        }
+        for x in -14..-2 {
+            let (found, alone) = (red(&done, x, y), red(&again, x, y));
+            assert!((found / alone - 1.0).abs() < 0.05, "({x}, {y}): {found}, {alone} alone");
+        }
+    }
+}
+
 #[test]
 fn a_sharp_object_does_not_leak_into_the_wall_behind_it() {
     for circle_px in [3.0, 6.0, 12.0, 24.0, 40.0] {

@@ -22,6 +22,7 @@
 //! (drawn that wide), and real things before a blurred object, over which its blur reaches.
 
 pub mod diffusion;
+mod highlights;
 mod image;
 mod layered;
 pub mod operator;

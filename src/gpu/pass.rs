@@ -20,6 +20,8 @@ pub struct Options<'a> {
     /// What stands at each binding, where passes of which not all read everything share their slots; else empty, and
     /// the bindings are those that the shader reads.
     pub bindings: &'a [Binding],
+    /// How what is drawn goes with what is there; none replaces it.
+    pub blend: Option<wgpu::BlendState>,
 }
 
 /// What a shader of group 0 finds at a binding.
@@ -31,11 +33,13 @@ pub enum Binding {
     /// Of whole numbers.
     Integers,
     Sampler,
+    /// A storage buffer that is read.
+    Storage,
 }
 
 impl Default for Options<'_> {
     fn default() -> Self {
-        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[], bindings: &[] }
+        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[], bindings: &[], blend: None }
     }
 }
 
@@ -67,7 +71,10 @@ impl FullscreenPass {
                 immediate_size: 0,
             })
         });
-        let targets: Vec<_> = formats.iter().map(|&f| Some(wgpu::ColorTargetState::from(f))).collect();
+        let targets: Vec<_> = formats
+            .iter()
+            .map(|&format| Some(wgpu::ColorTargetState { blend: options.blend, ..format.into() }))
+            .collect();
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
             layout: given.as_ref(),
@@ -102,7 +109,7 @@ impl FullscreenPass {
         targets: &[&Texture],
         size: (u32, u32),
     ) {
-        draw(gpu, encoder, &[self], slots, targets, size, (3, 1));
+        draw(gpu, encoder, &[self], slots, targets, size, Corners::Counted(3, 1));
     }
 }
 
@@ -127,6 +134,11 @@ fn group_layout(gpu: &Gpu, label: &str, bindings: &[Binding]) -> wgpu::BindGroup
                 Binding::Floats => texture(wgpu::TextureSampleType::Float { filterable: true }),
                 Binding::Integers => texture(wgpu::TextureSampleType::Uint),
                 Binding::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+                Binding::Storage => wgpu::BindingType::Buffer {
+                    ty: wgpu::BufferBindingType::Storage { read_only: true },
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
             },
             count: None,
         })
@@ -145,7 +157,26 @@ pub fn run_tiles(
     size: (u32, u32),
     tiles: u32,
 ) {
-    draw(gpu, encoder, passes, slots, targets, size, (4, tiles));
+    draw(gpu, encoder, passes, slots, targets, size, Corners::Counted(4, tiles));
+}
+
+/// Draws over what the targets hold as many quads as a buffer says that the GPU wrote: four corners, their number, two zeros.
+pub fn run_listed(
+    gpu: &Gpu,
+    encoder: &mut wgpu::CommandEncoder,
+    pass: &FullscreenPass,
+    slots: &[Slot<'_>],
+    targets: &[&Texture],
+    size: (u32, u32),
+    list: &wgpu::Buffer,
+) {
+    draw(gpu, encoder, &[pass], slots, targets, size, Corners::Listed(list));
+}
+
+enum Corners<'a> {
+    /// Of a strip, and how many of them.
+    Counted(u32, u32),
+    Listed(&'a wgpu::Buffer),
 }
 
 fn draw(
@@ -155,7 +186,7 @@ fn draw(
     slots: &[Slot<'_>],
     targets: &[&Texture],
     (width, height): (u32, u32),
-    (vertices, instances): (u32, u32),
+    corners: Corners<'_>,
 ) {
     let label = passes.first().map(|p| p.label.as_str());
     let entries: Vec<_> = slots
@@ -170,6 +201,10 @@ fn draw(
             },
         })
         .collect();
+    let load = match corners {
+        Corners::Counted(..) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+        Corners::Listed(_) => wgpu::LoadOp::Load,
+    };
     let attachments: Vec<_> = targets
         .iter()
         .map(|target| {
@@ -177,10 +212,7 @@ fn draw(
                 view: &target.view,
                 depth_slice: None,
                 resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                    store: wgpu::StoreOp::Store,
-                },
+                ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
             })
         })
         .collect();
@@ -200,6 +232,9 @@ fn draw(
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout: &one.layout, entries: &entries });
         pass.set_pipeline(&one.pipeline);
         pass.set_bind_group(0, &bind_group, &[]);
-        pass.draw(0..vertices, 0..instances);
+        match corners {
+            Corners::Counted(vertices, instances) => pass.draw(0..vertices, 0..instances),
+            Corners::Listed(list) => pass.draw_indirect(list, 0),
+        }
     }
 }

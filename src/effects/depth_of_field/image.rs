@@ -5,6 +5,8 @@
 //! from the middle (the apothem; 1 for a circle). The table holds g·a of each texel, and of each radius the rim (about r·a + ½)
 //! with which edges are as wide as the opening's.
 
+use std::f64::consts::{PI, TAU};
+
 use crate::camera::{Aperture, Opening};
 use crate::gpu::{Gpu, constants};
 
@@ -24,9 +26,20 @@ pub fn buffer(gpu: &Gpu, opening: &Opening) -> wgpu::Buffer {
         .chain(rims.windows(2).flatten().copied())
         .chain(places(&aperture).flatten())
         .flatten()
+        .chain(shape(opening))
         .map(|v| v as f32)
         .collect();
     constants(gpu, "image of the opening", bytemuck::cast_slice(&floats))
+}
+
+/// Angle between the middles of two sides (0 for a circle) and that of one of them, rad; the apothem, in radii; the area, in
+/// squares of the apothem.
+fn shape(opening: &Opening) -> [f64; 4] {
+    if opening.blades == 0 {
+        return [0.0, 0.0, 1.0, PI];
+    }
+    let side = TAU / f64::from(opening.blades);
+    [side, opening.rotation_rad + 0.5 * side, (0.5 * side).cos(), PI / (0.5 * side) * (0.5 * side).tan()]
 }
 
 /// A few points, their middle on the opening's, that nothing is shifted.

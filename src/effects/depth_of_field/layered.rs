@@ -14,10 +14,11 @@
 
 use crate::camera::Opening;
 use crate::effects::FrameContext;
-use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, run_tiles};
+use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, run_listed, run_tiles};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
 use super::circles_px;
+use super::highlights::{self, Highlights};
 use super::image;
 use super::surroundings::{PHOTOGRAPHS_TILE_PX, Tiling, lens};
 
@@ -40,6 +41,8 @@ pub struct Passes {
     /// At the layer's resolution, for each kind of tile.
     full: [FullscreenPass; 6],
     passing: FullscreenPass,
+    highlights: Highlights,
+    spot: FullscreenPass,
     between: wgpu::Sampler,
     /// The last that was looked through; it seldom changes.
     shape: Option<Shape>,
@@ -102,7 +105,7 @@ fn level_of(radius: f32) -> usize {
 
 impl Passes {
     pub fn new(gpu: &Gpu) -> Self {
-        use Binding::{Floats, Integers, Sampler, Uniform};
+        use Binding::{Floats, Integers, Sampler, Storage, Uniform};
         let pyramid = |(fragment, ranges)| {
             let options = Options { fragment, bindings: &[Uniform, Floats, ranges], ..Options::default() };
             FullscreenPass::with(gpu, "pyramid", &assemble("depth_of_field_pyramid"), &[COLOR, CIRCLES], &options)
@@ -111,12 +114,15 @@ impl Passes {
             let options = Options { fragment, bindings: &[Uniform, Floats, Floats], ..Options::default() };
             FullscreenPass::with(gpu, "circles of tiles", &assemble("depth_of_field_tiles"), &[COLOR], &options)
         };
-        let bindings =
-            [Uniform, Uniform, Floats, Floats, Floats, Integers, Floats, Floats, Floats, Floats, Floats, Sampler];
+        let bindings = [
+            Uniform, Uniform, Floats, Floats, Floats, Integers, Floats, Floats, Floats, Floats, Floats, Sampler,
+            Storage,
+        ];
         let shader = assemble("depth_of_field");
         let gather = |vertex, fragment, level: usize, taps: usize, formats: &[wgpu::TextureFormat]| {
             let constants = [("level", level as f64), ("taps", taps as f64)];
-            let options = Options { vertex, fragment, constants: &constants, bindings: &bindings };
+            let options =
+                Options { vertex, fragment, constants: &constants, bindings: &bindings, ..Options::default() };
             FullscreenPass::with(gpu, "depth of field", &shader, formats, &options)
         };
         Self {
@@ -135,6 +141,18 @@ impl Passes {
                 ("two_deep_tiles", "two_deep", 4),
             ]
             .map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps, &[COLOR])),
+            highlights: Highlights::new(gpu),
+            spot: {
+                let constants = [("level", 0.0), ("taps", 4.0)];
+                let options = Options {
+                    vertex: "spot_corner",
+                    fragment: "spot",
+                    constants: &constants,
+                    bindings: &bindings,
+                    blend: Some(highlights::ADDED),
+                };
+                FullscreenPass::with(gpu, "highlights", &shader, &[COLOR], &options)
+            },
             passing: gather("all_tiles", "passing", 0, 4, &[GEOMETRY]),
             between: gpu.linear_sampler(),
             shape: None,
@@ -173,8 +191,16 @@ impl Passes {
         let shape = self.shape.take().filter(|shape| shape.is_of(opening));
         let shape = &*self.shape.insert(shape.unwrap_or_else(|| Shape::new(gpu, opening)));
 
-        for level in 0..LEVELS as usize {
-            let size = (width.div_ceil(2 << level), height.div_ceil(2 << level));
+        // Lights that stand out are seen at the lowest resolution, and taken out of all.
+        let stand_out = largest >= highlights::LEAST_RADIUS_PX;
+        let of_level = |level: usize| (width.div_ceil(2 << level), height.div_ceil(2 << level));
+        for (step, level) in (0..LEVELS as usize).chain(if stand_out { 2..LEVELS as usize } else { 0..0 }).enumerate() {
+            if step == LEVELS as usize {
+                let [first, second] = [0, 1].map(|level| (&colors.levels[level], of_level(level)));
+                self.highlights.find(run, &lens, [&colors.view, &circles.view], layer.size);
+                self.highlights.dim(run, &lens, [first, second]);
+            }
+            let size = of_level(level);
             let before = level.checked_sub(1);
             let from = before.map_or(&layer.color, |l| &colors.levels[l]);
             let range = before.map_or(&layer.geometry, |l| &circles.levels[l]);
@@ -210,6 +236,7 @@ impl Passes {
             Slot::Texture(&colors.view),
             Slot::Texture(&colors.view),
             Slot::Sampler(&self.between),
+            Slot::Buffer(self.highlights.found()),
         ];
         let [least, _] = circles_px(context);
         for level in 1.max(level_of(0.5 * least))..=level_of(largest) {
@@ -223,6 +250,10 @@ impl Passes {
         }
         let full: Vec<_> = self.full.iter().collect();
         run_tiles(gpu, run.encoder, &full, &slots, &[&out], layer.size, count);
+        if stand_out {
+            let list = self.highlights.found();
+            run_listed(gpu, run.encoder, &self.spot, &slots, &[&out], layer.size, list);
+        }
         if !run.geometry_is_read {
             return Layer { color: out, ..layer };
         }
