@@ -84,7 +84,8 @@ fn share(@builtin(position) at: vec4<f32>) -> Both {
     // As far as both are in the same slices, the nearer one at this pixel counts.
     let together = clamp(2.0 - abs(s.x - s.z), 0.0, 1.0);
     let of_real = belongs(s.x) * (1.0 - together * drawn.a * (1.0 - s.w));
-    let of_behind = belongs(s.y) * clamp(s.y - s.x - 1.0, 0.0, 1.0);
+    // Never in a slice that the nearer one is in: there they would show side by side, not one behind the other.
+    let of_behind = belongs(max(s.y, floor(s.x) + 2.0)) * clamp(s.y - s.x - 1.0, 0.0, 1.0);
     let real = of_real * textureLoad(light, p, 0).rgb + of_behind * textureLoad(behind_light, p, 0).rgb;
     return Both(vec4<f32>(real, of_real + of_behind), belongs(s.z) * (1.0 - together * s.w) * drawn);
 }
