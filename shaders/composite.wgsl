@@ -14,7 +14,7 @@ struct Composite {
     origin: vec4<i32>,  // of the rectangle in the picture: x, y; of the rectangle in the camera texture: z, w
     size: vec4<i32>,    // of the rectangle: x, y; of the camera texture: z, w
     layer: vec4<i32>,   // of the rectangle in the layer: x, y; the layer's size: z, w
-    scale: vec4<f32>,   // largest code value; of a photograph: factor on the real light, share of its noise's variance left
+    scale: vec4<f32>,   // largest code value; factor on the real light; of a photograph: share of its noise's variance left
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -77,22 +77,32 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
     return s * s;
 }
 
-// Premultiplied over in linear light, encoded again. Each colour has its own coverage.
+// Premultiplied over in linear light, encoded again. Each colour has its own coverage. What is brighter than the codes go
+// clips after its noise, at the very end: the camera's does.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
     let w = 1.0 - coverage;
     let real = real_at(p, decode(code, curve, gamma));
-    let real_light = real.rgb;
-    let light = clamp(virtual_light + w * real_light, vec3<f32>(0.0), vec3<f32>(1.0));
+    let real_light = composite.scale.y * real.rgb;
+    let light = max(virtual_light + w * real_light, vec3<f32>(0.0));
     let mixed = encode(light, curve, gamma);
-    let before = slope_at(code, real_light, curve, gamma);
     let after = slope_at(mixed, light, curve, gamma);
-    var s = w * after / before * sigma_at(code);
+    var s = w * after / slope_at(code, real_light, curve, gamma) * sigma_at(code);
     if photograph > 0.0 {
         s = w * after * recorded_sigma(real_light) * real.a;
     }
     let variance = s * s;
     return Mixed(mixed, variance);
+}
+
+// A pixel of the camera's with nothing before it.
+fn camera_at(p: vec2<i32>) -> Mixed {
+    if photograph > 0.0 {
+        return mixed_at(p, vec3<f32>(0.0), vec3<f32>(0.0));
+    }
+    let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
+    let s = sigma_at(code);
+    return Mixed(code, s * s);
 }
 
 // @effects

@@ -11,11 +11,10 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
         for (var dx = -1; dx <= 1; dx++) {
             let q = p + vec2<i32>(dx, dy);
             if inside_picture(q) && layer_at(q).a == 0.0 {
-                let code = vec3<f32>(camera_codes(q).rgb) / composite.scale.x;
-                let s = sigma_at(code);
+                let camera = camera_at(q);
                 n += 1.0;
-                sum += code;
-                variance += s * s;
+                sum += min(camera.code, vec3<f32>(1.0));
+                variance += camera.camera_variance;
             }
         }
     }
@@ -25,5 +24,5 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
     }
     let share = edge_blend.impact.x / (n + 1.0);
     let own = 1.0 - share * n;
-    return Mixed(own * current.code + share * sum, own * own * current.camera_variance + share * share * variance);
+    return Mixed(own * min(current.code, vec3<f32>(1.0)) + share * sum, own * own * current.camera_variance + share * share * variance);
 }

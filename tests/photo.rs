@@ -53,8 +53,7 @@ fn photo_with(
     let recorded = camera.geometry.clone().unwrap();
     let track = sideways([200.0, 0.0]);
     let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
-    let gain = exposed.over_ev.exp2();
-    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), gain);
+    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(camera));
     let site = Site {
         recorded: &recorded,
         track: &track,
@@ -70,6 +69,10 @@ fn photo_with(
 }
 
 const AS_RECORDED: Exposed = Exposed { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };
+
+fn neighbours(camera: &Camera) -> [f64; 2] {
+    camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation)
+}
 
 /// Grey with noise of a σ that depends on its code, mean 0, by sums of twelve even numbers of a small generator.
 fn noisy_grey(width: u32, height: u32, code: f64, noise: &NoiseProfile) -> Pixels {
@@ -172,6 +175,53 @@ fn virtual_pixels_are_no_quieter_than_the_real_ones_beside_them() {
     }
 }
 
+/// The recording's own noise, whose neighbours correlate, is what the composite puts on a board: enlarged and made smaller it lacks
+/// no more and no less than the film's.
+#[test]
+fn enlarged_noise_whose_neighbours_correlate_gets_the_films_grain() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = NoiseProfile { neighbour_correlation: [0.6, 0.5], ..noise() };
+    let camera = camera(&geometry, Some(noise.clone()));
+    let response = Response::default();
+    let whole = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let light = response.decode(90.0 / 255.0) as f32;
+    // Another seed than the photograph's, whose grain knows nothing of it.
+    let mut settings = Settings::default();
+    settings.seed = 7;
+    let all = board([900.0, 900.0], light);
+    let recorded = photo_with(settings, &camera, all, gpu::grey(400, 300, 255), &whole, AS_RECORDED);
+    for width in [200, 400, 640, 1000] {
+        let framing = Framing::new(&geometry, None, None, f64::INFINITY, Some(width)).unwrap();
+        let done = photo(&camera, Scene::default(), recorded.clone(), &framing, AS_RECORDED);
+        let ratios = GrainRatios { picture_width: f64::from(width) / 400.0, ..Default::default() };
+        let wanted = grain::sigma(&noise, &response, 1, 90.0, &ratios);
+        let (mean, sigma) = mean_and_sigma(&done, 1);
+        assert!(
+            (mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.04,
+            "{width} px: σ {sigma}, {wanted} wanted"
+        );
+    }
+}
+
+/// A dark board before a wall so bright that four stops clip it long before a pixel is covered by half.
+#[test]
+fn what_clips_is_clipped_after_it_is_mixed() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, Some(noise()));
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let exposed = Exposed { over_ev: 4.0, time_s: 0.0, ..AS_RECORDED };
+    let response = Response::default();
+    let at =
+        |light: f32, code: u8| photo(&camera, board([60.5, 50.0], light), gpu::grey(320, 240, code), &framing, exposed);
+    // The column at 99 is covered by half. Half of sixteen times 0.2 is white.
+    let dark = at(0.0, (255.0 * response.encode(0.2)).round() as u8);
+    assert!((60..180).all(|y| dark.at(99, y) == [255; 3]), "{:?}", dark.at(99, 120));
+    assert!(dark.at(101, 120)[1] < 40);
+    // What is sixteen times white is so without grain.
+    let bright = at(1.0, 10);
+    assert!((75..165).all(|y| (110..210).all(|x| bright.at(x, y) == [255; 3])));
+}
+
 #[test]
 fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
@@ -202,7 +252,7 @@ fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
     let scene = board([6.0, 20.0], 0.5);
     let mut compositor = Compositor::new(gpu.clone(), camera.clone(), Settings::default(), scene);
     let pixels = gpu::grey(160, 60, 0);
-    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), 1.0);
+    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(&camera));
     let summed = [-0.1, 0.0, 0.1].map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
     let site = Site {
         recorded: &geometry,

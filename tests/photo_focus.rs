@@ -11,7 +11,7 @@ mod kinect;
 
 use board::{FOCAL_PX, panel, sideways};
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, NoiseBin, NoiseProfile, Opening, Response};
+use locard::camera::{Camera, NoiseBin, NoiseProfile, Opening, Response, side_tap};
 use locard::compositor::{Compositor, Settings};
 use locard::image::{Codes, DepthMap, Pixels};
 use locard::photo::{Exposed, Framing, Real, Site, take};
@@ -39,7 +39,8 @@ fn photo(camera: &Camera, scene: Scene, pixels: &Pixels, depth: &DepthMap, openi
     let framing = Framing::new(&recorded, None, None, opening.focus_distance_m, Some(width)).unwrap();
     let gpu = gpu::gpu();
     let mut compositor = Compositor::new(gpu.clone(), camera.clone(), Settings::default(), scene);
-    let real = Real::new(&[(1.0, pixels.clone())], &camera.response, &framing.framed, framing.size(), 1.0);
+    let neighbours = camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
+    let real = Real::new(&[(1.0, pixels.clone())], &camera.response, &framing.framed, framing.size(), neighbours);
     let track = sideways([0.0, 0.0]);
     let site = Site {
         recorded: &recorded,
@@ -155,20 +156,32 @@ fn a_thing_blurs_alike_whether_it_is_real_or_virtual() {
 fn blurred_real_pixels_get_the_films_grain() {
     let bins: Vec<NoiseBin> =
         (0..16).map(|i| NoiseBin { code: 8.0 + 16.0 * f64::from(i), sigma: 2.0 + f64::from(i) / 7.5 }).collect();
-    let noise = NoiseProfile {
-        bins: [bins.clone(), bins.clone(), bins],
-        channel_correlation: [0.0; 3],
-        neighbour_correlation: [0.0; 2],
-    };
+    for neighbour_correlation in [[0.0; 2], [0.6, 0.5]] {
+        let bins = [bins.clone(), bins.clone(), bins.clone()];
+        gets_the_films_grain(&NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation });
+    }
+}
+
+fn gets_the_films_grain(noise: &NoiseProfile) {
     let camera = Camera { noise: Some(noise.clone()), ..without_noise() };
     let mut state = 1u64;
     let mut even = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as f64 / f64::from(1u32 << 31)
     };
-    let noisy: Vec<u16> = (0..SIZE.0 * SIZE.1)
-        .map(|_| {
-            let normal = (0..12).map(|_| even()).sum::<f64>() - 6.0;
+    let white: Vec<f64> = (0..SIZE.0 * SIZE.1).map(|_| (0..12).map(|_| even()).sum::<f64>() - 6.0).collect();
+    // Neighbours as under (a, 1, a) along both axes.
+    let taps = noise.neighbour_correlation.map(side_tap).map(|a| [a, 1.0, a].map(|w| w / (1.0 + 2.0 * a * a).sqrt()));
+    let noisy: Vec<u16> = (0..(SIZE.0 * SIZE.1) as i32)
+        .map(|i| {
+            let (x, y) = (i % SIZE.0 as i32, i / SIZE.0 as i32);
+            let at = |dx: i32, dy: i32| {
+                let x = (x + dx).clamp(0, SIZE.0 as i32 - 1);
+                white[((y + dy).clamp(0, SIZE.1 as i32 - 1) * SIZE.0 as i32 + x) as usize]
+            };
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+            let weight = |dx: i32, dy: i32| taps[0][(dx + 1) as usize] * taps[1][(dy + 1) as usize];
+            let normal: f64 = around.map(|(dx, dy)| weight(dx, dy) * at(dx, dy)).sum();
             (257.0 * (90.0 + noise.sigma(1, 90.0) * normal)).round() as u16
         })
         .collect();
@@ -182,8 +195,13 @@ fn blurred_real_pixels_get_the_films_grain() {
         let mean = codes.iter().sum::<f64>() / codes.len() as f64;
         let sigma = (codes.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / codes.len() as f64).sqrt();
         let ratios = GrainRatios { picture_width: f64::from(width) / f64::from(SIZE.0), ..Default::default() };
-        let wanted = grain::sigma(&noise, &Response::default(), 1, 90.0, &ratios).powi(2) + 1.0 / 12.0;
-        assert!((sigma / wanted.sqrt() - 1.0).abs() < 0.04, "{infinity_px} {width}: σ {sigma}, {}", wanted.sqrt());
+        let wanted = grain::sigma(noise, &Response::default(), 1, 90.0, &ratios).powi(2) + 1.0 / 12.0;
+        assert!(
+            (sigma / wanted.sqrt() - 1.0).abs() < 0.04,
+            "{:?} {infinity_px} {width}: σ {sigma}, {}",
+            noise.neighbour_correlation,
+            wanted.sqrt()
+        );
     }
 }
 

@@ -1,4 +1,4 @@
-// Code value ↔ linear light, both 0..1, for curve 0 sRGB (IEC 61966-2-1), 1 linear, 2 power law.
+// Code value ↔ linear light, both from 0 on, 1 where codes end, for curve 0 sRGB (IEC 61966-2-1), 1 linear, 2 power law.
 
 fn decode(code: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
     if curve > 1.5 {
@@ -11,7 +11,7 @@ fn decode(code: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
 }
 
 fn encode(light: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
-    let l = clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
+    let l = max(light, vec3<f32>(0.0));
     if curve > 1.5 {
         return pow(l, vec3<f32>(1.0 / gamma));
     }

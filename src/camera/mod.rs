@@ -25,7 +25,7 @@ pub use film::{Film, FilmError, LensType};
 pub use framed::Framed;
 pub use geometry::{Geometry, Intrinsics};
 pub use lens::{Lens, LensError, Opening};
-pub use noise::{NoiseBin, NoiseProfile};
+pub use noise::{NoiseBin, NoiseProfile, correlations, side_tap, variance_left};
 pub use response::{Curve, Response};
 pub use thin_lens::{Sharpness, ThinLens, ThinLensError};
 

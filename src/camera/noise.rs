@@ -42,9 +42,43 @@ impl NoiseProfile {
     }
 }
 
+/// The side tap a of (a, 1, a) whose output has neighbour correlation ρ = 2a/(1 + 2a²); the
+/// filter reaches at most 1/√2, which is given for anything above.
+pub fn side_tap(correlation: f64) -> f64 {
+    let rho = correlation.clamp(0.0, std::f64::consts::FRAC_1_SQRT_2);
+    if rho < 1e-6 { 0.0 } else { (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / (2.0 * rho) }
+}
+
+/// Correlation of pixels none, one and two apart along an axis, by that of neighbours: of white noise under (a, 1, a). Those
+/// further apart know nothing of each other.
+pub fn correlations(neighbour: f64) -> [f64; 3] {
+    let a = side_tap(neighbour);
+    let whole = 1.0 + 2.0 * a * a;
+    [1.0, 2.0 * a / whole, a * a / whole]
+}
+
+/// What weights along an axis leave of the variance: Σᵢⱼ wᵢ wⱼ ρ(i − j).
+pub fn variance_left(weights: &[f32], correlations: &[f64; 3]) -> f64 {
+    let apart = |n: usize| -> f64 {
+        weights.iter().zip(weights.iter().skip(n)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+    };
+    correlations[0] * apart(0) + 2.0 * (correlations[1] * apart(1) + correlations[2] * apart(2))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_weights_leave_worked_by_hand() {
+        // (1/2, 1, 1/2): ρ = 1 / 1.5, and 1/4 / 1.5 two apart.
+        let half = correlations(2.0 / 3.0);
+        assert!((half[1] - 2.0 / 3.0).abs() < 1e-12 && (half[2] - 1.0 / 6.0).abs() < 1e-12, "{half:?}");
+        // Three thirds: 1/3 of independent ones; (3 + 4 · 2/3 + 2 · 1/6) / 9 = 2/3 of these.
+        let thirds = [1.0f32 / 3.0; 3];
+        assert!((variance_left(&thirds, &correlations(0.0)) - 1.0 / 3.0).abs() < 1e-6);
+        assert!((variance_left(&thirds, &half) - 2.0 / 3.0).abs() < 1e-6);
+    }
 
     #[test]
     fn between_bins_it_is_linear_and_beyond_constant() {

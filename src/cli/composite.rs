@@ -236,7 +236,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
         let of = format!("{number} of {}", count(stats.len(), "frame"));
         warn(args.quiet, &format!("nothing real hides objects in {of}, though there is depth (frame {frame}: {why})"));
     }
-    if stats.iter().all(|s| s.rect_px.is_none() && s.no_pose.is_none()) {
+    if stats.iter().all(|s| !s.objects_in_sight && s.no_pose.is_none()) {
         warn(args.quiet, NOTHING_SEEN);
     }
 

@@ -86,7 +86,7 @@ impl Report<'_> {
             Some(light) => format!("estimated from the picture, whose mean light is {:.1} %", 100.0 * light.mean),
             None => "as given".to_owned(),
         };
-        writeln!(out, "scene      {} lx, {source}", short(lux.round().max(0.01)))?;
+        writeln!(out, "scene      {} lx, {source}", short(if lux < 10.0 { lux } else { lux.round() }))?;
         let at_100 = scene_ev(lux, USUAL_ISO);
         let speed = stops::format_iso(iso);
         let taken = if self.asked.iso.is_none() { " (taken, for no film speed is known)" } else { "" };

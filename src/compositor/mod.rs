@@ -90,6 +90,8 @@ pub struct FrameStats {
     pub no_occlusion: Option<String>,
     /// Columns and rows that were looked at: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
+    /// Whether objects can be in what was made of the picture; a photograph is made where there are none, too.
+    pub objects_in_sight: bool,
     pub exposure_time_s: f64,
     /// No point of the objects moves faster.
     pub fastest_px_per_s: f32,
@@ -200,6 +202,7 @@ impl Compositor {
             no_pose: None,
             no_occlusion: None,
             rect_px: None,
+            objects_in_sight: false,
             exposure_time_s,
             fastest_px_per_s: 0.0,
             effects: Vec::new(),
@@ -283,6 +286,7 @@ impl Compositor {
             return Err(SubmitError::TooLarge { width_px, height_px, side_px, area_px, widest });
         }
         let context = FrameContext { drawn, objects_px, ..context };
+        stats.objects_in_sight = !footprint.rect.intersection(&region).is_empty();
         stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
 
         let gpu = self.gpu.clone();

@@ -5,12 +5,13 @@
 //!
 //! ΔEV is `ev`, and, where `reference_s` is given, by how many stops the frame was exposed longer than that: a scene
 //! whose lights were measured at one exposure then follows a camera that exposes by itself. A frame that does not say
-//! how it was exposed is taken as exposed like the reference.
+//! how it was exposed is taken as exposed like the reference. A photograph's own stops, which real and virtual things share,
+//! are a factor on light whatever the method.
 //!
 //! Not modelled: what exposure does to noise (noise.rs goes by the code value that comes out) and to blur (its length
 //! is the camera's exposure time already).
 
-use super::{Effect, FrameContext, Photograph, Stage, response_constants};
+use super::{Effect, FrameContext, Stage, response_constants};
 use crate::camera::Response;
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::frame::FrameExposure;
@@ -51,11 +52,16 @@ pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
 }
 
 impl Exposure {
-    /// By how many stops the layer of a frame gets brighter, a photograph's own among them; within ±30.
-    pub fn over_ev(&self, recorded: &FrameExposure, photograph: Option<Photograph>) -> f64 {
+    /// By how many stops the layer of a frame gets brighter; within ±30.
+    pub fn over_ev(&self, recorded: &FrameExposure) -> f64 {
         let longer = self.reference_s.and_then(|reference_s| Some((gathered_s(recorded)? / reference_s).log2()));
-        (self.ev + longer.unwrap_or(0.0) + photograph.map_or(0.0, |p| p.over_ev)).clamp(-30.0, 30.0)
+        (self.ev + longer.unwrap_or(0.0)).clamp(-30.0, 30.0)
     }
+}
+
+/// By how many stops more the whole picture is exposed, real and virtual.
+fn of_photograph_ev(context: &FrameContext<'_>) -> f64 {
+    context.photograph.map_or(0.0, |photograph| photograph.over_ev).clamp(-30.0, 30.0)
 }
 
 fn pass(gpu: &Gpu, method: Method, response: &Response) -> FullscreenPass {
@@ -82,7 +88,7 @@ impl Effect for ExposureEffect {
         &mut self.params
     }
     fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
-        self.params.over_ev(&context.recorded, context.photograph) == 0.0
+        self.params.over_ev(&context.recorded) == 0.0 && of_photograph_ev(context) == 0.0
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
         let over = ("ev", Value::Number(1.0));
@@ -94,8 +100,9 @@ impl Effect for ExposureEffect {
         let method = self.params.method;
         let made = self.pass.take().filter(|(of, _)| *of == method);
         let (_, pass) = self.pass.insert(made.unwrap_or_else(|| (method, pass(gpu, method, &context.camera.response))));
-        let over_ev = self.params.over_ev(&context.recorded, context.photograph);
-        let by = [photographic_gain(over_ev) as f32, (0.2 * over_ev) as f32, 0.0, 0.0];
+        let over_ev = self.params.over_ev(&context.recorded);
+        let of_photograph = photographic_gain(of_photograph_ev(context));
+        let by = [photographic_gain(over_ev) as f32, (0.2 * over_ev) as f32, of_photograph as f32, 0.0];
         let uniform = constants(gpu, "exposure", bytemuck::cast_slice(&by));
         let color = run.pool.get(gpu, "exposed colour", 0, layer.size, COLOR, 1);
         let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view)];
@@ -135,12 +142,12 @@ mod tests {
     fn a_frame_is_exposed_as_the_recording_says() {
         let of = |time_s, gain| FrameExposure { time_s, gain, ..Default::default() };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };
-        assert_eq!(params.over_ev(&of(Some(0.02), None), None), 1.0);
-        assert_eq!(params.over_ev(&of(Some(0.02), Some(2.0)), None), 2.0);
-        assert_eq!(params.over_ev(&of(None, Some(2.0)), None), 0.0);
-        assert_eq!(Exposure::default().over_ev(&of(Some(0.02), Some(2.0)), None), 0.0);
+        assert_eq!(params.over_ev(&of(Some(0.02), None)), 1.0);
+        assert_eq!(params.over_ev(&of(Some(0.02), Some(2.0))), 2.0);
+        assert_eq!(params.over_ev(&of(None, Some(2.0))), 0.0);
+        assert_eq!(Exposure::default().over_ev(&of(Some(0.02), Some(2.0))), 0.0);
         let params = Exposure { ev: -0.5, ..params };
-        assert_eq!(params.over_ev(&of(Some(0.04), None), None), 1.5);
+        assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
         // f/4, 1/50 s, ISO 400: 0.02 · 4 / 16 = 5 ms at f/1 and ISO 100.
         let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), ..Default::default() };
         assert_eq!(gathered_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));

@@ -22,11 +22,11 @@
 
 mod pattern;
 
-use pattern::{NORMAL_TABLE, Passes, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d, side_tap};
+use pattern::{NORMAL_TABLE, Passes, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d};
 
 use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
 use crate::camera::grain::{GrainRatios, read_light};
-use crate::camera::{Camera, Geometry};
+use crate::camera::{Camera, Geometry, side_tap};
 use crate::image::Rect;
 use crate::params::{Params, Value};
 use crate::render::LayerRun;

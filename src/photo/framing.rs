@@ -23,8 +23,11 @@ pub enum FramingError {
          there are {has_deg:.1}: accepted is {least_mm:.2} mm or more"
     )]
     TooWide { found_mm: f64, film: Film, sees_deg: f64, has_deg: f64, least_mm: f64 },
-    #[error("a picture {found} px wide and {height} px high is refused: accepted are sides of 16 to 20000 px")]
-    Size { found: u32, height: u32 },
+    #[error(
+        "a picture {found} px wide and {height} px high is refused: accepted are sides of 16 to 20000 px. Of the recording \
+         {seen:.0} px are seen across, fewer by a longer lens and the nearer it is focused"
+    )]
+    Size { found: u32, height: u32, seen: f64 },
     #[error("camera.film_width_mm with the picture's shape: {0}")]
     Film(#[from] FilmError),
     #[error(transparent)]
@@ -79,7 +82,7 @@ impl Framing {
         let step = if width_px.is_none() && columns.fract() == 0.0 { 1.0 } else { columns / f64::from(width) };
         let height = (columns / aspect / step).round() as u32;
         if !SIDE_PX.contains(&width) || !SIDE_PX.contains(&height) {
-            return Err(FramingError::Size { found: width, height });
+            return Err(FramingError::Size { found: width, height, seen: columns });
         }
         let edge = |whole: f64, pixels: u32| {
             let edge = 0.5 * (whole - step * f64::from(pixels));

@@ -1,8 +1,9 @@
-//! The real part of a photograph: the recording's own pixels, summed, enlarged and exposed.
+//! The real part of a photograph: the recording's own pixels, summed and enlarged. They are exposed where the virtual part is
+//! put in, so that nothing is clipped before.
 
 use std::ops::Range;
 
-use crate::camera::{Framed, Response};
+use crate::camera::{Framed, Response, correlations, variance_left};
 use crate::image::{Codes, Pixels};
 use crate::render::over_rows;
 
@@ -10,8 +11,7 @@ use crate::render::over_rows;
 #[derive(Clone, Debug)]
 pub struct Real {
     pub pixels: Pixels,
-    /// What summing and enlarging leave of the variance of a pixel's noise, on average, up to 1. Independent pixels are
-    /// assumed.
+    /// What summing and enlarging leave of the variance of a pixel's noise, on average, up to 1.
     pub noise_left: f64,
 }
 
@@ -43,17 +43,18 @@ struct Light {
 }
 
 impl Real {
-    /// Sums frames of one size (weight, pixels), takes the part that is framed at a size in pixels, and brightens it by
-    /// a factor. Where nothing of that is to be done, the code values are the recording's.
+    /// Sums frames of one size (weight, pixels) and takes the part that is framed at a size in pixels. Where nothing of that is to
+    /// be done, the code values are the recording's. `neighbours`: how a pixel's noise correlates with the next one's to the right
+    /// and below.
     pub fn new(
         frames: &[(f64, Pixels)],
         response: &Response,
         framed: &Framed,
         (width, height): (u32, u32),
-        gain: f64,
+        neighbours: [f64; 2],
     ) -> Self {
         let summed: f64 = frames.iter().map(|(weight, _)| weight * weight).sum();
-        if let ([(_, pixels)], true, true) = (frames, framed.is_exact(), gain == 1.0) {
+        if let ([(_, pixels)], true) = (frames, framed.is_exact()) {
             return Self { pixels: cut(pixels, framed, width, height), noise_left: summed };
         }
         let light = sum(frames, response);
@@ -70,11 +71,12 @@ impl Real {
         over_rows(&mut codes, columns, |y, row| {
             for (x, out) in row.iter_mut().enumerate() {
                 let light = down.of(y, |i| wide[i * columns + x]);
-                *out = light.map(|l| (65535.0 * response.encode(gain * f64::from(l))).round() as u16);
+                *out = light.map(|l| (65535.0 * response.encode(f64::from(l))).round() as u16);
             }
         });
         let codes = Codes::U16(codes.into_flattened());
-        Self { pixels: Pixels { width, height, codes }, noise_left: summed * across.noise_left() * down.noise_left() }
+        let left = across.noise_left(neighbours[0]) * down.noise_left(neighbours[1]);
+        Self { pixels: Pixels { width, height, codes }, noise_left: summed * left }
     }
 }
 
@@ -152,9 +154,10 @@ impl Taps {
         sum
     }
 
-    fn noise_left(&self) -> f64 {
-        let squares = |weights: &[f32]| weights.iter().map(|w| f64::from(w * w)).sum::<f64>();
-        self.parts.iter().map(|(_, weights)| squares(weights)).sum::<f64>() / self.parts.len().max(1) as f64
+    fn noise_left(&self, neighbours: f64) -> f64 {
+        let correlations = correlations(neighbours);
+        let left = self.parts.iter().map(|(_, weights)| variance_left(weights, &correlations)).sum::<f64>();
+        left / self.parts.len().max(1) as f64
     }
 }
 
@@ -179,30 +182,29 @@ mod tests {
     #[test]
     fn untouched_codes_stay() {
         let framed = Framed { left_px: 1.0, top_px: 0.0, step: 1.0 };
-        let real = Real::new(&[(1.0, row(&[0, 17, 254, 255]))], &Response::default(), &framed, (2, 1), 1.0);
+        let real = Real::new(&[(1.0, row(&[0, 17, 254, 255]))], &Response::default(), &framed, (2, 1), [0.0; 2]);
         assert_eq!((greens(&real), real.noise_left), (vec![17 * 257, 254 * 257], 1.0));
     }
 
     #[test]
-    fn light_is_summed_and_brightened() {
+    fn light_is_summed() {
         let framed = Framed { left_px: 0.0, top_px: 0.0, step: 1.0 };
         let frames = [(0.25, row(&[40, 80])), (0.75, row(&[80, 0]))];
-        let real = Real::new(&frames, &linear(), &framed, (2, 1), 2.0);
-        // 2 · (0.25 · 40 + 0.75 · 80) = 140; 2 · 0.25 · 80 = 40
-        assert_eq!(greens(&real), [140 * 257, 40 * 257]);
+        let real = Real::new(&frames, &linear(), &framed, (2, 1), [0.0; 2]);
+        // 0.25 · 40 + 0.75 · 80 = 70; 0.25 · 80 = 20
+        assert_eq!(greens(&real), [70 * 257, 20 * 257]);
         assert!((real.noise_left - 0.625).abs() < 1e-12);
-        let clipped = Real::new(&[(1.0, row(&[200, 10]))], &linear(), &framed, (2, 1), 2.0);
-        assert_eq!(greens(&clipped), [65535, 20 * 257]);
-        // In codes of sRGB a stop is no factor of two: 118 (0.181) becomes 0.362, code 162.4.
-        let grey = Real::new(&[(1.0, row(&[118]))], &Response::default(), &framed, (1, 1), 2.0);
-        assert_eq!((f64::from(greens(&grey)[0]) / 257.0).round(), 162.0);
+        // Half of 0.181 and half of nothing is 0.09 of light, code 84.6 of sRGB.
+        let halves = [(0.5, row(&[118])), (0.5, row(&[0]))];
+        let grey = Real::new(&halves, &Response::default(), &framed, (1, 1), [0.0; 2]);
+        assert_eq!((f64::from(greens(&grey)[0]) / 257.0).round(), 85.0);
     }
 
     #[test]
     fn enlarging_keeps_ramps_and_makes_nothing_up() {
         let framed = Framed { left_px: 4.0, top_px: 0.0, step: 0.5 };
         let ramp: Vec<u8> = (0..16).map(|i| 10 * i).collect();
-        let real = Real::new(&[(1.0, row(&ramp))], &linear(), &framed, (8, 2), 1.0);
+        let real = Real::new(&[(1.0, row(&ramp))], &linear(), &framed, (8, 2), [0.0; 2]);
         // The first pixel's middle lies at 4.25: a quarter before that of pixel 4.
         let expected: Vec<u32> = (0..8).map(|n| (257.0 * (37.5 + 5.0 * f64::from(n))).round() as u32).collect();
         assert_eq!(greens(&real), expected);
@@ -211,7 +213,7 @@ mod tests {
         assert!((real.noise_left - at_a_quarter * at_a_quarter).abs() < 1e-6, "{}", real.noise_left);
         // Three source pixels in one: widened to their mean, nearly.
         let small = Framed { left_px: 0.5, top_px: 0.0, step: 3.0 };
-        let real = Real::new(&[(1.0, row(&ramp))], &linear(), &small, (5, 1), 1.0);
+        let real = Real::new(&[(1.0, row(&ramp))], &linear(), &small, (5, 1), [0.0; 2]);
         assert!(greens(&real)[1..4].windows(2).all(|w| (w[1] - w[0]).abs_diff(30 * 257) < 20), "{:?}", greens(&real));
         assert!(real.noise_left < 0.5);
     }

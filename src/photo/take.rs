@@ -65,7 +65,7 @@ pub struct Taken {
     pub shows_objects: bool,
 }
 
-/// Puts the compositor's scene into the real part, which is exposed already. Tells what share of the picture is done.
+/// Puts the compositor's scene into the real part and exposes both. Tells what share of the picture is done.
 pub fn take(
     compositor: &mut Compositor,
     site: &Site<'_>,
@@ -129,7 +129,7 @@ pub fn take(
             photograph: Some(part),
         })?;
         let composited = compositor.collect(pending)?;
-        shows_objects |= composited.stats.rect_px.is_some();
+        shows_objects |= composited.stats.objects_in_sight;
         pixels = composited.pixels;
         develop(&mut pixels, before, region, &mut out);
     }

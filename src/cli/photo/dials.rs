@@ -27,7 +27,7 @@ pub struct Dials {
 }
 
 /// The times of a series, stops from its middle.
-pub const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
+const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
 
 impl Dials {
     pub fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
@@ -55,6 +55,14 @@ impl Dials {
             }
             Ok(given.unwrap_or(1.0))
         };
+        let gone_through = match args.bracket {
+            Some(Bracket::Aperture) if args.site.aperture.is_some() => Some("aperture"),
+            Some(Bracket::Iso) if args.site.iso.is_some() => Some("iso"),
+            _ => None,
+        };
+        if let Some(name) = gone_through {
+            bail!("--bracket {name} goes through all of them: leave --{name} out");
+        }
         // A bracket goes through what it varies.
         let varied = |what: Bracket, given: Option<f64>, usual: f64| match args.bracket {
             Some(bracket) if bracket == what => given.or(Some(usual)),
@@ -103,6 +111,33 @@ impl Dials {
         })
     }
 
+    /// Of a series what it does not hold, or does not go by, though it was asked for.
+    pub fn left_out(&self, bracket: Option<Bracket>) -> Option<String> {
+        let Limits { shortest_s, longest_s, .. } = self.limits;
+        let count = TIMES.count();
+        match bracket? {
+            Bracket::Shutter => {
+                let left_out = count.checked_sub(self.series(bracket).len()).filter(|n| *n > 0)?;
+                Some(format!(
+                    "{left_out} of {count} times are left out: shutters here are open from {} to {}",
+                    stops::format_shutter_s(shortest_s),
+                    stops::format_shutter_s(longest_s)
+                ))
+            }
+            _ => None,
+        }
+    }
+
+    /// As a camera's dial says: a series of apertures or times is taken by their priority.
+    pub fn mode_of(&self, bracket: Option<Bracket>) -> Mode {
+        match (self.mode, bracket) {
+            (Mode::Manual, _) => Mode::Manual,
+            (_, Some(Bracket::Aperture)) => Mode::AperturePriority,
+            (_, Some(Bracket::Shutter)) => Mode::ShutterPriority,
+            (mode, _) => mode,
+        }
+    }
+
     /// What is varied stays as it is set; in manual mode all the rest does too, else the camera makes up for it.
     pub fn series(&self, bracket: Option<Bracket>) -> Vec<Asked> {
         let manual = self.mode == Mode::Manual;
@@ -112,13 +147,13 @@ impl Dials {
         let full = |value: f64, least: f64, most: f64| (least * 0.999..=most * 1.001).contains(&value);
         match bracket {
             Bracket::Aperture => {
-                let mode = if manual { Mode::Manual } else { Mode::AperturePriority };
+                let mode = self.mode_of(Some(bracket));
                 let stops = stops::f_numbers(Step::Full).into_iter().map(|stop| stop.exact);
                 let stops = stops.filter(|n| full(*n, widest_f_number, narrowest_f_number));
                 stops.map(|f_number| self.metered(mode, Settings { f_number, ..self.set })).collect()
             }
             Bracket::Shutter => {
-                let mode = if manual { Mode::Manual } else { Mode::ShutterPriority };
+                let mode = self.mode_of(Some(bracket));
                 let middle = if manual { self.set.time_s } else { usual.settings.time_s };
                 let times = TIMES.map(|stops| middle * f64::from(stops).exp2());
                 let times = times.filter(|t| full(*t, shortest_s, longest_s));

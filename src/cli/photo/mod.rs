@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-use dials::{Asked, Dials, TIMES};
+use dials::{Asked, Dials};
 use shoot::Shoot;
 
 use super::light::{self, Known, Opened, USUAL_ISO};
@@ -15,8 +15,8 @@ use super::outputs::Inputs;
 use super::which::Which;
 use super::{Interruption, NOTHING_SEEN, progress_of, tell, warn};
 use crate::camera::exposure::INDOORS_LX;
-use crate::camera::metering::{Limits, Mode, PictureLight};
-use crate::camera::{Film, Geometry, Opening, stops};
+use crate::camera::metering::{Mode, PictureLight};
+use crate::camera::{Film, Geometry, Opening};
 use crate::compositor::{Compositor, measured_from};
 use crate::gpu::Gpu;
 use crate::photo::{self, Framing};
@@ -120,17 +120,9 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     };
     Framing::new(&whole, args.film, checked_m, given_m, args.width)?;
     let scene = crate::scene::load(&args.scene, recording.up)?;
-    for text in recording.warnings.iter().chain(&scene.warnings) {
-        warn(args.quiet, text);
-    }
     let lux = match (args.site.lux, taken.settings()) {
-        (None, None) => {
-            let text =
-                format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken");
-            warn(args.quiet, &text);
-            INDOORS_LX
-        }
-        _ => light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux,
+        (None, None) => None,
+        _ => Some(light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux),
     };
     let asked = Known { f_number: args.site.aperture, ..Known::default() };
     let mut limits = light::limits(&rig, asked);
@@ -142,22 +134,24 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
         );
     }
     limits.longest_s = limits.longest_s.min(recorded_s);
-    let mut dials = Dials::new(args, taken, lux, limits)?;
+    let mut dials = Dials::new(args, taken, lux.unwrap_or(INDOORS_LX), limits)?;
     let count = dials.series(args.bracket).len();
-    if let (Some(Bracket::Shutter), left_out @ 1..) = (args.bracket, TIMES.count().saturating_sub(count)) {
-        let Limits { shortest_s, longest_s, .. } = dials.limits;
-        let text = format!(
-            "{left_out} of {} times are left out: shutters here are open from {} to {}",
-            TIMES.count(),
-            stops::format_shutter_s(shortest_s),
-            stops::format_shutter_s(longest_s)
-        );
-        warn(args.quiet, &text);
-    }
+    let left_out = dials.left_out(args.bracket);
     let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.site.profile).and(&scene.files);
     for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
         photograph::check(&path, args.force)?;
         inputs.check_file(&path)?;
+    }
+    if lux.is_none() {
+        let text =
+            format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken");
+        warn(args.quiet, &text);
+    }
+    if let Some(text) = left_out {
+        warn(args.quiet, &text);
+    }
+    for text in recording.warnings.iter().chain(&scene.warnings) {
+        warn(args.quiet, text);
     }
 
     let frame = recording.frames(index..index + 1)?.next().context("the frame cannot be read")??;
@@ -185,6 +179,11 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
     let mut site = Shoot { args, recording, rig, whole, frame, mean, compositor };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
+    if args.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
+        bail!(
+            "--bracket focus goes from half a distance to twice, and infinity is sharp here: give a distance, as in --focus 2"
+        );
+    }
     let mut sheet = Vec::new();
     let mut told = false;
     let series = dials.series(args.bracket);

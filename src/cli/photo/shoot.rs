@@ -113,7 +113,8 @@ impl Shoot<'_> {
         let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
         // The recording's own settings leave its light as it is, whatever roundings say.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
-        let real = Real::new(&frames, response, &framing.framed, framing.size(), gain);
+        let neighbours = self.rig.camera().noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
+        let real = Real::new(&frames, response, &framing.framed, framing.size(), neighbours);
         drop(frames);
         let measured_at = self.rig.exposure.iso.or(taken.iso).unwrap_or(USUAL_ISO);
         let exposed = Exposed {
@@ -152,7 +153,7 @@ impl Shoot<'_> {
             equivalent_mm: framing.film.equivalent_35mm(focal_length_mm),
             focus_distance_m: asked.focus_distance_m,
             compensation_ev: dials.compensation_ev,
-            program: match dials.mode {
+            program: match dials.mode_of(self.args.bracket) {
                 Mode::Manual => 1,
                 Mode::Program => 2,
                 Mode::AperturePriority => 3,

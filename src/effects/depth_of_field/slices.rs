@@ -21,7 +21,7 @@
 //! Not modelled: circles wider than 440 px or a quarter of the picture (drawn that wide), light that a thing before the
 //! picture's rim brings in from beside it (as the rim), and what the lens sees round a near thing's sides.
 
-use crate::camera::{Aperture, Opening};
+use crate::camera::{Aperture, Opening, correlations};
 use crate::effects::FrameContext;
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants, run_tiles};
 use crate::image::Rect;
@@ -90,10 +90,29 @@ impl Kernel {
         Self { level, class, weights: weights.iter().map(|w| *w as f32).collect() }
     }
 
-    /// Σw² over the picture's pixels, for independent ones.
-    fn noise_left(&self) -> f64 {
-        let squares = self.weights.iter().map(|w| f64::from(w * w)).sum::<f64>();
-        squares / f64::from(1u32 << (2 * self.level))
+    /// Σ w w' ρ over the picture's pixels, of which those beside each other correlate so.
+    fn noise_left(&self, correlations: &[[f64; 3]; 2]) -> f64 {
+        let side = (2 * HALVES[self.class] + 1) as usize;
+        let rows: Vec<&[f32]> = self.weights.chunks(side).collect();
+        let apart = |x: usize, y: usize| -> f64 {
+            let of_rows = |(a, b): (&&[f32], &&[f32])| -> f64 {
+                // To the right and to the left: where x and y are not 0, both are other pairs.
+                let right = a.iter().zip(b.iter().skip(x)).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+                let left = a.iter().skip(x).zip(b.iter()).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+                right + left
+            };
+            rows.iter().zip(rows.iter().skip(y)).map(of_rows).sum::<f64>()
+        };
+        if self.level > 0 {
+            return 0.5 * apart(0, 0) / f64::from(1u32 << (2 * self.level)) * correlated(correlations);
+        }
+        let pairs = |x: usize, y: usize| match (x, y) {
+            (0, 0) => 0.5 * apart(0, 0),
+            (_, 0) | (0, _) => apart(x, y),
+            _ => 2.0 * apart(x, y),
+        };
+        let lags = (0..3).flat_map(|y| (0..3).map(move |x| (x, y)));
+        lags.map(|(x, y)| correlations[0][x] * correlations[1][y] * pairs(x, y)).sum()
     }
 }
 
@@ -286,6 +305,8 @@ impl Passes {
         self.places.run(gpu, run.encoder, &slots, &[&places], size);
         let mut now = 0;
         self.first.run(gpu, run.encoder, &[Slot::Buffer(&whole)], &sums[now].each_ref(), size);
+        let neighbours = context.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
+        let neighbours = neighbours.map(correlations);
         let noise_before = context.photograph.map_or(1.0, |p| p.noise_left).max(1e-6);
         for &slice in &tiles.slices {
             // Written before anything is drawn: each slice has its own.
@@ -340,7 +361,8 @@ impl Passes {
             }
             let level = kernel.level;
             let at_level = (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
-            let amplitude = noise_left(noise_before, context.enlargement(), kernel, diameter_px(slice)).sqrt();
+            let amplitude =
+                noise_left(noise_before, context.enlargement(), kernel, diameter_px(slice), &neighbours).sqrt();
             let of_level = uniform(slice, level, amplitude, &blurred[level][0]);
             let mut weights = kernel.weights.clone();
             weights.resize(weights.len().div_ceil(4) * 4, 0.0);
@@ -371,14 +393,19 @@ impl Passes {
 /// `(2·18 + 1)²`, to whole fours.
 const MOST_WEIGHTS: usize = 1372;
 
+/// How much more than of independent ones a mean over many pixels leaves of the variance: Σρ.
+fn correlated(correlations: &[[f64; 3]; 2]) -> f64 {
+    correlations.iter().map(|axis| axis[0] + 2.0 * (axis[1] + axis[2])).product()
+}
+
 /// What blurring leaves of the noise's variance that pixels had before (`before` of that of the recorded ones, which are
-/// `enlargement` px wide): for independent recorded pixels under a circle of c of them π/4·c² take part; small circles
-/// go by their kernel.
-fn noise_left(before: f64, enlargement: f64, kernel: &Kernel, diameter_px: f64) -> f64 {
+/// `enlargement` px wide): of recorded pixels under a circle of c of them π/4·c² take part, fewer by as much as they
+/// correlate; small circles go by their kernel.
+fn noise_left(before: f64, enlargement: f64, kernel: &Kernel, diameter_px: f64, correlations: &[[f64; 3]; 2]) -> f64 {
     if enlargement <= 1.0 {
-        return kernel.noise_left().min(1.0);
+        return kernel.noise_left(correlations).min(1.0);
     }
-    let recorded = std::f64::consts::FRAC_PI_4 * (diameter_px / enlargement).powi(2);
+    let recorded = std::f64::consts::FRAC_PI_4 * (diameter_px / enlargement).powi(2) / correlated(correlations);
     (1.0 / (1.0 + before * recorded)).min(1.0)
 }
 

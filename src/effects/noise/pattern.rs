@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::camera::NoiseProfile;
+use crate::camera::{NoiseProfile, side_tap};
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
 use crate::image::Rect;
 use crate::render::LayerRun;
@@ -80,13 +80,6 @@ pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
         }
     }
     [x, y, z]
-}
-
-/// The side tap a of (a, 1, a) whose output has neighbour correlation ρ = 2a/(1 + 2a²); the
-/// filter reaches at most 1/√2, which is given for anything above.
-pub fn side_tap(correlation: f64) -> f64 {
-    let rho = correlation.clamp(0.0, std::f64::consts::FRAC_1_SQRT_2);
-    if rho < 1e-6 { 0.0 } else { (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / (2.0 * rho) }
 }
 
 /// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels'
