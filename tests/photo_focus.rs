@@ -205,6 +205,21 @@ fn gets_the_films_grain(noise: &NoiseProfile) {
     }
 }
 
+/// A dark board a hand before a bright wall: its circles and the wall's differ by little more than a slice.
+#[test]
+fn what_is_behind_does_not_show_through() {
+    for board_m in [1.5f32, 1.6, 1.65, 1.684, 1.72] {
+        let is_board = |x: u32, y: u32| (100..220).contains(&x) && (60..180).contains(&y);
+        let code = |x, y| if is_board(x, y) { 20 * 257 } else { 200 * 257 };
+        let (pixels, depth) = pictured(code, |x, y| if is_board(x, y) { board_m } else { 1.93 });
+        let done = photo(&without_noise(), Scene::default(), &pixels, &depth, lens(8.35, 2.6), SIZE.0);
+        // Beyond the board's own blur, half of 4 to 7 px.
+        let inside = (68..172).flat_map(|y| (108..212).map(move |x| (x, y)));
+        let worst = inside.map(|(x, y)| done.at(x, y)[1].abs_diff(20)).max().unwrap();
+        assert!(worst <= 1, "{board_m} m: {worst} codes");
+    }
+}
+
 /// A simulated room, as a pinhole sees it.
 struct Room {
     simulation: Simulation,
