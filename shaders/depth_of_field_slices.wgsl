@@ -18,6 +18,8 @@ const SHARP_PX: f32 = 0.7;
 const GROWS_FROM_PX: f32 = 3.0;
 const RATIO: f32 = 1.25;
 const MOST: f32 = 31.0;
+// From here on real surfaces hide nothing (m).
+const HIDES_NOTHING: f32 = 1e9;
 // The place of what is not there.
 const NOWHERE: f32 = 100.0;
 
@@ -29,7 +31,7 @@ fn place_of(depth_m: f32) -> f32 {
 }
 
 // --- Each pixel's places: of the real surface, of what is behind it, of the virtual one; and 1 where the virtual one
-// is hidden. What belongs to a slice and half of the next one goes on with it.
+// is hidden.
 
 @group(0) @binding(1) var layer_color: texture_2d<f32>;
 @group(0) @binding(2) var layer_geometry: texture_2d<u32>;
@@ -87,7 +89,9 @@ fn share(@builtin(position) at: vec4<f32>) -> Both {
     // Never in a slice that the nearer one is in: there they would show side by side, not one behind the other.
     let of_behind = belongs(max(s.y, floor(s.x) + 2.0)) * clamp(s.y - s.x - 1.0, 0.0, 1.0);
     let real = of_real * textureLoad(light, p, 0).rgb + of_behind * textureLoad(behind_light, p, 0).rgb;
-    return Both(vec4<f32>(real, of_real + of_behind), belongs(s.z) * (1.0 - together * s.w) * drawn);
+    // So is a virtual one that the real one hides.
+    let of_hidden = belongs(max(s.z, floor(s.x) + 2.0)) * clamp(s.z - s.x - 1.0, 0.0, 1.0);
+    return Both(vec4<f32>(real, of_real + of_behind), select(belongs(s.z), of_hidden, s.w > 0.0) * drawn);
 }
 
 // --- At half the resolution of what was before.
@@ -112,7 +116,7 @@ fn smaller(@builtin(position) at: vec4<f32>) -> Both {
 
 // --- The opening's image over it.
 
-@group(0) @binding(4) var<uniform> kernel: array<vec4<f32>, 343>;
+@group(0) @binding(4) var<uniform> kernel: array<vec4<f32>, 183>;
 
 @fragment
 fn blur(@builtin(position) at: vec4<f32>) -> Both {
@@ -157,7 +161,8 @@ fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
     let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
     let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
     // What the nearer slices of the other kind let through.
-    let seen = fits * max(vec2<f32>(1.0) - held.yx, vec2<f32>(0.0));
+    let hides = select(1.0, 0.0, slice.circle.w >= HIDES_NOTHING);
+    let seen = fits * max(vec2<f32>(1.0) - held.yx * vec2<f32>(1.0, hides), vec2<f32>(0.0));
     let noise = slice.slice.y * seen.x * real.a;
     return Sums(
         textureLoad(sum_real, p, 0) + seen.x * real,

@@ -3,7 +3,10 @@
 // At another film speed (src/camera/grain.rs): shot noise grows with the speed's ratio k, that of reading out with k².
 // At k = 1 it is the calibrated variance, bit for bit.
 fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
-    let k = noise.grain.x;
+    return variance_at(code, noise.grain.x);
+}
+
+fn variance_at(code: vec3<f32>, k: f32) -> vec3<f32> {
     let s = sigma_at(code) * noise.shape.y;
     let shown = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
     let read = noise.shape.y * noise.read.rgb * slope_at(shown, decode(shown, curve, gamma), curve, gamma);
@@ -13,7 +16,7 @@ fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
 // By how much the camera's pixels are noisier than calibrated, where they were taken at another speed.
 fn camera_factor(code: vec3<f32>) -> vec3<f32> {
     let s = max(sigma_at(code) * noise.shape.y, vec3<f32>(1e-6));
-    return mix(vec3<f32>(1.0), wanted_variance(code) / (s * s), noise.grain.z);
+    return mix(vec3<f32>(1.0), variance_at(code, noise.grain.w) / (s * s), noise.grain.z);
 }
 
 // The pattern at a pixel of the picture, variance 1 everywhere.

@@ -253,6 +253,17 @@ fn a_lights_energy_is_kept() {
     }
 }
 
+/// No circle is drawn wider than a quarter of the picture, 80 px; an object that is further out of focus is drawn so.
+#[test]
+fn what_is_far_out_of_focus_is_still_there() {
+    for circle_px in [15.997, 63.99, 79.0, 130.0, 400.0] {
+        let board = rectangles(&[([-60.0, -60.0], [60.0, 60.0], 2.0, [0.5; 3])]);
+        let layer = composited(&camera(circle_px, 2.0, 0), board, "layered").layer.unwrap();
+        let covered: f64 = layer.rgba.iter().map(|p| f64::from(p[3])).sum();
+        assert!((covered / 14400.0 - 1.0).abs() < 0.02, "{circle_px} px: {covered} px of 14400");
+    }
+}
+
 /// What a square light of 3 px shows as in a pixel: the share of its light, counted on places in pixel and light.
 fn image_of_a_light(aperture: &Aperture, radius_px: f64, upright: f64, area: f64, at: [f64; 2]) -> f64 {
     let along = |i: u32, n: u32| (f64::from(i) + 0.5) / f64::from(n) - 0.5;
@@ -390,9 +401,9 @@ fn a_real_thing_in_focus_cuts_a_blurred_object_sharply() {
                 _ => {}
             }
         }
-        // Hidden far behind the edge it is not drawn at all; a pixel at the edge is half of each.
-        let half = layer.rgba[(120 * WIDTH + edge_x) as usize][3];
-        assert!((half - 0.75).abs() < 0.01, "{method}: {half}");
+        // Hidden far behind the edge it is not drawn at all; of a pixel at the edge three quarters are seen.
+        let seen = layer.rgba[(120 * WIDTH + edge_x) as usize][3];
+        assert!((seen - 0.75).abs() < 0.01, "{method}: {seen}");
     }
 }
 

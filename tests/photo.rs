@@ -14,6 +14,7 @@ use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Framed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
 use locard::compositor::{Compositor, Job, Part, Settings, Surfaces};
 use locard::effects::{Photograph, Summed};
+use locard::frame::{FrameExposure, PhotoSettings};
 use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
 use locard::photo::{Exposed, Framing, Real, Site, take};
@@ -49,6 +50,18 @@ fn photo_with(
     framing: &Framing,
     exposed: Exposed,
 ) -> Pixels {
+    photo_of_frame(settings, camera, scene, pixels, framing, exposed, FrameExposure::default())
+}
+
+fn photo_of_frame(
+    settings: Settings,
+    camera: &Camera,
+    scene: Scene,
+    pixels: Pixels,
+    framing: &Framing,
+    exposed: Exposed,
+    exposure: FrameExposure,
+) -> Pixels {
     let gpu = gpu::gpu();
     let recorded = camera.geometry.clone().unwrap();
     let track = sideways([200.0, 0.0]);
@@ -61,7 +74,7 @@ fn photo_with(
         interval_s: 1.0 / 30.0,
         frame: 3,
         timestamp_s: 0.0,
-        exposure: Default::default(),
+        exposure,
         summed: &[],
         depth: None,
     };
@@ -173,6 +186,30 @@ fn virtual_pixels_are_no_quieter_than_the_real_ones_beside_them() {
             assert!((own / sigma - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {own}, the room's is {sigma}");
         }
     }
+}
+
+/// A camera whose noise was measured at ISO 100 recorded this frame at ISO 1600, noise and all: photographed at ISO 1600 it lacks
+/// nothing.
+#[test]
+fn a_frame_that_was_recorded_at_another_speed_brings_that_speeds_noise() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = noise();
+    let mut camera = camera(&geometry, Some(noise.clone()));
+    camera.exposure.iso = Some(100.0);
+    let response = Response::default();
+    let ratios = GrainRatios { iso: 16.0, ..Default::default() };
+    let wanted = grain::sigma(&noise, &response, 1, 90.0, &ratios);
+    let louder = |bin: &NoiseBin| NoiseBin { code: bin.code, sigma: bin.sigma * wanted / noise.sigma(1, 90.0) };
+    let recorded =
+        NoiseProfile { bins: noise.bins.clone().map(|bins| bins.iter().map(louder).collect()), ..noise.clone() };
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let exposed = Exposed { iso_ratio: 16.0, ..AS_RECORDED };
+    let photo_of = PhotoSettings { iso: Some(1600.0), ..Default::default() };
+    let exposure = FrameExposure { photo: photo_of, ..Default::default() };
+    let pixels = noisy_grey(400, 300, 90.0, &recorded);
+    let done = photo_of_frame(Settings::default(), &camera, Scene::default(), pixels, &framing, exposed, exposure);
+    let (_, sigma) = mean_and_sigma(&done, 1);
+    assert!((sigma / wanted - 1.0).abs() < 0.03, "σ {sigma}, {wanted} wanted");
 }
 
 /// The recording's own noise, whose neighbours correlate, is what the composite puts on a board: enlarged and made smaller it lacks

@@ -35,10 +35,22 @@ fn pictured(code: impl Fn(u32, u32) -> u16, depth_m: impl Fn(u32, u32) -> f32) -
 }
 
 fn photo(camera: &Camera, scene: Scene, pixels: &Pixels, depth: &DepthMap, opening: Opening, width: u32) -> Pixels {
+    photo_with(Settings::default(), camera, scene, pixels, depth, opening, width)
+}
+
+fn photo_with(
+    settings: Settings,
+    camera: &Camera,
+    scene: Scene,
+    pixels: &Pixels,
+    depth: &DepthMap,
+    opening: Opening,
+    width: u32,
+) -> Pixels {
     let recorded = camera.geometry.clone().unwrap();
     let framing = Framing::new(&recorded, None, None, opening.focus_distance_m, Some(width)).unwrap();
     let gpu = gpu::gpu();
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), Settings::default(), scene);
+    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
     let neighbours = camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
     let real = Real::new(&[(1.0, pixels.clone())], &camera.response, &framing.framed, framing.size(), neighbours);
     let track = sideways([0.0, 0.0]);
@@ -217,6 +229,26 @@ fn what_is_behind_does_not_show_through() {
         let inside = (68..172).flat_map(|y| (108..212).map(move |x| (x, y)));
         let worst = inside.map(|(x, y)| done.at(x, y)[1].abs_diff(20)).max().unwrap();
         assert!(worst <= 1, "{board_m} m: {worst} codes");
+    }
+}
+
+/// A white board at 2 m behind a dark wall whose circles are one to two slices smaller.
+#[test]
+fn a_hidden_object_does_not_shine_through() {
+    for step in 0..12 {
+        let wall_m = 1.36 + 0.03 * step as f32;
+        let (pixels, depth) = pictured(|_, _| 20 * 257, |_, _| wall_m);
+        let board = || panel([-60.0, -40.0], [60.0, 40.0], 1.0);
+        let opening = lens(12.4, 1.0);
+        let hidden = photo(&without_noise(), board(), &pixels, &depth, opening, SIZE.0);
+        let worst = (0..240).flat_map(|y| (0..320).map(move |x| (x, y))).map(|(x, y)| hidden.at(x, y)[1].abs_diff(20));
+        let worst = worst.max().unwrap();
+        assert!(worst <= 1, "{wall_m} m: {worst} codes");
+        // Where real things are to hide nothing, all of it is seen.
+        let mut settings = Settings::default();
+        settings.depth.occlusion = false;
+        let seen = photo_with(settings, &without_noise(), board(), &pixels, &depth, opening, SIZE.0);
+        assert!(seen.at(160, 120)[1] >= 254, "{wall_m} m: {:?}", seen.at(160, 120));
     }
 }
 

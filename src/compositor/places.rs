@@ -3,7 +3,7 @@
 use super::mix::Piece;
 use crate::image::Rect;
 
-/// What effects at lower resolutions work in: the smallest of their tiles, a multiple of their largest pixels, px.
+/// What effects at lower resolutions work in: a multiple of a photograph's tiles and of the largest pixels, both 16 px.
 const GRID_PX: i32 = 32;
 
 /// What is asked for.
@@ -47,7 +47,8 @@ impl Places {
             // Columns go on over the seam.
             (reach.x0, reach.x1) = (-width, 2 * width);
         }
-        let objects_px = asked.footprint.grown(asked.spread_px);
+        let objects_px =
+            if asked.footprint.is_empty() { asked.footprint } else { asked.footprint.grown(asked.spread_px) };
         let mut drawn = if asked.real_too { reach } else { objects_px.intersection(&reach) };
         if round && drawn.width() >= region.width() {
             (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);

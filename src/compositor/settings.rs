@@ -82,6 +82,11 @@ impl Settings {
         self.enabled[i] && !self.effects[i].is_neutral(context)
     }
 
+    /// Whether an effect that is switched on acts on what the camera saw, too.
+    pub fn acts_on_real(&self) -> bool {
+        self.effects.iter().zip(&self.enabled).any(|(effect, on)| *on && effect.acts_on_real())
+    }
+
     /// Settings of effects switched on that do nothing with a camera, each with the reason.
     pub fn idle(&self, camera: &Camera) -> Vec<&'static str> {
         let on = self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on);

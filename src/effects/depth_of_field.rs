@@ -18,8 +18,8 @@
 //! virtual one (depth_of_field/slices.rs).
 //!
 //! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
-//! `layered`: more than two surfaces behind each other within one circle, circles wider than a quarter of the picture
-//! (drawn that wide), and real things before a blurred object, over which its blur reaches.
+//! `layered`: more than two surfaces behind each other within one circle, and circles wider than a quarter of the picture and
+//! than 400 px (drawn that wide).
 
 pub mod diffusion;
 mod highlights;
@@ -39,6 +39,8 @@ use operator::Shape;
 
 /// Circles below this are points, px.
 const SHARP_PX: f32 = 0.7;
+/// The widest circle that is drawn, px: 12.5 texels to each side at a sixteenth, which is what the shader's table holds.
+pub const WIDEST_PX: f32 = 400.0;
 const MOST_POINTS: u32 = 1 << 14;
 
 crate::choices! {
@@ -146,11 +148,16 @@ impl Effect for DepthOfFieldEffect {
         Ok(())
     }
     fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        match (self.params.method, context.real_depths_m) {
-            (Method::Layered, Some(_)) => slices::reach_px(context),
-            (Method::Diffusion, _) => diffusion::reach_px(&self.params, context),
-            (Method::Layered, None) => layered::look_px(context),
-            (Method::Poisson | Method::Reference, _) => layered::reach_px(context),
+        let own_px = match self.params.method {
+            Method::Diffusion => diffusion::reach_px(&self.params, context),
+            Method::Layered => layered::look_px(context),
+            Method::Poisson | Method::Reference => layered::reach_px(context),
+        };
+        // The real part is blurred slice by slice whatever the method; `layered` has the virtual one among them.
+        match (context.real_depths_m, self.params.method) {
+            (None, _) => own_px,
+            (Some(_), Method::Layered) => slices::reach_px(context),
+            (Some(_), _) => own_px.max(slices::reach_px(context)),
         }
     }
     fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {

@@ -1,6 +1,6 @@
 //! Exposure of the virtual layer: brighter or darker by ΔEV stops (camera/exposure.rs).
 //!
-//! - `photographic` (default): light times 2^ΔEV; what is too bright clips at the response.
+//! - `photographic` (default): light times 2^ΔEV; what is too bright clips at the very end, after mixing and noise.
 //! - `additive`: vSLRcam (11) as printed, 0.2 · ΔEV added to display values, 0 to 1.
 //!
 //! ΔEV is `ev`, and, where `reference_s` is given, by how many stops the frame was exposed longer than that: a scene

@@ -72,7 +72,7 @@ impl Noise {
     /// The recording's own speed for a frame, where no other film is asked for. A sensor's noise does not get coarser with
     /// it, as film's does: patches stay.
     fn recorded_speed(&self, context: &FrameContext<'_>) -> f64 {
-        if self.iso.is_some() { 1.0 } else { context.recorded_speed() }
+        if self.iso.is_some() && context.photograph.is_none() { 1.0 } else { context.recorded_speed() }
     }
 
     /// Size of the patches, px.
@@ -87,7 +87,7 @@ pub struct NoiseEffect {
     passes: Option<Passes>,
 }
 
-/// `Noise` of shaders/noise.wgsl.
+/// `Noise` of shaders/shared/noise.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct NoiseUniform {
@@ -168,10 +168,11 @@ impl Effect for NoiseEffect {
             shape: [magnification, self.params.scale, given[0], given[1]],
             origin: [lattice.x0, lattice.y0, 0, 0],
             grain: [
-                (ratios.iso * recorded) as f32,
+                // A photograph's film is told by its own ratio.
+                (ratios.iso * if context.photograph.is_some() { 1.0 } else { recorded }) as f32,
                 if magnification <= 1.0 { 0.5 } else { 0.0 },
                 if recorded == 1.0 { 0.0 } else { 1.0 },
-                0.0,
+                recorded as f32,
             ],
             read: [read(0), read(1), read(2), 0.0],
         };

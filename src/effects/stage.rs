@@ -74,7 +74,7 @@ pub struct FrameContext<'a> {
     pub depths_m: [f64; 2],
     /// Of a photograph whose real surfaces are known: between which depths they lie, metres.
     pub real_depths_m: Option<[f64; 2]>,
-    /// What of the picture objects can touch, with what effects spread.
+    /// What of the picture objects can touch, with what effects spread. Known once passes are recorded, empty before.
     pub objects_px: Rect,
     /// What of the picture the layer covers; may reach beyond it. Known once passes are recorded, empty before.
     pub drawn: Rect,
@@ -106,10 +106,10 @@ impl FrameContext<'_> {
 
     /// Film speed at which the recording's frame was taken over that of the camera's profile, at which its noise was
     /// measured: by the ISO that the frame's file tells, else by the gain that the recording lists. 1 where one of both is
-    /// not known, and in photographs, whose speed is their own.
+    /// not known.
     pub fn recorded_speed(&self) -> f64 {
         let FrameExposure { gain, photo, .. } = self.recorded;
-        let Some(measured) = self.camera.exposure.iso.filter(|_| self.photograph.is_none()) else { return 1.0 };
+        let Some(measured) = self.camera.exposure.iso else { return 1.0 };
         let speed = photo.iso.map(|iso| iso / measured).or(gain).unwrap_or(1.0);
         if speed.is_finite() && speed > 0.0 { speed } else { 1.0 }
     }

@@ -79,7 +79,8 @@ const STEP_PX: u32 = 48;
 /// made anew only when its size class, format, samples or levels change.
 ///
 /// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
-/// textures each frame; what lies beyond the asked size is never read.
+/// textures each frame; what lies beyond the asked size is empty, for passes clear all of
+/// their targets.
 #[derive(Debug, Default)]
 pub struct TexturePool {
     lent: HashMap<(&'static str, usize), Texture>,

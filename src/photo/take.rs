@@ -2,6 +2,7 @@
 
 use crate::camera::{Geometry, Opening};
 use crate::compositor::{Compositor, Job, Part, SubmitError, seen_at_frame};
+use crate::effects::depth_of_field::WIDEST_PX;
 use crate::effects::{Photograph, Summed};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
@@ -92,7 +93,7 @@ pub fn take(
         circle(f64::from(least_m)).max(circle(f64::INFINITY))
     });
     let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
-    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0);
+    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
     let surfaces = blurred.and_then(|depth_m| {
         surfaces::made(&pixels, &site.recorded.intrinsics, depth_m, framing, compositor.response(), reach_px)
     });

@@ -94,14 +94,14 @@ impl Dials {
     pub fn misses(&self, asked: &Asked) -> Option<String> {
         let missed = self.mode != Mode::Manual && asked.over_ev.abs() > 0.5;
         missed.then(|| {
-            let (stops, side, other) = match asked.over_ev {
-                over if over > 0.0 => (over, "too bright", "a smaller"),
-                over => (-over, "too dark", "a larger"),
+            let (stops, side, helps) = match asked.over_ev {
+                over if over > 0.0 => (over, "too bright", "a smaller --iso helps"),
+                over => (-over, "too dark", "a larger --iso helps, or a frame further from the recording's ends"),
             };
             let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
             format!(
                 "{} is {stops:.1} stops {side}: the shutter can be open from {} to {} (no longer than frames go on around \
-                 this one), the aperture {} to {}; {other} --iso helps, or a frame further from the recording's ends",
+                 this one), the aperture {} to {}; {helps}",
                 asked.settings,
                 stops::format_shutter_s(shortest_s),
                 stops::format_shutter_s(longest_s),
@@ -111,7 +111,7 @@ impl Dials {
         })
     }
 
-    /// Of a series what it does not hold, or does not go by, though it was asked for.
+    /// Of a series what it does not hold, though it was asked for.
     pub fn left_out(&self, bracket: Option<Bracket>) -> Option<String> {
         let Limits { shortest_s, longest_s, .. } = self.limits;
         let count = TIMES.count();

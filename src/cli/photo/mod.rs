@@ -172,6 +172,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
                     calibrate noise` measures it from pictures of a scene at rest";
         warn(args.quiet, text);
     }
+    let acts_on_real = effects.acts_on_real();
     let compositor = Compositor::new(Gpu::open()?, camera, effects, scene);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
@@ -192,7 +193,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
     for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
         let opening = site.lens(asked).opening(&framing.geometry)?;
-        let flat = site.frame.depth.is_none();
+        let flat = site.frame.depth.is_none() && acts_on_real;
         if flat && !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
             let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as sharp \
                         as it was recorded";

@@ -168,3 +168,22 @@ impl Highlights {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_the_shaders() {
+        let shader = assemble("depth_of_field_highlights");
+        let value = |name: &str| -> f64 {
+            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: "))).expect(name);
+            let (_, value) = line.split_once("= ").expect(name);
+            value.trim_end_matches(['u', ';']).parse().expect(name)
+        };
+        assert_eq!(value("LEAST_RADIUS_PX"), f64::from(LEAST_RADIUS_PX));
+        assert_eq!(value("BLOCK_PX") * value("CELL"), f64::from(CELL_PX));
+        assert_eq!([value("BLOCKS"), value("MOST")], [BLOCKS as f64, MOST as f64]);
+        assert_eq!(value("CELL") * value("CELL"), BLOCKS as f64);
+    }
+}

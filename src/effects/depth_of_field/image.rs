@@ -159,7 +159,7 @@ mod tests {
         let holds = |name: &str| {
             let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: "))).expect(name);
             let (_, value) = line.split_once("= ").expect(name);
-            value.trim_end_matches(['u', ';']).trim_end_matches('u').parse::<usize>().expect(name)
+            value.trim_end_matches(['u', ';']).parse::<usize>().expect(name)
         };
         let columns = 2 * REACH as usize + 1;
         assert_eq!(

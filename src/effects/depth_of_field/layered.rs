@@ -1,7 +1,7 @@
 //! The method `layered` on the GPU.
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
-//! 2. Tiles, a third as wide as circles reach or wider: from the circles that reach into a tile, and all that is seen
+//! 2. Tiles, a third as wide as circles reach or wider (in photographs 16 px): from the circles that reach into a tile, and all that is seen
 //!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 12 points of the
 //!    opening at full resolution) or with large ones (all texels of the opening's image at a half, a quarter and so on); two
 //!    surfaces behind each other, kept apart until the end.
@@ -17,10 +17,10 @@ use crate::effects::FrameContext;
 use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, run_listed, run_tiles};
 use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
 
-use super::circles_px;
 use super::highlights::{self, Highlights};
 use super::image;
 use super::surroundings::{PHOTOGRAPHS_TILE_PX, Tiling, lens};
+use super::{WIDEST_PX, circles_px};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
@@ -66,9 +66,6 @@ impl Shape {
     }
 }
 
-/// The widest circle whose image the shader holds, px: 12.5 texels to each side at a sixteenth.
-const WIDEST_PX: f32 = 400.0;
-
 /// No circle is drawn wider than a quarter of the picture.
 fn widest_px(context: &FrameContext<'_>) -> f32 {
     let i = &context.geometry.intrinsics;
@@ -91,7 +88,7 @@ pub fn look_px(context: &FrameContext<'_>) -> f32 {
     reach_px(context) + 2.0 * tile_px
 }
 
-/// Whether all that is drawn is one surface to a tile: `around` of shaders/depth_of_field_tiles.wgsl.
+/// Whether all that is drawn is one surface to a tile: `is_one_surface` of shaders/shared/lens.wgsl.
 fn is_one_surface(context: &FrameContext<'_>) -> bool {
     let Some(opening) = context.opening else { return true };
     let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
@@ -238,8 +235,9 @@ impl Passes {
             Slot::Sampler(&self.between),
             Slot::Buffer(self.highlights.found()),
         ];
-        let [least, _] = circles_px(context);
-        for level in 1.max(level_of(0.5 * least))..=level_of(largest) {
+        // The shader's circles are rounded to 16 bits, and none is larger than is drawn.
+        let least = (0.5 * circles_px(context)[0]).min(largest);
+        for level in 1.max(level_of(0.999 * least))..=level_of(1.001 * largest) {
             let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
             let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
             let passes: Vec<_> = self.levels[level - 1].iter().collect();

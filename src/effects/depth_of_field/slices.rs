@@ -18,7 +18,7 @@
 //! A slice's kernel is the opening, drawn at a resolution of which its radius is a few pixels, its size set so that its
 //! variance is that of (8), less half of what smaller pictures blur besides.
 //!
-//! Not modelled: circles wider than 440 px or a quarter of the picture (drawn that wide), light that a thing before the
+//! Not modelled: circles wider than 400 px or a quarter of the picture (drawn that wide), light that a thing before the
 //! picture's rim brings in from beside it (as the rim), and what the lens sees round a near thing's sides.
 
 use crate::camera::{Aperture, Opening, correlations};
@@ -37,11 +37,9 @@ const LEVELS: usize = 4;
 /// Radii up to which each resolution is drawn at, px.
 const UP_TO_PX: [f64; LEVELS] = [2.5, 8.5, 18.0, 38.0];
 /// Half sides of kernels, in pixels of the resolution.
-const HALVES: [i32; 7] = [1, 2, 4, 6, 9, 13, 18];
+const HALVES: [i32; 6] = [1, 2, 4, 6, 9, 13];
 /// Points of the opening of which a kernel is made.
 const POINTS: u32 = 4096;
-/// No circle is drawn wider, px: what is drawn around each part of a photograph is to fit into memory.
-const LARGEST_PX: f64 = 440.0;
 /// To either side of what is sharp.
 const MOST_SLICES: i32 = 31;
 
@@ -196,7 +194,7 @@ fn reach_of(radius_px: f64) -> f64 {
 
 /// Of what is drawn, px.
 fn largest_px(context: &FrameContext<'_>) -> f64 {
-    LARGEST_PX.min(2.0 * f64::from(layered::largest_radius_px(context)))
+    2.0 * f64::from(layered::largest_radius_px(context))
 }
 
 /// How far light is spread, px.
@@ -287,7 +285,7 @@ impl Passes {
                     (context.geometry.intrinsics.fx_px * opening.diameter_m) as f32,
                     (1.0 / opening.focus_distance_m) as f32,
                     largest as f32,
-                    // Less than nothing where nothing is hidden.
+                    // More than any depth where nothing is hidden.
                     real.tolerance_m.unwrap_or(f32::INFINITY).min(1e9),
                 ],
                 slice: [slice as f32, amplitude as f32, texel as f32, f32::from(u8::from(with_layer))],
@@ -390,8 +388,8 @@ impl Passes {
     }
 }
 
-/// `(2·18 + 1)²`, to whole fours.
-const MOST_WEIGHTS: usize = 1372;
+/// `(2·13 + 1)²`, to whole fours.
+const MOST_WEIGHTS: usize = 732;
 
 /// How much more than of independent ones a mean over many pixels leaves of the variance: Σρ.
 fn correlated(correlations: &[[f64; 3]; 2]) -> f64 {
