@@ -404,53 +404,61 @@ fn passing(in: Corner) -> @location(0) vec4<u32> {
 struct Spot {
     @builtin(position) at: vec4<f32>,
     @location(0) @interpolate(flat) middle: vec2<f32>,
-    // Apothem of its image, width of the rim, circle (px).
-    @location(1) @interpolate(flat) size: vec3<f32>,
+    // Apothem of its image, circle (px).
+    @location(1) @interpolate(flat) size: vec2<f32>,
     // In a pixel that lies inside.
     @location(2) @interpolate(flat) light: vec3<f32>,
+    // How the light spreads over its block, px²: along x, along y, both.
+    @location(3) @interpolate(flat) spread: vec3<f32>,
 }
 
 // A light's image: around the middle of its block's light, its rim as wide as that light is.
 @vertex
 fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Spot {
     let highlight = highlights.all[i];
-    let first = BLOCK_PX * vec2<i32>(highlight.place.xy);
+    let block = vec2<i32>(highlight.place.xy);
+    let first = BLOCK_PX * block;
+    let range = textureLoad(circles, block, 1).xy;
+    let split = select(-NOTHING, 0.5 * (range.x + range.y), highlight.light.w > 0.0);
     var sum = 0.0;
     var middle = vec2<f32>(0.0);
-    var second = 0.0;
+    var second = vec3<f32>(0.0);
     for (var k = 0; k < BLOCK_PX * BLOCK_PX; k++) {
         let step = vec2<i32>(k % BLOCK_PX, k / BLOCK_PX);
-        let light = brightest(textureLoad(color, first + step, 0));
+        let is_of_it = circles_in_layer(first + step).x >= split;
+        let light = select(0.0, brightest(textureLoad(color, first + step, 0)), is_of_it);
         let place = vec2<f32>(step);
         sum += light;
         middle += light * place;
-        second += light * dot(place, place);
+        second += light * vec3<f32>(place * place, place.x * place.y);
     }
     middle /= max(sum, 1e-6);
-    // A square of this side has the variance that was found along an axis; a pixel's at least.
-    let variance = 0.5 * (second / max(sum, 1e-6) - dot(middle, middle));
-    let rim = sqrt(max(12.0 * variance, 1.0));
+    let spread = second / max(sum, 1e-6) - vec3<f32>(middle * middle, middle.x * middle.y);
+    // The mean over all sides.
+    let rim = sqrt(max(6.0 * (spread.x + spread.y), 1.0));
     let circle = highlight.place.w;
     let apothem = 0.5 * abs(circle) * aperture.shape.z;
     // What a rim spreads evenly to both sides adds to the area.
     let area = aperture.shape.w * (apothem * apothem + rim * rim / 12.0);
-    let reach = (apothem + 0.5 * rim) / aperture.shape.z;
+    let reach = (apothem + f32(BLOCK_PX)) / aperture.shape.z;
     var out: Spot;
     out.middle = vec2<f32>(first) + middle + 0.5;
     let corner = out.middle + reach * (2.0 * vec2<f32>(f32(v & 1u), f32(v >> 1u)) - 1.0);
     let device = corner / vec2<f32>(lens.size.xy) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
     out.at = vec4<f32>(device, 0.0, 1.0);
-    out.size = vec3<f32>(apothem, rim, circle);
+    out.size = vec2<f32>(apothem, circle);
+    out.spread = spread;
     out.light = highlight.light.rgb / area;
     return out;
 }
 
-// How far from the middle a side lies that a place lies on.
-fn apothem_at(place: vec2<f32>) -> f32 {
+// Where the side of the opening looks that lies towards a place: away from the middle.
+fn side_towards(place: vec2<f32>) -> vec2<f32> {
     let side = aperture.shape.x;
-    let off = atan2(place.y, place.x) - aperture.shape.y;
-    let from_middle = off - side * round(off / max(side, 1e-6));
-    return length(place) * select(1.0, cos(from_middle), side > 0.0);
+    let angle = atan2(place.y, place.x);
+    let of_side = aperture.shape.y + side * round((angle - aperture.shape.y) / max(side, 1e-6));
+    let towards = select(angle, of_side, side > 0.0);
+    return vec2<f32>(cos(towards), sin(towards));
 }
 
 // So little that it hides nothing, and that the pixel is not taken for one of the camera's.
@@ -458,17 +466,26 @@ const LEAST_ALPHA: f32 = 0.0009765625;
 
 @fragment
 fn spot(in: Spot) -> @location(0) vec4<f32> {
-    let circle = in.size.z;
-    let at = apothem_at(side_of(circle) * (in.at.xy - in.middle));
-    let share = clamp((in.size.x - at) / in.size.y + 0.5, 0.0, 1.0);
+    let circle = in.size.y;
+    let place = side_of(circle) * (in.at.xy - in.middle);
+    let n = side_towards(place);
+    // Across it the light is as wide as a square that spreads like it; a pixel at least.
+    let across = in.spread.x * n.x * n.x + in.spread.y * n.y * n.y + 2.0 * in.spread.z * n.x * n.y;
+    let share = clamp((in.size.x - dot(place, n)) / sqrt(max(12.0 * across, 1.0)) + 0.5, 0.0, 1.0);
     if share == 0.0 {
         discard;
     }
     // Where two surfaces are, the nearer one hides the farther one's lights as it hides all else.
     let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.size.z)), 0);
+    let p = vec2<i32>(in.at.xy);
     var seen = 1.0;
     if tile.z == 6.0 && circle >= 0.5 * (tile.x + tile.y) {
-        seen = 1.0 - gather_two_fine(vec2<i32>(in.at.xy), in.at.xy, tile.xy).front.a;
+        seen = 1.0 - gather_two_fine(p, in.at.xy, tile.xy).front.a;
+    }
+    // So does what is nearer and in focus here, whichever of the two it belongs to.
+    let own = circles_in_layer(p).x;
+    if own < circle && !is_one_surface(own, circle) && 0.5 * abs(own) < TWO_HALF_PX {
+        seen = min(seen, 1.0 - textureLoad(color, p, 0).a);
     }
     return vec4<f32>(share * seen * in.light, select(0.0, LEAST_ALPHA, seen > 0.0));
 }

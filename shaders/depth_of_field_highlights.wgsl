@@ -1,5 +1,6 @@
 // Finds lights that stand out in a picture that is out of focus, and takes them out of its pyramid
 // (src/effects/depth_of_field/highlights.rs).
+// @import shared/layer
 // @import shared/lens
 // @import shared/highlights
 @group(0) @binding(0) var<uniform> lens: Lens;
@@ -10,6 +11,9 @@
 @group(0) @binding(3) var<storage, read_write> left: array<f32>;
 @group(0) @binding(4) var<storage, read_write> numbers: array<u32>;
 @group(0) @binding(5) var<storage, read_write> found: Highlights;
+// The layer itself.
+@group(0) @binding(6) var color: texture_2d<f32>;
+@group(0) @binding(7) var geometry: texture_2d<u32>;
 // The same, for drawing.
 @group(0) @binding(1) var<storage, read> drawn: Highlights;
 
@@ -19,8 +23,12 @@ override texels_to_block: f32 = 1.0;
 // How much brighter than all around (it or one beside it) and than white a block's mean is that stands out.
 const TIMES_AROUND: f32 = 8.0;
 const BRIGHT: f32 = 2.0;
+// How much brighter than the darkest around are those beside one that goes with it.
+const TIMES_DARKEST: f32 = 2.0;
 // From this radius on gathering shows its texels (px).
-const LEAST_RADIUS_PX: f32 = 4.0;
+const LEAST_RADIUS_PX: f32 = 2.9;
+// What is left of a block of two surfaces whose farther one's light stands out: all that the pyramid has of it, the nearer one's.
+const FARTHER: f32 = 2.0;
 // No more are drawn, and of no more pixels than so many times the layer's.
 const MOST: u32 = 8192u;
 const MOST_AREA: f32 = 4.0;
@@ -38,12 +46,40 @@ fn block(cell: vec2<u32>, i: u32) -> vec2<i32> {
     return CELL * vec2<i32>(cell) + vec2<i32>(i32(i) % CELL, i32(i) / CELL);
 }
 
-fn circle_of_block(b: vec2<i32>) -> f32 {
-    return textureLoad(circles, b, 1).x;
+fn is_blurred(circle: f32) -> bool {
+    return 0.5 * abs(circle) >= LEAST_RADIUS_PX && abs(circle) < NOTHING;
 }
 
-fn is_blurred(circle: f32) -> bool {
-    return 0.5 * abs(circle) >= LEAST_RADIUS_PX && circle < NOTHING;
+// Whether a block's range of circles is that of two surfaces, of which the pyramid has the nearer one's light alone.
+fn hides_one(range: vec2<f32>) -> bool {
+    return range.x < range.y && !is_one_surface(range.x, range.y) && is_blurred(range.y);
+}
+
+// Of a block of two surfaces the farther one's light, the mean over the block, and its circle, that of what is bright.
+fn farther_light(b: vec2<i32>, range: vec2<f32>) -> vec4<f32> {
+    let split = 0.5 * (range.x + range.y);
+    var sum = vec3<f32>(0.0);
+    var circle = 0.0;
+    var weight = 1e-6;
+    for (var k = 0; k < BLOCK_PX * BLOCK_PX; k++) {
+        let q = BLOCK_PX * b + vec2<i32>(k % BLOCK_PX, k / BLOCK_PX);
+        let light = light_within(color, q, lens.size.xy);
+        let own = circle_of(unpack_geometry(textureLoad(geometry, q, 0)).x);
+        let taken = select(0.0, 1.0, light.a > 0.0 && own >= split);
+        sum += taken * light.rgb;
+        circle += taken * brightest(light) * own;
+        weight += taken * brightest(light);
+    }
+    return vec4<f32>(sum / f32(BLOCK_PX * BLOCK_PX), circle / weight);
+}
+
+// What is taken of a block, the mean over it, and the circle that goes with it.
+fn taken_of(b: vec2<i32>, left: f32) -> vec4<f32> {
+    let range = textureLoad(circles, b, 1).xy;
+    if left == FARTHER {
+        return farther_light(b, range);
+    }
+    return vec4<f32>((1.0 - left) * textureLoad(colors, b, 1).rgb, range.x);
 }
 
 @compute @workgroup_size(8, 8)
@@ -55,7 +91,12 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
     let cell = id.y * size.x + id.x;
     var most = 0.0;
     for (var i = 0u; i < BLOCKS; i++) {
-        most = max(most, brightest(textureLoad(colors, block(id.xy, i), 1)));
+        let b = block(id.xy, i);
+        most = max(most, brightest(textureLoad(colors, b, 1)));
+        let range = textureLoad(circles, b, 1).xy;
+        if hides_one(range) {
+            most = max(most, brightest(farther_light(b, range)));
+        }
     }
     numbers[cell] = 0u;
     if most <= BRIGHT {
@@ -72,14 +113,22 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var i = 0u; i < BLOCKS; i++) {
         let b = block(id.xy, i);
         let light = brightest(textureLoad(colors, b, 1));
-        // Of a light on two blocks the fainter part goes with the brighter one.
-        var beside = light;
+        let range = textureLoad(circles, b, 1).xy;
+        var farther = 0.0;
+        if hides_one(range) {
+            farther = brightest(farther_light(b, range));
+        }
+        // Of a light on two blocks the fainter part goes with the brighter one, down to what is as dark as all around.
+        var beside = max(light, farther);
         for (var k = 0; k < 9; k++) {
             beside = max(beside, brightest(textureLoad(colors, b + vec2<i32>(k % 3, k / 3) - 1, 1)));
         }
-        let stands_out = light > BRIGHT && beside > TIMES_AROUND * sum / 9.0 && is_blurred(circle_of_block(b));
-        left[cell * BLOCKS + i] = select(1.0, min(least / light, 1.0), stands_out);
-        number += select(0u, 1u, stands_out);
+        let is_seen = beside > max(BRIGHT, TIMES_AROUND * sum / 9.0);
+        let near_stands_out = is_seen && light > TIMES_DARKEST * least && is_blurred(range.x);
+        let far_stands_out = is_seen && farther > TIMES_DARKEST * least;
+        let rest = select(1.0, min(least / light, 1.0), near_stands_out);
+        left[cell * BLOCKS + i] = select(rest, FARTHER, far_stands_out);
+        number += select(0u, 1u, near_stands_out || far_stands_out);
     }
     numbers[cell] = number;
 }
@@ -88,9 +137,10 @@ const THREADS: u32 = 256u;
 var<workgroup> areas: array<f32, THREADS>;
 var<workgroup> counts: array<u32, THREADS>;
 
-fn area_of(circle: f32) -> f32 {
-    let side = abs(circle) + f32(BLOCK_PX);
-    return side * side;
+fn area_of(b: vec2<i32>, left: f32) -> f32 {
+    let range = textureLoad(circles, b, 1).xy;
+    let side = abs(select(range.x, range.y, left == FARTHER)) + f32(BLOCK_PX);
+    return select(side * side, 0.0, left == 1.0);
 }
 
 // Cell by cell in rows, so that it is the same list each time.
@@ -106,7 +156,7 @@ fn list(@builtin(local_invocation_index) thread: u32) {
         if numbers[cell] > 0u {
             for (var i = 0u; i < BLOCKS; i++) {
                 let b = block(vec2<u32>(cell % size.x, cell / size.x), i);
-                area += select(0.0, area_of(circle_of_block(b)), left[cell * BLOCKS + i] < 1.0);
+                area += area_of(b, left[cell * BLOCKS + i]);
             }
             count += numbers[cell];
         }
@@ -128,11 +178,14 @@ fn list(@builtin(local_invocation_index) thread: u32) {
             for (var i = 0u; i < BLOCKS; i++) {
                 let b = block(vec2<u32>(cell % size.x, cell / size.x), i);
                 let keep = left[cell * BLOCKS + i];
-                let circle = circle_of_block(b);
-                area += select(0.0, area_of(circle), keep < 1.0);
-                if keep < 1.0 && area <= budget && count < MOST {
-                    let taken = f32(BLOCK_PX * BLOCK_PX) * (1.0 - keep) * textureLoad(colors, b, 1);
-                    found.all[count] = Highlight(vec4<f32>(vec2<f32>(b), keep, circle), vec4<f32>(taken.rgb, 0.0));
+                area += area_of(b, keep);
+                if keep != 1.0 && area <= budget && count < MOST {
+                    let taken = taken_of(b, keep);
+                    let is_farther = select(0.0, 1.0, keep == FARTHER);
+                    found.all[count] = Highlight(
+                        vec4<f32>(vec2<f32>(b), min(keep, 1.0), taken.w),
+                        vec4<f32>(f32(BLOCK_PX * BLOCK_PX) * taken.rgb, is_farther),
+                    );
                     count += 1u;
                     listed = count;
                 }

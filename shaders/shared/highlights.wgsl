@@ -1,7 +1,7 @@
 // Lights that stand out, drawn one by one (src/effects/depth_of_field/highlights.rs).
 struct Highlight {
     place: vec4<f32>,   // column and row of its block, what is left of the block's light, its circle (px)
-    light: vec4<f32>,   // what is taken of the block's light, summed over its pixels
+    light: vec4<f32>,   // what is taken of the block's light, summed over its pixels; 1 where it is the farther surface's
 }
 struct Highlights {
     draw: vec4<u32>,    // corners, how many there are, two zeros: what draws them

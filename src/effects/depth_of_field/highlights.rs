@@ -2,19 +2,22 @@
 //!
 //! Gathering at a quarter of the resolution draws an image of the opening in steps of four pixels. Where the image is brighter
 //! than the picture shows, its rim is seen, and the steps with it. So blocks of 4×4 px whose mean is brighter than twice white
-//! and eight times brighter than the 48×48 px around, with bright ones beside them, are taken out of the pyramid before
+//! and eight times brighter than the 48×48 px around, with those beside them that are not as dark as all around, are taken out of the pyramid before
 //! anything is gathered, and their images are drawn over the result as they are: the opening's outline around the middle
 //! of the block's light, its rim as wide as that light is (a square's variance is its side² / 12), the whole as bright as what
 //! was taken out. Coverage is gathered as ever: what is so bright covers next to nothing.
+//!
+//! Where a block holds two surfaces the pyramid has the nearer one's light alone. There the farther one's is looked for in the
+//! layer itself, so that a light at an edge, or half behind it, is not lost.
 //!
 //! Not modelled: a farther light is hidden by the nearer one of two surfaces alone, as all else is; of lights that make up large
 //! areas only those that stand out are drawn so, the rest is gathered.
 
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, run_listed};
-use crate::render::{COLOR, LayerRun};
+use crate::render::{COLOR, Layer, LayerRun};
 
 /// From this radius on lights are drawn one by one, px; below it texels are fine enough. As in the shader.
-pub const LEAST_RADIUS_PX: f32 = 4.0;
+pub const LEAST_RADIUS_PX: f32 = 2.9;
 /// As in the shader: pixels to a cell's side, blocks in it, lights that are listed at most.
 const CELL_PX: u32 = 16;
 const BLOCKS: u64 = 16;
@@ -109,15 +112,15 @@ impl Highlights {
         &self.found
     }
 
-    /// Finds them in a pyramid of a layer of this size.
+    /// Finds them in a layer and its pyramid.
     pub fn find(
         &mut self,
         run: &mut LayerRun<'_>,
         lens: &wgpu::Buffer,
+        layer: &Layer,
         pyramid: [&wgpu::TextureView; 2],
-        size: (u32, u32),
     ) {
-        let gpu = run.gpu;
+        let (gpu, size) = (run.gpu, layer.size);
         let cells = (size.0.div_ceil(CELL_PX), size.1.div_ceil(CELL_PX));
         let count = u64::from(cells.0.max(1)) * u64::from(cells.1.max(1));
         let buffer = |label, size| {
@@ -138,11 +141,12 @@ impl Highlights {
         };
         let [colors, circles] = pyramid.map(wgpu::BindingResource::TextureView);
         let buffers = [left.as_entire_binding(), numbers.as_entire_binding(), self.found.as_entire_binding()];
+        let layer = [&layer.color.view, &layer.geometry.view].map(wgpu::BindingResource::TextureView);
         let resources: Vec<_> =
-            (0..).zip([lens.as_entire_binding(), colors, circles].into_iter().chain(buffers)).collect();
+            (0..).zip([lens.as_entire_binding(), colors, circles].into_iter().chain(buffers).chain(layer)).collect();
         for (pipeline, bindings, groups) in [
-            (&self.find, &[0, 1, 2, 3, 4][..], (cells.0.div_ceil(8), cells.1.div_ceil(8))),
-            (&self.list, &[0, 1, 2, 3, 4, 5], (1, 1)),
+            (&self.find, &[0, 1, 2, 3, 4, 6, 7][..], (cells.0.div_ceil(8), cells.1.div_ceil(8))),
+            (&self.list, &[0, 1, 2, 3, 4, 5, 6, 7], (1, 1)),
         ] {
             let read = resources.iter().filter(|(binding, _)| bindings.contains(binding));
             let entries: Vec<_> = read
@@ -181,7 +185,7 @@ mod tests {
             let (_, value) = line.split_once("= ").expect(name);
             value.trim_end_matches(['u', ';']).parse().expect(name)
         };
-        assert_eq!(value("LEAST_RADIUS_PX"), f64::from(LEAST_RADIUS_PX));
+        assert_eq!(value("LEAST_RADIUS_PX") as f32, LEAST_RADIUS_PX);
         assert_eq!(value("BLOCK_PX") * value("CELL"), f64::from(CELL_PX));
         assert_eq!([value("BLOCKS"), value("MOST")], [BLOCKS as f64, MOST as f64]);
         assert_eq!(value("CELL") * value("CELL"), BLOCKS as f64);

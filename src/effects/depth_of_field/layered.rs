@@ -194,7 +194,7 @@ impl Passes {
         for (step, level) in (0..LEVELS as usize).chain(if stand_out { 2..LEVELS as usize } else { 0..0 }).enumerate() {
             if step == LEVELS as usize {
                 let [first, second] = [0, 1].map(|level| (&colors.levels[level], of_level(level)));
-                self.highlights.find(run, &lens, [&colors.view, &circles.view], layer.size);
+                self.highlights.find(run, &lens, &layer, [&colors.view, &circles.view]);
                 self.highlights.dim(run, &lens, [first, second]);
             }
             let size = of_level(level);
