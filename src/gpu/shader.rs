@@ -90,3 +90,11 @@ fn append<'a>(text: &'a str, seen: &mut Vec<&'a str>, out: &mut String) {
         }
     }
 }
+
+/// The number that a text of WGSL has as `const NAME`, for tests that compare it with ours.
+#[cfg(test)]
+pub fn constant(wgsl: &str, name: &str) -> f64 {
+    let line = wgsl.lines().find_map(|l| l.strip_prefix("const ")?.strip_prefix(name)?.strip_prefix(": ")).expect(name);
+    let (_, value) = line.split_once("= ").expect(name);
+    value.trim_end_matches(['u', ';']).parse().expect(name)
+}

@@ -2,10 +2,10 @@
 //!
 //! Gathering at a quarter of the resolution draws an image of the opening in steps of four pixels. Where the image is brighter
 //! than the picture shows, its rim is seen, and the steps with it. So blocks of 4×4 px whose mean is brighter than twice white
-//! and eight times brighter than the 48×48 px around, with those beside them that are not as dark as all around, are taken out of the pyramid before
-//! anything is gathered, and their images are drawn over the result as they are: the opening's outline around the middle
-//! of the block's light, its rim as wide as that light is (a square's variance is its side² / 12), the whole as bright as what
-//! was taken out. Coverage is gathered as ever: what is so bright covers next to nothing.
+//! and eight times brighter than the 48×48 px around, with those beside them that are not as dark as all around, are taken out
+//! of the pyramid before anything is gathered. Their images are drawn over the result as they are: the opening's outline around
+//! the middle of the block's light, its rim across each side as wide as that light is (a square's variance is its side² / 12),
+//! the whole as bright as what was taken out. Coverage is gathered as ever: what is so bright covers next to nothing.
 //!
 //! Where a block holds two surfaces the pyramid has the nearer one's light alone. There the farther one's is looked for in the
 //! layer itself, so that a light at an edge, or half behind it, is not lost.
@@ -176,15 +176,12 @@ impl Highlights {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::constant;
 
     #[test]
     fn sizes_are_the_shaders() {
         let shader = assemble("depth_of_field_highlights");
-        let value = |name: &str| -> f64 {
-            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: "))).expect(name);
-            let (_, value) = line.split_once("= ").expect(name);
-            value.trim_end_matches(['u', ';']).parse().expect(name)
-        };
+        let value = |name| constant(&shader, name);
         assert_eq!(value("LEAST_RADIUS_PX") as f32, LEAST_RADIUS_PX);
         assert_eq!(value("BLOCK_PX") * value("CELL"), f64::from(CELL_PX));
         assert_eq!([value("BLOCKS"), value("MOST")], [BLOCKS as f64, MOST as f64]);

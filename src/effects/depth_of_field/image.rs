@@ -152,15 +152,12 @@ fn crossing(profile: &[f64], level: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::constant;
 
     #[test]
     fn the_tables_are_as_long_as_the_shaders() {
         let shader = include_str!("../../../shaders/depth_of_field.wgsl");
-        let holds = |name: &str| {
-            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: "))).expect(name);
-            let (_, value) = line.split_once("= ").expect(name);
-            value.trim_end_matches(['u', ';']).parse::<usize>().expect(name)
-        };
+        let holds = |name| constant(shader, name) as usize;
         let columns = 2 * REACH as usize + 1;
         assert_eq!(
             ["RIMS", "REACH", "COLUMNS", "PLACES"].map(holds),

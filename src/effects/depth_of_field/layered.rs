@@ -264,14 +264,12 @@ impl Passes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::constant;
 
     #[test]
     fn thresholds_are_the_shaders() {
         let shader = assemble("shared/lens");
-        let value = |name: &str| -> f32 {
-            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: f32 = "))).unwrap();
-            line.trim_end_matches(';').parse().unwrap()
-        };
+        let value = |name| constant(&shader, name) as f32;
         let half = value("TWO_HALF_PX").min(value("HALF_PX"));
         assert_eq!(FROM_PX, [half, value("QUARTER_PX"), value("EIGHTH_PX"), value("SIXTEENTH_PX")]);
         assert_eq!(super::super::SHARP_PX, value("SHARP_PX"));

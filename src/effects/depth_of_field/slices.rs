@@ -21,6 +21,10 @@
 //! Not modelled: circles wider than 400 px or a quarter of the picture (drawn that wide), light that a thing before the
 //! picture's rim brings in from beside it (as the rim), and what the lens sees round a near thing's sides.
 
+mod kernel;
+
+use kernel::{HALVES, Kernel, LEVELS, MOST_WEIGHTS, noise_left, reach_of};
+
 use crate::camera::{Aperture, Opening, correlations};
 use crate::effects::FrameContext;
 use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants, run_tiles};
@@ -32,14 +36,8 @@ use super::{SHARP_PX, layered};
 /// Diameters grow by this from slice to slice, on top of `GROWS_FROM_PX`.
 const RATIO: f64 = 1.25;
 const GROWS_FROM_PX: f64 = 3.0;
-/// Halvings of the resolution.
-const LEVELS: usize = 4;
-/// Radii up to which each resolution is drawn at, px.
-const UP_TO_PX: [f64; LEVELS] = [2.5, 8.5, 18.0, 38.0];
-/// Half sides of kernels, in pixels of the resolution.
-const HALVES: [i32; 6] = [1, 2, 4, 6, 9, 13];
-/// Points of the opening of which a kernel is made.
-const POINTS: u32 = 4096;
+/// A tolerance from which on real surfaces hide nothing, metres.
+const HIDES_NOTHING_M: f32 = 1e9;
 /// To either side of what is sharp.
 const MOST_SLICES: i32 = 31;
 
@@ -55,97 +53,6 @@ pub fn diameter_px(slice: i32) -> f64 {
         return 0.0;
     }
     f64::from(SHARP_PX) + GROWS_FROM_PX * (RATIO.powi(slice.abs()) - 1.0)
-}
-
-/// The opening's image at a resolution.
-#[derive(Clone, Debug)]
-struct Kernel {
-    level: usize,
-    /// Place in `HALVES`.
-    class: usize,
-    /// Of (2·half + 1)² pixels, sum 1.
-    weights: Vec<f32>,
-}
-
-impl Kernel {
-    /// `circle_px` wide (signed), above 0.
-    fn new(aperture: &Aperture, circle_px: f64) -> Self {
-        let radius = 0.5 * circle_px.abs();
-        let level = level_of(radius);
-        let texel = f64::from(1u32 << level);
-        let wanted = (radius / texel).powi(2) * aperture.variance();
-        let besides = besides(level);
-        let points: Vec<[f64; 2]> = (0..POINTS).map(|i| aperture.sequence(i)).collect();
-        let (mut low, mut high) = (0.0, radius / texel + 1.0);
-        let mut weights = Vec::new();
-        let mut class = 0;
-        for _ in 0..24 {
-            let r = 0.5 * (low + high);
-            class = HALVES.iter().position(|&h| f64::from(h) >= r).unwrap_or(HALVES.len() - 1);
-            weights = splat(&points, r * circle_px.signum(), HALVES[class]);
-            if variance(&weights, HALVES[class]) + besides < wanted { low = r } else { high = r }
-        }
-        Self { level, class, weights: weights.iter().map(|w| *w as f32).collect() }
-    }
-
-    /// Σ w w' ρ over the picture's pixels, of which those beside each other correlate so.
-    fn noise_left(&self, correlations: &[[f64; 3]; 2]) -> f64 {
-        let side = (2 * HALVES[self.class] + 1) as usize;
-        let rows: Vec<&[f32]> = self.weights.chunks(side).collect();
-        let apart = |x: usize, y: usize| -> f64 {
-            let of_rows = |(a, b): (&&[f32], &&[f32])| -> f64 {
-                // To the right and to the left: where x and y are not 0, both are other pairs.
-                let right = a.iter().zip(b.iter().skip(x)).map(|(a, b)| f64::from(a * b)).sum::<f64>();
-                let left = a.iter().skip(x).zip(b.iter()).map(|(a, b)| f64::from(a * b)).sum::<f64>();
-                right + left
-            };
-            rows.iter().zip(rows.iter().skip(y)).map(of_rows).sum::<f64>()
-        };
-        if self.level > 0 {
-            return 0.5 * apart(0, 0) / f64::from(1u32 << (2 * self.level)) * correlated(correlations);
-        }
-        let pairs = |x: usize, y: usize| match (x, y) {
-            (0, 0) => 0.5 * apart(0, 0),
-            (_, 0) | (0, _) => apart(x, y),
-            _ => 2.0 * apart(x, y),
-        };
-        let lags = (0..3).flat_map(|y| (0..3).map(move |x| (x, y)));
-        lags.map(|(x, y)| correlations[0][x] * correlations[1][y] * pairs(x, y)).sum()
-    }
-}
-
-/// What blurs besides at a resolution, in squares of its pixels: the mean over a texel, and straight lines between texels.
-/// Half of it counts: an edge through a disc is wider from 10 to 90 % than one through what is rounder, and with half of
-/// it edges are within 5 % as wide as the disc's from 2 to 80 px.
-fn besides(level: usize) -> f64 {
-    if level == 0 { 0.0 } else { 0.5 * ((1.0 - 0.25f64.powi(level as i32)) / 12.0 + 1.0 / 6.0) }
-}
-
-fn splat(points: &[[f64; 2]], radius: f64, half: i32) -> Vec<f64> {
-    let side = 2 * half + 1;
-    let mut weights = vec![0.0; (side * side) as usize];
-    for point in points {
-        let at = point.map(|c| radius * c);
-        let low = at.map(f64::floor);
-        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-            let [x, y] = [low[0] as i32 + dx, low[1] as i32 + dy];
-            let share = |at: f64, n: i32| 1.0 - (at - f64::from(n)).abs();
-            let place = |n: i32| (n + half).clamp(0, side - 1);
-            weights[(place(y) * side + place(x)) as usize] += share(at[0], x) * share(at[1], y) / points.len() as f64;
-        }
-    }
-    weights
-}
-
-/// Along one axis, the mean of both, px².
-fn variance(weights: &[f64], half: i32) -> f64 {
-    let side = 2 * half + 1;
-    let square = |i: i32| f64::from((i % side - half).pow(2) + (i / side - half).pow(2));
-    let middle = |along: fn(i32, i32) -> i32| -> f64 {
-        weights.iter().enumerate().map(|(i, w)| w * f64::from(along(i as i32, side) - half)).sum()
-    };
-    let (x, y) = (middle(|i, side| i % side), middle(|i, side| i / side));
-    0.5 * (weights.iter().enumerate().map(|(i, w)| w * square(i as i32)).sum::<f64>() - x * x - y * y)
 }
 
 /// `Slice` of shaders/depth_of_field_slices.wgsl.
@@ -180,16 +87,6 @@ struct Kernels {
     rotation_rad: f64,
     aperture: Aperture,
     known: std::collections::HashMap<i32, Kernel>,
-}
-
-/// The resolution at which a radius is drawn: how often it is halved.
-fn level_of(radius_px: f64) -> usize {
-    UP_TO_PX.iter().filter(|&&most| radius_px > most).count()
-}
-
-/// How far a circle of this radius and the texels that make it up reach, px.
-fn reach_of(radius_px: f64) -> f64 {
-    radius_px + 3.0 * f64::from(1u32 << level_of(radius_px))
 }
 
 /// Of what is drawn, px.
@@ -286,7 +183,7 @@ impl Passes {
                     (1.0 / opening.focus_distance_m) as f32,
                     largest as f32,
                     // More than any depth where nothing is hidden.
-                    real.tolerance_m.unwrap_or(f32::INFINITY).min(1e9),
+                    real.tolerance_m.unwrap_or(HIDES_NOTHING_M).min(HIDES_NOTHING_M),
                 ],
                 slice: [slice as f32, amplitude as f32, texel as f32, f32::from(u8::from(with_layer))],
                 texture: [(1.0 / texel) as f32 / of.width as f32, (1.0 / texel) as f32 / of.height as f32, 0.0, 0.0],
@@ -388,25 +285,6 @@ impl Passes {
     }
 }
 
-/// `(2·13 + 1)²`, to whole fours.
-const MOST_WEIGHTS: usize = 732;
-
-/// How much more than of independent ones a mean over many pixels leaves of the variance: Σρ.
-fn correlated(correlations: &[[f64; 3]; 2]) -> f64 {
-    correlations.iter().map(|axis| axis[0] + 2.0 * (axis[1] + axis[2])).product()
-}
-
-/// What blurring leaves of the noise's variance that pixels had before (`before` of that of the recorded ones, which are
-/// `enlargement` px wide): of recorded pixels under a circle of c of them π/4·c² take part, fewer by as much as they
-/// correlate; small circles go by their kernel.
-fn noise_left(before: f64, enlargement: f64, kernel: &Kernel, diameter_px: f64, correlations: &[[f64; 3]; 2]) -> f64 {
-    if enlargement <= 1.0 {
-        return kernel.noise_left(correlations).min(1.0);
-    }
-    let recorded = std::f64::consts::FRAC_PI_4 * (diameter_px / enlargement).powi(2) / correlated(correlations);
-    (1.0 / (1.0 + before * recorded)).min(1.0)
-}
-
 /// Which slices there are, and where they reach.
 struct Tiles {
     count: (u32, u32),
@@ -472,16 +350,15 @@ impl Tiles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::constant;
 
     #[test]
     fn numbers_are_the_shaders() {
         let shader = assemble("depth_of_field_slices");
-        let value = |name: &str| -> f64 {
-            let line = shader.lines().find_map(|l| l.strip_prefix(&format!("const {name}: f32 = "))).unwrap();
-            line.trim_end_matches(';').parse().unwrap()
-        };
+        let value = |name| constant(&shader, name);
         assert_eq!([value("GROWS_FROM_PX"), value("RATIO")], [GROWS_FROM_PX, RATIO]);
         assert_eq!((value("SHARP_PX") as f32, value("MOST") as i32), (SHARP_PX, MOST_SLICES));
+        assert_eq!(value("HIDES_NOTHING") as f32, HIDES_NOTHING_M);
         assert!(shader.contains(&format!("array<vec4<f32>, {}>", MOST_WEIGHTS / 4)));
         let largest = (2 * HALVES[HALVES.len() - 1] + 1).pow(2) as usize;
         assert_eq!(MOST_WEIGHTS, largest.div_ceil(4) * 4);
@@ -495,20 +372,6 @@ mod tests {
         for slice in -20..=20i32 {
             let circle = f64::from(slice.signum()) * diameter_px(slice);
             assert!((slice_of(circle) - f64::from(slice)).abs() < 1e-6, "{slice}");
-        }
-    }
-
-    #[test]
-    fn kernels_have_the_openings_variance() {
-        let round = Aperture::new(|_| 1.0);
-        for slice in 1..=22 {
-            let kernel = Kernel::new(&round, diameter_px(slice));
-            let weights: Vec<f64> = kernel.weights.iter().map(|w| f64::from(*w)).collect();
-            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-5, "{slice}");
-            let texel = f64::from(1u32 << kernel.level);
-            let found = (variance(&weights, HALVES[kernel.class]) + besides(kernel.level)) * texel * texel;
-            let wanted = (0.5 * diameter_px(slice)).powi(2) / 4.0;
-            assert!((found / wanted - 1.0).abs() < 0.01, "{slice}: {found}, {wanted} wanted");
         }
     }
 }
