@@ -14,7 +14,8 @@ pub mod words;
 // 1: pure physics
 pub mod camera;
 
-// 2: what comes in and what goes out; the GPU
+// 2: what comes in and what goes out, and what stands where in it; the GPU
+pub mod depth;
 pub mod gpu;
 pub mod recording;
 pub mod sink;

@@ -4,13 +4,13 @@
 mod behind_real;
 pub mod bench;
 mod mix;
-mod occlusion;
 mod places;
 mod real;
 mod run;
 mod settings;
 
 use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening, Response};
+use crate::depth::{RayCache, Surfaces, enlarged, measured_from};
 use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage, Summed};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
@@ -21,14 +21,11 @@ use crate::scene::Scene;
 use crate::tracking::PoseTrack;
 
 pub use mix::shader as mixed_shader;
-pub use occlusion::{measured_from, seen_at_frame};
-pub use real::Surfaces;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
 use behind_real::{BehindReal, deep_within};
 use mix::{MixedEffect, Mixer, Piece};
-use occlusion::{RayCache, enlarged};
 use places::{Asked, Places};
 use real::RealPart;
 

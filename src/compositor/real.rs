@@ -1,59 +1,11 @@
 //! The real part of a photograph as effects see it: its light, and how far away its surfaces are.
 
 use crate::camera::Response;
+use crate::depth::Surfaces;
 use crate::effects::response_constants;
 use crate::gpu::{FullscreenPass, Options, Slot, assemble, constants, half_texels};
 use crate::image::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, LayerRun, RealLayer};
-
-/// What a photograph's real part shows, on a grid over it: `width * height` values each, row by row.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Surfaces {
-    pub width: u32,
-    pub height: u32,
-    /// Pixels of the photograph for one of the grid, 1 or more.
-    pub enlargement: f64,
-    /// z, metres; known everywhere.
-    pub depth_m: Vec<f32>,
-    /// Of what stands behind the nearest surface, as far as its blur may uncover it; else the surface's own.
-    pub behind_m: Vec<f32>,
-    /// Linear light of the two.
-    pub light: Vec<[f32; 3]>,
-    pub behind_light: Vec<[f32; 3]>,
-}
-
-impl Surfaces {
-    /// Nearest and farthest depth, metres.
-    pub fn range_m(&self) -> [f64; 2] {
-        let least = self.depth_m.iter().copied().fold(f32::INFINITY, f32::min);
-        let most = self.depth_m.iter().chain(&self.behind_m).copied().fold(0.0, f32::max);
-        [least.into(), most.into()]
-    }
-
-    /// Column and row of the grid under a pixel of the photograph or beside it.
-    fn index(&self, x: i32, y: i32) -> usize {
-        let place = |at: i32, side: u32| ((f64::from(at) + 0.5) / self.enlargement).clamp(0.0, f64::from(side - 1));
-        place(y, self.height) as usize * self.width as usize + place(x, self.width) as usize
-    }
-
-    /// Nearest and farthest depth in squares of `side_px` over a rectangle of the photograph, row by row.
-    fn ranges_m(&self, rect: Rect, side_px: u32) -> Vec<[f32; 2]> {
-        let side = side_px as i32;
-        let tiles = |from: i32, to: i32| (from..to).step_by(side_px as usize);
-        let step = (self.enlargement as usize).clamp(1, side_px as usize);
-        // One pixel of the grid more: light between pixels is picked from its neighbours.
-        let more = self.enlargement.ceil() as i32;
-        let range = |x0: i32, y0: i32| {
-            let mut range = [f32::INFINITY, 0.0f32];
-            let span = |from: i32| (from - more..from + side + more).step_by(step).chain([from + side + more]);
-            for i in span(y0).flat_map(|y| span(x0).map(move |x| (x, y))).map(|(x, y)| self.index(x, y)) {
-                range = [range[0].min(self.depth_m[i]), range[1].max(self.behind_m[i]).max(self.depth_m[i])];
-            }
-            range
-        };
-        tiles(rect.y0, rect.y1).flat_map(|y| tiles(rect.x0, rect.x1).map(move |x| range(x, y))).collect()
-    }
-}
 
 /// `Grid` of shaders/real_part.wgsl.
 #[repr(C)]

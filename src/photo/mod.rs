@@ -8,21 +8,17 @@
 //!   Where the shutter is open longer than a frame lasts, the recording's own frames are summed.
 //! - The virtual part is drawn at the photograph's size through the virtual lens, and exposed alike before it can clip.
 //! - Where the recording has depth, real and virtual things blur together: the real part's surfaces are made once, holes
-//!   filled, edges put on the picture's, and what stands behind them made up (`holes`, `edges`, `behind`, `surfaces`).
+//!   filled, edges put on the picture's, and what stands behind them made up (`depth/`).
 //! - Real pixels carry noise already: what the recording's noise became on its way here is taken off the grain that the
 //!   photograph's film has (shaders/composite.wgsl). They keep the recorded motion.
 //!
 //! Not modelled: depth of field on the real part of recordings without depth, shutters shorter than the recording's (the real part stays blurred),
 //! highlights that the recording has clipped.
 
-mod behind;
-mod edges;
 mod focus;
 mod framing;
-mod holes;
 mod real;
 mod sheet;
-mod surfaces;
 mod take;
 
 pub use crate::effects::Summed;

@@ -1,7 +1,8 @@
 //! A photograph, tile by tile, so that memory does not grow with its size but for its pixels.
 
 use crate::camera::{Geometry, Opening};
-use crate::compositor::{Compositor, Job, Part, SubmitError, seen_at_frame};
+use crate::compositor::{Compositor, Job, Part, SubmitError};
+use crate::depth::{Surfaces, seen_at_frame};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::effects::{Photograph, Summed};
 use crate::frame::{Frame, FrameExposure};
@@ -9,7 +10,7 @@ use crate::gpu::GpuError;
 use crate::image::{Codes, DepthMap, Pixels, Rect};
 use crate::tracking::PoseTrack;
 
-use super::{Framing, Real, surfaces};
+use super::{Framing, Real};
 
 /// Side of a tile, px: multisampled colour and depth take 48 bytes a pixel, 113 MB.
 const TILE_PX: i32 = 1536;
@@ -95,7 +96,7 @@ pub fn take(
     let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
     let surfaces = blurred.and_then(|depth_m| {
-        surfaces::made(&pixels, &site.recorded.intrinsics, depth_m, framing, compositor.response(), reach_px)
+        Surfaces::new(&pixels, &site.recorded.intrinsics, depth_m, &framing.framed, compositor.response(), reach_px)
     });
     let tile_px = match &surfaces {
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),

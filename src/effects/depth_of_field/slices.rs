@@ -11,7 +11,7 @@
 //! 3. Virtual light as before, and the real part that stands behind it and beside it.
 //!
 //! Three surfaces are known at a pixel: the virtual one, the real one (all of it, as the camera saw what virtual things
-//! now hide), and what was made up behind the real one (photo/behind.rs). Real surfaces share a pixel among them: what the
+//! now hide), and what was made up behind the real one (depth/behind.rs). Real surfaces share a pixel among them: what the
 //! nearer ones leave of it is for the farther. Real and virtual ones hide each other: of each what the nearer slices of
 //! the other let through is seen. Where both are in the same slice or the next, the nearer one at each pixel counts.
 //!

@@ -11,7 +11,7 @@
 //! through them), where smoothness counts little between pixels that do not look alike (as colours are spread by Levin et al. 2004).
 //! So a dark thing takes the depth of what was measured on it, as a whole, and not that of what is beside it.
 
-use super::surfaces::apart;
+use super::apart::apart;
 
 /// From a sensor's light to its eye at most, metres: 75 mm in the Kinect, 95 mm in the widest that is held by hand.
 const BASELINE_M: f32 = 0.095;

@@ -3,7 +3,7 @@
 //! A blurred edge lets through what no camera saw (one step of the layered depth images of Shade et al. 1998). It is taken from
 //! beside: what is seen next to an edge goes on behind it, pixel by pixel, each the mean of those around it that are known.
 
-use super::surfaces::JUMP;
+use super::apart::JUMP;
 
 /// Depth and linear light behind, row by row; where nothing is to be uncovered, the surface's own. It goes `reach_px`
 /// far in from an edge.

@@ -15,7 +15,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::surfaces::{JUMP, apart};
+use super::apart::{JUMP, apart};
 
 /// Colours (square roots of light) that are less apart from pixel to pixel are one: noise and fine texture.
 const NOISE: f32 = 0.02;

@@ -1,0 +1,27 @@
+//! What tells surfaces from each other.
+
+/// Depths beside each other that differ by more than this factor belong to two surfaces; a floor seen under 15° from 4 m
+/// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl is the same.
+pub const JUMP: f32 = 1.04;
+
+/// How far apart two colours are (square roots of light).
+pub fn apart(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shader_tells_surfaces_apart_alike() {
+        let shader = include_str!("../../shaders/real_part.wgsl");
+        let line = shader.lines().find_map(|line| line.strip_prefix("const JUMP: f32 = ")).unwrap();
+        assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), JUMP);
+    }
+
+    #[test]
+    fn colours_by_hand() {
+        assert_eq!(apart(&[0.1, 0.5, 0.2], &[0.1, 0.2, 0.6]), 0.5);
+    }
+}
