@@ -55,11 +55,18 @@ fn main() -> Result<()> {
     write_recording(folder.path(), frames)?;
     let recording = Recording::open(folder.path(), &OpenOptions::default())?;
     let load = Load::new(WIDTH, HEIGHT);
-    let mut compositor = Compositor::new(gpu, load.camera, Settings::default(), load.scene);
+    let mut compositor = Compositor::new(gpu, load.scene);
     let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: WIDTH, height: HEIGHT, bits: 8 };
     let mut sink = RawSink::new(std::io::sink(), &options);
     // The load's poses last for a moment only: every frame is drawn at their middle.
-    let stream = Stream { track: &load.track, time_offset_s: 0.0, want_layers: false };
+    let settings = Settings::default();
+    let stream = Stream {
+        camera: &load.camera,
+        settings: &settings,
+        track: &load.track,
+        time_offset_s: 0.0,
+        want_layers: false,
+    };
     let frames_in = recording.frames(0..frames)?.map(|frame| {
         frame.map(|mut f| {
             f.timestamp_s = 0.0;

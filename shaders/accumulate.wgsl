@@ -1,6 +1,6 @@
 // Adds one sample of a plan to the running sum in 32-bit floats; it starts from zeros.
 // @import shared/layer
-struct Step { size: vec2<u32>, stride: u32, first: u32, weight: vec4<f32> }
+struct Step { size: vec2<u32>, stride: u32, first: u32, weight: f32 }
 @group(0) @binding(0) var<uniform> sample_step: Step;
 @group(0) @binding(1) var color: texture_2d<f32>;
 @group(0) @binding(2) var geometry: texture_2d<u32>;
@@ -16,7 +16,7 @@ fn add(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let i = sample_step.first + id.y * sample_step.stride + id.x;
-    let light = textureLoad(color, id.xy, 0) * sample_step.weight.x;
+    let light = textureLoad(color, id.xy, 0) * sample_step.weight;
     red_green[i] += light.xy;
     blue_alpha[i] += light.zw;
     let g = words_of(textureLoad(geometry, id.xy, 0));

@@ -1,5 +1,5 @@
 // Camera and virtual layer to one picture, then the enabled effects of the mixed stage.
-// Where the layer's alpha is 0 the camera's integers are copied.
+// Where the layer is empty the camera's integers are copied.
 // @import shared/fullscreen
 // @import shared/mixed
 // @import shared/response
@@ -7,20 +7,31 @@
 // The camera's response: of the whole run, so that the shader holds nothing else.
 override curve: f32 = 0.0;
 override gamma: f32 = 1.0;
-// Whether the whole picture is one photograph: then real pixels have their noise as it was before they were exposed.
-override photograph: f32 = 0.0;
+// Whether the whole picture is made: then real pixels have their noise as it was before they were exposed.
+override whole: bool = false;
+// Whether each colour has a coverage of its own.
+override parted: bool = false;
+// Whether there is light where nothing is covered, too.
+override light_alone: bool = false;
 
+// The rectangle that is made is px (0, 0) on.
 struct Composite {
-    origin: vec4<i32>,  // of the rectangle in the picture: x, y; of the rectangle in the camera texture: z, w
-    size: vec4<i32>,    // of the rectangle: x, y; of the camera texture: z, w
-    layer: vec4<i32>,   // of the rectangle in the layer: x, y; the layer's size: z, w
-    scale: vec4<f32>,   // largest code value; factor on the real light; of a photograph: share of its noise's variance left
+    in_picture: vec2<i32>,   // where it begins in the picture
+    in_camera: vec2<i32>,    // in the camera's texture
+    in_layer: vec2<i32>,     // in the layer
+    camera_size: vec2<i32>,
+    layer_size: vec2<i32>,
+    max_code: f32,
+    gain: f32,               // on the real light
+    noise_left: f32,         // share of the variance of the real pixels' noise
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
 @group(0) @binding(2) var<uniform> composite: Composite;
 // σ of the camera's noise at 256 code values, 8-bit codes.
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
+// Of red, green and blue.
+@group(0) @binding(4) var coverage: texture_2d<f32>;
 
 // σ at a code value (0..1), in 8-bit codes.
 fn sigma_at(code: vec3<f32>) -> vec3<f32> {
@@ -32,43 +43,48 @@ fn sigma_at(code: vec3<f32>) -> vec3<f32> {
     return mix(low, high, f);
 }
 
-// The layer's colour at a pixel of the rectangle; nothing where there is no layer, and where nothing is covered.
+// The layer's colour at a pixel of the rectangle; nothing where there is no layer. Light that rounding left where nothing is covered is nothing,
+// too, unless there is meant to be some.
 fn layer_at(p: vec2<i32>) -> vec4<f32> {
-    let q = p + composite.layer.xy;
-    if any(q < vec2<i32>(0)) || any(q >= composite.layer.zw) {
+    let q = p + composite.in_layer;
+    if any(q < vec2<i32>(0)) || any(q >= composite.layer_size) {
         return vec4<f32>(0.0);
     }
     let texel = textureLoad(layer, q, 0);
-    return select(vec4<f32>(0.0), texel, texel.a > 0.0);
+    return select(vec4<f32>(0.0), texel, texel.a > 0.0 || light_alone);
+}
+
+// How much of each colour is covered there, `mean` being the layer's own.
+fn coverage_at(p: vec2<i32>, mean: f32) -> vec3<f32> {
+    if !parted {
+        return vec3<f32>(mean);
+    }
+    let q = p + composite.in_layer;
+    // Where the whole picture is made there are pixels beside the layer, too.
+    let inside = all(q >= vec2<i32>(0)) && all(q < composite.layer_size);
+    return select(vec3<f32>(0.0), textureLoad(coverage, q, 0).rgb, inside);
 }
 
 fn inside_picture(p: vec2<i32>) -> bool {
-    let q = p + composite.origin.zw;
-    return all(q >= vec2<i32>(0)) && all(q < composite.size.zw);
+    let q = p + composite.in_camera;
+    return all(q >= vec2<i32>(0)) && all(q < composite.camera_size);
 }
 
 fn camera_codes(p: vec2<i32>) -> vec4<u32> {
-    return textureLoad(camera, p + composite.origin.zw, 0);
+    return textureLoad(camera, p + composite.in_camera, 0);
 }
-
-// @real
-// The camera's light at a pixel, and the share of its noise's σ that is left: as it was recorded.
-fn real_at(p: vec2<i32>, recorded: vec3<f32>) -> vec4<f32> {
-    return vec4<f32>(recorded, 1.0);
-}
-// @real
 
 // What a photograph leaves of σ of real pixels of some light, as light: that of the light as it was recorded, brightened.
 fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
-    let recorded_light = light / composite.scale.y;
+    let recorded_light = light / composite.gain;
     let recorded = encode(recorded_light, curve, gamma);
-    let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.scale.y;
-    return sigma_at(recorded) / slope * sqrt(composite.scale.z);
+    let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.gain;
+    return sigma_at(recorded) / slope * sqrt(composite.noise_left);
 }
 
 // The least variance of virtual pixels of a colour: what the real ones of it around them keep, however slow the film.
 fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
-    if photograph == 0.0 {
+    if !whole {
         return vec3<f32>(0.0);
     }
     let shown = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
@@ -80,15 +96,15 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
 // Premultiplied over in linear light, encoded again. Each colour has its own coverage. What is brighter than the codes go
 // clips after its noise, at the very end: the camera's does.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
-    let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
+    let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let w = 1.0 - coverage;
     let real = real_at(p, decode(code, curve, gamma));
-    let real_light = composite.scale.y * real.rgb;
+    let real_light = composite.gain * real.rgb;
     let light = max(virtual_light + w * real_light, vec3<f32>(0.0));
     let mixed = encode(light, curve, gamma);
     let after = slope_at(mixed, light, curve, gamma);
     var s = w * after / slope_at(code, real_light, curve, gamma) * sigma_at(code);
-    if photograph > 0.0 {
+    if whole {
         s = w * after * recorded_sigma(real_light) * real.a;
     }
     let variance = s * s;
@@ -97,25 +113,24 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
 
 // A pixel of the camera's with nothing before it.
 fn camera_at(p: vec2<i32>) -> Mixed {
-    if photograph > 0.0 {
+    if whole {
         return mixed_at(p, vec3<f32>(0.0), vec3<f32>(0.0));
     }
-    let code = vec3<f32>(camera_codes(p).rgb) / composite.scale.x;
+    let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let s = sigma_at(code);
     return Mixed(code, s * s);
 }
 
-// @effects
+// The enabled effects of the mixed stage follow as `apply_effects`.
 
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
     let virtual_light = layer_at(p);
-    if virtual_light.a == 0.0 && photograph == 0.0 {
+    if all(virtual_light == vec4<f32>(0.0)) && !whole {
         return camera_codes(p);
     }
-    var pixel = mixed_at(p, virtual_light.rgb, vec3<f32>(virtual_light.a));
-    // @calls
-    let codes = clamp(floor(pixel.code * composite.scale.x + 0.5), vec3<f32>(0.0), vec3<f32>(composite.scale.x));
-    return vec4<u32>(vec3<u32>(codes), u32(composite.scale.x));
+    let pixel = apply_effects(p, mixed_at(p, virtual_light.rgb, coverage_at(p, virtual_light.a)));
+    let codes = clamp(floor(pixel.code * composite.max_code + 0.5), vec3<f32>(0.0), vec3<f32>(composite.max_code));
+    return vec4<u32>(vec3<u32>(codes), u32(composite.max_code));
 }

@@ -56,7 +56,7 @@ struct Corner {
 
 // A corner of a tile's quad; all corners in one point where it is not drawn.
 fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool) -> Corner {
-    let columns = f32(lens.size.w);
+    let columns = f32(lens.columns);
     // Floats: whole numbers are divided one by one on software drivers.
     let row = floor((f32(instance) + 0.5) / columns);
     let tile = vec2<f32>(f32(instance) - row * columns, row);
@@ -65,8 +65,8 @@ fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool
     let low = what.w - 8.0 * high;
     let wanted = !by_level || (f32(level) >= low && f32(level) <= high);
     let corner = tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u));
-    let at = corner * f32(lens.size.z) / texel_px();
-    let size = ceil(vec2<f32>(lens.size.xy) / texel_px());
+    let at = corner * f32(lens.side_px) / texel_px();
+    let size = ceil(vec2<f32>(lens.size) / texel_px());
     let device = min(at, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
     var out: Corner;
     out.at = vec4<f32>(select(vec2<f32>(0.0), device, wanted && what.z >= first && what.z <= last), 0.0, 1.0);
@@ -116,7 +116,7 @@ fn all_tiles(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> 
 fn circles_in_layer(p: vec2<i32>) -> vec2<f32> {
     let depth = unpack_geometry(textureLoad(geometry, p, 0)).x;
     let circle = circle_of(depth);
-    return select(vec2<f32>(NOTHING, -NOTHING), vec2<f32>(circle), depth > 0.0 && all(p >= vec2<i32>(0)) && all(p < lens.size.xy));
+    return select(vec2<f32>(NOTHING, -NOTHING), vec2<f32>(circle), depth > 0.0 && all(p >= vec2<i32>(0)) && all(p < lens.size));
 }
 
 fn circles_at(p: vec2<i32>) -> vec2<f32> {
@@ -168,7 +168,7 @@ fn image_at(p: vec2<i32>, radius: f32) -> Image {
     // 90 % (2.75 σ) than one through what is rounder (2.56 σ): not all of their variance counts. The share is found by
     // measuring (tests/depth_of_field.rs).
     let drawn = texel_px() * image.scale;
-    image.off = 0.85 * ((1.0 - image.scale * image.scale) / 12.0 + drawn * drawn / 6.0) / lens.circle.z;
+    image.off = 0.85 * ((1.0 - image.scale * image.scale) / 12.0 + drawn * drawn / 6.0) / lens.variance;
     image.far = rim_of(image, radius).y;
     image.reach = min(i32(image.far + select(0.0, 0.5, image.between)), REACH);
     return image;
@@ -231,12 +231,12 @@ fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
     // As in `image_at`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
     let added = select(1.2, 0.35, taps == 4) / 6.0;
-    let r = side_of(circle) * sqrt(max(radius * radius - added / lens.circle.z, 0.0));
+    let r = side_of(circle) * sqrt(max(radius * radius - added / lens.variance, 0.0));
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < taps / 2; i++) {
         let t = r * two_taps(i);
-        sum += textureSampleLevel(color, between, (at_px - t.xy) * lens.texture.xy, 0.0);
-        sum += textureSampleLevel(color, between, (at_px - t.zw) * lens.texture.xy, 0.0);
+        sum += textureSampleLevel(color, between, (at_px - t.xy) * lens.texel, 0.0);
+        sum += textureSampleLevel(color, between, (at_px - t.zw) * lens.texel, 0.0);
     }
     return sum / f32(taps);
 }
@@ -339,7 +339,7 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers 
         }
     }
     let fine = layers(near, near_weight, far, far_weight);
-    let uv = at_px * lens.texture.xy;
+    let uv = at_px * lens.texel;
     // Where one of the two is sharp, only the level of the other was drawn.
     let lowest = select(1.0, level_of_two(0.5 * max(abs(around.x), abs(around.y))), two.one_is_sharp);
     let front_coarse = textureSampleLevel(blurred_front, between, uv, max(level_of_two(two.front_px), lowest) - 1.0);
@@ -373,7 +373,7 @@ fn fine(in: Corner) -> @location(0) vec4<f32> {
 }
 
 fn from_level(at_px: vec2<f32>, radius: f32) -> vec4<f32> {
-    return textureSampleLevel(blurred, between, at_px * lens.texture.xy, max(level_of(radius), 1.0) - 1.0);
+    return textureSampleLevel(blurred, between, at_px * lens.texel, max(level_of(radius), 1.0) - 1.0);
 }
 
 @fragment
@@ -397,7 +397,7 @@ fn two_deep(in: Corner) -> @location(0) vec4<f32> {
 @fragment
 fn passing(in: Corner) -> @location(0) vec4<u32> {
     let own = textureLoad(geometry, vec2<i32>(in.at.xy), 0);
-    let around = lens.circle.y - in.range.x / lens.circle.x;
+    let around = lens.per_focus - in.range.x / lens.fx_diameter;
     return select(pack_geometry(1.0 / max(around, 1e-6), vec2<f32>(0.0)), own, unpack_geometry(own).x > 0.0);
 }
 
@@ -444,7 +444,7 @@ fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -
     var out: Spot;
     out.middle = vec2<f32>(first) + middle + 0.5;
     let corner = out.middle + reach * (2.0 * vec2<f32>(f32(v & 1u), f32(v >> 1u)) - 1.0);
-    let device = corner / vec2<f32>(lens.size.xy) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    let device = corner / vec2<f32>(lens.size) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
     out.at = vec4<f32>(device, 0.0, 1.0);
     out.size = vec2<f32>(apothem, circle);
     out.spread = spread;
@@ -476,7 +476,7 @@ fn spot(in: Spot) -> @location(0) vec4<f32> {
         discard;
     }
     // Where two surfaces are, the nearer one hides the farther one's lights as it hides all else.
-    let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.size.z)), 0);
+    let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.side_px)), 0);
     let p = vec2<i32>(in.at.xy);
     var seen = 1.0;
     if tile.z == 6.0 && circle >= 0.5 * (tile.x + tile.y) {

@@ -5,13 +5,15 @@
 // @import shared/layer
 // @import shared/lens
 
-// Of the whole run.
+// How what comes from different depths is mixed: as in the paper, else light is kept.
 override printed: bool = false;
-override mix_ratio: f32 = 0.7;
-override blend_below: f32 = 0.1;
-override margin: i32 = 3;        // texels of an operator beyond the radius
-override half_side: i32 = 39;    // of every operator's square
 
+struct Wang {
+    mix_ratio: f32,
+    blend_below: f32,
+    margin: i32,       // texels of an operator beyond the radius
+    half_side: i32,    // of every operator's square
+}
 @group(0) @binding(0) var<uniform> lens: Lens;
 @group(0) @binding(1) var geometry: texture_2d<u32>;
 @group(0) @binding(1) var factors: texture_2d<f32>;
@@ -19,6 +21,7 @@ override half_side: i32 = 39;    // of every operator's square
 // One below the other.
 @group(0) @binding(3) var operators: texture_2d<f32>;
 @group(0) @binding(4) var around_tiles: texture_2d<f32>;
+@group(0) @binding(5) var<storage, read> wang: Wang;
 
 const MOST_STEPS: i32 = 32;
 
@@ -27,8 +30,8 @@ const MOST_STEPS: i32 = 32;
 fn blur_factors(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let depth = unpack_geometry(textureLoad(geometry, vec2<i32>(at.xy), 0)).x;
     let circle = circle_of(depth);
-    let q = abs(circle) / lens.circle.w;
-    let found = vec4<f32>(round(q * lens.texture.z), q, select(1.0, -1.0, circle < 0.0), 1.0);
+    let q = abs(circle) / lens.largest_px;
+    let found = vec4<f32>(round(q * lens.steps), q, select(1.0, -1.0, circle < 0.0), 1.0);
     return select(vec4<f32>(0.0), found, depth > 0.0);
 }
 
@@ -37,7 +40,7 @@ fn mixed_channel(a: f32, b: f32) -> f32 {
     let low = min(a, b);
     let high = max(a, b);
     let f = low / max(high, 1e-20);
-    return select(high + low * f, mix_ratio * (a + b), f > mix_ratio);
+    return select(high + low * f, wang.mix_ratio * (a + b), f > wang.mix_ratio);
 }
 
 fn mixed(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
@@ -47,8 +50,8 @@ fn mixed(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
 @fragment
 fn spread(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
-    let around = textureLoad(around_tiles, p / lens.size.z, 0);
-    let reach = select(-1, min(i32(ceil(around.y)) + margin, half_side), around.w > 0.0);
+    let around = textureLoad(around_tiles, p / lens.side_px, 0);
+    let reach = select(-1, min(i32(ceil(around.y)) + wang.margin, wang.half_side), around.w > 0.0);
     var sum = vec4<f32>(0.0);
     var steps: array<vec4<f32>, 33>;
     for (var y = -reach; y <= reach; y++) {
@@ -57,9 +60,9 @@ fn spread(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             let q = p - away;
             let factor = textureLoad(factors, q, 0);
             let step = i32(factor.x);
-            let place = vec2<i32>(half_side) + i32(factor.z) * away;
-            let share = textureLoad(operators, place + vec2<i32>(0, step * (2 * half_side + 1)), 0).x;
-            let there = factor.w > 0.0 && all(q >= vec2<i32>(0)) && all(q < lens.size.xy);
+            let place = vec2<i32>(wang.half_side) + i32(factor.z) * away;
+            let share = textureLoad(operators, place + vec2<i32>(0, step * (2 * wang.half_side + 1)), 0).x;
+            let there = factor.w > 0.0 && all(q >= vec2<i32>(0)) && all(q < lens.size);
             let light = select(vec4<f32>(0.0), share * textureLoad(color, q, 0), there);
             if printed {
                 steps[step] += light;
@@ -79,6 +82,6 @@ fn spread(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     }
     let own = textureLoad(factors, p, 0);
     // Wang (4).
-    let blended = own.w > 0.0 && own.y < blend_below;
+    let blended = own.w > 0.0 && own.y < wang.blend_below;
     return rounded_to_half(select(sum, mix(textureLoad(color, p, 0), sum, own.y), blended));
 }

@@ -39,7 +39,7 @@ const BLOCKS: u32 = 16u;
 
 fn cells() -> vec2<u32> {
     let side = BLOCK_PX * CELL;
-    return vec2<u32>((lens.size.xy + side - 1) / side);
+    return vec2<u32>((lens.size + side - 1) / side);
 }
 
 fn block(cell: vec2<u32>, i: u32) -> vec2<i32> {
@@ -63,7 +63,7 @@ fn farther_light(b: vec2<i32>, range: vec2<f32>) -> vec4<f32> {
     var weight = 1e-6;
     for (var k = 0; k < BLOCK_PX * BLOCK_PX; k++) {
         let q = BLOCK_PX * b + vec2<i32>(k % BLOCK_PX, k / BLOCK_PX);
-        let light = light_within(color, q, lens.size.xy);
+        let light = light_within(color, q, lens.size);
         let own = circle_of(unpack_geometry(textureLoad(geometry, q, 0)).x);
         let taken = select(0.0, 1.0, light.a > 0.0 && own >= split);
         sum += taken * light.rgb;
@@ -211,7 +211,7 @@ struct Corner { @builtin(position) at: vec4<f32>, @location(0) @interpolate(flat
 fn block_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     let place = drawn.all[i].place;
     let corner = texels_to_block * (place.xy + vec2<f32>(f32(v & 1u), f32(v >> 1u)));
-    let size = ceil(vec2<f32>(lens.size.xy) * texels_to_block / f32(BLOCK_PX));
+    let size = ceil(vec2<f32>(lens.size) * texels_to_block / f32(BLOCK_PX));
     var out: Corner;
     out.at = vec4<f32>(corner / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
     out.keep = place.z;

@@ -5,16 +5,13 @@
 // @import shared/layer
 // @import shared/lens
 
-// Of the first disc: of the whole run.
-override points: i32 = 48;
-
 struct Discs {
-    radii: vec4<f32>,                // of both discs over the circle's
-    first: array<vec4<f32>, 64>,     // in radii: x, y
-    second: array<vec4<f32>, 16>,
+    radii: vec2<f32>,                // of both discs over the circle's
+    second: array<vec2<f32>, 16>,    // in radii
+    first: array<vec2<f32>>,
 }
 @group(0) @binding(0) var<uniform> lens: Lens;
-@group(0) @binding(1) var<uniform> discs: Discs;
+@group(0) @binding(1) var<storage, read> discs: Discs;
 @group(0) @binding(2) var color: texture_2d<f32>;
 @group(0) @binding(3) var between: sampler;
 @group(0) @binding(4) var geometry: texture_2d<u32>;
@@ -28,13 +25,14 @@ fn first(@builtin(position) at: vec4<f32>) -> Filtered {
     let p = vec2<i32>(at.xy);
     let depth = unpack_geometry(textureLoad(geometry, p, 0)).x;
     // Where nothing was drawn, the widest circle around may reach.
-    let around = textureLoad(around_tiles, p / lens.size.z, 0).y;
+    let around = textureLoad(around_tiles, p / lens.side_px, 0).y;
     let wide = select(around, 0.5 * abs(circle_of(depth)), depth > 0.0);
     let radius = select(wide, 0.0, 2.0 * wide < SHARP_PX);
     var sum = vec4<f32>(0.0);
+    let points = i32(arrayLength(&discs.first));
     for (var i = 0; i < points; i++) {
-        let from_px = at.xy + radius * discs.radii.x * discs.first[i].xy;
-        sum += textureSampleLevel(color, between, from_px * lens.texture.xy, 0.0);
+        let from_px = at.xy + radius * discs.radii.x * discs.first[i];
+        sum += textureSampleLevel(color, between, from_px * lens.texel, 0.0);
     }
     return Filtered(rounded_to_half(sum / f32(points)), vec4<f32>(radius, 0.0, 0.0, 0.0));
 }
@@ -44,7 +42,7 @@ fn second(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let radius = discs.radii.y * textureLoad(radii, vec2<i32>(at.xy), 0).x;
     var sum = vec4<f32>(0.0);
     for (var i = 0; i < 16; i++) {
-        sum += textureSampleLevel(color, between, (at.xy + radius * discs.second[i].xy) * lens.texture.xy, 0.0);
+        sum += textureSampleLevel(color, between, (at.xy + radius * discs.second[i]) * lens.texel, 0.0);
     }
     return rounded_to_half(sum / 16.0);
 }

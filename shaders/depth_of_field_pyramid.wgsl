@@ -22,7 +22,7 @@ fn merged(near: vec4<f32>, far: vec4<f32>, colors: mat4x4<f32>) -> Out {
 
 fn circle_in_layer(p: vec2<i32>) -> f32 {
     let depth = unpack_geometry(textureLoad(geometry, p, 0)).x;
-    return select(NOTHING, circle_of(depth), depth > 0.0 && all(p < lens.size.xy));
+    return select(NOTHING, circle_of(depth), depth > 0.0 && all(p < lens.size));
 }
 
 @fragment

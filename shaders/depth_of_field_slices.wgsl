@@ -6,10 +6,18 @@ override half_side: i32 = 1;
 override layer_too: f32 = 1.0;
 
 struct Slice {
-    size: vec4<i32>,    // of the layer: x, y; columns of tiles: z; their side (px): w
-    circle: vec4<f32>,  // fx · diameter (px·m), 1 / focus distance (1/m), largest diameter (px), how much nearer hides (m)
-    slice: vec4<f32>,   // number, share of the noise's σ that it leaves, pixels in a texel, 1 where the layer is blurred too
-    texture: vec4<f32>, // from pixels to the places of a sampler
+    size: vec2<i32>,     // of the layer
+    place: vec2<f32>,    // of a sampler, for a pixel
+    columns: i32,        // of tiles
+    side_px: i32,        // of a tile
+    fx_diameter: f32,    // fx · diameter, px·m
+    per_focus: f32,      // 1 / focus distance, 1/m
+    largest_px: f32,     // diameter
+    tolerance_m: f32,    // how much nearer hides
+    number: f32,
+    noise: f32,          // share of the noise's σ that it leaves
+    texel_px: f32,       // pixels in a texel
+    with_layer: f32,     // 1 where the layer is blurred too
 }
 @group(0) @binding(0) var<uniform> slice: Slice;
 
@@ -25,7 +33,7 @@ const NOWHERE: f32 = 100.0;
 
 // Where among the slices a depth lies.
 fn place_of(depth_m: f32) -> f32 {
-    let circle = clamp(slice.circle.x * (slice.circle.y - 1.0 / max(depth_m, 1e-6)), -slice.circle.z, slice.circle.z);
+    let circle = clamp(slice.fx_diameter * (slice.per_focus - 1.0 / max(depth_m, 1e-6)), -slice.largest_px, slice.largest_px);
     let beyond = max(abs(circle) - SHARP_PX, 0.0);
     return clamp(log(1.0 + beyond / GROWS_FROM_PX) / log(RATIO) * sign(circle), -MOST, MOST);
 }
@@ -44,8 +52,8 @@ fn places(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let real = bitcast<f32>(words.x | (words.y << 16u));
     let behind = bitcast<f32>(words.z | (words.w << 16u));
     let drawn = unpack_geometry(textureLoad(layer_geometry, p, 0)).x;
-    let there = drawn > 0.0 && textureLoad(layer_color, p, 0).a > 0.0 && slice.slice.w > 0.0;
-    let hidden = select(0.0, 1.0, there && real < drawn - slice.circle.w);
+    let there = drawn > 0.0 && textureLoad(layer_color, p, 0).a > 0.0 && slice.with_layer > 0.0;
+    let hidden = select(0.0, 1.0, there && real < drawn - slice.tolerance_m);
     return vec4<f32>(place_of(real), place_of(behind), select(NOWHERE, place_of(drawn), there), hidden);
 }
 
@@ -55,13 +63,13 @@ fn places(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 
 @vertex
 fn tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
-    let columns = f32(slice.size.z);
+    let columns = f32(slice.columns);
     // Floats: whole numbers are divided one by one on software drivers.
     let row = floor((f32(instance) + 0.5) / columns);
     let tile = vec2<f32>(f32(instance) - row * columns, row);
     let is_reached = textureLoad(reached, vec2<i32>(tile), 0).x > 0u;
-    let corner = (tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) * f32(slice.size.w) / slice.slice.z;
-    let size = ceil(vec2<f32>(slice.size.xy) / slice.slice.z);
+    let corner = (tile + vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) * f32(slice.side_px) / slice.texel_px;
+    let size = ceil(vec2<f32>(slice.size) / slice.texel_px);
     let device = min(corner, size) / size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
     return vec4<f32>(select(vec2<f32>(0.0), device, is_reached), 0.0, 1.0);
 }
@@ -75,7 +83,7 @@ struct Both { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32> }
 
 // 1 at the slice, 0 at its neighbours.
 fn belongs(place: f32) -> f32 {
-    return max(1.0 - abs(place - slice.slice.x), 0.0);
+    return max(1.0 - abs(place - slice.number), 0.0);
 }
 
 @fragment
@@ -102,7 +110,7 @@ fn share(@builtin(position) at: vec4<f32>) -> Both {
 @fragment
 fn smaller(@builtin(position) at: vec4<f32>) -> Both {
     let low = 2 * vec2<i32>(at.xy);
-    let last = vec2<i32>(ceil(2.0 * vec2<f32>(slice.size.xy) / slice.slice.z)) - 1;
+    let last = vec2<i32>(ceil(2.0 * vec2<f32>(slice.size) / slice.texel_px)) - 1;
     var out = Both(vec4<f32>(0.0), vec4<f32>(0.0));
     for (var i = 0; i < 4; i++) {
         let q = min(low + vec2<i32>(i & 1, i >> 1), last);
@@ -121,7 +129,7 @@ fn smaller(@builtin(position) at: vec4<f32>) -> Both {
 @fragment
 fn blur(@builtin(position) at: vec4<f32>) -> Both {
     let p = vec2<i32>(at.xy);
-    let last = vec2<i32>(ceil(vec2<f32>(slice.size.xy) / slice.slice.z)) - 1;
+    let last = vec2<i32>(ceil(vec2<f32>(slice.size) / slice.texel_px)) - 1;
     var out = Both(vec4<f32>(0.0), vec4<f32>(0.0));
     var i = 0;
     for (var y = -half_side; y <= half_side; y++) {
@@ -145,7 +153,7 @@ struct Sums { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32>, @loca
 
 @fragment
 fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
-    return Sums(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0 * slice.slice.x));
+    return Sums(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0 * slice.number));
 }
 
 @group(0) @binding(1) var slice_real: texture_2d<f32>;
@@ -161,9 +169,9 @@ fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
     let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
     let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
     // What the nearer slices of the other kind let through.
-    let hides = select(1.0, 0.0, slice.circle.w >= HIDES_NOTHING);
+    let hides = select(1.0, 0.0, slice.tolerance_m >= HIDES_NOTHING);
     let seen = fits * max(vec2<f32>(1.0) - held.yx * vec2<f32>(1.0, hides), vec2<f32>(0.0));
-    let noise = slice.slice.y * seen.x * real.a;
+    let noise = slice.noise * seen.x * real.a;
     return Sums(
         textureLoad(sum_real, p, 0) + seen.x * real,
         textureLoad(sum_layer, p, 0) + seen.y * layer,
@@ -173,7 +181,7 @@ fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
 
 @fragment
 fn add(@builtin(position) at: vec4<f32>) -> Sums {
-    let uv = at.xy * slice.texture.xy;
+    let uv = at.xy * slice.place;
     let real = textureSampleLevel(slice_real, between, uv, 0.0);
     return added(vec2<i32>(at.xy), real, textureSampleLevel(slice_layer, between, uv, 0.0));
 }

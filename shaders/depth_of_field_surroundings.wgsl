@@ -18,8 +18,8 @@ fn joined(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
 // Of a tile: nearest circle (signed), largest radius, and 1 (0 where the tile is empty).
 @fragment
 fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let low = vec2<i32>(at.xy) * lens.size.z;
-    let high = min(low + lens.size.z, lens.size.xy);
+    let low = vec2<i32>(at.xy) * lens.side_px;
+    let high = min(low + lens.side_px, lens.size);
     var all = nothing();
     for (var y = low.y; y < high.y; y++) {
         for (var x = low.x; x < high.x; x++) {
@@ -36,7 +36,7 @@ fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 @fragment
 fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
-    let last = (lens.size.xy - 1) / lens.size.z;
+    let last = (lens.size - 1) / lens.side_px;
     var all = nothing();
     for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last.y); y++) {
         for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last.x); x++) {
@@ -51,7 +51,7 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
     let own = textureLoad(geometry, p, 0);
-    let near = textureLoad(around_tiles, p / lens.size.z, 0);
-    let depth = select(0.0, 1.0 / max(lens.circle.y - near.x / lens.circle.x, 1e-6), near.w > 0.0);
+    let near = textureLoad(around_tiles, p / lens.side_px, 0);
+    let depth = select(0.0, 1.0 / max(lens.per_focus - near.x / lens.fx_diameter, 1e-6), near.w > 0.0);
     return select(pack_geometry(depth, vec2<f32>(0.0)), own, unpack_geometry(own).x > 0.0);
 }

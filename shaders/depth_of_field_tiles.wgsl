@@ -16,13 +16,13 @@ const ANY: f32 = 5.0;
 // Two surfaces behind each other.
 const TWO_DEEP: f32 = 6.0;
 
-fn side() -> i32 { return lens.size.z; }
+fn side() -> i32 { return lens.side_px; }
 
 // Of a tile: nearest and farthest circle, their middle, and 1 (0 where the tile is empty).
 @fragment
 fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let low = vec2<i32>(at.xy) * side() / 4;
-    let high = min(low + side() / 4, (lens.size.xy + 3) / 4);
+    let high = min(low + side() / 4, (lens.size + 3) / 4);
     var near = NOTHING;
     var far = -NOTHING;
     for (var y = low.y; y < high.y; y++) {
@@ -37,11 +37,11 @@ fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 }
 
 fn last_tile() -> vec2<i32> {
-    return (lens.size.xy - 1) / side();
+    return (lens.size - 1) / side();
 }
 
 // Tiles to each side from which light can come.
-fn reach_tiles() -> i32 { return i32(lens.texture.w); }
+fn reach_tiles() -> i32 { return i32(lens.reach_tiles); }
 
 // How far apart two tiles are at least, px.
 fn apart_px(tiles: vec2<i32>) -> f32 {

@@ -1,7 +1,7 @@
 // Antialiasing against camera pixels (Fischer 2006, antialiasing):
 // (current + Σ camera_i) / (n + 1) over the n camera pixels of the 3×3 neighbourhood.
-struct EdgeBlend { impact: vec4<f32> }
-@group(0) @binding(4) var<uniform> edge_blend: EdgeBlend;
+struct EdgeBlend { impact: f32 }
+@group(1) @binding(0) var<uniform> edge_blend: EdgeBlend;
 
 fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
     var n = 0.0;
@@ -22,7 +22,7 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
     if n == 0.0 || layer_at(p).a == 0.0 {
         return current;
     }
-    let share = edge_blend.impact.x / (n + 1.0);
+    let share = edge_blend.impact / (n + 1.0);
     let own = 1.0 - share * n;
     return Mixed(own * min(current.code, vec3<f32>(1.0)) + share * sum, own * own * current.camera_variance + share * share * variance);
 }

@@ -6,7 +6,11 @@
 override curve: f32 = 0.0;
 override gamma: f32 = 1.0;
 
-struct Exposure { by: vec4<f32> }  // factor on light; addition to display values; factor by which a photograph exposes all
+struct Exposure {
+    gain: f32,     // on light
+    step: f32,     // added to display values
+    picture: f32,  // factor by which the whole picture is exposed
+}
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 @group(0) @binding(1) var layer: texture_2d<f32>;
 
@@ -16,7 +20,7 @@ const BRIGHTEST: f32 = 60000.0;
 @fragment
 fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
-    return vec4<f32>(min(light.rgb * (exposure.by.x * exposure.by.z), vec3<f32>(BRIGHTEST)), light.a);
+    return vec4<f32>(min(light.rgb * (exposure.gain * exposure.picture), vec3<f32>(BRIGHTEST)), light.a);
 }
 
 // On display values, which know no coverage: the surface's own colour.
@@ -24,7 +28,7 @@ fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
     let shown = encode(min(light.rgb / max(light.a, 1e-6), vec3<f32>(1.0)), curve, gamma);
-    let moved = clamp(shown + exposure.by.y, vec3<f32>(0.0), vec3<f32>(1.0));
-    let exposed = decode(moved, curve, gamma) * light.a * exposure.by.z;
+    let moved = clamp(shown + exposure.step, vec3<f32>(0.0), vec3<f32>(1.0));
+    let exposed = decode(moved, curve, gamma) * light.a * exposure.picture;
     return vec4<f32>(min(exposed, vec3<f32>(BRIGHTEST)), light.a);
 }

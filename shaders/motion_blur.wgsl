@@ -3,8 +3,11 @@
 // @import shared/fullscreen
 // @import shared/layer
 struct Blur {
-    size: vec4<i32>,      // layer width, height, tile side, unused
-    shutter: vec4<f32>,   // exposure time (s), shortest blur that is drawn (px), 1 / size of the colour texture (1/px)
+    size: vec2<i32>,      // of the layer
+    texel: vec2<f32>,     // 1 / size of the colour texture, 1/px
+    side_px: i32,         // of a tile
+    exposure_s: f32,
+    threshold_px: f32,    // shortest blur that is drawn
 }
 @group(0) @binding(0) var<uniform> blur: Blur;
 @group(0) @binding(1) var fastest: texture_2d<f32>;
@@ -14,12 +17,12 @@ struct Blur {
 
 // Beyond the layer's border its border stands: empty, or too far from the picture to be seen.
 fn geometry_at(p: vec2<i32>) -> vec4<f32> {
-    return unpack_geometry(textureLoad(geometry, clamp(p, vec2<i32>(0), blur.size.xy - 1), 0));
+    return unpack_geometry(textureLoad(geometry, clamp(p, vec2<i32>(0), blur.size - 1), 0));
 }
 
 // Between the four pixels around a point; whole numbers are pixels.
 fn color_between(p: vec2<f32>) -> vec4<f32> {
-    return textureSampleLevel(color, between, (p + 0.5) * blur.shutter.zw, 0.0);
+    return textureSampleLevel(color, between, (p + 0.5) * blur.texel, 0.0);
 }
 
 // Of the pixel's tile and those around it the fastest motion (px in the whole shutter), and what is to be done in the tile:
@@ -28,13 +31,13 @@ struct Tile { motion: vec2<f32>, kind: f32 }
 
 fn tile_at(p: vec2<i32>) -> Tile {
     // Floats: whole numbers are divided one by one on software drivers.
-    let tile = textureLoad(fastest, vec2<i32>((vec2<f32>(p) + 0.5) / f32(blur.size.z)), 0);
-    return Tile(tile.xy * blur.shutter.x, tile.w);
+    let tile = textureLoad(fastest, vec2<i32>((vec2<f32>(p) + 0.5) / f32(blur.side_px)), 0);
+    return Tile(tile.xy * blur.exposure_s, tile.w);
 }
 
 // A motion shorter than is drawn is none.
 fn drawn_motion(motion: vec2<f32>, dominant: vec2<f32>) -> vec2<f32> {
-    let still = length(dominant) <= blur.shutter.y || max(abs(motion.x), abs(motion.y)) < 0.25;
+    let still = length(dominant) <= blur.threshold_px || max(abs(motion.x), abs(motion.y)) < 0.25;
     return select(motion, vec2<f32>(0.0), still);
 }
 
@@ -62,7 +65,7 @@ fn mean_of(sum: vec4<f32>, weight: f32) -> vec4<f32> {
 // The sum over the shutter, and its weight, where all that passes has one motion: the pixel's own.
 fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -> Sum {
     let x = vec2<f32>(p);
-    let line = line_along(drawn_motion(select(dominant, own.zw * blur.shutter.x, own.x > 0.0), dominant));
+    let line = line_along(drawn_motion(select(dominant, own.zw * blur.exposure_s, own.x > 0.0), dominant));
     let center = tap_weight(line, 0.0);
     var sum = center * color_between(x);
     var weight = center;
@@ -82,7 +85,7 @@ fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -
 // Whether the surface that going back along `motion` (px in the whole shutter) meets does come
 // from there: within three quarters of a pixel.
 fn comes_from(surface: vec4<f32>, motion: vec2<f32>, moment: f32) -> bool {
-    let error = (surface.zw * blur.shutter.x - motion) * moment;
+    let error = (surface.zw * blur.exposure_s - motion) * moment;
     return surface.x > 0.0 && dot(error, error) < 0.5625;
 }
 
@@ -91,9 +94,9 @@ fn comes_from(surface: vec4<f32>, motion: vec2<f32>, moment: f32) -> bool {
 fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_major: bool) -> vec4<f32> {
     let by_dominant = x - dominant * moment;
     let met = geometry_at(vec2<i32>(round(by_dominant)));
-    let by_own = x - own.zw * blur.shutter.x * moment;
+    let by_own = x - own.zw * blur.exposure_s * moment;
     let own_met = geometry_at(vec2<i32>(round(by_own)));
-    let met_motion = met.zw * blur.shutter.x;
+    let met_motion = met.zw * blur.exposure_s;
     let by_met = x - met_motion * moment;
     let met_met = geometry_at(vec2<i32>(round(by_met)));
 
@@ -112,7 +115,7 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
         nearest = depth_m(met);
         there = true;
     }
-    if own.x > 0.0 && comes_from(own_met, own.zw * blur.shutter.x, moment) && depth_m(own_met) < nearest {
+    if own.x > 0.0 && comes_from(own_met, own.zw * blur.exposure_s, moment) && depth_m(own_met) < nearest {
         source = by_own;
         nearest = depth_m(own_met);
         there = true;

@@ -2,8 +2,9 @@
 // @import shared/fullscreen
 // @import shared/layer
 struct Tiles {
-    size: vec4<i32>,      // layer width, height, tile side, unused
-    shutter: vec4<f32>,   // x: exposure time (s)
+    size: vec2<i32>,      // of the layer
+    side_px: i32,         // of a tile
+    exposure_s: f32,
 }
 @group(0) @binding(0) var<uniform> tiles: Tiles;
 // Over tiles: their ranges. Over pixels: the layer's geometry.
@@ -29,8 +30,8 @@ fn merge(sum: Out, velocity: vec4<f32>, range: vec4<f32>) -> Out {
 @fragment
 fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
     var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
-    let low = vec2<i32>(at.xy) * tiles.size.z;
-    let high = min(low + tiles.size.z, tiles.size.xy);
+    let low = vec2<i32>(at.xy) * tiles.side_px;
+    let high = min(low + tiles.side_px, tiles.size);
     for (var y = low.y; y < high.y; y++) {
         for (var x = low.x; x < high.x; x++) {
             let g = unpack_geometry(textureLoad(geometry, vec2<i32>(x, y), 0));
@@ -48,7 +49,7 @@ fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
 fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
     let p = vec2<i32>(at.xy);
-    let last = (tiles.size.xy - 1) / tiles.size.z;
+    let last = (tiles.size - 1) / tiles.side_px;
     for (var y = max(p.y - 1, 0); y <= min(p.y + 1, last.y); y++) {
         for (var x = max(p.x - 1, 0); x <= min(p.x + 1, last.x); x++) {
             let f = textureLoad(first, vec2<i32>(x, y), 0);
@@ -58,7 +59,7 @@ fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         }
     }
     // Motions that end within a pixel of each other are one motion: at a pixel its own.
-    let span = (sum.range.zw - sum.range.xy) * tiles.shutter.x;
+    let span = (sum.range.zw - sum.range.xy) * tiles.exposure_s;
     let kind = select(2.0, 1.0, max(span.x, span.y) < 1.0);
     return vec4<f32>(sum.fastest.xyz, kind * sum.fastest.z);
 }

@@ -2,7 +2,7 @@
 
 // As calibrated.
 fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
-    let s = sigma_at(code) * noise.shape.y;
+    let s = sigma_at(code) * noise.scale;
     return s * s;
 }
 
@@ -12,5 +12,5 @@ fn camera_factor(code: vec3<f32>) -> vec3<f32> {
 
 // The pattern at a pixel of the picture, variance 1 everywhere.
 fn pattern_at(pixel: vec2<i32>) -> vec3<f32> {
-    return pattern_texel(pixel - noise.origin.xy);
+    return pattern_texel(pixel - noise.origin);
 }

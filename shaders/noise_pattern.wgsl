@@ -2,11 +2,14 @@
 // taps (a, 1, a) each way, and mixed to its channel correlation; variance 1, in 1/4096 σ.
 // @import shared/fullscreen
 struct Pattern {
-    // x, y: side weight of the three-tap filters; z: factor to variance 1
-    filter_shape: vec4<f32>,
-    // Lower triangle of the channels' Cholesky factor: (l21, l22, l31, l32), l33
-    mix_a: vec4<f32>,
-    mix_b: vec4<f32>,
+    side: vec2<f32>,    // weight of the three-tap filters across and down
+    norm: f32,          // factor to variance 1
+    // Lower triangle of the channels' Cholesky factor.
+    l21: f32,
+    l22: f32,
+    l31: f32,
+    l32: f32,
+    l33: f32,
 }
 @group(0) @binding(0) var<uniform> pattern: Pattern;
 // One texel more on each side than the pattern has.
@@ -17,15 +20,15 @@ fn white_at(p: vec2<i32>) -> vec3<f32> {
 }
 
 fn row(p: vec2<i32>) -> vec3<f32> {
-    return white_at(p + vec2<i32>(1, 0)) + pattern.filter_shape.x * (white_at(p) + white_at(p + vec2<i32>(2, 0)));
+    return white_at(p + vec2<i32>(1, 0)) + pattern.side.x * (white_at(p) + white_at(p + vec2<i32>(2, 0)));
 }
 
 fn finish(white: vec3<f32>) -> vec4<i32> {
-    let n = white * pattern.filter_shape.z;
+    let n = white * pattern.norm;
     let mixed = vec3<f32>(
         n.x,
-        pattern.mix_a.x * n.x + pattern.mix_a.y * n.y,
-        pattern.mix_a.z * n.x + pattern.mix_a.w * n.y + pattern.mix_b.x * n.z,
+        pattern.l21 * n.x + pattern.l22 * n.y,
+        pattern.l31 * n.x + pattern.l32 * n.y + pattern.l33 * n.z,
     );
     return vec4<i32>(vec3<i32>(clamp(round(mixed), vec3<f32>(-32767.0), vec3<f32>(32767.0))), 0);
 }
@@ -38,5 +41,5 @@ fn unfiltered(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
 @fragment
 fn filtered(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
     let p = vec2<i32>(at.xy);
-    return finish(row(p + vec2<i32>(0, 1)) + pattern.filter_shape.y * (row(p) + row(p + vec2<i32>(0, 2))));
+    return finish(row(p + vec2<i32>(0, 1)) + pattern.side.y * (row(p) + row(p + vec2<i32>(0, 2))));
 }

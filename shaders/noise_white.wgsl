@@ -3,8 +3,8 @@
 // @import shared/fullscreen
 // @import shared/hash
 struct White {
-    key: vec4<u32>,     // xyz: where in the endless hash this frame's pattern lies
-    origin: vec4<i32>,  // xy: the lattice point of the first texel
+    key: vec4<u32>,     // where in the endless hash this frame's pattern lies
+    origin: vec2<i32>,  // the lattice point of the first texel
 }
 @group(0) @binding(0) var<uniform> white: White;
 // 4096 quantiles of the normal distribution, 64 × 64, in 1/4096 σ.
@@ -12,7 +12,7 @@ struct White {
 
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<i32> {
-    let lattice = bitcast<vec2<u32>>(vec2<i32>(at.xy) + white.origin.xy);
+    let lattice = bitcast<vec2<u32>>(vec2<i32>(at.xy) + white.origin);
     let h = pcg3d(vec3<u32>(lattice, 0u) + white.key.xyz) >> vec3<u32>(20u);
     return vec4<i32>(
         textureLoad(normal_table, vec2<u32>(h.x & 63u, h.x >> 6u), 0).x,

@@ -5,8 +5,9 @@ override curve: f32 = 0.0;
 override gamma: f32 = 1.0;
 
 struct Grid {
-    size: vec4<i32>,    // of the grid: x, y; where in the photograph the part begins: z, w
-    scale: vec4<f32>,   // pixels of the grid for one of the photograph
+    size: vec2<i32>,
+    in_picture: vec2<i32>,   // where the part begins
+    step: f32,               // pixels of the grid for one of the picture
 }
 @group(0) @binding(0) var<uniform> grid: Grid;
 @group(0) @binding(1) var codes: texture_2d<u32>;
@@ -31,7 +32,7 @@ fn words(z: f32) -> vec2<u32> {
 fn main(@builtin(position) at: vec4<f32>) -> Out {
     let light = decode(vec3<f32>(textureLoad(codes, vec2<i32>(at.xy), 0).rgb) / 65535.0, curve, gamma);
     // The four of the grid around it, each by its nearness and by how much it looks like this pixel.
-    let place = (vec2<f32>(grid.size.zw) + at.xy) * grid.scale.x - 0.5;
+    let place = (vec2<f32>(grid.in_picture) + at.xy) * grid.step - 0.5;
     let corner = floor(place);
     let f = place - corner;
     var weight: array<f32, 4>;
@@ -41,7 +42,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     var behind = vec4<f32>(0.0);
     for (var i = 0; i < 4; i++) {
         let step = vec2<i32>(i & 1, i >> 1);
-        let q = clamp(vec2<i32>(corner) + step, vec2<i32>(0), grid.size.xy - 1);
+        let q = clamp(vec2<i32>(corner) + step, vec2<i32>(0), grid.size - 1);
         let share = mix(1.0 - f, f, vec2<f32>(step));
         let apart = sqrt(textureLoad(near_light, q, 0).rgb) - sqrt(light);
         weight[i] = share.x * share.y * (1e-3 + exp(-dot(apart, apart) / (2.0 * COLOR_SIGMA * COLOR_SIGMA)));

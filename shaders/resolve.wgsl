@@ -1,9 +1,13 @@
 // Four samples to one pixel: colour averaged; depth of the nearest, and how fast what is there moves.
 // @import shared/layer
 struct Resolve {
-    size: vec4<f32>,   // of the targets (px), side of a cell (px), cells a row that are drawn
-    depth: vec4<f32>,  // near plane (m); of parallel rays the far one (m), else 0
-    cells: vec4<u32>,  // column and row of the first one in the net, cells a row of the net
+    size: vec2<f32>,      // of the targets, px
+    first: vec2<u32>,     // column and row in the net of the first cell that is drawn
+    columns: u32,         // cells a row that are drawn
+    net_columns: u32,     // cells a row of the net
+    side_px: f32,         // of a cell
+    near_m: f32,          // plane
+    far_m: f32,           // of parallel rays the far plane, else 0
 }
 @group(0) @binding(0) var<uniform> resolve: Resolve;
 @group(0) @binding(1) var color: texture_multisampled_2d<f32>;
@@ -22,11 +26,11 @@ struct Corner {
 // A corner of a cell's quad, in the order of a Z.
 @vertex
 fn cell(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
-    let columns = u32(resolve.size.w);
+    let columns = resolve.columns;
     let at = vec2<u32>(instance % columns + (vertex & 1u), instance / columns + (vertex >> 1u));
-    let device = vec2<f32>(at) * resolve.size.z / resolve.size.xy * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    let place = at + resolve.cells.xy;
-    let node = nodes[place.y * (resolve.cells.z + 1u) + place.x];
+    let device = vec2<f32>(at) * resolve.side_px / resolve.size * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    let place = at + resolve.first;
+    let node = nodes[place.y * (resolve.net_columns + 1u) + place.x];
     return Corner(vec4<f32>(device, 0.0, 1.0), node.motion, node.row_time);
 }
 
@@ -42,9 +46,9 @@ fn main(in: Corner) -> Out {
         sum += textureLoad(color, p, i);
         nearness = max(nearness, textureLoad(depth, p, i));
     }
-    var depth_m = resolve.depth.x / max(nearness, 1e-30);
-    if resolve.depth.y > 0.0 {
-        depth_m = mix(resolve.depth.y, resolve.depth.x, nearness);
+    var depth_m = resolve.near_m / max(nearness, 1e-30);
+    if resolve.far_m > 0.0 {
+        depth_m = mix(resolve.far_m, resolve.near_m, nearness);
     }
     let velocity = in.motion.xy + in.motion.zw * nearness;
     // What falls as fast as rows are read would be met without end.

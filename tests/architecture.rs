@@ -145,7 +145,7 @@ fn a_room_uses_only_rooms_on_its_floor_or_below() {
 
 #[test]
 fn the_face_names_no_effect() {
-    let effects: Vec<String> = locard::effects::all().iter().map(|e| e.params().table().to_owned()).collect();
+    let effects: Vec<String> = locard::effects::all().iter().map(|e| e.table().to_owned()).collect();
     assert!(effects.contains(&"motion_blur".to_owned()));
     let mut wrong = Vec::new();
     for file in rust_files(&root().join("src/cli")) {
@@ -204,7 +204,7 @@ fn every_room_stands_in_architecture_md() {
         }
     }
     for effect in locard::effects::all() {
-        let name = effect.params().table().to_owned();
+        let name = effect.table().to_owned();
         assert!(page.contains(&format!("`{name}`")), "ARCHITECTURE.md does not mention the effect `{name}`");
     }
 }

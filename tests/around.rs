@@ -285,9 +285,11 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
         };
         let track = turning(1.2, DQuat::IDENTITY);
         let frame = |n: usize| gpu::frame(n, n as f64 * 0.02, speckled(&geometry));
-        let stream = Stream { track: &track, time_offset_s: 0.0, want_layers: true };
+        let settings = settings();
+        let stream =
+            Stream { camera: &camera, settings: &settings, track: &track, time_offset_s: 0.0, want_layers: true };
         let run = |range: std::ops::Range<usize>| {
-            let mut compositor = Compositor::new(gpu::gpu().clone(), camera.clone(), settings(), scene.clone());
+            let mut compositor = Compositor::new(gpu::gpu().clone(), scene.clone());
             let mut done = Vec::new();
             let frames = range.map(|n| Ok::<Frame, std::io::Error>(frame(n)));
             compositor

@@ -8,11 +8,10 @@ mod board;
 mod gpu;
 
 use board::{FOCAL_PX, board, sideways};
-use locard::camera::Framed;
-use locard::compositor::{Composited, Compositor, Job, Part, Settings, SubmitError};
-use locard::effects::Photograph;
+use locard::camera::{Capture, FilmUsed};
+use locard::compositor::{Composited, Compositor, Job, Settings, SubmitError, Target};
 use locard::frame::Frame;
-use locard::image::{DepthMap, Rect};
+use locard::image::DepthMap;
 use locard::params::Value;
 use locard::scene::{Alpha, Scene};
 use locard::tracking::PoseTrack;
@@ -25,7 +24,7 @@ fn submitted(
     exposure_s: f64,
     frame: Frame,
 ) -> Result<Composited, SubmitError> {
-    made(settings, scene, track, exposure_s, frame, None)
+    made(settings, scene, track, exposure_s, frame, false)
 }
 
 /// The same, or a photograph.
@@ -35,31 +34,18 @@ fn made(
     track: &PoseTrack,
     exposure_s: f64,
     frame: Frame,
-    photograph: Option<Photograph>,
+    photograph: bool,
 ) -> Result<Composited, SubmitError> {
-    let region = Rect::full(frame.pixels.width, frame.pixels.height);
     let geometry = gpu::pinhole(frame.pixels.width, frame.pixels.height, FOCAL_PX);
     let gpu = gpu::gpu();
-    let mut compositor = Compositor::new(gpu.clone(), gpu::camera(&geometry, exposure_s), settings, scene);
-    let pending = compositor.submit(Job {
-        frame,
-        geometry: &geometry,
-        track,
-        time_offset_s: 0.0,
-        interval_s: 1.0 / 30.0,
-        want_layer: false,
-        photograph: photograph.map(|photograph| Part {
-            depth_m: None,
-            surfaces: None,
-            region,
-            photograph,
-            opening: None,
-            exposure_time_s: exposure_s,
-            summed: &[],
-            recorded: &geometry,
-            framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
-        }),
-    })?;
+    let camera = gpu::camera(&geometry, exposure_s);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
+    let mut job = Job::of_frame(frame, &camera, &settings, &geometry, track, 1.0 / 30.0)?;
+    if photograph {
+        let film = Some(FilmUsed { speed: 1.0, width_mm: 36.0 });
+        job.capture = Capture { whole: true, film, ..Capture::frame(&geometry, exposure_s, None) };
+    }
+    let pending = compositor.submit(job, &camera, &settings, Target::Pixels)?;
     Ok(compositor.collect(pending).unwrap())
 }
 
@@ -127,12 +113,10 @@ fn light_without_coverage_is_dropped_in_frames_and_in_photographs() {
     let mut ghost = board([60.0, 50.0], 3e8);
     ghost.materials[0].base_color[3] = 1e-9;
     ghost.materials[0].alpha = Alpha::Blend;
-    let photograph =
-        Photograph { over_ev: 0.0, iso_ratio: 1.0, film_width_mm: 36.0, enlargement: 1.0, noise_left: 1.0 };
-    for photograph in [None, Some(photograph)] {
+    for photograph in [false, true] {
         let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
         let still = sideways([0.0, 0.0]);
         let done = made(Settings::default(), ghost.clone(), &still, 0.0, frame, photograph).unwrap();
-        assert_eq!(done.pixels, gpu::grey(320, 240, 60), "{photograph:?}");
+        assert_eq!(done.pixels, gpu::grey(320, 240, 60), "photograph: {photograph}");
     }
 }

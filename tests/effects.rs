@@ -9,11 +9,11 @@ mod gpu;
 
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, Curve, Geometry, NoiseBin, NoiseProfile};
-use locard::compositor::{Composited, Compositor, Job, Settings};
-use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
+use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
+use locard::effects::{Moment, edge_blend, motion_blur, noise};
 use locard::frame::{FrameExposure, PhotoSettings};
-use locard::image::{Codes, Rect};
+use locard::image::Codes;
 use locard::measure::edge::box_blur;
 use locard::params::Value;
 
@@ -243,22 +243,18 @@ fn the_noise_is_its_twin() {
         let done = noisy(&camera, settings, 0.2, 7);
         let plain = noisy(&camera, gpu::settings(&[("noise", "scale", Value::Number(0.0))]), 0.2, 7);
         let params = noise::Noise { magnification: magnification as f32, iso, ..Default::default() };
-        let context = FrameContext {
+        let capture = Capture::frame(&geometry, 0.0, None);
+        let moment = Moment {
             camera: &camera,
-            geometry: &geometry,
+            picture: &geometry,
+            capture: &capture,
             frame: 7,
             seed: 0,
-            exposure_time_s: 0.0,
             recorded: FrameExposure::default(),
             interval_s: 1.0 / 30.0,
             fastest_px_per_s: 0.0,
-            opening: None,
-            photograph: None,
-            summed: &[],
             depths_m: [1.0, 1.0],
             real_depths_m: None,
-            objects_px: locard::image::Rect::new(0, 0, 0, 0),
-            drawn: Rect::new(0, 0, 0, 0),
             objects: &[],
         };
         // The unrounded value that the noise is added to; the layer holds 16-bit floats.
@@ -269,7 +265,7 @@ fn the_noise_is_its_twin() {
         let mut differ = 0;
         for y in 0..240 {
             for x in 0..320 {
-                let pattern = noise::twin_pattern(&params, &context, x, y);
+                let pattern = noise::twin_pattern(&params, &moment, x, y);
                 for (c, pattern) in pattern.into_iter().enumerate() {
                     let twin = noise::twin(mean, sigma, 1.0, 0.0, pattern);
                     let got = f64::from(codes(&done)[3 * (y as usize * 320 + x as usize) + c]);
@@ -447,17 +443,10 @@ fn grain_without_a_speed_to_start_from_is_refused() {
     camera.exposure.iso = None;
     let settings = gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
     let gpu = gpu::gpu();
-    let mut compositor = Compositor::new(gpu.clone(), camera, settings, board([60.0, 50.0], 0.5));
-    let job = Job {
-        frame: gpu::frame(0, 0.0, gpu::grey(320, 240, 40)),
-        geometry: &geometry,
-        track: &sideways([0.0, 0.0]),
-        time_offset_s: 0.0,
-        interval_s: 1.0 / 30.0,
-        want_layer: false,
-        photograph: None,
-    };
-    let error = compositor.submit(job).unwrap_err().to_string();
+    let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
+    let (frame, track) = (gpu::frame(0, 0.0, gpu::grey(320, 240, 40)), sideways([0.0, 0.0]));
+    let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();
+    let error = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap_err().to_string();
     assert!(error.contains("noise.iso") && error.contains("camera.exposure.iso"), "{error}");
     for iso in [99.0, 25601.0] {
         let error = Settings::default().set("noise", "iso", &Value::Number(iso)).unwrap().unwrap_err().to_string();

@@ -10,16 +10,18 @@ mod gpu;
 #[path = "common/site.rs"]
 mod site;
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 
 use board::{FOCAL_PX, board, both, panel, sideways};
 use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
-use locard::compositor::{Composited, Compositor, Job, Settings};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::effects;
 use locard::gpu::Gpu;
 use locard::image::{Codes, Pixels};
 use locard::params::Value;
+use locard::recording::Recording;
 use locard::scene::{Alpha, Scene, Texture, TextureUse, Wrap};
 use site::{NOISE, Site, desk, sites};
 
@@ -30,7 +32,7 @@ fn settings() -> Settings {
 
 /// Every effect at work, in each of the ways in which any can; those with fewer stay in their first.
 fn ways() -> Vec<Settings> {
-    let cases: Vec<_> = effects::all().iter().map(|e| (e.params().table(), e.cases())).collect();
+    let cases: Vec<_> = effects::all().iter().map(|e| (e.table(), e.cases())).collect();
     let most = cases.iter().map(|(_, cases)| cases.len()).max().unwrap();
     let way = |n: usize| {
         let mut settings = Settings::default();
@@ -46,7 +48,7 @@ fn ways() -> Vec<Settings> {
     (0..most).rev().map(way).collect()
 }
 
-/// The frames of a range, through the same stream as the program's.
+/// The frames of a range, two of them on the GPU at a time, as in the program's stream.
 fn composite(
     gpu: &Gpu,
     site: &Site,
@@ -54,23 +56,32 @@ fn composite(
     range: std::ops::Range<usize>,
     layers: bool,
 ) -> Vec<Composited> {
+    in_flight(gpu, site, &settings, range, layers, 2)
+}
+
+/// The same with so many frames on the GPU before the first of them is waited for.
+fn in_flight(
+    gpu: &Gpu,
+    site: &Site,
+    settings: &Settings,
+    range: std::ops::Range<usize>,
+    layers: bool,
+    most: usize,
+) -> Vec<Composited> {
     let camera = site.rig.camera();
     let geometry = camera.geometry.clone().unwrap();
-    let mut compositor = Compositor::new(gpu.clone(), camera, settings, site.scene.clone());
-    let mut out = Vec::new();
+    let mut compositor = Compositor::new(gpu.clone(), site.scene.clone());
+    let (mut out, mut pending) = (Vec::new(), VecDeque::new());
+    let Recording { track, time_offset_s, frame_interval_s, .. } = &site.recording;
     for frame in site.recording.frames(range).unwrap() {
-        let job = Job {
-            frame: frame.unwrap(),
-            geometry: &geometry,
-            track: &site.recording.track,
-            time_offset_s: site.recording.time_offset_s,
-            interval_s: site.recording.frame_interval_s,
-            want_layer: layers,
-            photograph: None,
-        };
-        let pending = compositor.submit(job).unwrap();
-        out.push(compositor.collect(pending).unwrap());
+        let job = Job::of_frame(frame.unwrap(), &camera, settings, &geometry, track, *frame_interval_s).unwrap();
+        let job = Job { time_offset_s: *time_offset_s, want_layer: layers, ..job };
+        pending.push_back(compositor.submit(job, &camera, settings, Target::Pixels).unwrap());
+        if pending.len() == most {
+            out.extend(pending.pop_front().map(|oldest| compositor.collect(oldest).unwrap()));
+        }
     }
+    out.extend(pending.into_iter().map(|oldest| compositor.collect(oldest).unwrap()));
     out
 }
 
@@ -111,7 +122,7 @@ fn camera_is_sacred(site: &Site, done: &[Composited], range: std::ops::Range<usi
 #[test]
 fn law_1_the_cameras_pixels_are_sacred() {
     let gpu = gpu::gpu();
-    let all: Vec<_> = effects::all().iter().map(|e| e.params().table()).collect();
+    let all: Vec<_> = effects::all().iter().map(|e| e.table()).collect();
     for site in sites() {
         for (n, settings) in ways().into_iter().enumerate() {
             let done = composite(&gpu, &site, settings, 30..33, true);
@@ -137,6 +148,11 @@ fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
         for (a, b) in alone.iter().zip(&whole[10..20]) {
             assert_eq!(a.frame, b.frame);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
+        }
+        for most in [1, 3] {
+            for (a, b) in in_flight(&gpu, &site, &settings(), 40..50, false, most).iter().zip(&whole[10..20]) {
+                assert!(a.pixels == b.pixels, "{} frame {}, {most} in flight", site.name, a.frame);
+            }
         }
         let mut other_seed = settings();
         other_seed.seed = 1;

@@ -11,10 +11,9 @@ mod program;
 
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, Framed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
-use locard::compositor::{Compositor, Job, Part, Settings};
+use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response, Summed};
+use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::Surfaces;
-use locard::effects::{Photograph, Summed};
 use locard::frame::{FrameExposure, PhotoSettings};
 use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
@@ -66,9 +65,11 @@ fn photo_of_frame(
     let gpu = gpu::gpu();
     let recorded = camera.geometry.clone().unwrap();
     let track = sideways([200.0, 0.0]);
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
     let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(camera));
     let site = Site {
+        camera,
+        settings: &settings,
         recorded: &recorded,
         track: &track,
         time_offset_s: 0.0,
@@ -288,11 +289,14 @@ fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
     let gpu = gpu::gpu();
     // 12 px wide, 40 px farther each time, blurred over 4.
     let scene = board([6.0, 20.0], 0.5);
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), Settings::default(), scene);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
     let pixels = gpu::grey(160, 60, 0);
     let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(&camera));
     let summed = [-0.1, 0.0, 0.1].map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
+    let settings = Settings::default();
     let site = Site {
+        camera: &camera,
+        settings: &settings,
         recorded: &geometry,
         track: &sideways([400.0, 0.0]),
         time_offset_s: 0.0,
@@ -359,33 +363,27 @@ fn parts_join_without_a_seam() {
     };
     let made = |regions: &[Rect], surfaces: Option<&Surfaces>| {
         let gpu = gpu::gpu();
-        let mut compositor =
-            Compositor::new(gpu.clone(), camera.clone(), Settings::default(), board([60.0, 50.0], 0.5));
-        let photograph =
-            Photograph { over_ev: 0.5, iso_ratio: 4.0, film_width_mm: 36.0, enlargement: 1.0, noise_left: 1.0 };
+        let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
         let mut made = stripes.clone();
         for region in regions {
-            let part = Part {
+            let capture = Capture {
                 region: *region,
-                photograph,
-                opening: Some(opening),
-                exposure_time_s: TIME_S,
-                summed: &[],
-                recorded: &geometry,
-                framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
-                depth_m: None,
-                surfaces,
+                whole: true,
+                over_ev: 0.5,
+                film: Some(FilmUsed { speed: 4.0, width_mm: 36.0 }),
+                ..Capture::frame(&geometry, TIME_S, Some(opening))
             };
             let job = Job {
                 frame: gpu::frame(3, 0.0, stripes.clone()),
-                geometry: &geometry,
+                picture: &geometry,
+                capture,
+                real: RealDepth::Known { depth_m: None, surfaces },
                 track: &track,
                 time_offset_s: 0.0,
                 interval_s: 1.0 / 30.0,
                 want_layer: false,
-                photograph: Some(part),
             };
-            let pending = compositor.submit(job).unwrap();
+            let pending = compositor.submit(job, &camera, &Settings::default(), Target::Pixels).unwrap();
             let done = compositor.collect(pending).unwrap().pixels;
             let (Codes::U8(to), Codes::U8(from)) = (&mut made.codes, &done.codes) else { panic!("8 bits went in") };
             for y in region.y0..region.y1 {

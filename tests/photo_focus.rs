@@ -50,11 +50,13 @@ fn photo_with(
     let recorded = camera.geometry.clone().unwrap();
     let framing = Framing::new(&recorded, None, None, opening.focus_distance_m, Some(width)).unwrap();
     let gpu = gpu::gpu();
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
     let neighbours = camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
     let real = Real::new(&[(1.0, pixels.clone())], &camera.response, &framing.framed, framing.size(), neighbours);
     let track = sideways([0.0, 0.0]);
     let site = Site {
+        camera,
+        settings: &settings,
         recorded: &recorded,
         track: &track,
         time_offset_s: 0.0,

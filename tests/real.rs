@@ -14,7 +14,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DVec2, DVec3};
 use locard::camera::Camera;
-use locard::compositor::{Composited, Compositor, Job, Settings};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::frame::Frame;
 use locard::gpu::Gpu;
 use locard::image::DepthMap;
@@ -56,21 +56,16 @@ fn composite(
     settings: Settings,
     scene: Scene,
 ) -> Vec<(Frame, Composited)> {
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
     let frames = recording.frames(range).unwrap();
     frames
         .map(|frame| {
             let frame = frame.unwrap();
-            let job = Job {
-                frame: frame.clone(),
-                geometry: camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(frame.index)).unwrap(),
-                track: &recording.track,
-                time_offset_s: 0.0,
-                interval_s: recording.frame_interval_s,
-                want_layer: true,
-                photograph: None,
-            };
-            let pending = compositor.submit(job).unwrap();
+            let geometry = camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(frame.index)).unwrap();
+            let (track, interval_s) = (&recording.track, recording.frame_interval_s);
+            let job = Job::of_frame(frame.clone(), camera, &settings, geometry, track, interval_s).unwrap();
+            let job = Job { want_layer: true, ..job };
+            let pending = compositor.submit(job, camera, &settings, Target::Pixels).unwrap();
             (frame, compositor.collect(pending).unwrap())
         })
         .collect()

@@ -1,17 +1,7 @@
 //! All WGSL parses and validates, without a GPU.
 
-use locard::compositor::mixed_shader;
-use locard::effects::{self, Stage};
-use locard::gpu::{assemble, sources};
-use wgpu::naga;
-
-fn validate(name: &str, text: &str) -> naga::Module {
-    let module = naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
-    let mut validator =
-        naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all());
-    validator.validate(&module).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
-    module
-}
+use locard::compositor::mixed_module;
+use locard::gpu::{Interface, Shader, module};
 
 /// Files that hold functions for others and are no module of their own.
 fn is_part(text: &str) -> bool {
@@ -21,9 +11,10 @@ fn is_part(text: &str) -> bool {
 #[test]
 fn every_module_validates() {
     let mut count = 0;
-    for (name, text) in sources() {
-        if !is_part(text) {
-            validate(name, &assemble(name));
+    for shader in Shader::ALL {
+        // The composite's is put together below.
+        if !is_part(&shader.text()) && *shader != Shader::Composite {
+            Interface::new(shader.name(), &shader.module());
             count += 1;
         }
     }
@@ -43,41 +34,43 @@ fn every_file_is_embedded() {
         }
     }
     on_disk.sort();
-    let mut embedded: Vec<_> = sources().iter().map(|(n, _)| (*n).to_owned()).collect();
+    let mut embedded: Vec<_> = Shader::ALL.iter().map(|shader| shader.name().to_owned()).collect();
     embedded.sort();
     assert_eq!(on_disk, embedded);
 }
 
+/// The parts of the mixed stage's effects, with the effects' names.
+const PARTS: [(Shader, &str); 3] =
+    [(Shader::EdgeBlend, "edge_blend"), (Shader::Noise, "noise"), (Shader::NoiseGrain, "noise")];
+
 #[test]
 fn the_composite_validates_with_every_combination_of_mixed_effects() {
-    let effects = effects::all();
-    for photograph in [false, true] {
-        let hook = |e: &dyn effects::Effect| Some((e.params().table(), e.mixed_wgsl(photograph)?));
-        let hooks: Vec<_> = effects.iter().filter_map(|e| hook(e.as_ref())).collect();
-        assert!(hooks.len() >= 2);
-        let of_layer = effects.iter().filter(|e| e.stage() == Stage::Layer);
-        let composites = of_layer.filter(|e| e.mixed_wgsl(photograph).is_some()).count();
-        assert!(composites <= 1, "each would undo what the one before has made");
-        for bits in 0..1usize << hooks.len() {
-            let some: Vec<_> = hooks.iter().enumerate().filter(|(i, _)| bits >> i & 1 == 1).map(|(_, h)| *h).collect();
-            validate(&format!("composite {bits:b} of a real part that was acted on"), &mixed_shader(&some, true));
-            let text = mixed_shader(&some, false);
-            validate(&format!("composite {bits:b}"), &text);
-            for (name, _) in &some {
+    for bits in 0..1usize << PARTS.len() {
+        let some: Vec<_> = (0..PARTS.len()).filter(|i| bits >> i & 1 == 1).map(|i| PARTS[i]).collect();
+        if bits & 0b110 == 0b110 {
+            continue; // one noise or the other
+        }
+        for acted_on_real in [false, true] {
+            let (shaders, tail) = mixed_module(&some, acted_on_real);
+            let text = module(&shaders) + &tail;
+            let globals = Interface::new(&format!("composite {bits:b}"), &text).globals(&["fullscreen_vertex", "main"]);
+            assert_eq!(globals.contains_key("real_light"), acted_on_real);
+            for (_, name) in &some {
                 assert!(text.contains(&format!("pixel = apply_{name}(p, pixel);")));
+                // Each part's globals stand in a group of its own, so that none has to make room for another.
+                let group = globals[*name].group;
+                assert!(group > 0);
+                let others = globals.values().filter(|g| g.group == group && !g.name.starts_with(name));
+                assert_eq!(others.count(), 0, "{name} is alone in group {group}");
             }
         }
     }
 }
 
 #[test]
-fn two_effects_may_import_the_same() {
-    let one = "// @import shared/hash\n@group(0) @binding(4) var<uniform> one_by: vec4<f32>;\n\
-        fn apply_one(p: vec2<i32>, pixel: Mixed) -> Mixed { return Mixed(pixel.code * one_by.x * f32(pcg3d(vec3<u32>(1u)).x), pixel.camera_variance); }\n";
-    let two = one.replace("one", "two");
-    // What the composite itself imports, too.
-    let three = "// @import shared/response\nfn apply_three(p: vec2<i32>, pixel: Mixed) -> Mixed { return pixel; }\n";
-    let text = mixed_shader(&[("one", one), ("two", &two), ("three", three)], false);
-    validate("composite of three", &text);
-    assert!(text.contains("@binding(4) var<uniform> one_by") && text.contains("@binding(5) var<uniform> two_by"));
+fn a_file_stands_once_in_a_module() {
+    // Both import the same; so does the composite itself.
+    let text = module(&[Shader::Exposure, Shader::RealPart]);
+    assert_eq!(text.matches("fn fullscreen_vertex").count(), 1);
+    assert_eq!(text.matches("fn slope_at").count(), 1);
 }

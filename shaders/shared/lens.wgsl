@@ -1,8 +1,15 @@
 // The thin lens of a picture, and how it divides work by the size of circles (src/effects/depth_of_field/layered.rs).
 struct Lens {
-    size: vec4<i32>,      // layer width and height (px), tile side (px), columns of tiles
-    circle: vec4<f32>,    // fx · diameter (px·m), 1 / focus distance (1/m), the shape's variance, largest diameter drawn (px)
-    texture: vec4<f32>,   // 1 / size of the textures of the layer (1/px), steps of the blur factor (Wang), tiles that a circle reaches to each side
+    size: vec2<i32>,          // of the layer, px
+    texel: vec2<f32>,         // 1 / size of the textures of the layer, 1/px
+    side_px: i32,             // of a tile
+    columns: i32,             // of tiles
+    fx_diameter: f32,         // fx · diameter, px·m
+    per_focus: f32,           // 1 / focus distance, 1/m
+    variance: f32,            // the shape's
+    largest_px: f32,          // diameter drawn
+    steps: f32,               // of the blur factor (Wang)
+    reach_tiles: f32,         // tiles that a circle reaches to each side
 }
 
 // Where there is no surface: the nearest circle, and less it the farthest.
@@ -47,5 +54,5 @@ fn smallest_radius(near: f32, far: f32) -> f32 {
 
 // vSLRcam (8) in pixels: fx · D · (1/d_s − 1/d_o).
 fn circle_of(depth: f32) -> f32 {
-    return clamp(lens.circle.x * (lens.circle.y - 1.0 / max(depth, 1e-6)), -lens.circle.w, lens.circle.w);
+    return clamp(lens.fx_diameter * (lens.per_focus - 1.0 / max(depth, 1e-6)), -lens.largest_px, lens.largest_px);
 }

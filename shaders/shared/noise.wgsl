@@ -1,13 +1,18 @@
 // Calibrated noise over virtual pixels (Fischer 2006, noise overlay): the pattern, scaled to
 // the variance that the pixel lacks.
 struct Noise {
-    shape: vec4<f32>,   // magnification (px), scale, correlation of lattice neighbours right and below
-    origin: vec4<i32>,  // xy: the lattice point of the pattern's first texel
-    grain: vec4<f32>,   // film speed over the profile's; where in a patch its lattice point lies; 1: the camera's pixels have another speed than the profile's; that speed over the profile's
-    read: vec4<f32>,    // σ of reading out, in linear light where 255 is full scale
+    neighbours: vec2<f32>,   // correlation of lattice neighbours right and below
+    origin: vec2<i32>,       // the lattice point of the pattern's first texel
+    read: vec4<f32>,         // σ of reading out, in linear light where 255 is full scale
+    patch_px: f32,           // size of a patch
+    in_patch: f32,           // where in a patch its lattice point lies
+    scale: f32,
+    speed: f32,              // film speed over the profile's
+    recorded: f32,           // 1: the camera's pixels have another speed than the profile's
+    recorded_speed: f32,     // that speed over the profile's
 }
-@group(0) @binding(4) var<uniform> noise: Noise;
-@group(0) @binding(5) var noise_pattern: texture_2d<i32>;
+@group(2) @binding(0) var<uniform> noise: Noise;
+@group(2) @binding(1) var noise_pattern: texture_2d<i32>;
 
 fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
     return vec3<f32>(textureLoad(noise_pattern, p, 0).xyz) / 4096.0;
@@ -18,6 +23,6 @@ fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
     let brought = pixel.camera_variance * recorded;
     let wanted = max(wanted_variance(pixel.code), least_variance(p, pixel.code) * recorded);
     let missing = max(wanted - brought, vec3<f32>(0.0));
-    let n = pattern_at(p + composite.origin.xy);
+    let n = pattern_at(p + composite.in_picture);
     return Mixed(pixel.code + sqrt(missing) * n / 255.0, brought + missing);
 }

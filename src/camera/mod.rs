@@ -2,6 +2,7 @@
 
 pub mod accumulation;
 mod aperture;
+mod capture;
 pub mod curved;
 mod distortion;
 pub mod exposure;
@@ -19,6 +20,7 @@ pub mod stops;
 mod thin_lens;
 
 pub use aperture::Aperture;
+pub use capture::{Capture, FilmUsed, Summed};
 pub use distortion::{Distortion, LensModel};
 pub use exposure::Exposure;
 pub use film::{Film, FilmError, LensType};

@@ -198,7 +198,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     settings.check(&camera, &first)?;
     let interrupted = interruption.watch();
     let gpu = Gpu::open()?;
-    let mut compositor = Compositor::new(gpu, camera.clone(), settings, scene);
+    let mut compositor = Compositor::new(gpu, scene);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
     }
@@ -220,7 +220,15 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     let bar = progress(args.quiet, range.len());
     let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
     let adapter = compositor.gpu().info.clone();
-    let streamed = stream(&recording, range, &cameras, &mut compositor, Writer { sink, layers }, interrupted, |done| {
+    let stream = Stream {
+        camera: &camera,
+        settings: &settings,
+        track: &recording.track,
+        time_offset_s: recording.time_offset_s,
+        want_layers: layers.is_some(),
+    };
+    let writer = Writer { sink, layers };
+    let streamed = run_stream(&recording, (range, &cameras), &mut compositor, &stream, writer, interrupted, |done| {
         bar.inc(1);
         stats.push(done.stats.clone());
     });
@@ -365,11 +373,11 @@ fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: Range<usize
 }
 
 /// Decoding on the recording's threads, drawing here, writing on a thread of its own.
-fn stream(
+fn run_stream(
     recording: &Recording,
-    range: Range<usize>,
-    cameras: &[Geometry],
+    (range, cameras): (Range<usize>, &[Geometry]),
     compositor: &mut Compositor,
+    stream: &Stream<'_>,
     mut writer: Writer,
     interrupted: &AtomicBool,
     mut done: impl FnMut(&Composited),
@@ -393,11 +401,6 @@ fn stream(
         true => Err(INTERRUPTED.into()),
         false => frame.map_err(Stop::from),
     });
-    let stream = Stream {
-        track: &recording.track,
-        time_offset_s: recording.time_offset_s,
-        want_layers: writer.layers.is_some(),
-    };
     std::thread::scope(|scope| {
         // The end is said: a writer whose frames only cease must not call the output finished.
         let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
@@ -410,7 +413,7 @@ fn stream(
             }
             Ok(())
         });
-        let drawn = compositor.run(&stream, frames, about, |frame| {
+        let drawn = compositor.run(stream, frames, about, |frame| {
             done(&frame);
             sender.send(Some(frame)).map_err(|_| Stop::Writer)
         });

@@ -6,29 +6,20 @@
 //!
 //! Not modelled: real things that are blurred themselves (the recording shows them as it saw them; a pixel is theirs or not).
 
-use crate::gpu::{FullscreenPass, Slot, Texture, assemble, constants};
-use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+use crate::gpu::{Recorder, Shader, Texture};
+use crate::render::{COLOR, GEOMETRY, Layer};
 
-#[derive(Debug, Default)]
-pub struct BehindReal {
-    pass: Option<FullscreenPass>,
+crate::uniform! {
+    struct Real { size: [i32; 2], tolerance_m: f32, unused: f32 }
 }
 
-impl BehindReal {
-    /// Cuts off what lies more than the tolerance behind the real scene's depth (metres, 0 unknown).
-    pub fn cut(&mut self, run: &mut LayerRun<'_>, layer: Layer, real_depth: &Texture, tolerance_m: f32) -> Layer {
-        let gpu = run.gpu;
-        let new = || FullscreenPass::new(gpu, "behind real", &assemble("behind_real"), &[COLOR, GEOMETRY]);
-        let pass = self.pass.get_or_insert_with(new);
-        let color = run.pool.get(gpu, "cut colour", 0, layer.size, COLOR, 1);
-        let geometry = run.pool.get(gpu, "cut geometry", 0, layer.size, GEOMETRY, 1);
-        let uniform = [layer.size.0, layer.size.1, tolerance_m.to_bits(), 0];
-        let uniform = constants(gpu, "behind real", bytemuck::cast_slice(&uniform));
-        let [light, depths] = [&layer.color, &layer.geometry].map(|texture| Slot::Texture(&texture.view));
-        let slots = [Slot::Buffer(&uniform), light, depths, Slot::Texture(&real_depth.view)];
-        pass.run(gpu, run.encoder, &slots, &[&color, &geometry], layer.size);
-        Layer { color, geometry, ..layer }
-    }
+/// Cuts off what lies more than the tolerance behind the real scene's depth (metres, 0 unknown).
+pub fn cut(recorder: &mut Recorder, layer: Layer, real_depth: &Texture, tolerance_m: f32) -> Layer {
+    let real = Real { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m, unused: 0.0 };
+    let pass = recorder.pass(Shader::BehindReal, "main").uniform("real", &real).texture("color", &layer.color);
+    let pass = pass.texture("geometry", &layer.geometry).texture("real_depth", real_depth);
+    let [color, geometry] = pass.draw([COLOR, GEOMETRY], layer.size);
+    Layer { color, geometry, ..layer }
 }
 
 /// The depths behind which something is hidden however far `reach_px` it is blurred: of the square around each pixel the

@@ -1,16 +1,11 @@
-//! The composite, and the mixed stage's effects in the same pass.
+//! The composite, and the mixed stage's effects in the same pass; and a whole picture of it to be shown.
 
-use std::collections::HashMap;
-
-use crate::camera::Camera;
 use crate::camera::exposure::photographic_gain;
-use crate::effects::{MixedInputs, Photograph, response_constants};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, constants, expand, source};
+use crate::camera::{Camera, Capture, NoiseProfile};
+use crate::effects::{MixedPart, response_constants};
+use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
 use crate::image::{Codes, Pixels, Rect};
-use crate::render::{Layer, LayerRun};
-
-/// The first binding that is an effect's.
-const FIRST_EFFECT_BINDING: usize = 4;
+use crate::render::Layer;
 
 /// What of the picture is composited at once: all, or one side of the seam where a layer lies across that of a 360° picture.
 #[derive(Clone, Copy, Debug)]
@@ -18,156 +13,155 @@ pub struct Piece {
     pub shown: Rect,
     /// What the layer covers, as seen from this piece; reaches beyond the picture. Elsewhere the layer is empty.
     pub drawn: Rect,
-    /// Pieces that are submitted together have one each.
-    pub slot: usize,
 }
 
-/// An effect's part of the composite, for one frame.
-#[derive(Debug)]
-pub struct MixedEffect {
-    pub name: &'static str,
-    pub wgsl: &'static str,
-    pub inputs: MixedInputs,
+/// The camera's codes on the GPU, or as much of them as are read.
+#[derive(Clone, Debug)]
+pub struct Sent {
+    pub texture: Texture,
+    /// Where in the picture they lie.
+    pub rect: Rect,
+    max_code: f32,
 }
 
-/// `Composite` of shaders/composite.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-struct CompositeUniform {
-    origin: [i32; 4],
-    size: [i32; 4],
-    layer: [i32; 4],
-    scale: [f32; 4],
-}
-
-/// Names and texts of a composite's effects, in order.
-type Effects = Vec<(&'static str, &'static str)>;
-
-/// Mixes camera and layer. Keeps a pass for each combination of effects that was asked for.
-#[derive(Debug)]
-pub struct Mixer {
-    /// For effects, a format, whether it is a photograph, and whether effects acted on its real part.
-    passes: HashMap<(Effects, wgpu::TextureFormat, [bool; 2]), FullscreenPass>,
-    sigma: wgpu::Buffer,
-    /// The response, for the shader.
-    constants: [(&'static str, f64); 2],
-}
-
-impl Mixer {
-    pub fn new(gpu: &Gpu, camera: &Camera) -> Self {
-        let sigma: Vec<[f32; 4]> = match &camera.noise {
-            Some(noise) => noise.table().into_iter().map(|[r, g, b]| [r, g, b, 0.0]).collect(),
-            None => vec![[0.0; 4]; 256],
-        };
-        Self {
-            passes: HashMap::new(),
-            sigma: constants(gpu, "sigma", bytemuck::cast_slice(&sigma)),
-            constants: response_constants(&camera.response),
+impl Sent {
+    /// Uploads a rectangle of the camera's codes.
+    pub fn new(recorder: &Recorder, pixels: &Pixels, rect: Rect) -> Self {
+        fn rgba<T: Copy + Default>(codes: &[T], picture_width: usize, rect: Rect) -> Vec<[T; 4]> {
+            let columns = rect.width() as usize;
+            let mut out = Vec::with_capacity(columns * rect.height() as usize);
+            for y in rect.y0 as usize..rect.y1 as usize {
+                let start = 3 * (y * picture_width + rect.x0 as usize);
+                out.extend(codes[start..start + 3 * columns].chunks_exact(3).map(|c| [c[0], c[1], c[2], T::default()]));
+            }
+            out
         }
+        let (width, height) = (rect.width(), rect.height());
+        let gpu = &recorder.gpu;
+        let texture = recorder.pool.lend_to_write(gpu, (width, height), format_of(pixels));
+        match &pixels.codes {
+            Codes::U8(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
+            Codes::U16(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
+        }
+        Self { texture, rect, max_code: pixels.max_code() as f32 }
     }
 
-    /// Records the composite of a piece.
-    pub fn mix(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        pixels: &Pixels,
-        layer: &Layer,
-        piece: &Piece,
-        effects: &[MixedEffect],
-        photograph: Option<&Photograph>,
-    ) -> Texture {
-        let gpu = run.gpu;
-        let Piece { shown, drawn, slot } = *piece;
-        let format = match pixels.codes {
-            Codes::U8(_) => wgpu::TextureFormat::Rgba8Uint,
-            Codes::U16(_) => wgpu::TextureFormat::Rgba16Uint,
-        };
-        // One pixel more on each side, for effects that look at neighbours.
-        let sent = shown.grown(1).intersection(&Rect::full(pixels.width, pixels.height));
-        let camera = run.pool.get(gpu, "camera", slot, (sent.width(), sent.height()), format, 1);
-        send(gpu, &camera, pixels, sent);
-        let size = (shown.width(), shown.height());
-        let out = run.pool.get(gpu, "composite", slot, size, format, 1);
+    /// Records that a piece of the picture is put in.
+    pub fn put(&self, recorder: &mut Recorder, made: &Texture, shown: Rect) {
+        let origin = wgpu::Origin3d { x: (shown.x0 - self.rect.x0) as u32, y: (shown.y0 - self.rect.y0) as u32, z: 0 };
+        let to = wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() };
+        let size = wgpu::Extent3d { width: shown.width(), height: shown.height(), depth_or_array_layers: 1 };
+        recorder.encoder().copy_texture_to_texture(made.texture.as_image_copy(), to, size);
+    }
 
-        let (gain, left) = photograph.map_or((1.0, 1.0), |p| (photographic_gain(p.over_ev), p.noise_left));
-        let uniform = CompositeUniform {
-            origin: [shown.x0, shown.y0, shown.x0 - sent.x0, shown.y0 - sent.y0],
-            size: [size.0 as i32, size.1 as i32, sent.width() as i32, sent.height() as i32],
-            layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0, drawn.width() as i32, drawn.height() as i32],
-            scale: [pixels.max_code() as f32, gain as f32, left as f32, 0.0],
-        };
-        let uniform = constants(gpu, "composite", bytemuck::bytes_of(&uniform));
-        let uniform_of =
-            |e: &MixedEffect| (!e.inputs.uniform.is_empty()).then(|| constants(gpu, e.name, &e.inputs.uniform));
-        let uniforms: Vec<_> = effects.iter().map(uniform_of).collect();
-        let names: Effects = effects.iter().map(|e| (e.name, e.wgsl)).collect();
-        let kind = [photograph.is_some(), layer.real.is_some()];
-        let pass = self.passes.entry((names.clone(), format, kind)).or_insert_with(|| {
-            let [curve, gamma] = self.constants;
-            let whole = ("photograph", f64::from(u8::from(photograph.is_some())));
-            let options = Options { constants: &[curve, gamma, whole], ..Options::default() };
-            FullscreenPass::with(gpu, "composite", &shader(&names, kind[1]), &[format], &options)
-        });
-        let mut slots = vec![
-            Slot::Texture(&camera.view),
-            Slot::Texture(&layer.color.view),
-            Slot::Buffer(&uniform),
-            Slot::Buffer(&self.sigma),
-        ];
-        for (effect, uniform) in effects.iter().zip(&uniforms) {
-            slots.extend(uniform.iter().map(Slot::Buffer));
-            slots.extend(effect.inputs.textures.iter().map(|t| Slot::Texture(&t.view)));
-        }
-        slots.extend(layer.real.iter().map(|real| Slot::Texture(&real.light.view)));
-        pass.run(gpu, run.encoder, &slots, &[&out], size);
-        out
+    /// Draws the whole picture into somebody's view of its size.
+    pub fn show(&self, recorder: &mut Recorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
+        let entry = Entry::from("main").choose("encodes", f64::from(u8::from(format.is_srgb())));
+        let pass =
+            recorder.pass(Shader::Show, entry).uniform("show", &Show { max_code: self.max_code, unused: [0.0; 3] });
+        pass.texture("codes", &self.texture).draw_views(&[(view, format)], (self.rect.width(), self.rect.height()));
     }
 }
 
-/// The composite's shader with the functions and calls of effects (name and WGSL), their
-/// bindings renumbered so that each stands behind the one before; last the real part's light, where effects acted on it.
-pub fn shader(effects: &[(&str, &str)], acted_on_real: bool) -> String {
-    let mut seen = Vec::new();
-    let base = expand(source("composite"), &mut seen);
-    let mut functions = String::new();
-    let mut calls = String::new();
-    let mut shift = 0;
-    for (name, wgsl) in effects {
-        let mut wgsl = expand(wgsl, &mut seen);
-        let count = wgsl.matches("@binding(").count();
-        for own in (FIRST_EFFECT_BINDING..FIRST_EFFECT_BINDING + count).rev() {
-            wgsl = wgsl.replace(&format!("@binding({own})"), &format!("@binding({})", own + shift));
-        }
-        functions.push_str(&wgsl);
-        calls.push_str(&format!("    pixel = apply_{name}(p, pixel);\n"));
-        shift += count;
+fn format_of(pixels: &Pixels) -> wgpu::TextureFormat {
+    match pixels.codes {
+        Codes::U8(_) => wgpu::TextureFormat::Rgba8Uint,
+        Codes::U16(_) => wgpu::TextureFormat::Rgba16Uint,
     }
-    // Between its two marks stands how the camera's light is read.
-    let base = match base.split("// @real\n").collect::<Vec<_>>().as_slice() {
-        [before, _, after] if acted_on_real => {
-            let binding = format!("@binding({})", FIRST_EFFECT_BINDING + shift);
-            let real_at = expand(source("composite_real"), &mut seen).replace("@binding(4)", &binding);
-            [before, real_at.as_str(), after].concat()
-        }
-        _ => base,
+}
+
+crate::uniform! {
+    struct Composite {
+        in_picture: [i32; 2],
+        in_camera: [i32; 2],
+        in_layer: [i32; 2],
+        camera_size: [i32; 2],
+        layer_size: [i32; 2],
+        max_code: f32,
+        gain: f32,
+        noise_left: f32,
+        unused: [f32; 3],
+    }
+}
+
+crate::uniform! {
+    struct Show { max_code: f32, unused: [f32; 3] }
+}
+
+/// σ at 256 code values, for shaders.
+#[derive(Clone, Debug, PartialEq)]
+struct Sigma(Option<NoiseProfile>);
+
+fn sigma(gpu: &Gpu, Sigma(noise): &Sigma) -> Bytes {
+    let table: Vec<[f32; 4]> = match noise {
+        Some(noise) => noise.table().into_iter().map(|[r, g, b]| [r, g, b, 0.0]).collect(),
+        None => vec![[0.0; 4]; 256],
     };
-    base.replace("// @effects\n", &functions).replace("    // @calls\n", &calls)
+    Bytes::from(&constants(gpu, "sigma", bytemuck::cast_slice(&table)))
 }
 
-/// Uploads a rectangle of the camera's codes.
-fn send(gpu: &Gpu, texture: &Texture, pixels: &Pixels, rect: Rect) {
-    fn rgba<T: Copy + Default>(codes: &[T], picture_width: usize, rect: Rect) -> Vec<[T; 4]> {
-        let columns = rect.width() as usize;
-        let mut out = Vec::with_capacity(columns * rect.height() as usize);
-        for y in rect.y0 as usize..rect.y1 as usize {
-            let start = 3 * (y * picture_width + rect.x0 as usize);
-            out.extend(codes[start..start + 3 * columns].chunks_exact(3).map(|c| [c[0], c[1], c[2], T::default()]));
+/// The files of a composite with parts of effects, in order, and what calls them one after another.
+pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, String) {
+    let real = if acted_on_real { Shader::CompositeReal } else { Shader::CompositeRecorded };
+    let shaders = [Shader::Composite, real].into_iter().chain(parts.iter().map(|(shader, _)| *shader)).collect();
+    let calls: String = parts.iter().map(|(_, name)| format!("    pixel = apply_{name}(p, pixel);\n")).collect();
+    let tail = format!(
+        "fn apply_effects(p: vec2<i32>, before: Mixed) -> Mixed {{\n    var pixel = before;\n{calls}    return pixel;\n}}\n"
+    );
+    (shaders, tail)
+}
+
+/// Records the composite of a piece.
+pub fn mix(
+    recorder: &mut Recorder,
+    camera: &Camera,
+    capture: &Capture<'_>,
+    sent: &Sent,
+    layer: &Layer,
+    piece: &Piece,
+    parts: Vec<MixedPart>,
+) -> Texture {
+    let Piece { shown, drawn } = *piece;
+    let size = (shown.width(), shown.height());
+    let uniform = Composite {
+        in_picture: [shown.x0, shown.y0],
+        in_camera: [shown.x0 - sent.rect.x0, shown.y0 - sent.rect.y0],
+        in_layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0],
+        camera_size: [sent.rect.width() as i32, sent.rect.height() as i32],
+        layer_size: [drawn.width() as i32, drawn.height() as i32],
+        max_code: sent.max_code,
+        gain: photographic_gain(capture.over_ev) as f32,
+        noise_left: capture.noise_left as f32,
+        unused: [0.0; 3],
+    };
+    let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
+    let on = |on: bool| f64::from(u8::from(on));
+    let [curve, gamma] = response_constants(&camera.response);
+    let entry = Entry::from("main")
+        .choose(curve.0, curve.1)
+        .choose(gamma.0, gamma.1)
+        .choose("whole", on(capture.whole))
+        .choose("parted", on(layer.coverage.is_some()))
+        .choose("light_alone", on(layer.light_alone));
+    let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
+    let (shaders, tail) = module(&named, layer.real.is_some());
+    let uniforms: Vec<_> = parts.iter().map(|part| recorder.uniform(&part.uniform)).collect();
+    let mut pass = recorder
+        .pass_of(&shaders, || tail, entry)
+        .uniform("composite", &uniform)
+        .buffer("sigma_table", sigma)
+        .texture("camera", &sent.texture)
+        .texture("layer", &layer.color)
+        .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color));
+    for (part, uniform) in parts.iter().zip(uniforms) {
+        pass = pass.buffer(part.name, uniform);
+        for (name, texture) in &part.textures {
+            pass = pass.texture(name, texture);
         }
-        out
     }
-    let (width, height) = (rect.width(), rect.height());
-    match &pixels.codes {
-        Codes::U8(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
-        Codes::U16(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
+    if let Some(real) = &layer.real {
+        pass = pass.texture("real_light", &real.light);
     }
+    let [out] = pass.draw([sent.texture.format], size);
+    out
 }

@@ -1,130 +1,45 @@
-//! The per-frame loop: a pure function of a frame, the poses around it, the scene and the
-//! settings.
+//! The per-frame loop: a pure function of a frame, the poses around it, the scene, the camera and the settings.
+//!
+//! [`Compositor::submit`] reads as its phases: plan (plan.rs), hide (hide.rs), draw (the renderer), affect (the effects), mix (mix.rs).
 
 mod behind_real;
 pub mod bench;
+mod hide;
+mod job;
 mod mix;
+mod paste;
 mod places;
+mod plan;
 mod real;
 mod run;
 mod settings;
 
-use crate::camera::{Camera, Framed, Geometry, Intrinsics, LensError, Opening, Response};
-use crate::depth::{RayCache, Surfaces, enlarged, measured_from};
-use crate::effects::{Effect, EffectError, FrameContext, ObjectMotion, Photograph, Stage, Summed};
+use crate::camera::Camera;
+use crate::depth::RayCache;
+use crate::effects::LayerRun;
 use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, TexturePool};
-use crate::image::{Codes, LayerImage, Pixels, Rect};
-use crate::pose::Pose;
-use crate::render::{LayerRun, Renderer, SamplePlan, Shutter, View, ViewKeys, largest_sum_px};
+use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, Recorder};
+use crate::image::{LayerImage, Rect};
+use crate::render::{Layer, Renderer, View};
 use crate::scene::Scene;
-use crate::tracking::PoseTrack;
 
-pub use mix::shader as mixed_shader;
+pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
+pub use mix::module as mixed_module;
 pub use run::{RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
-use behind_real::{BehindReal, deep_within};
-use mix::{MixedEffect, Mixer, Piece};
-use places::{Asked, Places};
-use real::RealPart;
+use hide::Hidden;
+use mix::{Piece, Sent, mix};
+use paste::{paste, paste_layer};
+use plan::{Plan, Sight, moment};
 
-/// A frame with all that its picture depends on.
-#[derive(Debug)]
-pub struct Job<'a> {
-    pub frame: Frame,
-    pub geometry: &'a Geometry,
-    pub track: &'a PoseTrack,
-    /// Added to the frame's timestamp when a pose is asked for, seconds.
-    pub time_offset_s: f64,
-    /// To the next frame, seconds.
-    pub interval_s: f64,
-    /// Whether the virtual layer is wanted too.
-    pub want_layer: bool,
-    /// None where virtual things are added to the recording and nothing else is changed.
-    pub photograph: Option<Part<'a>>,
-}
-
-/// A part of a photograph. The job's frame holds the real pixels of the whole, exposed as the photograph is; its
-/// geometry is the photograph's.
-#[derive(Clone, Copy, Debug)]
-pub struct Part<'a> {
-    /// Which columns and rows are made; the others stay as they are.
-    pub region: Rect,
-    pub photograph: Photograph,
-    /// The virtual camera's; none for a pinhole.
-    pub opening: Option<Opening>,
-    pub exposure_time_s: f64,
-    /// The recording's frames that its real part sums; empty for one.
-    pub summed: &'a [Summed],
-    /// The recording's camera, and where in its pictures the photograph lies.
-    pub recorded: &'a Geometry,
-    pub framed: Framed,
-    /// Of that camera's picture, at the frame's moment, metres; 0 where nothing is known. It hides virtual things.
-    pub depth_m: Option<&'a [f32]>,
-    /// The same, filled: with it effects act on the real part too.
-    pub surfaces: Option<&'a Surfaces>,
-}
-
-/// A composited frame.
-#[derive(Debug)]
-pub struct Composited {
-    pub frame: usize,
-    pub pixels: Pixels,
-    /// Over the whole picture, where it was asked for.
-    pub layer: Option<LayerImage>,
-    pub stats: FrameStats,
-}
-
-/// What was found and done for a frame.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct FrameStats {
-    pub frame: usize,
-    pub timestamp_s: f64,
-    /// Why nothing was drawn: no pose at this time.
-    pub no_pose: Option<String>,
-    /// Why the frame's depth, though there is some and it is asked for, hid nothing.
-    pub no_occlusion: Option<String>,
-    /// Columns and rows that were looked at: x0, y0, x1, y1.
-    pub rect_px: Option<[i32; 4]>,
-    /// Whether objects can be in what was made of the picture; a photograph is made where there are none, too.
-    pub objects_in_sight: bool,
-    pub exposure_time_s: f64,
-    /// No point of the objects moves faster.
-    pub fastest_px_per_s: f32,
-    pub effects: Vec<&'static str>,
-}
-
-/// Draws a scene into frames.
+/// Draws a scene into frames. Holds nothing of a frame but what makes the next one faster: each call gives what a new one would.
 #[derive(Debug)]
 pub struct Compositor {
-    gpu: Gpu,
-    camera: Camera,
-    settings: Settings,
     renderer: Renderer,
-    mixer: Mixer,
+    recorder: Recorder,
     rays: RayCache,
-    real: RealPart,
-    behind_real: BehindReal,
-    pool: TexturePool,
     readbacks: ReadbackSet,
-}
-
-/// Why a frame's work was not begun.
-#[derive(Debug, thiserror::Error)]
-pub enum SubmitError {
-    #[error(transparent)]
-    Lens(#[from] LensError),
-    #[error(transparent)]
-    Effect(#[from] EffectError),
-    #[error(
-        "the objects, as far as they are blurred, take {width_px}x{height_px} px; this adapter draws up to {side_px} px \
-         a side and {area_px} in all: accepted are a shorter exposure, less blur{}, or smaller frames",
-        widest.map_or_else(String::new, |effect| format!(" ({effect} reaches farthest)"))
-    )]
-    TooLarge { width_px: u32, height_px: u32, side_px: u32, area_px: u32, widest: Option<&'static str> },
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
 }
 
 /// A frame whose work is on the GPU.
@@ -136,39 +51,33 @@ pub struct Pending {
     work: Option<Work>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Work {
-    pieces: Vec<Piece>,
-    codes: Vec<Readback>,
-    layer: Option<[Readback; 2]>,
+    /// None where the picture went into a view.
+    codes: Vec<(Piece, Readback)>,
+    layer: Option<LayerBack>,
+}
+
+#[derive(Debug)]
+struct LayerBack {
+    drawn: Rect,
+    over_seam: bool,
+    light_alone: bool,
+    parts: [Readback; 2],
 }
 
 impl Compositor {
-    pub fn new(gpu: Gpu, camera: Camera, settings: Settings, scene: Scene) -> Self {
-        let renderer = Renderer::new(&gpu, scene);
-        let mixer = Mixer::new(&gpu, &camera);
-        let real = RealPart::new(&camera.response);
+    pub fn new(gpu: Gpu, scene: Scene) -> Self {
         Self {
-            gpu,
-            camera,
-            settings,
-            renderer,
-            mixer,
+            renderer: Renderer::new(&gpu, scene),
+            recorder: Recorder::new(gpu),
             rays: RayCache::default(),
-            real,
-            behind_real: BehindReal::default(),
-            pool: TexturePool::default(),
             readbacks: ReadbackSet::default(),
         }
     }
 
     pub fn gpu(&self) -> &Gpu {
-        &self.gpu
-    }
-
-    /// The camera's response.
-    pub fn response(&self) -> &Response {
-        &self.camera.response
+        &self.recorder.gpu
     }
 
     /// What the scene asks for and is not drawn.
@@ -176,210 +85,113 @@ impl Compositor {
         self.renderer.warnings()
     }
 
-    /// The exposure of a frame, seconds: the camera's shutter angle, what the recording says
-    /// of the frame (unless the settings overrule it), the camera's time, half the interval.
-    pub fn exposure_time_s(&self, frame: &Frame, interval_s: f64) -> f64 {
-        let camera = &self.camera.exposure;
-        let angle = |deg: f64| deg / 360.0 * interval_s;
-        let recorded = frame.exposure.time_s.filter(|_| !self.settings.overrule_recorded_exposure);
-        camera.shutter_angle_deg.map(angle).or(recorded).or(camera.time_s).unwrap_or(0.5 * interval_s)
-    }
-
     /// Starts a frame's work. Frames may be started before earlier ones are collected.
-    pub fn submit(&mut self, job: Job<'_>) -> Result<Pending, SubmitError> {
-        let frame = job.frame;
-        let time_s = frame.timestamp_s + job.time_offset_s;
-        let exposure_time_s = match &job.photograph {
-            Some(part) => part.exposure_time_s,
-            None => self.exposure_time_s(&frame, job.interval_s),
-        };
-        let mut stats = FrameStats {
-            frame: frame.index,
-            timestamp_s: frame.timestamp_s,
-            no_pose: None,
-            no_occlusion: None,
-            rect_px: None,
-            objects_in_sight: false,
-            exposure_time_s,
-            fastest_px_per_s: 0.0,
-            effects: Vec::new(),
-        };
-        if let Err(reason) = job.track.at(time_s) {
+    pub fn submit(
+        &mut self,
+        job: Job<'_>,
+        camera: &Camera,
+        settings: &Settings,
+        target: Target<'_>,
+    ) -> Result<Pending, SubmitError> {
+        let mut stats = FrameStats::of(&job);
+        if let Err(reason) = job.track.at(job.frame.timestamp_s + job.time_offset_s) {
             stats.no_pose = Some(reason.to_string());
-            return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
+            return Ok(self.untouched(job, stats, target));
         }
-        let intrinsics = &job.geometry.intrinsics;
-        let opening = match &job.photograph {
-            Some(part) => part.opening,
-            None => self.camera.lens.opening(job.geometry)?,
-        };
-        let summed = job.photograph.map_or(&[][..], |part| part.summed);
-        let summed_to_s = summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
-        let beyond_s = self.settings.effects.iter().map(|e| e.beyond_s(exposure_time_s));
-        let beyond_s = beyond_s.chain(summed_to_s).fold(0.0, f64::max);
-        let shutter = Shutter { exposure_time_s, readout_time_s: intrinsics.readout_time_s, beyond_s };
-        let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
-        let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
-        let footprint = self.renderer.footprint(job.geometry, &keys, shutter);
-        stats.fastest_px_per_s = footprint.fastest_px_per_s;
-
-        let objects = self.object_motions(job.geometry, &keys.middle(), &pose_at(time_s + job.interval_s));
-        let real_depths_m = job.photograph.and_then(|part| part.surfaces).map(Surfaces::range_m);
-        let context = FrameContext {
-            camera: &self.camera,
-            geometry: job.geometry,
-            frame: frame.index,
-            seed: self.settings.seed,
-            exposure_time_s,
-            recorded: frame.exposure,
-            interval_s: job.interval_s,
-            fastest_px_per_s: footprint.fastest_px_per_s,
-            opening,
-            photograph: job.photograph.map(|part| part.photograph),
-            summed,
-            // Where there are no objects all that lies between depths is real.
-            depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
-            real_depths_m,
-            objects_px: Rect::new(0, 0, 0, 0),
-            drawn: Rect::new(0, 0, 0, 0),
-            objects: &objects,
-        };
-        let active: Vec<usize> =
-            (0..self.settings.effects.len()).filter(|&i| self.settings.is_active(i, &context)).collect();
-        stats.effects = active.iter().map(|&i| self.settings.effects[i].params().table()).collect();
-        for &i in &active {
-            self.settings.effects[i].check(&self.camera, job.geometry)?;
-        }
-        let total = |px: fn(&dyn Effect, &FrameContext<'_>) -> f32| {
-            let sum: f32 = active.iter().map(|&i| px(self.settings.effects[i].as_ref(), &context)).sum();
-            (sum.ceil() as i32).saturating_add(1)
-        };
-        let picture = Rect::full(frame.pixels.width, frame.pixels.height);
-        let region = job.photograph.map_or(picture, |part| part.region.intersection(&picture));
-        let is_any = |is: fn(&dyn Effect) -> bool| active.iter().any(|&i| is(self.settings.effects[i].as_ref()));
-        let surfaces = job.photograph.and_then(|part| part.surfaces).filter(|_| is_any(|e| e.acts_on_real()));
-        let asked = Asked {
-            region,
-            footprint: footprint.rect,
-            reach_px: total(|e, c| e.reach_px(c)),
-            spread_px: total(|e, c| e.spread_px(c)),
-            round: job.geometry.is_round(),
-            photograph: job.photograph.is_some(),
-            real_too: surfaces.is_some(),
-        };
-        let Some(Places { drawn, objects_px, pieces, looked_at }) = Places::of(&asked) else {
-            return Ok(Pending { frame, stats, want_layer: job.want_layer, work: None });
-        };
-        let plan = active.iter().fold(SamplePlan::single(), |plan, &i| self.settings.effects[i].plan(&context, plan));
-        let [side_px, mut area_px] = [TexturePool::largest_side_px(&self.gpu), TexturePool::largest_area_px(&self.gpu)];
-        if plan.samples.len() > 1 {
-            area_px = area_px.min(largest_sum_px(&self.gpu));
-        }
-        let (width_px, height_px) = (drawn.width(), drawn.height());
-        if width_px.max(height_px) > side_px || u64::from(width_px) * u64::from(height_px) > u64::from(area_px) {
-            let reach = |i: &&usize| self.settings.effects[**i].reach_px(&context);
-            let widest = active.iter().max_by(|a, b| reach(a).total_cmp(&reach(b))).filter(|i| reach(i) >= 1.0);
-            let widest = widest.map(|&i| self.settings.effects[i].params().table());
-            return Err(SubmitError::TooLarge { width_px, height_px, side_px, area_px, widest });
-        }
-        let context = FrameContext { drawn, objects_px, ..context };
-        stats.objects_in_sight = !footprint.rect.intersection(&region).is_empty();
+        let sight = Sight::new(&self.renderer, &job, settings);
+        let moment = moment(&job, camera, settings, &sight);
+        let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight.footprint)?;
+        stats.fastest_px_per_s = sight.footprint.fastest_px_per_s;
+        stats.effects = plan.active.iter().map(|effect| effect.table()).collect();
+        let Some(places) = &plan.places else { return Ok(self.untouched(job, stats, target)) };
+        stats.objects_in_sight = !sight.footprint.rect.intersection(&job.capture.region).is_empty();
+        let looked_at = places.looked_at;
         stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
 
-        let gpu = self.gpu.clone();
-        let recorded = job.photograph.map_or(job.geometry, |part| part.recorded);
-        let depth = frame.depth.as_ref().filter(|_| self.settings.depth.occlusion);
-        let measured = depth.map(|depth| measured_from(depth, recorded, job.track, job.time_offset_s));
-        stats.no_occlusion = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
-        let occludes = self.settings.depth.occlusion && !(surfaces.is_some() && is_any(|e| e.hides_behind_real()));
-        let texels = match &job.photograph {
-            None => depth
-                .zip(measured.and_then(Result::ok))
-                .map(|(depth, measured)| self.rays.of(job.geometry).reproject(depth, &measured, &keys.middle(), drawn)),
-            Some(part) => part.depth_m.filter(|_| occludes).map(|depth_m| {
-                let Intrinsics { width_px, height_px, .. } = part.recorded.intrinsics;
-                enlarged(depth_m, (width_px, height_px), &part.framed, drawn)
-            }),
-        };
-        // Hidden before it is blurred is what is hidden however far it is blurred, if it is cut off after that.
-        let cuts = |i: &usize| job.photograph.is_none() && self.settings.effects[*i].blurs_behind_real();
-        let cut_after = active.iter().copied().rfind(cuts).filter(|_| texels.is_some());
-        let size = (drawn.width(), drawn.height());
-        let mut real_depth = |slot, texels: &[f32]| {
-            let texture = self.pool.get(&gpu, "real depth", slot, size, wgpu::TextureFormat::R32Float, 1);
-            texture.write(&gpu, size.0, size.1, texels);
-            texture
-        };
-        let hidden_first = texels.as_ref().map(|texels| match cut_after {
-            Some(i) => {
-                let reach_px = self.settings.effects[i].reach_px(&context).ceil() as usize;
-                real_depth(0, &deep_within(texels, size.0 as usize, reach_px))
-            }
-            None => real_depth(0, texels),
-        });
-        let hidden_then = cut_after.and(texels.as_ref()).map(|texels| real_depth(1, texels));
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let mut run =
-            LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: job.want_layer };
+        let hidden = Hidden::new(&mut self.recorder, &mut self.rays, &job, settings, &sight, &plan, &moment);
+        stats.no_occlusion = hidden.nothing_because.clone();
+        let tolerance_m = settings.depth.tolerance_m;
         let view = View {
-            geometry: job.geometry,
-            keys: &keys,
-            shutter,
-            depths_m: footprint.depths_m,
-            rect: drawn,
-            occlusion: hidden_first.as_ref().map(|t| (t, self.settings.depth.tolerance_m)),
+            geometry: job.picture,
+            keys: &sight.keys,
+            shutter: sight.shutter,
+            depths_m: sight.footprint.depths_m,
+            rect: places.drawn,
+            occlusion: hidden.first.as_ref().map(|texture| (texture, tolerance_m)),
             parallel_to_m: None,
             outer: None,
         };
-        let mut layer = self.renderer.draw(&mut run, &view, &plan);
-        layer.real = surfaces.map(|surfaces| {
-            let tolerance_m = self.settings.depth.occlusion.then_some(self.settings.depth.tolerance_m);
-            self.real.make(&mut run, &frame.pixels, surfaces, drawn, tolerance_m)
+        let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);
+        layer.real = plan.surfaces.map(|surfaces| {
+            let tolerance_m = settings.depth.occlusion.then_some(tolerance_m);
+            let pixels = &job.frame.pixels;
+            real::real_layer(&mut self.recorder, pixels, surfaces, places.drawn, tolerance_m, &camera.response)
         });
-        for (n, &i) in active.iter().enumerate() {
-            if self.settings.effects[i].stage() == Stage::Layer {
-                let later = &active[n + 1..];
-                let cut_here = hidden_then.as_ref().filter(|_| cut_after == Some(i));
-                run.geometry_is_read = job.want_layer
-                    || cut_here.is_some()
-                    || later.iter().any(|&k| self.settings.effects[k].reads_geometry());
-                layer = self.settings.effects[i].run(&mut run, &context, layer);
-                if let Some(real_depth) = cut_here {
-                    layer = self.behind_real.cut(&mut run, layer, real_depth, self.settings.depth.tolerance_m);
-                }
-            }
-        }
-        let composites = |i: &&usize| {
-            let effect = &self.settings.effects[**i];
-            effect.stage() == Stage::Layer && effect.mixed_wgsl(false).is_some()
+        let mut run = LayerRun {
+            recorder: &mut self.recorder,
+            moment: &moment,
+            drawn: places.drawn,
+            objects_px: places.objects_px,
+            geometry_is_read: true,
         };
-        debug_assert!(active.iter().filter(composites).count() <= 1, "one effect at most takes the composite's place");
-        let photograph = context.photograph.as_ref();
-        let other_film = photograph.is_some() || context.recorded_speed() != 1.0;
-        let mut codes = Vec::new();
-        for piece in &pieces {
-            let mut mixed = Vec::new();
-            for &i in &active {
-                let effect = &mut self.settings.effects[i];
-                if let Some(wgsl) = effect.mixed_wgsl(other_film) {
-                    let inputs = effect.mixed_inputs(&mut run, &context, piece.shown);
-                    mixed.push(MixedEffect { name: effect.params().table(), wgsl, inputs });
+        let layer = affect(&mut run, layer, &plan, &hidden, job.want_layer, tolerance_m);
+
+        let sent = match target {
+            Target::Pixels => looked_at_by(&places.pieces, &job.frame),
+            Target::View(..) => whole(&job.frame),
+        };
+        let sent: Vec<_> = sent.into_iter().map(|rect| Sent::new(run.recorder, &job.frame.pixels, rect)).collect();
+        let mut work = Work::default();
+        for (i, piece) in places.pieces.iter().enumerate() {
+            let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
+            let sent = sent.get(i).unwrap_or(&sent[0]);
+            let made = mix(run.recorder, camera, &job.capture, sent, &layer, piece, parts);
+            match target {
+                Target::Pixels => {
+                    let size = (piece.shown.width(), piece.shown.height());
+                    work.codes.push((*piece, self.readbacks.copy(run.recorder, &made, size)));
                 }
+                Target::View(..) => sent.put(run.recorder, &made, piece.shown),
             }
-            let out = self.mixer.mix(&mut run, &frame.pixels, &layer, piece, &mixed, photograph);
-            let size = (piece.shown.width(), piece.shown.height());
-            codes.push(self.readbacks.copy(&gpu, run.encoder, &out, size));
         }
-        let mut layer_back = job.want_layer.then(|| {
-            [&layer.color, &layer.geometry]
-                .map(|t| self.readbacks.copy(&gpu, &mut encoder, t, (drawn.width(), drawn.height())))
+        if let (Target::View(view, format), Some(sent)) = (target, sent.first()) {
+            sent.show(run.recorder, view, format);
+        }
+        work.layer = job.want_layer.then(|| LayerBack {
+            drawn: places.pieces.first().map_or(places.drawn, |piece| piece.drawn),
+            over_seam: places.pieces.len() > 1,
+            light_alone: layer.light_alone,
+            parts: [&layer.color, &layer.geometry].map(|t| self.readbacks.copy(run.recorder, t, layer.size)),
         });
-        let submission = gpu.queue.submit([encoder.finish()]);
-        for readback in codes.iter_mut().chain(layer_back.iter_mut().flatten()) {
+        let submission = self.recorder.submit();
+        let codes = work.codes.iter_mut().map(|(_, readback)| readback);
+        for readback in codes.chain(work.layer.iter_mut().flat_map(|layer| &mut layer.parts)) {
             readback.submitted(submission.clone());
         }
-        let work = Work { pieces, codes, layer: layer_back };
-        Ok(Pending { frame, stats, want_layer: job.want_layer, work: Some(work) })
+        Ok(Pending { frame: job.frame, stats, want_layer: job.want_layer, work: Some(work) })
+    }
+
+    /// A frame to which nothing is added.
+    fn untouched(&mut self, job: Job<'_>, stats: FrameStats, target: Target<'_>) -> Pending {
+        if let Target::View(view, format) = target {
+            let pixels = &job.frame.pixels;
+            let sent = Sent::new(&self.recorder, pixels, Rect::full(pixels.width, pixels.height));
+            sent.show(&mut self.recorder, view, format);
+            self.recorder.submit();
+        }
+        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None }
+    }
+
+    /// Whether [`Compositor::collect`] would not wait.
+    pub fn is_done(&self, pending: &Pending) -> Result<bool, GpuError> {
+        let Some(work) = &pending.work else { return Ok(true) };
+        let layer = work.layer.iter().flat_map(|layer| &layer.parts);
+        for readback in work.codes.iter().map(|(_, readback)| readback).chain(layer) {
+            if !readback.is_ready(self.gpu())? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// Waits for a frame and gives its picture: the camera's own, and within the rectangle
@@ -389,91 +201,48 @@ impl Compositor {
         let index = frame.index;
         let mut pixels = frame.pixels;
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
-        if let Some(work) = work {
-            for (piece, codes) in work.pieces.iter().zip(work.codes) {
-                paste(&self.gpu, &codes, piece.shown, &mut pixels)?;
-                self.readbacks.give_back(codes);
-            }
-            if let (Some(image), Some([color, geometry])) = (&mut layer, work.layer) {
-                if let Some(first) = work.pieces.first() {
-                    paste_layer(&self.gpu, &color, &geometry, first.drawn, work.pieces.len() > 1, image)?;
-                }
-                self.readbacks.give_back(color);
-                self.readbacks.give_back(geometry);
-            }
+        let Work { codes, layer: back } = work.unwrap_or_default();
+        for (piece, codes) in codes {
+            paste(self.gpu(), &codes, piece.shown, &mut pixels)?;
+            self.readbacks.give_back(codes);
+        }
+        if let (Some(image), Some(back)) = (&mut layer, back) {
+            let LayerBack { drawn, over_seam, light_alone, parts: [color, geometry] } = back;
+            paste_layer(self.gpu(), &color, &geometry, drawn, over_seam, light_alone, image)?;
+            self.readbacks.give_back(color);
+            self.readbacks.give_back(geometry);
         }
         Ok(Composited { frame: index, pixels, layer, stats })
     }
-
-    /// How far each object's centre moves across the picture until the next frame.
-    fn object_motions(&self, geometry: &Geometry, now: &Pose, next: &Pose) -> Vec<ObjectMotion> {
-        let seen = |pose: &Pose, c| geometry.project(pose.transform_point(c));
-        self.renderer
-            .object_centres()
-            .into_iter()
-            .map(|centre| {
-                let moved = centre.and_then(|c| Some(geometry.way_px(seen(now, c)?, seen(next, c)?)));
-                moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
-            })
-            .collect()
-    }
 }
 
-/// Writes rows of RGBA texels into the rectangle of a picture.
-fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Result<(), GpuError> {
-    let width = pixels.width as usize;
-    let start = |row: usize| 3 * ((rect.y0 as usize + row) * width + rect.x0 as usize);
-    let columns = rect.width() as usize;
-    match &mut pixels.codes {
-        Codes::U8(codes) => readback.rows(gpu, |row, bytes| {
-            let out = &mut codes[start(row)..start(row) + 3 * columns];
-            for (rgb, rgba) in out.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
-                rgb.copy_from_slice(&rgba[..3]);
-            }
-        }),
-        Codes::U16(codes) => readback.rows(gpu, |row, bytes| {
-            let out = &mut codes[start(row)..start(row) + 3 * columns];
-            for (rgb, rgba) in out.chunks_exact_mut(3).zip(bytes.chunks_exact(8)) {
-                for (code, pair) in rgb.iter_mut().zip(rgba.chunks_exact(2)) {
-                    *code = u16::from_le_bytes([pair[0], pair[1]]);
-                }
-            }
-        }),
-    }
+/// What of the camera's pixels each piece reads: one pixel more on each side, for effects that look at neighbours.
+fn looked_at_by(pieces: &[Piece], frame: &Frame) -> Vec<Rect> {
+    let picture = Rect::full(frame.pixels.width, frame.pixels.height);
+    pieces.iter().map(|piece| piece.shown.grown(1).intersection(&picture)).collect()
 }
 
-/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture; over the seam it goes on at the other
-/// rim.
-fn paste_layer(
-    gpu: &Gpu,
-    color: &Readback,
-    geometry: &Readback,
-    rect: Rect,
-    over_seam: bool,
-    out: &mut LayerImage,
-) -> Result<(), GpuError> {
-    let (width, height) = (out.width as i32, out.height as i32);
-    let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-    let at = |row: usize, column: usize| {
-        let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
-        let x = if over_seam { x.rem_euclid(width) } else { x };
-        (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
-    };
-    let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
-    color.rows(gpu, |row, bytes| {
-        for (column, t) in bytes.chunks_exact(8).enumerate() {
-            // Light that rounding left without coverage is nothing, as in the composite.
-            if let Some(i) = at(row, column).filter(|_| half(&t[6..]) > 0.0) {
-                out.rgba[i] = texel(t);
-            }
+fn whole(frame: &Frame) -> Vec<Rect> {
+    vec![Rect::full(frame.pixels.width, frame.pixels.height)]
+}
+
+/// Runs the effects over the layer, in order, and cuts off what real things hide of what they have blurred.
+fn affect(
+    run: &mut LayerRun<'_>,
+    mut layer: Layer,
+    plan: &Plan<'_>,
+    hidden: &Hidden,
+    want_layer: bool,
+    tolerance_m: f32,
+) -> Layer {
+    for (n, effect) in plan.active.iter().enumerate() {
+        let cut = hidden.then.as_ref().filter(|(after, _)| *after == n);
+        let later = &plan.active[n + 1..];
+        run.geometry_is_read = want_layer || cut.is_some() || later.iter().any(|effect| effect.reads_geometry());
+        layer = effect.run(run, layer);
+        if let Some((_, real_depth)) = cut {
+            layer = behind_real::cut(run.recorder, layer, real_depth, tolerance_m);
         }
-    })?;
-    geometry.rows(gpu, |row, bytes| {
-        for (column, t) in bytes.chunks_exact(8).enumerate() {
-            if let Some(i) = at(row, column).filter(|&i| out.rgba[i][3] > 0.0) {
-                out.depth_m[i] = f32::from_le_bytes([t[0], t[1], t[2], t[3]]);
-                out.velocity[i] = [half(&t[4..]), half(&t[6..])];
-            }
-        }
-    })
+    }
+    layer
 }

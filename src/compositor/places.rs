@@ -19,7 +19,7 @@ pub struct Asked {
     /// A 360° picture, whose left and right rims are one.
     pub round: bool,
     /// All of the region is made, also where nothing virtual lies.
-    pub photograph: bool,
+    pub whole: bool,
     /// Effects act on what the camera saw, too.
     pub real_too: bool,
 }
@@ -54,17 +54,17 @@ impl Places {
             (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);
         }
         // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
-        let on_grid = |edge: i32| if asked.photograph { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
+        let on_grid = |edge: i32| if asked.whole { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
         let mut pieces = pieces(drawn, region, round);
         let nothing = (asked.footprint.is_empty() && !asked.real_too) || pieces.is_empty();
-        let whole = asked.photograph && !region.is_empty();
+        let whole = asked.whole && !region.is_empty();
         if nothing && !whole {
             return None;
         }
         let drawn = if nothing { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
         if whole {
-            pieces = vec![Piece { shown: region, drawn, slot: 0 }];
+            pieces = vec![Piece { shown: region, drawn }];
         }
         let looked_at = match pieces.as_slice() {
             [one] => one.shown,
@@ -81,7 +81,7 @@ fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
     let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
         let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };
-        Piece { shown: drawn.intersection(&region), drawn, slot: turn.unsigned_abs() as usize + usize::from(*turn < 0) }
+        Piece { shown: drawn.intersection(&region), drawn }
     };
     turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
 }
@@ -97,7 +97,7 @@ mod tests {
             reach_px: 10,
             spread_px: 4,
             round: false,
-            photograph: false,
+            whole: false,
             real_too: false,
         }
     }
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn all_of_a_photograph_is_made() {
-        let empty = Asked { photograph: true, ..asked(Rect::new(0, 0, 0, 0)) };
+        let empty = Asked { whole: true, ..asked(Rect::new(0, 0, 0, 0)) };
         let places = Places::of(&empty).unwrap();
         assert_eq!((places.pieces[0].shown, places.drawn), (empty.region, Rect::new(0, 0, 1, 1)));
         let places = Places::of(&Asked { real_too: true, ..empty }).unwrap();

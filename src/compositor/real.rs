@@ -3,87 +3,61 @@
 use crate::camera::Response;
 use crate::depth::Surfaces;
 use crate::effects::response_constants;
-use crate::gpu::{FullscreenPass, Options, Slot, assemble, constants, half_texels};
+use crate::gpu::{Entry, Recorder, Shader, half_texels};
 use crate::image::{Codes, Pixels, Rect};
-use crate::render::{COLOR, GEOMETRY, LayerRun, RealLayer};
+use crate::render::{COLOR, GEOMETRY, RealLayer};
 
-/// `Grid` of shaders/real_part.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct GridUniform {
-    size: [i32; 4],
-    scale: [f32; 4],
+crate::uniform! {
+    struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, unused: [f32; 3] }
 }
 
-/// Makes it.
-#[derive(Debug)]
-pub struct RealPart {
-    pass: Option<FullscreenPass>,
-    constants: [(&'static str, f64); 2],
-}
+/// The real part over `drawn`, which may reach beyond the picture: what lies there is as its edge.
+pub fn real_layer(
+    recorder: &mut Recorder,
+    pixels: &Pixels,
+    surfaces: &Surfaces,
+    drawn: Rect,
+    tolerance_m: Option<f32>,
+    response: &Response,
+) -> RealLayer {
+    let gpu = recorder.gpu.clone();
+    let size = (drawn.width(), drawn.height());
+    let camera = recorder.pool.lend_to_write(&gpu, size, wgpu::TextureFormat::Rgba16Uint);
+    camera.write(&gpu, size.0, size.1, &codes(pixels, drawn));
 
-impl RealPart {
-    pub fn new(response: &Response) -> Self {
-        Self { pass: None, constants: response_constants(response) }
-    }
+    let grid = (surfaces.width, surfaces.height);
+    let [near, behind] = [&surfaces.light, &surfaces.behind_light].map(|light| {
+        let texture = recorder.pool.lend_to_write(&gpu, grid, COLOR);
+        let texels: Vec<_> = light.iter().map(|l| [l[0], l[1], l[2], 1.0]).collect();
+        texture.write(&gpu, grid.0, grid.1, &half_texels(&texels));
+        texture
+    });
+    let depths = recorder.pool.lend_to_write(&gpu, grid, GEOMETRY);
+    let words = |z: &f32| [z.to_bits() as u16, (z.to_bits() >> 16) as u16];
+    let both: Vec<[u16; 4]> = surfaces
+        .depth_m
+        .iter()
+        .zip(&surfaces.behind_m)
+        .map(|(z, behind)| {
+            let ([a, b], [c, d]) = (words(z), words(behind));
+            [a, b, c, d]
+        })
+        .collect();
+    depths.write(&gpu, grid.0, grid.1, &both);
 
-    /// Over `drawn`, which may reach beyond the picture: what lies there is as its edge.
-    pub fn make(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        pixels: &Pixels,
-        surfaces: &Surfaces,
-        drawn: Rect,
-        tolerance_m: Option<f32>,
-    ) -> RealLayer {
-        let gpu = run.gpu;
-        let size = (drawn.width(), drawn.height());
-        let camera = run.pool.get(gpu, "real codes", 0, size, wgpu::TextureFormat::Rgba16Uint, 1);
-        camera.write(gpu, size.0, size.1, &codes(pixels, drawn));
-
-        let grid = (surfaces.width, surfaces.height);
-        let near = run.pool.get(gpu, "grid light", 0, grid, COLOR, 1);
-        let behind = run.pool.get(gpu, "grid light", 1, grid, COLOR, 1);
-        let depths = run.pool.get(gpu, "grid depths", 0, grid, GEOMETRY, 1);
-        for (texture, light) in [(&near, &surfaces.light), (&behind, &surfaces.behind_light)] {
-            let texels: Vec<_> = light.iter().map(|l| [l[0], l[1], l[2], 1.0]).collect();
-            texture.write(gpu, grid.0, grid.1, &half_texels(&texels));
-        }
-        let words = |z: &f32| [z.to_bits() as u16, (z.to_bits() >> 16) as u16];
-        let both: Vec<[u16; 4]> = surfaces
-            .depth_m
-            .iter()
-            .zip(&surfaces.behind_m)
-            .map(|(z, behind)| {
-                let ([a, b], [c, d]) = (words(z), words(behind));
-                [a, b, c, d]
-            })
-            .collect();
-        depths.write(gpu, grid.0, grid.1, &both);
-
-        let uniform = GridUniform {
-            size: [grid.0 as i32, grid.1 as i32, drawn.x0, drawn.y0],
-            scale: [surfaces.enlargement.recip() as f32, 0.0, 0.0, 0.0],
-        };
-        let uniform = constants(gpu, "grid", bytemuck::bytes_of(&uniform));
-        let out = [0, 1].map(|slot| run.pool.get(gpu, "real light", slot, size, COLOR, 1));
-        let out_depths = run.pool.get(gpu, "real depths", 0, size, GEOMETRY, 1);
-        let pass = self.pass.get_or_insert_with(|| {
-            let options = Options { constants: &self.constants, ..Options::default() };
-            FullscreenPass::with(gpu, "real part", &assemble("real_part"), &[COLOR, COLOR, GEOMETRY], &options)
-        });
-        let slots = [
-            Slot::Buffer(&uniform),
-            Slot::Texture(&camera.view),
-            Slot::Texture(&near.view),
-            Slot::Texture(&behind.view),
-            Slot::Texture(&depths.view),
-        ];
-        pass.run(gpu, run.encoder, &slots, &[&out[0], &out[1], &out_depths], size);
-        let [light, behind] = out;
-        let ranges_m = surfaces.ranges_m(drawn, RealLayer::SIDE_PX);
-        RealLayer { light, behind, depths: out_depths, tolerance_m, ranges_m }
-    }
+    let uniform = Grid {
+        size: [grid.0 as i32, grid.1 as i32],
+        in_picture: [drawn.x0, drawn.y0],
+        step: surfaces.enlargement.recip() as f32,
+        unused: [0.0; 3],
+    };
+    let [curve, gamma] = response_constants(response);
+    let entry = Entry::from("main").choose(curve.0, curve.1).choose(gamma.0, gamma.1);
+    let pass = recorder.pass(Shader::RealPart, entry).uniform("grid", &uniform).texture("codes", &camera);
+    let pass = pass.texture("near_light", &near).texture("far_light", &behind).texture("depths", &depths);
+    let [light, behind, depths] = pass.draw([COLOR, COLOR, GEOMETRY], size);
+    let ranges_m = surfaces.ranges_m(drawn, RealLayer::SIDE_PX);
+    RealLayer { light, behind, depths, tolerance_m, ranges_m }
 }
 
 /// 16 bits over a rectangle; beyond the picture those of its edge.

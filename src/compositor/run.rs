@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::{Composited, Compositor, Job, Pending, SubmitError};
-use crate::camera::Geometry;
+use super::{Composited, Compositor, Job, Pending, Settings, SubmitError, Target};
+use crate::camera::{Camera, Geometry};
 use crate::frame::Frame;
 use crate::gpu::GpuError;
 use crate::tracking::PoseTrack;
@@ -14,6 +14,8 @@ const IN_FLIGHT: usize = 2;
 /// What all frames of a stream share.
 #[derive(Debug)]
 pub struct Stream<'a> {
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
     pub track: &'a PoseTrack,
     pub time_offset_s: f64,
     pub want_layers: bool,
@@ -52,17 +54,8 @@ impl Compositor {
             let frame = frame.map_err(RunError::Source)?;
             let index = frame.index;
             let (geometry, interval_s) = about(index);
-            let job = Job {
-                frame,
-                geometry,
-                track: stream.track,
-                time_offset_s: stream.time_offset_s,
-                interval_s,
-                want_layer: stream.want_layers,
-                photograph: None,
-            };
-            let work = self.submit(job).map_err(|source| RunError::Submit { frame: index, source })?;
-            pending.push_back((index, work));
+            let work = self.submit_of(stream, frame, geometry, interval_s);
+            pending.push_back((index, work.map_err(|source| RunError::Submit { frame: index, source })?));
             if pending.len() >= IN_FLIGHT
                 && let Some(oldest) = pending.pop_front()
             {
@@ -73,5 +66,18 @@ impl Compositor {
             finish(self, oldest)?;
         }
         Ok(())
+    }
+
+    fn submit_of(
+        &mut self,
+        stream: &Stream<'_>,
+        frame: Frame,
+        geometry: &Geometry,
+        interval_s: f64,
+    ) -> Result<Pending, SubmitError> {
+        let Stream { camera, settings, track, time_offset_s, want_layers } = *stream;
+        let job = Job::of_frame(frame, camera, settings, geometry, track, interval_s)?;
+        let job = Job { time_offset_s, want_layer: want_layers, ..job };
+        self.submit(job, camera, settings, Target::Pixels)
     }
 }

@@ -1,7 +1,7 @@
 //! Which effects are on, and how.
 
 use crate::camera::{Camera, Geometry};
-use crate::effects::{self, Effect, EffectError, FrameContext};
+use crate::effects::{self, Effect, EffectError, Moment};
 use crate::params::{ParamError, Params, Value};
 
 crate::params! {
@@ -12,10 +12,10 @@ crate::params! {
     }
 }
 
-/// Settings of a run.
-#[derive(Debug)]
+/// What is done to pictures, and how. A plain value.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// In the order of the light.
+    /// In the order in which they work.
     pub effects: Vec<Box<dyn Effect>>,
     /// One for each effect: whether it may run at all.
     enabled: Vec<bool>,
@@ -43,9 +43,9 @@ impl Default for Settings {
 
 impl Settings {
     fn position(&self, name: &str) -> Result<usize, SettingsError> {
-        self.effects.iter().position(|e| e.params().table() == name).ok_or_else(|| SettingsError {
+        self.effects.iter().position(|e| e.table() == name).ok_or_else(|| SettingsError {
             name: name.to_owned(),
-            known: self.effects.iter().map(|e| e.params().table()).collect::<Vec<_>>().join(", "),
+            known: self.effects.iter().map(|e| e.table()).collect::<Vec<_>>().join(", "),
         })
     }
 
@@ -73,37 +73,40 @@ impl Settings {
 
     /// Whether a camera has what the effects that are switched on need: to be asked before anything is written.
     pub fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
-        let mut on = self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on);
-        on.try_for_each(|(effect, _)| effect.check(camera, geometry))
+        self.on().try_for_each(|effect| effect.check(camera, geometry))
     }
 
-    /// Whether effect `i` runs for a frame: switched on, and not at its neutral setting.
-    pub fn is_active(&self, i: usize, context: &FrameContext<'_>) -> bool {
-        self.enabled[i] && !self.effects[i].is_neutral(context)
+    /// The effects that are switched on.
+    pub fn on(&self) -> impl Iterator<Item = &dyn Effect> {
+        self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on).map(|(effect, _)| effect.as_ref())
+    }
+
+    /// Those of them that change something in a picture.
+    pub fn active<'s>(&'s self, moment: &Moment<'_>) -> Vec<&'s dyn Effect> {
+        self.on().filter(|effect| !effect.is_neutral(moment)).collect()
     }
 
     /// Whether an effect that is switched on acts on what the camera saw, too.
     pub fn acts_on_real(&self) -> bool {
-        self.effects.iter().zip(&self.enabled).any(|(effect, on)| *on && effect.acts_on_real())
+        self.on().any(|effect| effect.on_real().acts())
     }
 
     /// Settings of effects switched on that do nothing with a camera, each with the reason.
     pub fn idle(&self, camera: &Camera) -> Vec<&'static str> {
-        let on = self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on);
-        on.filter_map(|(effect, _)| effect.idle(camera)).collect()
+        self.on().filter_map(|effect| effect.idle(camera)).collect()
     }
 
     /// Every table of parameters that a profile or `--set` may write to.
     pub fn tables_mut(&mut self) -> Vec<&mut dyn Params> {
         let mut tables: Vec<&mut dyn Params> = vec![&mut self.depth];
-        tables.extend(self.effects.iter_mut().map(|e| e.params_mut()));
+        tables.extend(self.effects.iter_mut().map(|e| -> &mut dyn Params { e.as_mut() }));
         tables
     }
 
     /// Every table of parameters.
     pub fn tables(&self) -> Vec<&dyn Params> {
         let mut tables: Vec<&dyn Params> = vec![&self.depth];
-        tables.extend(self.effects.iter().map(|e| e.params()));
+        tables.extend(self.effects.iter().map(|e| -> &dyn Params { e.as_ref() }));
         tables
     }
 
@@ -123,7 +126,7 @@ mod tests {
         settings.only(&["noise".to_owned()]).unwrap();
         let on: Vec<_> = (0..settings.effects.len()).filter(|&i| settings.enabled[i]).collect();
         assert_eq!(on.len(), 1);
-        assert_eq!(settings.effects[on[0]].params().table(), "noise");
+        assert_eq!(settings.effects[on[0]].table(), "noise");
         let error = settings.without(&["grian".to_owned()]).unwrap_err().to_string();
         assert!(error.contains("grian") && error.contains("motion_blur"), "{error}");
     }

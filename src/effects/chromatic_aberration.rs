@@ -2,7 +2,7 @@
 //!
 //! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of the picture; green
 //! stays, as calibrations of geometry go by it or by all three. Objects part as the real scene did, so at a silhouette
-//! each colour has a coverage of its own. One alpha cannot tell that: the effect hands three to the composite, which
+//! each colour has a coverage of its own. One alpha cannot tell that: the layer carries three ([`Layer::coverage`]), and the composite
 //! puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c, exactly. The layer's own alpha is their mean by luminance: above
 //! 0 where any colour is covered, so that untouched pixels stay the camera's, and for whoever composites the exported
 //! layer with it, right in luminance over grey.
@@ -16,13 +16,12 @@
 
 use glam::DVec2;
 
-use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
+use super::{Case, Effect, EffectError, LayerRun, Moment, Reach};
 use crate::camera::falloff::Lateral;
 use crate::camera::{Camera, Geometry};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
-use crate::image::Rect;
-use crate::params::{Params, Value};
-use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+use crate::gpu::Shader;
+use crate::params::Value;
+use crate::render::{COLOR, Layer};
 
 crate::params! {
     /// Parameters of the chromatic aberration.
@@ -38,27 +37,15 @@ crate::params! {
     }
 }
 
-#[derive(Debug, Default)]
-pub struct ChromaticAberrationEffect {
-    params: ChromaticAberration,
-    passes: Option<Passes>,
-    /// Of this frame, from the layer's pass to the composite.
-    coverage: Option<Texture>,
-}
-
-#[derive(Debug)]
-struct Passes {
-    light: FullscreenPass,
-    geometry: FullscreenPass,
-}
-
-/// `Chromatic` of shaders/chromatic_aberration.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Uniform {
-    middle: [f32; 4],
-    parts: [f32; 4],
-    size: [i32; 4],
+crate::uniform! {
+    struct Uniform {
+        middle: [f32; 2],
+        red: [f32; 2],
+        blue: [f32; 2],
+        size: [i32; 2],
+        per_diagonal: f32,
+        unused: [f32; 3],
+    }
 }
 
 impl ChromaticAberration {
@@ -67,6 +54,18 @@ impl ChromaticAberration {
     }
     fn of_blue(&self) -> Lateral {
         Lateral { a: self.blue, b: self.blue_cubic }
+    }
+
+    /// How far a colour is shifted at most, px.
+    fn shift_px(&self, moment: &Moment<'_>) -> f32 {
+        let (middle, half_diagonal) = (middle_px(moment.picture), of_whole_px(moment));
+        let i = &moment.picture.intrinsics;
+        let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
+        let farthest = middle.abs().max((size - middle).abs()).length();
+        let r = farthest / half_diagonal;
+        let shift = |part: Lateral| (part.a.abs() + part.b.abs() * r * r) * farthest;
+        // The other way round the shift is a little larger; and a pixel for what lies between.
+        1.1 * shift(self.of_red()).max(shift(self.of_blue())) as f32 + 1.0
     }
 }
 
@@ -80,92 +79,50 @@ fn half_diagonal_px(geometry: &Geometry) -> f64 {
     0.5 * f64::from(i.width_px).hypot(f64::from(i.height_px))
 }
 
-/// That of the camera's whole picture, of which this one may be a part, px of this one.
-fn of_whole_px(context: &FrameContext<'_>) -> f64 {
-    match (context.photograph, &context.camera.geometry) {
-        (Some(photograph), Some(whole)) => photograph.enlargement * half_diagonal_px(whole),
-        _ => half_diagonal_px(context.geometry),
-    }
+/// That of the recorded camera's whole picture, of which this one may be a part, px of this one.
+fn of_whole_px(moment: &Moment<'_>) -> f64 {
+    moment.capture.enlargement * half_diagonal_px(moment.capture.recorded)
 }
 
-impl Passes {
-    fn new(gpu: &Gpu) -> Self {
-        let shader = assemble("chromatic_aberration");
-        let pass = |fragment, formats: &[_]| {
-            let options = Options { fragment, ..Options::default() };
-            FullscreenPass::with(gpu, "chromatic_aberration", &shader, formats, &options)
-        };
-        Self { light: pass("main", &[COLOR, COLOR]), geometry: pass("passing", &[GEOMETRY]) }
-    }
-}
-
-impl Effect for ChromaticAberrationEffect {
-    fn stage(&self) -> Stage {
-        Stage::Layer
-    }
+impl Effect for ChromaticAberration {
     fn summary(&self) -> &'static str {
         "parts an object's colours towards the picture's corners as the lens does"
-    }
-    fn params(&self) -> &dyn Params {
-        &self.params
-    }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
     }
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would part colours: \
                       leave its parameters at their defaults";
-        let refused = geometry.is_round() && self.params != ChromaticAberration::default();
+        let refused = geometry.is_round() && *self != Self::default();
         if refused { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
-    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
-        self.params == ChromaticAberration::default()
+    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+        *self == Self::default()
     }
-    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        let (middle, half_diagonal) = (middle_px(context.geometry), of_whole_px(context));
-        let i = &context.geometry.intrinsics;
-        let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
-        let farthest = middle.abs().max((size - middle).abs()).length();
-        let r = farthest / half_diagonal;
-        let shift = |part: Lateral| (part.a.abs() + part.b.abs() * r * r) * farthest;
-        // The other way round the shift is a little larger; and a pixel for what lies between.
-        1.1 * shift(self.params.of_red()).max(shift(self.params.of_blue())) as f32 + 1.0
+    fn reach(&self, moment: &Moment<'_>) -> Reach {
+        Reach::both(self.shift_px(moment))
     }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         vec![("", vec![("red", Value::Number(0.001)), ("blue", Value::Number(-0.001))])]
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
-        let gpu = run.gpu;
-        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
-        let (middle, half_diagonal) = (middle_px(context.geometry), of_whole_px(context));
-        let in_layer = middle - DVec2::new(f64::from(context.drawn.x0), f64::from(context.drawn.y0));
-        let (red, blue) = (self.params.of_red(), self.params.of_blue());
+    fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
+        let (middle, half_diagonal) = (middle_px(run.moment.picture), of_whole_px(run.moment));
+        let in_layer = middle - DVec2::new(f64::from(run.drawn.x0), f64::from(run.drawn.y0));
+        let parts = |part: Lateral| [part.a as f32, part.b as f32];
         let uniform = Uniform {
-            middle: [in_layer.x as f32, in_layer.y as f32, half_diagonal.recip() as f32, 0.0],
-            parts: [red.a, red.b, blue.a, blue.b].map(|part| part as f32),
-            size: [layer.size.0 as i32, layer.size.1 as i32, 0, 0],
+            middle: in_layer.as_vec2().to_array(),
+            red: parts(self.of_red()),
+            blue: parts(self.of_blue()),
+            size: [layer.size.0 as i32, layer.size.1 as i32],
+            per_diagonal: half_diagonal.recip() as f32,
+            unused: [0.0; 3],
         };
-        let uniform = constants(gpu, "chromatic_aberration", bytemuck::bytes_of(&uniform));
-        let color = run.pool.get(gpu, "parted colour", 0, layer.size, COLOR, 1);
-        let coverage = run.pool.get(gpu, "parted coverage", 0, layer.size, COLOR, 1);
-        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view)];
-        passes.light.run(gpu, run.encoder, &slots, &[&color, &coverage], layer.size);
-        self.coverage = Some(coverage);
-        if !run.geometry_is_read {
-            return Layer { color, ..layer };
-        }
-        let geometry = run.pool.get(gpu, "parted geometry", 0, layer.size, GEOMETRY, 1);
-        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.geometry.view)];
-        passes.geometry.run(gpu, run.encoder, &slots, &[&geometry], layer.size);
-        Layer { color, geometry, ..layer }
+        let pass = run.recorder.pass(Shader::ChromaticAberration, "main").uniform("chromatic", &uniform);
+        let [color, coverage] = pass.texture("layer", &layer.color).draw([COLOR, COLOR], layer.size);
+        let radius_px = self.shift_px(run.moment).ceil() as u32;
+        run.followed(Layer { color, coverage: Some(coverage), ..layer }, radius_px)
     }
-
-    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
-        Some(include_str!("../../shaders/chromatic_aberration_over.wgsl"))
-    }
-    fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {
-        MixedInputs { uniform: Vec::new(), textures: self.coverage.take().into_iter().collect() }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 

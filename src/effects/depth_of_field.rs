@@ -30,10 +30,10 @@ pub mod poisson;
 pub mod slices;
 mod surroundings;
 
-use super::{Effect, EffectError, FrameContext, Stage};
+use super::{Case, Effect, EffectError, LayerRun, Moment, OnReal, Reach};
 use crate::camera::{Aperture, Camera, Geometry};
-use crate::params::{Params, Value};
-use crate::render::{Layer, LayerRun, Sample, SamplePlan};
+use crate::params::Value;
+use crate::render::{Layer, Sample, SamplePlan};
 use diffusion::Mix;
 use operator::Shape;
 
@@ -72,30 +72,21 @@ crate::params! {
     }
 }
 
-#[derive(Debug, Default)]
-pub struct DepthOfFieldEffect {
-    params: DepthOfField,
-    layered: Option<layered::Passes>,
-    poisson: Option<poisson::Passes>,
-    diffusion: Option<diffusion::Passes>,
-    slices: Option<slices::Passes>,
-}
-
 /// Diameters of the circles of all that is drawn, px: the least and the largest.
-fn circles_px(context: &FrameContext<'_>) -> [f32; 2] {
-    let Some(opening) = context.opening else { return [0.0; 2] };
-    let [nearest, farthest] = context.depths_m;
-    let depths_m = context.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
-    let [near, far] = depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
+fn circles_px(moment: &Moment<'_>) -> [f32; 2] {
+    let Some(opening) = moment.capture.opening else { return [0.0; 2] };
+    let [nearest, farthest] = moment.depths_m;
+    let depths_m = moment.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
+    let [near, far] = depths_m.map(|depth| opening.circle_px(moment.picture.intrinsics.fx_px, depth) as f32);
     let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
     [least, near.abs().max(far.abs())]
 }
 
-impl DepthOfFieldEffect {
+impl DepthOfField {
     /// Points of the opening for each moment that the plan holds already.
-    fn reference(context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
-        let Some(opening) = context.opening else { return plan };
-        let [_, largest] = circles_px(context);
+    fn reference(moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
+        let Some(opening) = moment.capture.opening else { return plan };
+        let [_, largest] = circles_px(moment);
         let area = std::f32::consts::FRAC_PI_4 * largest * largest;
         let moments = plan.samples.len() as u32;
         // As many for each moment, so that the moments' weights stay what they are.
@@ -114,21 +105,12 @@ impl DepthOfFieldEffect {
     }
 }
 
-impl Effect for DepthOfFieldEffect {
-    fn stage(&self) -> Stage {
-        Stage::Layer
-    }
+impl Effect for DepthOfField {
     fn summary(&self) -> &'static str {
         "blurs objects out of focus as the lens's opening does"
     }
-    fn params(&self) -> &dyn Params {
-        &self.params
-    }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
-    }
-    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
-        circles_px(context)[1] < SHARP_PX
+    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
+        circles_px(moment)[1] < SHARP_PX
     }
     fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let lens = &camera.lens;
@@ -139,7 +121,7 @@ impl Effect for DepthOfFieldEffect {
                          out, or give --without depth_of_field",
             });
         }
-        if self.params.shape != Shape::Lens && self.params.method != Method::Diffusion {
+        if self.shape != Shape::Lens && self.method != Method::Diffusion {
             return Err(EffectError {
                 parameter: "depth_of_field.shape",
                 reason: "star and heart are drawn by depth_of_field.method = diffusion alone; accepted with this method is lens",
@@ -147,28 +129,28 @@ impl Effect for DepthOfFieldEffect {
         }
         Ok(())
     }
-    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        let own_px = match self.params.method {
-            Method::Diffusion => diffusion::reach_px(&self.params, context),
-            Method::Layered => layered::look_px(context),
-            Method::Poisson | Method::Reference => layered::reach_px(context),
+    fn reach(&self, moment: &Moment<'_>) -> Reach {
+        let own_px = match self.method {
+            Method::Diffusion => diffusion::reach_px(self, moment),
+            Method::Layered => layered::look_px(moment),
+            Method::Poisson | Method::Reference => layered::reach_px(moment),
         };
         // The real part is blurred slice by slice whatever the method; `layered` has the virtual one among them.
-        match (context.real_depths_m, self.params.method) {
+        Reach::both(match (moment.real_depths_m, self.method) {
             (None, _) => own_px,
-            (Some(_), Method::Layered) => slices::reach_px(context),
-            (Some(_), _) => own_px.max(slices::reach_px(context)),
-        }
+            (Some(_), Method::Layered) => slices::reach_px(moment),
+            (Some(_), _) => own_px.max(slices::reach_px(moment)),
+        })
     }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         // The benchmark's lens is a pinhole; what this costs over a whole picture is measured by itself.
         ["layered", "poisson", "diffusion"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
     }
 
-    fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
-        match self.params.method {
+    fn plan(&self, moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
+        match self.method {
             Method::Layered | Method::Poisson | Method::Diffusion => plan,
-            Method::Reference => Self::reference(context, plan),
+            Method::Reference => Self::reference(moment, plan),
         }
     }
 
@@ -176,47 +158,33 @@ impl Effect for DepthOfFieldEffect {
         true
     }
 
-    fn acts_on_real(&self) -> bool {
-        true
+    fn on_real(&self) -> OnReal {
+        match self.method {
+            Method::Layered => OnReal::ActsAndHides,
+            Method::Poisson | Method::Diffusion => OnReal::Acts,
+            // Through each point of the lens is drawn what is seen there.
+            Method::Reference => OnReal::ActsAlone,
+        }
     }
 
-    fn hides_behind_real(&self) -> bool {
-        self.params.method == Method::Layered
-    }
-
-    fn blurs_behind_real(&self) -> bool {
-        // Through each point of the lens `reference` draws what is seen there.
-        self.params.method != Method::Reference
-    }
-
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, mut layer: Layer) -> Layer {
-        let Some(opening) = context.opening else { return layer };
-        let (gpu, params) = (run.gpu, &self.params);
+    fn run(&self, run: &mut LayerRun<'_>, mut layer: Layer) -> Layer {
+        let Some(opening) = run.moment.capture.opening else { return layer };
         if let Some(real) = layer.real.clone() {
-            let slices = self.slices.get_or_insert_with(|| slices::Passes::new(gpu));
-            let together = params.method == Method::Layered;
-            layer = slices.run(run, context, &opening, layer, &real, together);
+            let together = self.method == Method::Layered;
+            layer = slices::run(run, &opening, layer, &real, together);
             if together {
                 return layer;
             }
         }
-        match params.method {
-            Method::Layered => {
-                self.layered.get_or_insert_with(|| layered::Passes::new(gpu)).run(run, context, &opening, layer)
-            }
-            Method::Poisson => {
-                let points = params.points as usize;
-                let made = self.poisson.take().filter(|p| p.are_of(points));
-                let passes = self.poisson.insert(made.unwrap_or_else(|| poisson::Passes::new(gpu, points)));
-                passes.run(run, context, &opening, layer)
-            }
-            Method::Diffusion => {
-                let made = self.diffusion.take().filter(|p| p.are_of(params));
-                let passes = self.diffusion.insert(made.unwrap_or_else(|| diffusion::Passes::new(gpu, params)));
-                passes.run(run, context, &opening, layer)
-            }
+        match self.method {
+            Method::Layered => layered::run(run, &opening, layer),
+            Method::Poisson => poisson::run(run, self.points as usize, &opening, layer),
+            Method::Diffusion => diffusion::run(run, self, &opening, layer),
             Method::Reference => layer,
         }
+    }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 

@@ -6,10 +6,10 @@
 //!
 //! Not modelled: the edge's direction; a pixel in a corner is softened as one on an edge.
 
-use super::{Effect, FrameContext, MixedInputs, Stage};
+use super::{Case, Effect, LayerRun, MixedPart, Moment};
+use crate::gpu::Shader;
 use crate::image::Rect;
-use crate::params::{Params, Value};
-use crate::render::LayerRun;
+use crate::params::Value;
 
 crate::params! {
     /// Parameters of the edge blend.
@@ -19,36 +19,26 @@ crate::params! {
     }
 }
 
-#[derive(Debug, Default)]
-pub struct EdgeBlendEffect {
-    params: EdgeBlend,
+crate::uniform! {
+    struct Uniform { impact: f32, unused: [f32; 3] }
 }
 
-impl Effect for EdgeBlendEffect {
-    fn stage(&self) -> Stage {
-        Stage::Mixed
-    }
+impl Effect for EdgeBlend {
     fn summary(&self) -> &'static str {
         "blends an object's edge pixels with their camera neighbours"
     }
-    fn params(&self) -> &dyn Params {
-        &self.params
+    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+        self.impact == 0.0
     }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
-    }
-    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
-        self.params.impact == 0.0
-    }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         vec![("", vec![("impact", Value::Number(1.0))])]
     }
-    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
-        Some(include_str!("../../shaders/edge_blend.wgsl"))
+    fn mix(&self, _: &mut LayerRun<'_>, _: Rect) -> Option<MixedPart> {
+        let uniform = Uniform { impact: self.impact, unused: [0.0; 3] };
+        Some(MixedPart::new(Shader::EdgeBlend, "edge_blend", &uniform))
     }
-    fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _: Rect) -> MixedInputs {
-        let uniform = bytemuck::cast_slice(&[self.params.impact, 0.0, 0.0, 0.0]).to_vec();
-        MixedInputs { uniform, textures: Vec::new() }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 

@@ -11,13 +11,13 @@
 //! Not modelled: what exposure does to noise (noise.rs goes by the code value that comes out) and to blur (its length
 //! is the camera's exposure time already).
 
-use super::{Effect, FrameContext, Stage, response_constants};
+use super::{Case, Effect, LayerRun, Moment, response_constants};
 use crate::camera::Response;
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::frame::FrameExposure;
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
-use crate::params::{Params, Value};
-use crate::render::{COLOR, Layer, LayerRun};
+use crate::gpu::{Entry, Shader};
+use crate::params::Value;
+use crate::render::{COLOR, Layer};
 
 crate::choices! {
     /// How exposure acts.
@@ -36,10 +36,8 @@ crate::params! {
     }
 }
 
-#[derive(Debug, Default)]
-pub struct ExposureEffect {
-    params: Exposure,
-    pass: Option<(Method, FullscreenPass)>,
+crate::uniform! {
+    struct Uniform { gain: f32, step: f32, picture: f32, unused: f32 }
 }
 
 /// How much light a frame's recording gathered of the same scene, seconds at f/1, ISO 100 and gain 1; a setting that it
@@ -60,54 +58,43 @@ impl Exposure {
 }
 
 /// By how many stops more the whole picture is exposed, real and virtual.
-fn of_photograph_ev(context: &FrameContext<'_>) -> f64 {
-    context.photograph.map_or(0.0, |photograph| photograph.over_ev).clamp(-30.0, 30.0)
+fn of_picture_ev(moment: &Moment<'_>) -> f64 {
+    moment.capture.over_ev.clamp(-30.0, 30.0)
 }
 
-fn pass(gpu: &Gpu, method: Method, response: &Response) -> FullscreenPass {
-    let response = response_constants(response);
-    let (fragment, constants): (_, &[_]) = match method {
-        Method::Photographic => ("photographic", &[]),
-        Method::Additive => ("additive", &response),
-    };
-    let options = Options { fragment, constants, ..Options::default() };
-    FullscreenPass::with(gpu, "exposure", &assemble("exposure"), &[COLOR], &options)
-}
-
-impl Effect for ExposureEffect {
-    fn stage(&self) -> Stage {
-        Stage::Layer
-    }
+impl Effect for Exposure {
     fn summary(&self) -> &'static str {
         "makes objects brighter or darker by stops"
     }
-    fn params(&self) -> &dyn Params {
-        &self.params
+    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
+        self.over_ev(&moment.recorded) == 0.0 && of_picture_ev(moment) == 0.0
     }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
-    }
-    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
-        self.params.over_ev(&context.recorded) == 0.0 && of_photograph_ev(context) == 0.0
-    }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         let over = ("ev", Value::Number(1.0));
         ["photographic", "additive"].map(|m| (m, vec![over.clone(), ("method", Value::Text(m.to_owned()))])).to_vec()
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
-        let gpu = run.gpu;
-        let method = self.params.method;
-        let made = self.pass.take().filter(|(of, _)| *of == method);
-        let (_, pass) = self.pass.insert(made.unwrap_or_else(|| (method, pass(gpu, method, &context.camera.response))));
-        let over_ev = self.params.over_ev(&context.recorded);
-        let of_photograph = photographic_gain(of_photograph_ev(context));
-        let by = [photographic_gain(over_ev) as f32, (0.2 * over_ev) as f32, of_photograph as f32, 0.0];
-        let uniform = constants(gpu, "exposure", bytemuck::cast_slice(&by));
-        let color = run.pool.get(gpu, "exposed colour", 0, layer.size, COLOR, 1);
-        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view)];
-        pass.run(gpu, run.encoder, &slots, &[&color], layer.size);
+    fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
+        let over_ev = self.over_ev(&run.moment.recorded);
+        let entry = match self.method {
+            Method::Photographic => Entry::from("photographic"),
+            Method::Additive => {
+                let [curve, gamma] = response_constants(&run.moment.camera.response);
+                Entry::from("additive").choose(curve.0, curve.1).choose(gamma.0, gamma.1)
+            }
+        };
+        let uniform = Uniform {
+            gain: photographic_gain(over_ev) as f32,
+            step: (0.2 * over_ev) as f32,
+            picture: photographic_gain(of_picture_ev(run.moment)) as f32,
+            unused: 0.0,
+        };
+        let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
+        let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);
         Layer { color, ..layer }
+    }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 

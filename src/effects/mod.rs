@@ -1,9 +1,11 @@
 //! The effects. To add one: ARCHITECTURE.md has the list of what it needs.
 
+pub mod blur;
 pub mod chromatic_aberration;
 pub mod depth_of_field;
 pub mod edge_blend;
 pub mod exposure;
+mod follow;
 pub mod motion_blur;
 pub mod noise;
 pub mod point_spread;
@@ -11,19 +13,19 @@ mod stage;
 pub mod vignetting;
 
 pub use stage::{
-    Effect, EffectError, FrameContext, MixedInputs, ObjectMotion, Photograph, Stage, Summed, response_constants,
+    Case, Effect, EffectError, LayerRun, MixedPart, Moment, ObjectMotion, OnReal, Reach, response_constants,
 };
 
-/// Every effect at its defaults, in the order of the light.
+/// Every effect at its defaults, in the order in which they work: that of the light, but for chromatic_aberration, which says why it comes last.
 pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
-        Box::new(motion_blur::MotionBlurEffect::default()),
-        Box::new(depth_of_field::DepthOfFieldEffect::default()),
-        Box::new(point_spread::PointSpreadEffect::default()),
-        Box::new(vignetting::VignettingEffect::default()),
-        Box::new(exposure::ExposureEffect::default()),
-        Box::new(chromatic_aberration::ChromaticAberrationEffect::default()),
-        Box::new(edge_blend::EdgeBlendEffect::default()),
-        Box::new(noise::NoiseEffect::default()),
+        Box::new(motion_blur::MotionBlur::default()),
+        Box::new(depth_of_field::DepthOfField::default()),
+        Box::new(point_spread::PointSpread::default()),
+        Box::new(vignetting::Vignetting::default()),
+        Box::new(exposure::Exposure::default()),
+        Box::new(chromatic_aberration::ChromaticAberration::default()),
+        Box::new(edge_blend::EdgeBlend::default()),
+        Box::new(noise::Noise::default()),
     ]
 }

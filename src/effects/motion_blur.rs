@@ -17,12 +17,12 @@
 //! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at
 //! its ends (its neighbourhood stands for it), and curved motion within one exposure.
 
-use super::{Effect, EffectError, FrameContext, Stage, Summed};
+use super::{Case, Effect, EffectError, LayerRun, Moment, Reach};
 use crate::camera::accumulation::{self, MOST_STEPS};
-use crate::camera::{Camera, Geometry};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
-use crate::params::{Params, Value};
-use crate::render::{COLOR, GEOMETRY, Layer, LayerRun, Sample, SamplePlan};
+use crate::camera::{Camera, Geometry, Summed};
+use crate::gpu::Shader;
+use crate::params::Value;
+use crate::render::{COLOR, GEOMETRY, Layer, Sample, SamplePlan};
 
 crate::choices! {
     /// How motion blur is made.
@@ -43,65 +43,51 @@ crate::params! {
     }
 }
 
-#[derive(Debug, Default)]
-pub struct MotionBlurEffect {
-    params: MotionBlur,
-    passes: Option<Passes>,
+crate::uniform! {
+    struct Tiles { size: [i32; 2], side_px: i32, exposure_s: f32 }
 }
 
-#[derive(Debug)]
-struct Passes {
-    /// From pixels to tiles, and from tiles to their neighbourhoods.
-    tiles: [FullscreenPass; 2],
-    blur: FullscreenPass,
-    passing: FullscreenPass,
-    between: wgpu::Sampler,
+crate::uniform! {
+    struct Blur {
+        size: [i32; 2],
+        texel: [f32; 2],
+        side_px: i32,
+        exposure_s: f32,
+        threshold_px: f32,
+        unused: f32,
+    }
 }
 
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct TilesUniform {
-    size: [i32; 4],
-    shutter: [f32; 4],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct BlurUniform {
-    size: [i32; 4],
-    shutter: [f32; 4],
-}
-
-impl MotionBlurEffect {
-    /// A photograph's slow shutter sees more than one motion: that is drawn moment by moment.
-    fn method(&self, context: &FrameContext<'_>) -> Method {
-        let slow = context.photograph.is_some() && context.exposure_time_s > context.interval_s;
-        if slow && self.params.method == Method::Velocity { Method::Reference } else { self.params.method }
+impl MotionBlur {
+    /// A slow shutter sees more than one motion: that is drawn moment by moment.
+    fn drawn_by(&self, moment: &Moment<'_>) -> Method {
+        let slow = moment.capture.whole && moment.capture.exposure_time_s > moment.interval_s;
+        if slow && self.method == Method::Velocity { Method::Reference } else { self.method }
     }
 
     /// The longest blur of this frame, px.
-    fn longest_px(context: &FrameContext<'_>) -> f32 {
-        context.fastest_px_per_s * context.exposure_time_s as f32
+    fn longest_px(moment: &Moment<'_>) -> f32 {
+        moment.fastest_px_per_s * moment.capture.exposure_time_s as f32
     }
 
     /// Half of it and a little: how far what is blurred lies from where it comes from, px.
-    fn half_px(context: &FrameContext<'_>) -> f32 {
-        0.5 * Self::longest_px(context) + 2.0
+    fn half_px(moment: &Moment<'_>) -> f32 {
+        0.5 * Self::longest_px(moment) + 2.0
     }
 
     /// Copies of each object along the blur vector of its centre (Fischer, §Motion blur).
-    fn copies(&self, context: &FrameContext<'_>) -> Vec<Sample> {
-        let n = self.params.copies;
-        let share = (context.exposure_time_s / context.interval_s) as f32;
+    fn drawn_copies(&self, moment: &Moment<'_>) -> Vec<Sample> {
+        let n = self.copies;
+        let share = (moment.capture.exposure_time_s / moment.interval_s) as f32;
         (0..n)
             .map(|i| {
                 let along = (i as f32 + 0.5) / n as f32 - 0.5;
-                let offsets_px = context
+                let offsets_px = moment
                     .objects
                     .iter()
                     .map(|object| {
                         let v = object.per_frame_px.map(|c| c * share);
-                        let drawn = v[0].hypot(v[1]) > self.params.threshold_px;
+                        let drawn = v[0].hypot(v[1]) > self.threshold_px;
                         v.map(|c| if drawn { c * along } else { 0.0 })
                     })
                     .collect();
@@ -113,7 +99,7 @@ impl MotionBlurEffect {
     /// Frames by vSLRcam (13), newest first, as (seconds from the middle of the exposure, weight); no more than 10,000.
     /// Their mean is 0.
     fn moments(&self, exposure_time_s: f64) -> Vec<(f64, f64)> {
-        let n = accumulation::steps(exposure_time_s, self.params.frames_per_s).unwrap_or(MOST_STEPS);
+        let n = accumulation::steps(exposure_time_s, self.frames_per_s).unwrap_or(MOST_STEPS);
         let weights = accumulation::weights(n);
         let back = exposure_time_s / n.max(1) as f64;
         let mean: f64 = weights.iter().enumerate().map(|(i, w)| i as f64 * w).sum();
@@ -122,11 +108,10 @@ impl MotionBlurEffect {
 
     /// Moments evenly over the exposure (where a photograph sums frames, over theirs: between them it saw nothing), two for each pixel of the longest blur: at least 32, and at most 4096 (above 2048 px
     /// they lie farther apart), in a photograph 1024 (above 512 px; seconds of a hand-held shutter).
-    fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
-        let most = if context.photograph.is_some() { 1024 } else { 4096 };
-        let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, most);
-        let alone = [Summed { time_s: 0.0, exposure_s: context.exposure_time_s, weight: 1.0 }];
-        let frames = if context.summed.is_empty() { &alone } else { context.summed };
+    fn reference(moment: &Moment<'_>) -> Vec<Sample> {
+        let most = if moment.capture.whole { 1024 } else { 4096 };
+        let n = ((2.0 * Self::longest_px(moment)).ceil() as u32).clamp(32, most);
+        let frames = &moment.capture.summed;
         let each = n.div_ceil(frames.len() as u32);
         let moments = |frame: &Summed| {
             let Summed { time_s, exposure_s, weight } = *frame;
@@ -139,21 +124,12 @@ impl MotionBlurEffect {
     }
 }
 
-impl Effect for MotionBlurEffect {
-    fn stage(&self) -> Stage {
-        Stage::Layer
-    }
+impl Effect for MotionBlur {
     fn summary(&self) -> &'static str {
         "blurs objects by the camera's motion during the exposure"
     }
-    fn params(&self) -> &dyn Params {
-        &self.params
-    }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
-    }
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
-        if self.params.method == Method::Copies && geometry.sees_around() {
+        if self.method == Method::Copies && geometry.sees_around() {
             return Err(EffectError {
                 parameter: "motion_blur.method",
                 reason: "copies moves objects along a line, and in a picture of 170° and more nothing moves along one: \
@@ -162,46 +138,42 @@ impl Effect for MotionBlurEffect {
         }
         Ok(())
     }
-    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
-        context.exposure_time_s == 0.0 || Self::longest_px(context) <= self.params.threshold_px
+    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
+        moment.capture.exposure_time_s == 0.0 || Self::longest_px(moment) <= self.threshold_px
     }
-    fn reach_px(&self, context: &FrameContext<'_>) -> f32 {
-        match self.method(context) {
-            Method::Velocity => Self::half_px(context),
-            // Drawn where they are seen.
-            Method::Copies | Method::Accumulation | Method::Reference => 0.0,
-        }
-    }
-    fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
-        match self.method(context) {
+    fn reach(&self, moment: &Moment<'_>) -> Reach {
+        let half_px = Self::half_px(moment);
+        match self.drawn_by(moment) {
             // The renderer's rectangle spans the moments already.
-            Method::Velocity | Method::Accumulation | Method::Reference => 1.0,
-            Method::Copies => Self::half_px(context),
+            Method::Velocity => Reach { look_px: half_px, spread_px: 1.0 },
+            // Drawn where they are seen.
+            Method::Copies => Reach { look_px: 0.0, spread_px: half_px },
+            Method::Accumulation | Method::Reference => Reach { look_px: 0.0, spread_px: 1.0 },
         }
     }
     fn beyond_s(&self, exposure_time_s: f64) -> f64 {
-        if self.params.method != Method::Accumulation {
+        if self.method != Method::Accumulation {
             return 0.0;
         }
         let oldest_s = self.moments(exposure_time_s).last().map_or(0.0, |(time_s, _)| -time_s);
         (oldest_s - 0.5 * exposure_time_s).max(0.0)
     }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         ["velocity", "copies", "accumulation", "reference"]
             .map(|m| (m, vec![("method", Value::Text(m.to_owned()))]))
             .to_vec()
     }
 
-    fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
-        match self.method(context) {
+    fn plan(&self, moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
+        match self.drawn_by(moment) {
             Method::Velocity => plan,
-            Method::Copies => SamplePlan { samples: self.copies(context), ..plan },
+            Method::Copies => SamplePlan { samples: self.drawn_copies(moment), ..plan },
             Method::Accumulation => {
-                let moments = self.moments(context.exposure_time_s).into_iter();
+                let moments = self.moments(moment.capture.exposure_time_s).into_iter();
                 let samples = moments.map(|(time_s, w)| Sample { time_s, ..Sample::plain(w as f32) }).collect();
                 SamplePlan { samples, ..plan }
             }
-            Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
+            Method::Reference => SamplePlan { samples: Self::reference(moment), ..plan },
         }
     }
 
@@ -209,68 +181,42 @@ impl Effect for MotionBlurEffect {
         true
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
-        if self.method(context) != Method::Velocity {
+    fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
+        let moment = run.moment;
+        if self.drawn_by(moment) != Method::Velocity {
             return layer;
         }
-        let gpu = run.gpu;
-        let passes = self.passes.get_or_insert_with(|| Passes::new(gpu));
         let (width, height) = layer.size;
         // 3×3 tiles must reach half the longest blur.
-        let side = ((0.5 * Self::longest_px(context)).ceil() as u32 + 1).clamp(8, 1 << 14);
+        let side = ((0.5 * Self::longest_px(moment)).ceil() as u32 + 1).clamp(8, 1 << 14);
         let tiles = (width.div_ceil(side), height.div_ceil(side));
-        let exposure_s = context.exposure_time_s as f32;
+        let (size, side_px) = ([width as i32, height as i32], side as i32);
+        let exposure_s = moment.capture.exposure_time_s as f32;
 
-        let mut target = |purpose, size| run.pool.get(gpu, purpose, 0, size, COLOR, 1);
-        let first = [target("tile fastest", tiles), target("tile range", tiles)];
-        let near = target("near fastest", tiles);
-        let color = target("blurred colour", layer.size);
+        let uniform = Tiles { size, side_px, exposure_s };
+        let recorder = &mut *run.recorder;
+        let pass = recorder.pass(Shader::MotionBlurTiles, "over_pixels").uniform("tiles", &uniform);
+        let [fastest, range] = pass.texture("geometry", &layer.geometry).draw([COLOR; 2], tiles);
+        let pass = recorder.pass(Shader::MotionBlurTiles, "over_tiles").uniform("tiles", &uniform);
+        let [near] = pass.texture("first", &fastest).texture("second", &range).draw([COLOR], tiles);
 
-        let size = [width as i32, height as i32, side as i32, 0];
-        let tiles_uniform =
-            constants(gpu, "tiles", bytemuck::bytes_of(&TilesUniform { size, shutter: [exposure_s, 0.0, 0.0, 0.0] }));
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
-        let blur = BlurUniform { size, shutter: [exposure_s, self.params.threshold_px, texel[0], texel[1]] };
-        let blur = constants(gpu, "motion_blur", bytemuck::bytes_of(&blur));
-
-        let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&layer.geometry.view)];
-        passes.tiles[0].run(gpu, run.encoder, &slots, &[&first[0], &first[1]], tiles);
-        let slots = [Slot::Buffer(&tiles_uniform), Slot::Texture(&first[1].view), Slot::Texture(&first[0].view)];
-        passes.tiles[1].run(gpu, run.encoder, &slots, &[&near], tiles);
-        let slots = [
-            Slot::Buffer(&blur),
-            Slot::Texture(&near.view),
-            Slot::Texture(&layer.geometry.view),
-            Slot::Texture(&layer.color.view),
-            Slot::Sampler(&passes.between),
-        ];
-        passes.blur.run(gpu, run.encoder, &slots, &[&color], layer.size);
+        let blur = Blur { size, texel, side_px, exposure_s, threshold_px: self.threshold_px, unused: 0.0 };
+        let mut pass = |entry, format| {
+            let pass = recorder.pass(Shader::MotionBlur, entry).uniform("blur", &blur).texture("fastest", &near);
+            let [out] =
+                pass.texture("geometry", &layer.geometry).texture("color", &layer.color).draw([format], layer.size);
+            out
+        };
+        let color = pass("blurred", COLOR);
         if !run.geometry_is_read {
             return Layer { color, ..layer };
         }
-        let geometry = run.pool.get(gpu, "blurred geometry", 0, layer.size, GEOMETRY, 1);
-        passes.passing.run(gpu, run.encoder, &slots[..3], &[&geometry], layer.size);
+        let geometry = pass("passing", GEOMETRY);
         Layer { color, geometry, ..layer }
     }
-}
-
-impl Passes {
-    fn new(gpu: &Gpu) -> Self {
-        let shader = assemble("motion_blur");
-        let pass = |fragment, format| {
-            let options = Options { fragment, ..Options::default() };
-            FullscreenPass::with(gpu, "motion_blur", &shader, &[format], &options)
-        };
-        Self {
-            tiles: [("over_pixels", 2), ("over_tiles", 1)].map(|(fragment, targets)| {
-                let options = Options { fragment, ..Options::default() };
-                let shader = assemble("motion_blur_tiles");
-                FullscreenPass::with(gpu, "motion_blur_tiles", &shader, &[COLOR; 2][..targets], &options)
-            }),
-            blur: pass("blurred", COLOR),
-            passing: pass("passing", GEOMETRY),
-            between: gpu.linear_sampler(),
-        }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 

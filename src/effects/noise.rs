@@ -22,14 +22,14 @@
 
 mod pattern;
 
-use pattern::{NORMAL_TABLE, Passes, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d};
+use pattern::{NORMAL_TABLE, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d};
 
-use super::{Effect, EffectError, FrameContext, MixedInputs, Stage};
+use super::{Case, Effect, EffectError, LayerRun, MixedPart, Moment};
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry, side_tap};
+use crate::gpu::Shader;
 use crate::image::Rect;
-use crate::params::{Params, Value};
-use crate::render::LayerRun;
+use crate::params::Value;
 
 crate::params! {
     /// Parameters of the noise.
@@ -53,26 +53,25 @@ impl Noise {
     }
 
     /// How film and picture differ from the calibrated ones.
-    pub fn ratios(&self, context: &FrameContext<'_>) -> GrainRatios {
-        let calibrated = &context.camera.geometry.as_ref().unwrap_or(context.geometry).intrinsics;
-        if context.photograph.is_none() && !self.is_grain() {
+    pub fn ratios(&self, moment: &Moment<'_>) -> GrainRatios {
+        let capture = moment.capture;
+        if capture.film.is_none() && !self.is_grain() {
             return GrainRatios::default();
         }
         let over = |new: Option<f64>, old: Option<f64>| new.zip(old).map_or(1.0, |(new, old)| new / old);
-        // A photograph's film is its own.
-        let photograph = context.photograph;
-        let film_width_mm = photograph.map(|p| p.film_width_mm).or(self.film_width_mm);
+        let calibrated = &capture.recorded.intrinsics;
+        let film_width_mm = capture.film.map(|film| film.width_mm).or(self.film_width_mm);
         GrainRatios {
-            iso: photograph.map_or_else(|| over(self.iso, context.camera.exposure.iso), |p| p.iso_ratio),
+            iso: capture.film.map_or_else(|| over(self.iso, moment.camera.exposure.iso), |film| film.speed),
             film_width: over(film_width_mm, Some(calibrated.film_width_mm)),
-            picture_width: f64::from(context.geometry.intrinsics.width_px) / f64::from(calibrated.width_px),
+            picture_width: f64::from(moment.picture.intrinsics.width_px) / f64::from(calibrated.width_px),
         }
     }
 
     /// The recording's own speed for a frame, where no other film is asked for. A sensor's noise does not get coarser with
     /// it, as film's does: patches stay.
-    fn recorded_speed(&self, context: &FrameContext<'_>) -> f64 {
-        if self.iso.is_some() && context.photograph.is_none() { 1.0 } else { context.recorded_speed() }
+    fn recorded_speed(&self, moment: &Moment<'_>) -> f64 {
+        if self.iso.is_some() && moment.capture.film.is_none() { 1.0 } else { moment.recorded_speed() }
     }
 
     /// Size of the patches, px.
@@ -81,23 +80,22 @@ impl Noise {
     }
 }
 
-#[derive(Debug, Default)]
-pub struct NoiseEffect {
-    params: Noise,
-    passes: Option<Passes>,
+crate::uniform! {
+    struct Uniform {
+        neighbours: [f32; 2],
+        origin: [i32; 2],
+        read: [f32; 4],
+        patch_px: f32,
+        in_patch: f32,
+        scale: f32,
+        speed: f32,
+        recorded: f32,
+        recorded_speed: f32,
+        unused: [f32; 2],
+    }
 }
 
-/// `Noise` of shaders/shared/noise.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct NoiseUniform {
-    shape: [f32; 4],
-    origin: [i32; 4],
-    grain: [f32; 4],
-    read: [f32; 4],
-}
-
-impl NoiseEffect {
+impl Noise {
     /// The lattice points that pixels of a rectangle are made of.
     fn lattice(m: f32, shown: Rect) -> Rect {
         if m <= 1.0 {
@@ -111,31 +109,22 @@ impl NoiseEffect {
     }
 }
 
-impl Effect for NoiseEffect {
-    fn stage(&self) -> Stage {
-        Stage::Mixed
-    }
+impl Effect for Noise {
     fn summary(&self) -> &'static str {
         "gives virtual pixels the camera's noise"
     }
-    fn params(&self) -> &dyn Params {
-        &self.params
-    }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
-    }
     fn check(&self, camera: &Camera, _: &Geometry) -> Result<(), EffectError> {
-        if self.params.iso.is_some() && camera.noise.is_some() && camera.exposure.iso.is_none() {
+        if self.iso.is_some() && camera.noise.is_some() && camera.exposure.iso.is_none() {
             let reason = "the film speed at which the noise was measured is not known: accepted is none, or any of 100 \
                           to 25600 with camera.exposure.iso given";
             return Err(EffectError { parameter: "noise.iso", reason });
         }
         Ok(())
     }
-    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
-        self.params.scale == 0.0 || context.camera.noise.is_none()
+    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
+        self.scale == 0.0 || moment.camera.noise.is_none()
     }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         vec![
             ("", Vec::new()),
             ("magnified", vec![("magnification", Value::Number(2.0))]),
@@ -143,52 +132,50 @@ impl Effect for NoiseEffect {
         ]
     }
     fn idle(&self, camera: &Camera) -> Option<&'static str> {
-        (self.params.iso.is_some() && camera.noise.is_none())
+        (self.iso.is_some() && camera.noise.is_none())
             .then_some("noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed")
     }
-    fn mixed_wgsl(&self, other_film: bool) -> Option<&'static str> {
-        Some(if self.params.magnification <= 1.0 && !other_film && !self.params.is_grain() {
-            include_str!("../../shaders/noise.wgsl")
-        } else {
-            include_str!("../../shaders/noise_grain.wgsl")
-        })
-    }
 
-    fn mixed_inputs(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, shown: Rect) -> MixedInputs {
-        let ratios = self.params.ratios(context);
-        let recorded = self.params.recorded_speed(context);
-        let magnification = self.params.patch_px(&ratios);
-        let lattice = Self::lattice(magnification, shown);
-        let Camera { noise, response, .. } = context.camera;
-        let pattern = Pattern::new(noise.as_ref(), context.seed, context.frame, self.params.animation_delay);
+    fn mix(&self, run: &mut LayerRun<'_>, shown: Rect) -> Option<MixedPart> {
+        let moment = run.moment;
+        let ratios = self.ratios(moment);
+        let recorded = self.recorded_speed(moment);
+        let patch_px = self.patch_px(&ratios);
+        let lattice = Self::lattice(patch_px, shown);
+        let Camera { noise, response, .. } = moment.camera;
+        let pattern = Pattern::new(noise.as_ref(), moment.seed, moment.frame, self.animation_delay);
         let given = pattern.given();
-        let pattern = pattern.texture(run, &mut self.passes, lattice);
+        let pattern = pattern.texture(run.recorder, lattice);
         let read = |c| noise.as_ref().map_or(0.0, |noise| read_light(noise, response, c) as f32);
-        let uniform = NoiseUniform {
-            shape: [magnification, self.params.scale, given[0], given[1]],
-            origin: [lattice.x0, lattice.y0, 0, 0],
-            grain: [
-                // A photograph's film is told by its own ratio.
-                (ratios.iso * if context.photograph.is_some() { 1.0 } else { recorded }) as f32,
-                if magnification <= 1.0 { 0.5 } else { 0.0 },
-                if recorded == 1.0 { 0.0 } else { 1.0 },
-                recorded as f32,
-            ],
+        let uniform = Uniform {
+            neighbours: given,
+            origin: [lattice.x0, lattice.y0],
             read: [read(0), read(1), read(2), 0.0],
+            patch_px,
+            in_patch: if patch_px <= 1.0 { 0.5 } else { 0.0 },
+            scale: self.scale,
+            // A photograph's film is told by its own ratio.
+            speed: (ratios.iso * if moment.capture.film.is_some() { 1.0 } else { recorded }) as f32,
+            recorded: if recorded == 1.0 { 0.0 } else { 1.0 },
+            recorded_speed: recorded as f32,
+            unused: [0.0; 2],
         };
-        MixedInputs { uniform: bytemuck::bytes_of(&uniform).to_vec(), textures: vec![pattern] }
+        let as_calibrated = self.magnification <= 1.0 && !self.is_grain();
+        let same_film = moment.capture.film.is_none() && moment.recorded_speed() == 1.0;
+        let shader = if as_calibrated && same_film { Shader::Noise } else { Shader::NoiseGrain };
+        Some(MixedPart::new(shader, "noise", &uniform).texture("noise_pattern", pattern))
+    }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 
 /// The pattern's values (R, G, B; mean 0, variance 1) at a pixel of the picture, from the
 /// formulas above in double precision.
-pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) -> [f64; 3] {
-    let (rho, channels) = context
-        .camera
-        .noise
-        .as_ref()
-        .map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
-    let key = pattern_key(context.seed, context.frame, params.animation_delay);
+pub fn twin_pattern(params: &Noise, moment: &Moment<'_>, x: i32, y: i32) -> [f64; 3] {
+    let (rho, channels) =
+        moment.camera.noise.as_ref().map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
+    let key = pattern_key(moment.seed, moment.frame, params.animation_delay);
     let white = |x: i32, y: i32| {
         let h = pcg3d([(x as u32).wrapping_add(key[0]), (y as u32).wrapping_add(key[1]), key[2]]);
         h.map(|w| f64::from(NORMAL_TABLE[(w >> 20) as usize]) * TABLE_UNIT)
@@ -209,7 +196,7 @@ pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) 
         }
         sum
     };
-    let m = f64::from(params.patch_px(&params.ratios(context)));
+    let m = f64::from(params.patch_px(&params.ratios(moment)));
     let independent = if m <= 1.0 {
         filtered(x, y)
     } else {

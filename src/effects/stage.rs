@@ -1,20 +1,11 @@
-//! What an effect is: its stage, what it reads and what it gives.
+//! What an effect is: what it may know, what it says of itself, what it gives.
 
-use crate::camera::{Camera, Curve, Geometry, Opening, Response};
+use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::frame::FrameExposure;
-use crate::gpu::Texture;
+use crate::gpu::{Recorder, Shader, Texture, Uniform};
 use crate::image::Rect;
 use crate::params::{Params, Value};
-use crate::render::{Layer, LayerRun, SamplePlan};
-
-/// Where in the way of the light an effect works.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stage {
-    /// The virtual layer, linear light (and what the renderer draws to make it).
-    Layer,
-    /// Code values of pixels with A > 0; in a photograph of all.
-    Mixed,
-}
+use crate::render::{Layer, SamplePlan};
 
 /// How an object's centre moves across the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,63 +14,41 @@ pub struct ObjectMotion {
     pub per_frame_px: [f32; 2],
 }
 
-/// A photograph of the whole augmented picture with a virtual camera, and how it differs from the recording.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Photograph {
-    /// Stops brighter than the recording.
-    pub over_ev: f64,
-    /// Film speed over the recording's.
-    pub iso_ratio: f64,
-    pub film_width_mm: f64,
-    /// Pixels of the photograph for one of the recording.
-    pub enlargement: f64,
-    /// What enlarging and summing leave of the variance of the real pixels' noise, 0 to 1.
-    pub noise_left: f64,
-}
-
-/// One of the recording's frames that are summed for a photograph's real part.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Summed {
-    /// The middle of its exposure, seconds from the photograph's own.
-    pub time_s: f64,
-    pub exposure_s: f64,
-    /// Its share of the light.
-    pub weight: f64,
-}
-
-/// What effects may know of the frame. A pure function of the frames and poses around it.
+/// What effects may know of a picture before anything is drawn. A pure function of the frames and poses around it.
 #[derive(Clone, Debug)]
-pub struct FrameContext<'a> {
+pub struct Moment<'a> {
+    /// As it was calibrated.
     pub camera: &'a Camera,
-    /// Of the picture that is made.
-    pub geometry: &'a Geometry,
+    /// Of the picture that is made; [`Capture::recorded`] is that of the recorded one, which was calibrated.
+    pub picture: &'a Geometry,
+    pub capture: &'a Capture<'a>,
     /// Position in the recording.
     pub frame: usize,
     pub seed: u64,
-    /// How long each row gathers light, seconds.
-    pub exposure_time_s: f64,
     /// What the recording says of the frame's exposure.
     pub recorded: FrameExposure,
     /// To the next frame, seconds.
     pub interval_s: f64,
     /// No point of the objects moves faster than this, px/s.
     pub fastest_px_per_s: f32,
-    /// The lens; none for a pinhole.
-    pub opening: Option<Opening>,
-    /// None where virtual things are added to the recording and nothing else is changed.
-    pub photograph: Option<Photograph>,
-    /// Of a photograph the recording's frames that it sums; empty where it shows one.
-    pub summed: &'a [Summed],
     /// Between which depths all points of the objects lie, metres.
     pub depths_m: [f64; 2],
-    /// Of a photograph whose real surfaces are known: between which depths they lie, metres.
+    /// Where the real part's surfaces are known: between which depths they lie, metres.
     pub real_depths_m: Option<[f64; 2]>,
-    /// What of the picture objects can touch, with what effects spread. Known once passes are recorded, empty before.
-    pub objects_px: Rect,
-    /// What of the picture the layer covers; may reach beyond it. Known once passes are recorded, empty before.
-    pub drawn: Rect,
     /// One for each object of the scene.
     pub objects: &'a [ObjectMotion],
+}
+
+impl Moment<'_> {
+    /// Film speed at which the recording's frame was taken over that of the camera's profile, at which its noise was
+    /// measured: by the ISO that the frame's file tells, else by the gain that the recording lists. 1 where one of both is
+    /// not known.
+    pub fn recorded_speed(&self) -> f64 {
+        let FrameExposure { gain, photo, .. } = self.recorded;
+        let Some(measured) = self.camera.exposure.iso else { return 1.0 };
+        let speed = photo.iso.map(|iso| iso / measured).or(gain).unwrap_or(1.0);
+        if speed.is_finite() && speed > 0.0 { speed } else { 1.0 }
+    }
 }
 
 /// A parameter that a camera does not allow: its name, and what to do.
@@ -90,29 +59,70 @@ pub struct EffectError {
     pub reason: &'static str,
 }
 
-/// What stands at the bindings of an effect's part of the composite's shader, in their order.
-#[derive(Debug)]
-pub struct MixedInputs {
-    /// Empty for none.
-    pub uniform: Vec<u8>,
-    pub textures: Vec<Texture>,
+/// How far an effect works beyond a pixel, px.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reach {
+    /// How far from a pixel it looks.
+    pub look_px: f32,
+    /// How far beyond the rectangle of the objects (as they move during the exposure) it draws.
+    pub spread_px: f32,
 }
 
-impl FrameContext<'_> {
-    /// Pixels of the picture that is made for one of the camera's.
-    pub fn enlargement(&self) -> f64 {
-        self.photograph.map_or(1.0, |photograph| photograph.enlargement)
+impl Reach {
+    /// Draws as far as it looks.
+    pub fn both(px: f32) -> Self {
+        Self { look_px: px, spread_px: px }
     }
+}
 
-    /// Film speed at which the recording's frame was taken over that of the camera's profile, at which its noise was
-    /// measured: by the ISO that the frame's file tells, else by the gain that the recording lists. 1 where one of both is
-    /// not known.
-    pub fn recorded_speed(&self) -> f64 {
-        let FrameExposure { gain, photo, .. } = self.recorded;
-        let Some(measured) = self.camera.exposure.iso else { return 1.0 };
-        let speed = photo.iso.map(|iso| iso / measured).or(gain).unwrap_or(1.0);
-        if speed.is_finite() && speed > 0.0 { speed } else { 1.0 }
+/// What an effect has to do with real things. Virtual things are cut off where real ones hide them: before an effect works, unless it says more.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnReal {
+    /// Works on virtual things alone.
+    #[default]
+    Nothing,
+    /// Where the real part's surfaces are known, it works on them too.
+    ActsAlone,
+    /// The same; and it blurs virtual things where real ones before them are sharp, which then cut off what it has made.
+    Acts,
+    /// The same; and where it works on both, it hides virtual things behind real ones itself.
+    ActsAndHides,
+}
+
+impl OnReal {
+    pub fn acts(self) -> bool {
+        self != Self::Nothing
     }
+    pub fn blurs_behind(self) -> bool {
+        matches!(self, Self::Acts | Self::ActsAndHides)
+    }
+}
+
+/// A label, and the parameters that differ from the defaults.
+pub type Case = (&'static str, Vec<(&'static str, Value)>);
+
+/// What an effect of the layer records its passes with.
+#[derive(Debug)]
+pub struct LayerRun<'a> {
+    pub recorder: &'a mut Recorder,
+    pub moment: &'a Moment<'a>,
+    /// What of the picture the layer covers; may reach beyond it.
+    pub drawn: Rect,
+    /// What of the picture virtual things can touch, with what effects spread.
+    pub objects_px: Rect,
+    /// Whether anything still reads the geometry of the layer that is made.
+    pub geometry_is_read: bool,
+}
+
+/// An effect's part of the composite: `apply_<name>` of a shader, and what it reads. Its globals stand in a group of their own, and their names
+/// begin with the effect's.
+#[derive(Debug)]
+pub struct MixedPart {
+    pub shader: Shader,
+    /// The effect's, which its uniform bears too.
+    pub name: &'static str,
+    pub uniform: Vec<u8>,
+    pub textures: Vec<(&'static str, Texture)>,
 }
 
 /// The values of the `override`s curve and gamma, for shaders that import shared/response.
@@ -125,14 +135,15 @@ pub fn response_constants(response: &Response) -> [(&'static str, f64); 2] {
     [("curve", curve), ("gamma", response.gamma)]
 }
 
-/// An effect with its parameters.
-pub trait Effect: std::fmt::Debug + Send + Sync {
-    fn stage(&self) -> Stage;
+/// An effect: a table of parameters, whose name is the effect's, with what they do. It keeps nothing between two calls.
+///
+/// One that works on the virtual layer, in linear light, records passes in `run`; it may have the renderer draw more, by `plan`. One that works on
+/// the mixed picture's code values gives its part of the composite in `mix`.
+pub trait Effect: Params + std::fmt::Debug + Send + Sync {
     /// One line: what it does.
     fn summary(&self) -> &'static str;
-    /// The table's name is the effect's.
-    fn params(&self) -> &dyn Params;
-    fn params_mut(&mut self) -> &mut dyn Params;
+    /// Whether it would change no pixel; then it does not run.
+    fn is_neutral(&self, moment: &Moment<'_>) -> bool;
     /// Whether the camera, with the geometry of the frame's, has what the parameters need. Asked of each effect that is
     /// switched on, before anything is written, also where it may turn out neutral.
     fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {
@@ -142,61 +153,62 @@ pub trait Effect: std::fmt::Debug + Send + Sync {
     fn idle(&self, _: &Camera) -> Option<&'static str> {
         None
     }
-    /// Whether it would change no pixel of this frame; then it does not run.
-    fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
-    /// How far from a pixel it looks, px.
-    fn reach_px(&self, _: &FrameContext<'_>) -> f32 {
-        0.0
+    /// The ways in which it works: what the benchmark measures and what the laws are tested with. At least one.
+    fn cases(&self) -> Vec<Case> {
+        vec![("", Vec::new())]
     }
-    /// How far before and behind the exposure lie moments of its plan, seconds.
+    /// How far it looks and draws.
+    fn reach(&self, _: &Moment<'_>) -> Reach {
+        Reach::default()
+    }
+    /// How far before and behind the exposure lie moments of its plan, seconds. Asked before it is known what is in view, which hangs on it.
     fn beyond_s(&self, _exposure_time_s: f64) -> f64 {
         0.0
     }
-    /// How far beyond the rectangle of the objects (as they move during the exposure) it
-    /// draws, px.
-    fn spread_px(&self, context: &FrameContext<'_>) -> f32 {
-        self.reach_px(context)
-    }
-    /// The ways in which it works, each a label and the parameters that differ from the defaults: what the benchmark
-    /// measures and what the laws are tested with. At least one.
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
-        vec![("", Vec::new())]
-    }
-    /// What the renderer is to draw, after what the effects before this one have made of the single plain drawing.
-    fn plan(&self, _: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
-        plan
-    }
-    /// Whether it works on a photograph's real part too, where its surfaces are known.
-    fn acts_on_real(&self) -> bool {
-        false
-    }
-    /// Whether it then hides objects behind real surfaces itself, and nothing is to be cut off them before.
-    fn hides_behind_real(&self) -> bool {
-        false
-    }
-    /// Whether it blurs objects where real things before them are sharp, which then cut off what it has made.
-    fn blurs_behind_real(&self) -> bool {
-        false
+    fn on_real(&self) -> OnReal {
+        OnReal::Nothing
     }
     /// Whether it reads the layer's geometry.
     fn reads_geometry(&self) -> bool {
         false
     }
-    /// Records the effect's passes; the layer that it gives is the next one's.
-    fn run(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, layer: Layer) -> Layer {
+    /// What the renderer is to draw, after what the effects before this one have made of the single plain drawing.
+    fn plan(&self, _: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
+        plan
+    }
+    /// Records its passes over the layer; what it gives is the next one's.
+    fn run(&self, _: &mut LayerRun<'_>, layer: Layer) -> Layer {
         layer
     }
-    /// The effect's part of the composite's shader: WGSL that defines
-    /// `fn apply_<name>(p: vec2<i32>, pixel: Mixed) -> Mixed`. Its bindings are numbered from 4,
-    /// first a uniform where there is one, then textures. In a photograph the function is called for every pixel, else for
-    /// those with A > 0. At most one effect of the layer stage may have one too, instead of the plain composite: it
-    /// comes before those of the mixed stage and makes the pixel anew, whatever it is given. `other_film`: a photograph, or
-    /// a frame at another film speed than the profile's.
-    fn mixed_wgsl(&self, _other_film: bool) -> Option<&'static str> {
+    /// Its part of the composite, for the rectangle `shown` of the picture: called for every pixel where the whole picture is made, else for
+    /// those that the layer touches.
+    fn mix(&self, _: &mut LayerRun<'_>, _shown: Rect) -> Option<MixedPart> {
         None
     }
-    /// Records what that part reads, for the rectangle `shown` of the picture.
-    fn mixed_inputs(&mut self, _: &mut LayerRun<'_>, _: &FrameContext<'_>, _shown: Rect) -> MixedInputs {
-        MixedInputs { uniform: Vec::new(), textures: Vec::new() }
+    fn boxed(&self) -> Box<dyn Effect>;
+}
+
+impl Clone for Box<dyn Effect> {
+    fn clone(&self) -> Self {
+        self.boxed()
+    }
+}
+
+impl PartialEq for dyn Effect {
+    /// The same effect with the same parameters.
+    fn eq(&self, other: &Self) -> bool {
+        let specs = self.specs();
+        self.table() == other.table() && specs.iter().all(|spec| self.get(spec.name) == other.get(spec.name))
+    }
+}
+
+impl MixedPart {
+    pub fn new<U: Uniform>(shader: Shader, name: &'static str, uniform: &U) -> Self {
+        Self { shader, name, uniform: bytemuck::bytes_of(uniform).to_vec(), textures: Vec::new() }
+    }
+
+    pub fn texture(mut self, name: &'static str, texture: Texture) -> Self {
+        self.textures.push((name, texture));
+        self
     }
 }

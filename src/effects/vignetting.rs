@@ -10,12 +10,12 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Effect, EffectError, FrameContext, Stage};
+use super::{Case, Effect, EffectError, LayerRun, Moment};
 use crate::camera::falloff::{Rim, natural};
 use crate::camera::{Camera, Geometry, Opening};
-use crate::gpu::{FullscreenPass, Gpu, Slot, Texture, assemble, constants};
-use crate::params::{Params, Value};
-use crate::render::{COLOR, Layer, LayerRun};
+use crate::gpu::{Gpu, Shader, Texture};
+use crate::params::Value;
+use crate::render::{COLOR, Layer};
 
 crate::params! {
     /// Parameters of the vignetting.
@@ -40,12 +40,10 @@ impl Vignetting {
         self.keeps_light() && self.image_circle_px.is_none()
     }
 
-    /// The image circle in the picture that is made: middle, radius, 0; px.
-    fn circle(&self, context: &FrameContext<'_>) -> [f64; 4] {
-        let i = &context.geometry.intrinsics;
-        let calibrated = &context.camera.geometry.as_ref().unwrap_or(context.geometry).intrinsics;
-        let radius_px = self.image_circle_px.map_or(NO_CIRCLE_PX, |px| 0.5 * px * i.fx_px / calibrated.fx_px);
-        [i.cx_px, i.cy_px, radius_px, 0.0]
+    /// Radius of the image circle in the picture that is made, px.
+    fn circle_px(&self, moment: &Moment<'_>) -> f64 {
+        let [made, recorded] = [moment.picture, moment.capture.recorded].map(|geometry| geometry.intrinsics.fx_px);
+        self.image_circle_px.map_or(NO_CIRCLE_PX, |px| 0.5 * px * made / recorded)
     }
 
     fn rim(&self) -> Rim {
@@ -58,101 +56,89 @@ const NO_CIRCLE_PX: f64 = 1e9;
 /// Across the picture.
 const CELLS: u32 = 128;
 
-#[derive(Debug, Default)]
-pub struct VignettingEffect {
+/// What the gain over a picture hangs on.
+#[derive(Clone, Debug, PartialEq)]
+struct Of {
+    geometry: Geometry,
+    opening: Option<Opening>,
     params: Vignetting,
-    pass: Option<FullscreenPass>,
-    grid: Option<Grid>,
 }
 
-/// The gain over a picture, and what it holds for.
-#[derive(Debug)]
+/// The gain over a picture.
+#[derive(Clone, Debug)]
 struct Grid {
-    of: (Geometry, Option<Opening>, Vignetting),
     gains: Texture,
     cells: [u32; 2],
 }
 
-/// `Vignetting` of shaders/vignetting.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Uniform {
-    cells: [f32; 4],
-    origin: [i32; 4],
-    circle: [f32; 4],
+crate::uniform! {
+    struct Uniform {
+        cell_share: [f32; 2],
+        cells: [f32; 2],
+        in_picture: [i32; 2],
+        circle_at: [f32; 2],
+        circle_radius: f32,
+        unused: [f32; 3],
+    }
 }
 
 impl Grid {
-    fn new(gpu: &Gpu, geometry: &Geometry, opening: Option<Opening>, params: &Vignetting) -> Self {
-        let picture = [geometry.intrinsics.width_px, geometry.intrinsics.height_px];
+    fn new(gpu: &Gpu, of: &Of) -> Self {
+        let picture = [of.geometry.intrinsics.width_px, of.geometry.intrinsics.height_px];
         let down = (f64::from(CELLS) * f64::from(picture[1]) / f64::from(picture[0])).ceil() as u32;
         let cells = [CELLS, down.clamp(1, 4 * CELLS)];
         let texels: Vec<f32> = (0..=cells[1])
             .flat_map(|y| (0..=cells[0]).map(move |x| [x, y]))
             .map(|corner| {
                 let [x, y] = [0, 1].map(|i| f64::from(corner[i]) / f64::from(cells[i]) * f64::from(picture[i]));
-                gain(params, geometry, opening, DVec2::new(x, y)) as f32
+                gain(&of.params, &of.geometry, of.opening, DVec2::new(x, y)) as f32
             })
             .collect();
         let (columns, rows) = (cells[0] + 1, cells[1] + 1);
         let gains = Texture::new(gpu, "vignetting", columns, rows, wgpu::TextureFormat::R32Float, 1);
         gains.write(gpu, columns, rows, &texels);
-        Self { of: (geometry.clone(), opening, params.clone()), gains, cells }
-    }
-
-    fn holds_for(&self, context: &FrameContext<'_>, params: &Vignetting) -> bool {
-        let (geometry, opening, of) = &self.of;
-        geometry == context.geometry && *opening == context.opening && of == params
+        Self { gains, cells }
     }
 }
 
-impl Effect for VignettingEffect {
-    fn stage(&self) -> Stage {
-        Stage::Layer
-    }
+impl Effect for Vignetting {
     fn summary(&self) -> &'static str {
         "darkens objects towards the picture's corners as the lens does"
-    }
-    fn params(&self) -> &dyn Params {
-        &self.params
-    }
-    fn params_mut(&mut self) -> &mut dyn Params {
-        &mut self.params
     }
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would darken it: \
                       leave its parameters at their defaults";
-        let refused = geometry.is_round() && !self.params.is_off();
+        let refused = geometry.is_round() && !self.is_off();
         if refused { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
-    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
-        self.params.is_off()
+    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+        self.is_off()
     }
-    fn cases(&self) -> Vec<(&'static str, Vec<(&'static str, Value)>)> {
+    fn cases(&self) -> Vec<Case> {
         vec![("", vec![("natural", Value::Number(1.0))])]
     }
 
-    fn run(&mut self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, layer: Layer) -> Layer {
-        let gpu = run.gpu;
-        let grid = match self.grid.take().filter(|grid| grid.holds_for(context, &self.params)) {
-            Some(grid) => grid,
-            None => Grid::new(gpu, context.geometry, context.opening, &self.params),
-        };
-        let pass =
-            self.pass.get_or_insert_with(|| FullscreenPass::new(gpu, "vignetting", &assemble("vignetting"), &[COLOR]));
-        let i = &context.geometry.intrinsics;
+    fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
+        let moment = run.moment;
+        let params = Self { image_circle_px: None, ..self.clone() };
+        let of = Of { geometry: moment.picture.clone(), opening: moment.capture.opening, params };
+        let grid = run.recorder.kept(of, Grid::new);
+        let i = &moment.picture.intrinsics;
         let [across, down] = grid.cells.map(|cells| cells as f32);
         let uniform = Uniform {
-            cells: [across / i.width_px as f32, down / i.height_px as f32, across, down],
-            origin: [context.drawn.x0, context.drawn.y0, 0, 0],
-            circle: self.params.circle(context).map(|px| px as f32),
+            cell_share: [across / i.width_px as f32, down / i.height_px as f32],
+            cells: [across, down],
+            in_picture: [run.drawn.x0, run.drawn.y0],
+            circle_at: [i.cx_px as f32, i.cy_px as f32],
+            circle_radius: self.circle_px(moment) as f32,
+            unused: [0.0; 3],
         };
-        let uniform = constants(gpu, "vignetting", bytemuck::bytes_of(&uniform));
-        let color = run.pool.get(gpu, "vignetted colour", 0, layer.size, COLOR, 1);
-        let slots = [Slot::Buffer(&uniform), Slot::Texture(&layer.color.view), Slot::Texture(&grid.gains.view)];
-        pass.run(gpu, run.encoder, &slots, &[&color], layer.size);
-        self.grid = Some(grid);
+        let pass = run.recorder.pass(Shader::Vignetting, "main").uniform("vignetting", &uniform);
+        let [color] = pass.texture("layer", &layer.color).texture("gains", &grid.gains).draw([COLOR], layer.size);
         Layer { color, ..layer }
+    }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
     }
 }
 

@@ -1,5 +1,7 @@
 //! Finding an adapter and opening it.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use wgpu::{Backends, DeviceType};
@@ -12,6 +14,8 @@ pub struct Gpu {
     pub info: wgpu::AdapterInfo,
     /// Whether passes can be timed on the GPU's own clock.
     pub timestamps: bool,
+    /// How many pipelines have been made.
+    pipelines: Arc<AtomicUsize>,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -115,11 +119,23 @@ impl Gpu {
             Err(_) => 0,
         };
         let adapter = there.swap_remove(chosen);
-        let info = adapter.get_info();
-        let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let descriptor = wgpu::DeviceDescriptor {
+        let (device, queue) = pollster::block_on(adapter.request_device(&Self::wanted(&adapter)))
+            .map_err(|e| GpuError::Open { adapter: adapter.get_info().name, reason: e.to_string() })?;
+        Ok(Self::adopt(&adapter, device, queue))
+    }
+
+    /// A device that somebody else made, a window say, with at least the limits of [`Gpu::wanted`]. What is drawn with it can be shown without
+    /// leaving it.
+    pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default() }
+    }
+
+    /// What a device is asked for, so that pictures may be as large as the adapter holds: features, limits.
+    pub fn wanted(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+        wgpu::DeviceDescriptor {
             label: Some("locard"),
-            required_features: if timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() },
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             required_limits: wgpu::Limits::default().or_better_values_from(&wgpu::Limits {
                 max_texture_dimension_2d: adapter.limits().max_texture_dimension_2d.min(16384),
                 max_buffer_size: adapter.limits().max_buffer_size.min(4 << 30),
@@ -128,10 +144,24 @@ impl Gpu {
             }),
             memory_hints: wgpu::MemoryHints::Performance,
             ..Default::default()
-        };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
-            .map_err(|e| GpuError::Open { adapter: info.name.clone(), reason: e.to_string() })?;
-        Ok(Self { device, queue, info, timestamps })
+        }
+    }
+
+    /// Makes a pipeline. Each is counted: a driver takes up to a second for one.
+    pub fn render_pipeline(&self, descriptor: &wgpu::RenderPipelineDescriptor<'_>) -> wgpu::RenderPipeline {
+        self.pipelines.fetch_add(1, Ordering::Relaxed);
+        self.device.create_render_pipeline(descriptor)
+    }
+
+    /// The same for compute.
+    pub fn compute_pipeline(&self, descriptor: &wgpu::ComputePipelineDescriptor<'_>) -> wgpu::ComputePipeline {
+        self.pipelines.fetch_add(1, Ordering::Relaxed);
+        self.device.create_compute_pipeline(descriptor)
+    }
+
+    /// How many pipelines have been made on this device.
+    pub fn pipelines_made(&self) -> usize {
+        self.pipelines.load(Ordering::Relaxed)
     }
 
     /// Waits until a submission is done, at most two minutes.
@@ -146,14 +176,9 @@ impl Gpu {
             })
     }
 
-    /// Reads between texels, and at the edge takes the last one.
-    pub fn linear_sampler(&self) -> wgpu::Sampler {
-        self.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("between texels"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..Default::default()
-        })
+    /// Looks after what is done by now, without waiting.
+    pub fn poll(&self) -> Result<(), GpuError> {
+        self.device.poll(wgpu::PollType::Poll).map(|_| ()).map_err(|e| GpuError::Failed(e.to_string()))
     }
 
     /// The largest side of a picture that this adapter can hold, px.

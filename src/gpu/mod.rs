@@ -1,15 +1,27 @@
-//! The GPU: device, shaders, textures, full-screen passes, readback. Knows no optics.
+//! The GPU: device, shaders, textures, passes, readback. Knows no optics.
+//!
+//! A [`Recorder`] records what a frame needs. `recorder.pass(Shader::X, "entry")` begins a pass; what the shader reads is given by the names in its
+//! text; `draw` gives the textures that it has drawn.
 
 mod device;
+mod interface;
+mod kept;
 mod pass;
+mod pipelines;
 mod readback;
+mod recorder;
 mod shader;
 mod texture;
+mod uniform;
 
 pub use device::{AdapterReport, Gpu, GpuError, adapters};
-pub use pass::{Binding, FullscreenPass, Options, Slot, run_listed, run_tiles};
+pub use interface::{Global, Interface};
+pub use pass::Pass;
+pub use pipelines::Entry;
 pub use readback::{Readback, ReadbackSet};
+pub use recorder::Recorder;
 #[cfg(test)]
 pub use shader::constant;
-pub use shader::{assemble, expand, source, sources};
-pub use texture::{Texture, TexturePool, constants, half_texels};
+pub use shader::{Shader, module};
+pub use texture::{Pyramid, Texture, TexturePool, half_texels};
+pub use uniform::{Bytes, Uniform, constants};

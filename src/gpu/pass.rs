@@ -1,240 +1,237 @@
-//! One pass over every pixel of some targets.
+//! One pass over every pixel of some targets, over quads in them, or over a grid of work groups.
 
-use super::{Gpu, Texture};
+use std::sync::Arc;
 
-/// What stands at a binding: numbered in the order given, group 0.
-#[derive(Clone, Copy, Debug)]
-pub enum Slot<'a> {
-    Texture(&'a wgpu::TextureView),
-    Buffer(&'a wgpu::Buffer),
-    Sampler(&'a wgpu::Sampler),
+use super::pipelines::{Entry, Made, Module};
+use super::uniform::{Bytes, Uniform};
+use super::{Gpu, Recorder, Shader, Texture};
+
+/// What stands where a shader reads.
+#[derive(Clone, Debug)]
+enum Bound {
+    Texture(wgpu::TextureView),
+    Buffer(Bytes),
+    Sampler(wgpu::Sampler),
 }
 
-/// What a module holds, where it is not one fragment entry `main` with `shared/fullscreen`.
-#[derive(Clone, Copy, Debug)]
-pub struct Options<'a> {
-    pub vertex: &'a str,
-    pub fragment: &'a str,
-    /// Values of the module's `override`s.
-    pub constants: &'a [(&'a str, f64)],
-    /// What stands at each binding, where passes of which not all read everything share their slots; else empty, and
-    /// the bindings are those that the shader reads.
-    pub bindings: &'a [Binding],
-    /// How what is drawn goes with what is there; none replaces it.
-    pub blend: Option<wgpu::BlendState>,
-}
-
-/// What a shader of group 0 finds at a binding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Binding {
-    Uniform,
-    /// Of floats, which a sampler may read between texels.
-    Floats,
-    /// Of whole numbers.
-    Integers,
-    Sampler,
-    /// A storage buffer that is read.
-    Storage,
-}
-
-impl Default for Options<'_> {
-    fn default() -> Self {
-        Self { vertex: "fullscreen_vertex", fragment: "main", constants: &[], bindings: &[], blend: None }
+impl Bound {
+    fn resource(&self) -> wgpu::BindingResource<'_> {
+        match self {
+            Self::Texture(view) => wgpu::BindingResource::TextureView(view),
+            Self::Buffer(bytes) => bytes.binding(),
+            Self::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
+        }
     }
 }
 
-/// A pipeline that draws over all of its targets, or over tiles of them.
+/// How a uniform is laid out: its name, its size, and name and offset of each member.
+type Layout = (&'static str, usize, &'static [(&'static str, usize)]);
+
+/// What is drawn: corners of a strip, and how many of them.
+#[derive(Clone, Debug)]
+enum Shape {
+    Whole,
+    Tiles(u32),
+    Listed(wgpu::Buffer),
+}
+
+/// A pass that is put together: what its shader reads, by the names that stand in the shader's text; then drawn, once.
+///
+/// A name may be given that the entry does not read, so that entries of a module share what they are given.
+///
+/// # Panics
+/// On slips of ours: a name that the module does not have, one that it reads and nobody gave, a uniform that is laid out otherwise than the
+/// shader's.
 #[derive(Debug)]
-pub struct FullscreenPass {
-    pipeline: wgpu::RenderPipeline,
-    layout: wgpu::BindGroupLayout,
-    label: String,
+#[must_use = "a pass is recorded by draw, draw_into or dispatch"]
+pub struct Pass<'a> {
+    recorder: &'a mut Recorder,
+    shaders: Vec<Shader>,
+    module: Arc<Module>,
+    entries: Vec<Entry>,
+    bound: Vec<(&'static str, Bound)>,
+    layouts: Vec<Layout>,
+    blend: Option<wgpu::BlendState>,
+    shape: Shape,
 }
 
-impl FullscreenPass {
-    pub fn new(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat]) -> Self {
-        Self::with(gpu, label, wgsl, formats, &Options::default())
+impl<'a> Pass<'a> {
+    pub(super) fn new(recorder: &'a mut Recorder, shaders: &[Shader], module: Arc<Module>, entry: Entry) -> Self {
+        Self {
+            recorder,
+            shaders: shaders.to_vec(),
+            module,
+            entries: vec![entry],
+            bound: Vec::new(),
+            layouts: Vec::new(),
+            blend: None,
+            shape: Shape::Whole,
+        }
     }
 
-    pub fn with(gpu: &Gpu, label: &str, wgsl: &str, formats: &[wgpu::TextureFormat], options: &Options<'_>) -> Self {
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(label),
-            source: wgpu::ShaderSource::Wgsl(wgsl.into()),
-        });
-        let compilation_options =
-            wgpu::PipelineCompilationOptions { constants: options.constants, ..Default::default() };
-        let given = (!options.bindings.is_empty()).then(|| group_layout(gpu, label, options.bindings));
-        let given = given.as_ref().map(|group| {
-            gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(label),
-                bind_group_layouts: &[Some(group)],
-                immediate_size: 0,
-            })
-        });
-        let targets: Vec<_> = formats
+    /// Another entry over the same targets, after those before.
+    pub fn also(mut self, entry: impl Into<Entry>) -> Self {
+        self.entries.push(entry.into());
+        self
+    }
+
+    fn bind(mut self, name: &'static str, bound: Bound) -> Self {
+        assert!(self.module.interface.knows(name), "{} has no global that is called {name}", self.module.label);
+        self.bound.push((name, bound));
+        self
+    }
+
+    pub fn texture(self, name: &'static str, texture: &Texture) -> Self {
+        self.bind(name, Bound::Texture(texture.view.clone()))
+    }
+
+    pub fn uniform<U: Uniform>(mut self, name: &'static str, value: &U) -> Self {
+        let bytes = self.recorder.uniform(bytemuck::bytes_of(value));
+        self.layouts.push((name, size_of::<U>(), U::MEMBERS));
+        self.bind(name, Bound::Buffer(bytes))
+    }
+
+    /// Of uniforms that several passes share, and of what lasts.
+    pub fn buffer(self, name: &'static str, bytes: impl Into<Bytes>) -> Self {
+        self.bind(name, Bound::Buffer(bytes.into()))
+    }
+
+    pub fn sampler(self, name: &'static str, sampler: &wgpu::Sampler) -> Self {
+        self.bind(name, Bound::Sampler(sampler.clone()))
+    }
+
+    /// How what is drawn goes with what is there; without it, it replaces it.
+    pub fn blend(mut self, blend: wgpu::BlendState) -> Self {
+        self.blend = Some(blend);
+        self
+    }
+
+    /// One quad (a strip of four corners) for each of so many tiles.
+    pub fn tiles(mut self, count: u32) -> Self {
+        self.shape = Shape::Tiles(count);
+        self
+    }
+
+    /// Over what the targets hold, as many quads as a buffer says that the GPU wrote: four corners, their number, two zeros.
+    pub fn listed(mut self, list: &wgpu::Buffer) -> Self {
+        self.shape = Shape::Listed(list.clone());
+        self
+    }
+
+    /// Draws into the upper left `size` of lent textures, which are empty beyond it.
+    pub fn draw<const N: usize>(self, formats: [wgpu::TextureFormat; N], size: (u32, u32)) -> [Texture; N] {
+        let targets = formats.map(|format| self.recorder.pool.lend(&self.recorder.gpu, size, format));
+        self.draw_into(&targets.each_ref(), size);
+        targets
+    }
+
+    /// Draws into the upper left `size` of targets.
+    pub fn draw_into(self, targets: &[&Texture], size: (u32, u32)) {
+        let targets: Vec<_> = targets.iter().map(|t| (&t.view, t.format)).collect();
+        self.draw_views(&targets, size);
+    }
+
+    /// The same into anybody's views.
+    pub fn draw_views(self, targets: &[(&wgpu::TextureView, wgpu::TextureFormat)], (width, height): (u32, u32)) {
+        let formats: Vec<_> = targets.iter().map(|(_, format)| *format).collect();
+        let gpu = self.recorder.gpu.clone();
+        let mut ready = Vec::new();
+        for entry in &self.entries {
+            let pipelines = &mut self.recorder.pipelines;
+            let made = pipelines.drawn(&gpu, &self.shaders, &self.module, entry, &formats, self.blend);
+            let groups = self.groups(&gpu, &made);
+            ready.push((made, groups));
+        }
+        let load = match self.shape {
+            Shape::Listed(_) => wgpu::LoadOp::Load,
+            Shape::Whole | Shape::Tiles(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+        };
+        let attachments: Vec<_> = targets
             .iter()
-            .map(|&format| Some(wgpu::ColorTargetState { blend: options.blend, ..format.into() }))
-            .collect();
-        let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some(label),
-            layout: given.as_ref(),
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some(options.vertex),
-                compilation_options: compilation_options.clone(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState { topology: wgpu::PrimitiveTopology::TriangleStrip, ..Default::default() },
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some(options.fragment),
-                compilation_options,
-                targets: &targets,
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
-        let layout = pipeline.get_bind_group_layout(0);
-        Self { pipeline, layout, label: label.to_owned() }
-    }
-
-    /// Draws into the upper left `width` × `height` of the targets.
-    pub fn run(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        slots: &[Slot<'_>],
-        targets: &[&Texture],
-        size: (u32, u32),
-    ) {
-        draw(gpu, encoder, &[self], slots, targets, size, Corners::Counted(3, 1));
-    }
-}
-
-fn group_layout(gpu: &Gpu, label: &str, bindings: &[Binding]) -> wgpu::BindGroupLayout {
-    let texture = |sample_type| wgpu::BindingType::Texture {
-        sample_type,
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    let entries: Vec<_> = bindings
-        .iter()
-        .enumerate()
-        .map(|(i, binding)| wgpu::BindGroupLayoutEntry {
-            binding: i as u32,
-            visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
-            ty: match binding {
-                Binding::Uniform => wgpu::BindingType::Buffer {
-                    ty: wgpu::BufferBindingType::Uniform,
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
-                Binding::Floats => texture(wgpu::TextureSampleType::Float { filterable: true }),
-                Binding::Integers => texture(wgpu::TextureSampleType::Uint),
-                Binding::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-                Binding::Storage => wgpu::BindingType::Buffer {
-                    ty: wgpu::BufferBindingType::Storage { read_only: true },
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
-            },
-            count: None,
-        })
-        .collect();
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
-}
-
-/// Draws one quad (a strip of four corners) for each of `tiles` with each of some pipelines
-/// that read the same slots.
-pub fn run_tiles(
-    gpu: &Gpu,
-    encoder: &mut wgpu::CommandEncoder,
-    passes: &[&FullscreenPass],
-    slots: &[Slot<'_>],
-    targets: &[&Texture],
-    size: (u32, u32),
-    tiles: u32,
-) {
-    draw(gpu, encoder, passes, slots, targets, size, Corners::Counted(4, tiles));
-}
-
-/// Draws over what the targets hold as many quads as a buffer says that the GPU wrote: four corners, their number, two zeros.
-pub fn run_listed(
-    gpu: &Gpu,
-    encoder: &mut wgpu::CommandEncoder,
-    pass: &FullscreenPass,
-    slots: &[Slot<'_>],
-    targets: &[&Texture],
-    size: (u32, u32),
-    list: &wgpu::Buffer,
-) {
-    draw(gpu, encoder, &[pass], slots, targets, size, Corners::Listed(list));
-}
-
-enum Corners<'a> {
-    /// Of a strip, and how many of them.
-    Counted(u32, u32),
-    Listed(&'a wgpu::Buffer),
-}
-
-fn draw(
-    gpu: &Gpu,
-    encoder: &mut wgpu::CommandEncoder,
-    passes: &[&FullscreenPass],
-    slots: &[Slot<'_>],
-    targets: &[&Texture],
-    (width, height): (u32, u32),
-    corners: Corners<'_>,
-) {
-    let label = passes.first().map(|p| p.label.as_str());
-    let entries: Vec<_> = slots
-        .iter()
-        .enumerate()
-        .map(|(i, slot)| wgpu::BindGroupEntry {
-            binding: i as u32,
-            resource: match slot {
-                Slot::Texture(view) => wgpu::BindingResource::TextureView(view),
-                Slot::Buffer(buffer) => buffer.as_entire_binding(),
-                Slot::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
-            },
-        })
-        .collect();
-    let load = match corners {
-        Corners::Counted(..) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-        Corners::Listed(_) => wgpu::LoadOp::Load,
-    };
-    let attachments: Vec<_> = targets
-        .iter()
-        .map(|target| {
-            Some(wgpu::RenderPassColorAttachment {
-                view: &target.view,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+            .map(|(view, _)| {
+                Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+                })
             })
-        })
-        .collect();
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label,
-        color_attachments: &attachments,
-        depth_stencil_attachment: None,
-        timestamp_writes: None,
-        occlusion_query_set: None,
-        multiview_mask: None,
-    });
-    pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
-    pass.set_scissor_rect(0, 0, width, height);
-    for one in passes {
-        // Layouts that are derived from shaders fit their own pipeline only.
-        let bind_group =
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout: &one.layout, entries: &entries });
-        pass.set_pipeline(&one.pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
-        match corners {
-            Corners::Counted(vertices, instances) => pass.draw(0..vertices, 0..instances),
-            Corners::Listed(list) => pass.draw_indirect(list, 0),
+            .collect();
+        let mut pass = self.recorder.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(self.module.label),
+            color_attachments: &attachments,
+            depth_stencil_attachment: None,
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        });
+        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+        pass.set_scissor_rect(0, 0, width, height);
+        for (made, groups) in &ready {
+            pass.set_pipeline(&made.pipeline);
+            for (number, group) in (0..).zip(groups) {
+                pass.set_bind_group(number, group.as_ref(), &[]);
+            }
+            match &self.shape {
+                Shape::Whole => pass.draw(0..3, 0..1),
+                Shape::Tiles(count) => pass.draw(0..4, 0..*count),
+                Shape::Listed(list) => pass.draw_indirect(list, 0),
+            }
+        }
+    }
+
+    /// Runs the entries, which are `@compute`, over a grid of work groups.
+    pub fn dispatch(self, (columns, rows): (u32, u32)) {
+        let gpu = self.recorder.gpu.clone();
+        for entry in &self.entries {
+            let made = self.recorder.pipelines.computed(&gpu, &self.shaders, &self.module, entry.fragment);
+            let groups = self.groups(&gpu, &made);
+            let mut pass = self.recorder.encoder().begin_compute_pass(&Default::default());
+            pass.set_pipeline(&made.pipeline);
+            for (number, group) in (0..).zip(&groups) {
+                pass.set_bind_group(number, group.as_ref(), &[]);
+            }
+            pass.dispatch_workgroups(columns, rows, 1);
+        }
+    }
+
+    fn groups<P>(&self, gpu: &Gpu, made: &Made<P>) -> Vec<Option<wgpu::BindGroup>> {
+        let label = self.module.label;
+        let linear = wgpu::BindingResource::Sampler(&self.recorder.linear);
+        let resource = |name: &str, kind: &wgpu::BindingType| {
+            let given = self.bound.iter().find(|(n, _)| *n == name).map(|(_, bound)| bound.resource());
+            let sampler = || matches!(kind, wgpu::BindingType::Sampler(_)).then(|| linear.clone());
+            given.or_else(sampler).unwrap_or_else(|| panic!("{label} reads {name}, and nothing was given for it"))
+        };
+        if cfg!(debug_assertions) {
+            self.check_layouts(made);
+        }
+        let group = |(number, layout): (u32, &Option<wgpu::BindGroupLayout>)| {
+            let layout = layout.as_ref()?;
+            let own = made.globals.values().filter(|g| g.group == number);
+            let entries: Vec<_> = own
+                .map(|g| wgpu::BindGroupEntry { binding: g.binding, resource: resource(&g.name, &g.kind) })
+                .collect();
+            Some(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(label),
+                layout,
+                entries: &entries,
+            }))
+        };
+        (0..).zip(&made.groups).map(group).collect()
+    }
+
+    /// That uniforms are laid out as the shader reads them.
+    fn check_layouts<P>(&self, made: &Made<P>) {
+        for (name, size, members) in &self.layouts {
+            let Some(global) = made.globals.get(*name) else { continue };
+            let label = self.module.label;
+            let ours = members.iter().filter(|(member, _)| !member.starts_with("unused"));
+            let ours: Vec<_> = ours.map(|(member, offset)| (member.to_string(), *offset as u32)).collect();
+            let theirs: Vec<_> = global.members.iter().filter(|(m, _)| !m.starts_with("unused")).cloned().collect();
+            assert_eq!(ours, theirs, "{label}: members and offsets of {name}, in Rust and in WGSL");
+            let size = size.next_multiple_of(16) as u32;
+            assert!(size >= global.size, "{label}: {name} has {size} bytes, the shader reads {}", global.size);
         }
     }
 }

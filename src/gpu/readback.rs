@@ -5,7 +5,7 @@ use std::sync::{
     atomic::{AtomicU8, Ordering},
 };
 
-use super::{Gpu, GpuError, Texture};
+use super::{Gpu, GpuError, Recorder, Texture};
 
 /// Buffers that readbacks borrow and give back.
 #[derive(Debug, Default)]
@@ -29,13 +29,7 @@ const READY: u8 = 1;
 
 impl ReadbackSet {
     /// Records the copy of the upper left `width` × `height` of a texture.
-    pub fn copy(
-        &mut self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        texture: &Texture,
-        (width, height): (u32, u32),
-    ) -> Readback {
+    pub fn copy(&mut self, recorder: &mut Recorder, texture: &Texture, (width, height): (u32, u32)) -> Readback {
         let texel_bytes = texture.format.block_copy_size(None).unwrap_or(4);
         let row_bytes = width * texel_bytes;
         let padded = row_bytes.div_ceil(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) * wgpu::COPY_BYTES_PER_ROW_ALIGNMENT;
@@ -45,7 +39,7 @@ impl ReadbackSet {
             None => {
                 // One that is too small would never be used again.
                 self.free.pop();
-                gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
                     label: Some("readback"),
                     size: size.next_power_of_two(),
                     usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
@@ -53,7 +47,7 @@ impl ReadbackSet {
                 })
             }
         };
-        encoder.copy_texture_to_buffer(
+        recorder.encoder().copy_texture_to_buffer(
             texture.texture.as_image_copy(),
             wgpu::TexelCopyBufferInfo {
                 buffer: &buffer,
@@ -85,6 +79,14 @@ impl Readback {
             state.store(if result.is_ok() { READY } else { 2 }, Ordering::Release);
         });
         self.submission = Some(submission);
+    }
+
+    /// Whether [`Readback::rows`] would not wait. Never waits itself.
+    pub fn is_ready(&self, gpu: &Gpu) -> Result<bool, GpuError> {
+        if self.state.load(Ordering::Acquire) == PENDING {
+            gpu.poll()?;
+        }
+        Ok(self.state.load(Ordering::Acquire) != PENDING)
     }
 
     /// Waits and hands each row's bytes to `take(row, bytes)`.

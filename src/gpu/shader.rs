@@ -1,92 +1,122 @@
 //! WGSL sources, embedded, and their one-line import.
 //!
-//! `// @import shared/hash` on a line of its own stands for that file's text, once a module.
+//! `// @import shared/hash` on a line of its own stands for that file's text, once a module. In development builds the
+//! files themselves are read, so that an edit is seen without building anew.
 
-/// Every shader of the program by the path below shaders/, without `.wgsl`.
-pub fn sources() -> &'static [(&'static str, &'static str)] {
-    macro_rules! embed {
-        ($($name:literal),* $(,)?) => { &[$(($name, include_str!(concat!("../../shaders/", $name, ".wgsl")))),*] };
+use std::borrow::Cow;
+use std::path::Path;
+
+/// Lists the files below shaders/.
+macro_rules! shaders {
+    ($($(#[$meta:meta])* $variant:ident = $name:literal),* $(,)?) => {
+        /// A file below shaders/.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum Shader { $($(#[$meta])* $variant),* }
+
+        impl Shader {
+            /// Every one of them.
+            pub const ALL: &[Self] = &[$(Self::$variant),*];
+
+            /// Its path below shaders/, without `.wgsl`.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),* }
+            }
+
+            fn embedded(self) -> &'static str {
+                match self { $(Self::$variant => include_str!(concat!("../../shaders/", $name, ".wgsl"))),* }
+            }
+        }
+    };
+}
+
+shaders! {
+    Fullscreen = "shared/fullscreen",
+    Half = "shared/half",
+    Hash = "shared/hash",
+    SharedHighlights = "shared/highlights",
+    SharedLayer = "shared/layer",
+    SharedLens = "shared/lens",
+    SharedMixed = "shared/mixed",
+    SharedNoise = "shared/noise",
+    Response = "shared/response",
+    Accumulate = "accumulate",
+    Accumulated = "accumulated",
+    Around = "around",
+    BehindReal = "behind_real",
+    Blur = "blur",
+    ChromaticAberration = "chromatic_aberration",
+    Composite = "composite",
+    CompositeRecorded = "composite_recorded",
+    CompositeReal = "composite_real",
+    Copy = "copy",
+    DepthOfField = "depth_of_field",
+    DepthOfFieldDiffusion = "depth_of_field_diffusion",
+    DepthOfFieldHighlights = "depth_of_field_highlights",
+    DepthOfFieldPoisson = "depth_of_field_poisson",
+    DepthOfFieldPyramid = "depth_of_field_pyramid",
+    DepthOfFieldSlices = "depth_of_field_slices",
+    DepthOfFieldSurroundings = "depth_of_field_surroundings",
+    DepthOfFieldTiles = "depth_of_field_tiles",
+    EdgeBlend = "edge_blend",
+    Exposure = "exposure",
+    Follow = "follow",
+    MotionBlur = "motion_blur",
+    MotionBlurTiles = "motion_blur_tiles",
+    Noise = "noise",
+    NoiseGrain = "noise_grain",
+    NoisePattern = "noise_pattern",
+    NoiseWhite = "noise_white",
+    Raster = "raster",
+    RealPart = "real_part",
+    Resolve = "resolve",
+    Show = "show",
+    Vignetting = "vignetting",
+}
+
+impl Shader {
+    /// The text of the file, imports not yet in place.
+    pub fn text(self) -> Cow<'static, str> {
+        if cfg!(debug_assertions) {
+            let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(self.name()).with_extension("wgsl");
+            // Not there once the program has left the folder that it was built in.
+            if let Ok(text) = std::fs::read_to_string(file) {
+                return text.into();
+            }
+        }
+        self.embedded().into()
     }
-    embed![
-        "shared/fullscreen",
-        "shared/half",
-        "shared/hash",
-        "shared/highlights",
-        "shared/layer",
-        "shared/lens",
-        "shared/response",
-        "shared/mixed",
-        "shared/noise",
-        "accumulate",
-        "accumulated",
-        "around",
-        "behind_real",
-        "chromatic_aberration",
-        "chromatic_aberration_over",
-        "composite",
-        "composite_real",
-        "copy",
-        "depth_of_field",
-        "depth_of_field_diffusion",
-        "depth_of_field_highlights",
-        "depth_of_field_poisson",
-        "depth_of_field_pyramid",
-        "depth_of_field_slices",
-        "depth_of_field_surroundings",
-        "depth_of_field_tiles",
-        "edge_blend",
-        "exposure",
-        "motion_blur",
-        "motion_blur_tiles",
-        "noise",
-        "noise_grain",
-        "noise_pattern",
-        "noise_white",
-        "point_spread",
-        "raster",
-        "real_part",
-        "resolve",
-        "vignetting",
-    ]
+
+    /// # Panics
+    /// Where an import names no file: a slip of ours that the shader test finds.
+    fn named(name: &str) -> Self {
+        *Self::ALL.iter().find(|s| s.name() == name).unwrap_or_else(|| panic!("no shader is called {name}"))
+    }
+
+    /// Its text with its imports.
+    pub fn module(self) -> String {
+        module(&[self])
+    }
 }
 
-/// The module of a name, with its imports.
-///
-/// # Panics
-/// Where the name, or one that is imported, is not in [`sources`]: a slip of ours that the shader test finds.
-pub fn assemble(name: &str) -> String {
-    expand(source(name), &mut Vec::new())
-}
-
-/// A text with its imports, but for those `seen` already, for modules of several texts; what it imports is seen then.
-///
-/// # Panics
-/// Where a name that is imported is not in [`sources`].
-pub fn expand<'a>(text: &'a str, seen: &mut Vec<&'a str>) -> String {
-    let mut out = String::new();
-    append(text, seen, &mut out);
+/// The texts of several files in one module, each with its imports, no file twice.
+pub fn module(shaders: &[Shader]) -> String {
+    let (mut seen, mut out) = (Vec::new(), String::new());
+    shaders.iter().for_each(|shader| append(*shader, &mut seen, &mut out));
     out
 }
 
-/// The text of a name, without its imports.
-///
-/// # Panics
-/// Where it is not in [`sources`].
-pub fn source(name: &str) -> &'static str {
-    let found = sources().iter().find(|(n, _)| *n == name);
-    found.map(|(_, text)| *text).unwrap_or_else(|| panic!("no shader is called {name}"))
-}
-
-fn append<'a>(text: &'a str, seen: &mut Vec<&'a str>, out: &mut String) {
-    for line in text.lines() {
-        let Some(name) = line.trim().strip_prefix("// @import ") else {
-            out.push_str(line);
-            out.push('\n');
-            continue;
-        };
-        if !seen.contains(&name) {
-            seen.push(name);
-            append(source(name), seen, out);
+fn append(shader: Shader, seen: &mut Vec<Shader>, out: &mut String) {
+    if seen.contains(&shader) {
+        return;
+    }
+    seen.push(shader);
+    for line in shader.text().lines() {
+        match line.trim().strip_prefix("// @import ") {
+            Some(name) => append(Shader::named(name), seen, out),
+            None => {
+                out.push_str(line);
+                out.push('\n');
+            }
         }
     }
 }

@@ -1,12 +1,12 @@
-//! Textures and a pool that lends them again.
+//! Textures, and a pool that lends them.
 
-use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytemuck::Pod;
 
 use super::Gpu;
 
-/// A 2-D texture with its view. Cheap to clone: handles only.
+/// A 2-D texture with its view. Cheap to clone: handles only. One that a [`TexturePool`] lent goes back to it with the last of its clones.
 #[derive(Clone, Debug)]
 pub struct Texture {
     pub texture: wgpu::Texture,
@@ -14,23 +14,29 @@ pub struct Texture {
     pub width: u32,
     pub height: u32,
     pub format: wgpu::TextureFormat,
+    _lease: Option<Arc<Lease>>,
+}
+
+/// What a texture is made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spec {
+    pub width: u32,
+    pub height: u32,
+    pub format: wgpu::TextureFormat,
+    pub samples: u32,
+    pub levels: u32,
 }
 
 impl Texture {
+    /// One that nobody else uses.
     pub fn new(gpu: &Gpu, label: &str, width: u32, height: u32, format: wgpu::TextureFormat, samples: u32) -> Self {
-        Self::with_levels(gpu, label, width, height, format, samples, 1)
+        Self::of(gpu, label, Spec { width, height, format, samples, levels: 1 })
     }
 
-    fn with_levels(
-        gpu: &Gpu,
-        label: &str,
-        width: u32,
-        height: u32,
-        format: wgpu::TextureFormat,
-        samples: u32,
-        levels: u32,
-    ) -> Self {
+    fn of(gpu: &Gpu, label: &str, spec: Spec) -> Self {
         use wgpu::TextureUsages as U;
+        let Spec { format, samples, levels, .. } = spec;
+        let (width, height) = (spec.width.max(1), spec.height.max(1));
         let mut usage = U::TEXTURE_BINDING;
         if samples == 1 {
             usage |= U::COPY_DST | U::COPY_SRC;
@@ -40,7 +46,7 @@ impl Texture {
         }
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
-            size: wgpu::Extent3d { width: width.max(1), height: height.max(1), depth_or_array_layers: 1 },
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
             mip_level_count: levels,
             sample_count: samples,
             dimension: wgpu::TextureDimension::D2,
@@ -49,10 +55,16 @@ impl Texture {
             view_formats: &[],
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        Self { texture, view, width: width.max(1), height: height.max(1), format }
+        Self { texture, view, width, height, format, _lease: None }
     }
 
-    /// Writes rows of texels into the upper left corner.
+    fn spec(&self) -> Spec {
+        let (samples, levels) = (self.texture.sample_count(), self.texture.mip_level_count());
+        Spec { width: self.width, height: self.height, format: self.format, samples, levels }
+    }
+
+    /// Writes rows of texels into the upper left corner, before anything of what is submitted next. So it must be one that nothing recorded
+    /// since the last submission uses: of one's own, or from [`TexturePool::lend_to_write`].
     pub fn write<T: Pod>(&self, gpu: &Gpu, width: u32, height: u32, texels: &[T]) {
         if width == 0 || height == 0 {
             return;
@@ -74,22 +86,43 @@ impl Texture {
 /// No multiple of it is a power of two: software drivers compile a shader anew for each mixture
 /// of sides that are powers of two and sides that are not, a second each time.
 const STEP_PX: u32 = 48;
-
-/// Lends textures by purpose, which is one word for the whole program: who uses another's gets another's texture. One is
-/// made anew only when its size class, format, samples or levels change.
-///
-/// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
-/// textures each frame; what lies beyond the asked size is empty, for passes clear all of
-/// their targets.
-#[derive(Debug, Default)]
-pub struct TexturePool {
-    lent: HashMap<(&'static str, usize), Texture>,
-}
-
+/// For so many submissions a texture that nobody asks for is kept.
+const KEPT_FOR: u64 = 24;
 /// What passes ask for beyond the rectangle that is drawn, px: neighbours, the lattice of the noise.
 const MARGIN_PX: u32 = 16;
 /// Of the largest texture: multisampled colour.
 const BYTES_PER_PX: u64 = 32;
+
+/// Lends textures, and takes them back when the last clone of one is dropped. What is recorded later may then be lent it: the GPU works in
+/// the order of recording.
+///
+/// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
+/// textures each frame; what lies beyond the asked size is empty once it is drawn into, for passes clear all of
+/// their targets.
+#[derive(Clone, Debug, Default)]
+pub struct TexturePool(Arc<Mutex<Idle>>);
+
+/// Those that are not lent, each with the submission before which it was last used.
+#[derive(Debug, Default)]
+struct Idle {
+    textures: Vec<(Texture, u64)>,
+    submission: u64,
+}
+
+#[derive(Debug)]
+struct Lease {
+    /// Without a lease of its own.
+    texture: Texture,
+    pool: TexturePool,
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        let mut idle = self.pool.idle();
+        let submission = idle.submission;
+        idle.textures.push((self.texture.clone(), submission));
+    }
+}
 
 impl TexturePool {
     /// No side of what is drawn may be longer, px.
@@ -102,57 +135,54 @@ impl TexturePool {
         (gpu.device.limits().max_buffer_size / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
     }
 
-    /// A texture of at least this size for `purpose`; the same purpose and `slot` gets the
-    /// same texture again.
-    pub fn get(
-        &mut self,
-        gpu: &Gpu,
-        purpose: &'static str,
-        slot: usize,
-        (width, height): (u32, u32),
-        format: wgpu::TextureFormat,
-        samples: u32,
-    ) -> Texture {
-        let (w, h) = (width.div_ceil(STEP_PX) * STEP_PX, height.div_ceil(STEP_PX) * STEP_PX);
-        if let Some(t) = self.lent.get(&(purpose, slot))
-            && (t.width, t.height, t.format) == (w, h, format)
-            && (t.texture.sample_count(), t.texture.mip_level_count()) == (samples, 1)
-        {
-            return t.clone();
-        }
-        let texture = Texture::new(gpu, purpose, w, h, format, samples);
-        self.lent.insert((purpose, slot), texture.clone());
-        texture
+    fn idle(&self) -> MutexGuard<'_, Idle> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
 
-/// A picture at half, a quarter, an eighth of a size and so on.
-#[derive(Clone, Debug)]
-pub struct Pyramid {
-    /// All levels, for samplers; level 0 is the half.
-    pub view: wgpu::TextureView,
-    /// Each level to be drawn into; the first is the half.
-    pub levels: Vec<Texture>,
-}
+    /// A texture of at least this size to draw into.
+    pub fn lend(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat) -> Texture {
+        self.of(gpu, size, format, 1, false)
+    }
 
-impl TexturePool {
-    /// As [`TexturePool::get`], at half the size and `levels` levels in all. Level l (1 is the half) has texels of 2^l
+    /// The same with several samples a pixel.
+    pub fn lend_samples(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, samples: u32) -> Texture {
+        self.of(gpu, size, format, samples, false)
+    }
+
+    /// One to [`Texture::write`] into.
+    pub fn lend_to_write(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat) -> Texture {
+        self.of(gpu, size, format, 1, true)
+    }
+
+    fn of(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, samples: u32, to_write: bool) -> Texture {
+        let [width, height] = [size.0, size.1].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX);
+        self.find(gpu, Spec { width, height, format, samples, levels: 1 }, to_write)
+    }
+
+    fn find(&self, gpu: &Gpu, spec: Spec, to_write: bool) -> Texture {
+        let mut idle = self.idle();
+        let now = idle.submission;
+        let fits = |(texture, used): &(Texture, u64)| texture.spec() == spec && (!to_write || *used < now);
+        let found = idle.textures.iter().rposition(fits).map(|i| idle.textures.swap_remove(i).0);
+        drop(idle);
+        let texture = found.unwrap_or_else(|| Texture::of(gpu, "lent", spec));
+        let lease = Lease { texture: texture.clone(), pool: self.clone() };
+        Texture { _lease: Some(Arc::new(lease)), ..texture }
+    }
+
+    /// To be told of each submission: what was used before it may be written into after it.
+    pub fn submitted(&self) {
+        let mut idle = self.idle();
+        idle.submission += 1;
+        let now = idle.submission;
+        idle.textures.retain(|(_, used)| used + KEPT_FOR > now);
+    }
+
+    /// At half the size and `levels` levels in all, to draw into. Level l (1 is the half) has texels of 2^l
     /// pixels whatever the size, up to level 4.
-    pub fn pyramid(
-        &mut self,
-        gpu: &Gpu,
-        purpose: &'static str,
-        (width, height): (u32, u32),
-        format: wgpu::TextureFormat,
-        levels: u32,
-    ) -> Pyramid {
-        let [w, h] = [width, height].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX / 2);
-        let known = self
-            .lent
-            .get(&(purpose, 0))
-            .filter(|t| (t.width, t.height, t.format, t.texture.mip_level_count()) == (w, h, format, levels));
-        let all = known.cloned().unwrap_or_else(|| Texture::with_levels(gpu, purpose, w, h, format, 1, levels));
-        self.lent.insert((purpose, 0), all.clone());
+    pub fn lend_pyramid(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, levels: u32) -> Pyramid {
+        let [width, height] = [size.0, size.1].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX / 2);
+        let all = self.find(gpu, Spec { width, height, format, samples: 1, levels }, false);
         let levels = (0..levels)
             .map(|level| {
                 let view = all.texture.create_view(&wgpu::TextureViewDescriptor {
@@ -160,30 +190,55 @@ impl TexturePool {
                     mip_level_count: Some(1),
                     ..Default::default()
                 });
-                Texture { view, width: w >> level, height: h >> level, ..all.clone() }
+                Texture { view, width: width >> level, height: height >> level, ..all.clone() }
             })
             .collect();
-        Pyramid { view: all.view, levels }
+        Pyramid { all, levels }
     }
 }
 
-/// A buffer that holds `bytes`, padded to 16, for `var<uniform>`.
-///
-/// No value in it may decide a branch by itself: a software driver (lavapipe) writes such
-/// values into the shader and compiles it anew, up to a second each time, with every new buffer.
-/// What decides branches and stays for a run is an `override` of the pipeline.
-pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
-    use wgpu::util::DeviceExt;
-    let mut padded = bytes.to_vec();
-    padded.resize(bytes.len().div_ceil(16).max(1) * 16, 0);
-    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some(label),
-        contents: &padded,
-        usage: wgpu::BufferUsages::UNIFORM,
-    })
+/// A picture at half, a quarter, an eighth of a size and so on.
+#[derive(Clone, Debug)]
+pub struct Pyramid {
+    /// All levels, for samplers; level 0 is the half.
+    pub all: Texture,
+    /// Each level to be drawn into; the first is the half.
+    pub levels: Vec<Texture>,
 }
 
 /// Four 32-bit floats a texel to the bits of 16-bit ones.
 pub fn half_texels(texels: &[[f32; 4]]) -> Vec<[u16; 4]> {
     texels.iter().map(|t| t.map(|v| half::f16::from_f32(v).to_bits())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_dropped_is_lent_again_and_written_only_after_a_submission() {
+        let gpu = Gpu::open().expect("an adapter");
+        let pool = TexturePool::default();
+        let format = wgpu::TextureFormat::Rgba8Uint;
+        let first = pool.lend(&gpu, (50, 20), format);
+        assert_eq!((first.width, first.height), (96, 48));
+        let other = pool.lend(&gpu, (50, 20), format);
+        assert_ne!(first.texture, other.texture);
+        let kept = first.texture.clone();
+        let clone = first.clone();
+        drop(first);
+        assert_ne!(pool.lend(&gpu, (50, 20), format).texture, kept, "a clone holds it still");
+        drop(clone);
+        // A pass may draw into it at once; what is written goes before all passes.
+        let written = pool.lend_to_write(&gpu, (50, 20), format);
+        assert_ne!(written.texture, kept);
+        pool.submitted();
+        drop((written, other));
+        let again = pool.lend_to_write(&gpu, (50, 20), format);
+        assert_eq!(again.texture, kept);
+        // Long unused.
+        drop(again);
+        (0..=KEPT_FOR).for_each(|_| pool.submitted());
+        assert!(pool.idle().textures.is_empty());
+    }
 }

@@ -21,7 +21,7 @@ mod real;
 mod sheet;
 mod take;
 
-pub use crate::effects::Summed;
+pub use crate::camera::Summed;
 pub use focus::distance_m;
 pub use framing::{Framing, FramingError};
 pub use real::{Real, shutter_weights};

@@ -1,10 +1,9 @@
 //! A photograph, tile by tile, so that memory does not grow with its size but for its pixels.
 
-use crate::camera::{Geometry, Opening};
-use crate::compositor::{Compositor, Job, Part, SubmitError};
+use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
+use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
 use crate::depth::{Surfaces, seen_at_frame};
 use crate::effects::depth_of_field::WIDEST_PX;
-use crate::effects::{Photograph, Summed};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
 use crate::image::{Codes, DepthMap, Pixels, Rect};
@@ -21,6 +20,9 @@ const LEAST_TILE_PX: i32 = 512;
 /// Where and when it is taken.
 #[derive(Clone, Copy, Debug)]
 pub struct Site<'a> {
+    /// As it was calibrated.
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
     /// The recording's camera.
     pub recorded: &'a Geometry,
     pub track: &'a PoseTrack,
@@ -77,12 +79,19 @@ pub fn take(
     mut done: impl FnMut(f64),
 ) -> Result<Taken, TakeError> {
     let (width, height) = framing.size();
-    let photograph = Photograph {
+    let alone = Summed { time_s: 0.0, exposure_s: exposed.time_s, weight: 1.0 };
+    let capture = Capture {
+        region: Rect::full(width, height),
+        whole: true,
+        exposure_time_s: exposed.time_s,
+        opening: exposed.opening,
+        summed: if site.summed.is_empty() { vec![alone] } else { site.summed.to_vec() },
         over_ev: exposed.over_ev,
-        iso_ratio: exposed.iso_ratio,
-        film_width_mm: framing.film.width_mm(),
-        enlargement: framing.enlargement(),
         noise_left: real.noise_left,
+        film: Some(FilmUsed { speed: exposed.iso_ratio, width_mm: framing.film.width_mm() }),
+        recorded: site.recorded,
+        framed: framing.framed,
+        enlargement: framing.enlargement(),
     };
     let seen = |depth| seen_at_frame(site.recorded, depth, site.track, site.time_offset_s, site.timestamp_s);
     let depth_m = site.depth.and_then(seen);
@@ -96,7 +105,7 @@ pub fn take(
     let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
     let surfaces = blurred.and_then(|depth_m| {
-        Surfaces::new(&pixels, &site.recorded.intrinsics, depth_m, &framing.framed, compositor.response(), reach_px)
+        Surfaces::new(&pixels, &site.recorded.intrinsics, depth_m, &framing.framed, &site.camera.response, reach_px)
     });
     let tile_px = match &surfaces {
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
@@ -110,26 +119,17 @@ pub fn take(
         let before = copied(&pixels, region);
         let frame =
             Frame { index: site.frame, timestamp_s: site.timestamp_s, pixels, depth: None, exposure: site.exposure };
-        let part = Part {
-            region,
-            photograph,
-            opening: exposed.opening,
-            exposure_time_s: exposed.time_s,
-            summed: site.summed,
-            recorded: site.recorded,
-            framed: framing.framed,
-            depth_m: depth_m.as_deref(),
-            surfaces: surfaces.as_ref(),
-        };
-        let pending = compositor.submit(Job {
+        let job = Job {
             frame,
-            geometry: &framing.geometry,
+            picture: &framing.geometry,
+            capture: Capture { region, ..capture.clone() },
+            real: RealDepth::Known { depth_m: depth_m.as_deref(), surfaces: surfaces.as_ref() },
             track: site.track,
             time_offset_s: site.time_offset_s,
             interval_s: site.interval_s,
             want_layer: false,
-            photograph: Some(part),
-        })?;
+        };
+        let pending = compositor.submit(job, site.camera, site.settings, Target::Pixels)?;
         let composited = compositor.collect(pending)?;
         shows_objects |= composited.stats.objects_in_sight;
         pixels = composited.pixels;

@@ -1,13 +1,14 @@
 //! The weighted sum of a plan's samples, in 32-bit floats.
 
-use super::pipeline::{COLOR, GEOMETRY};
-use super::plan::{Layer, LayerRun};
-use crate::gpu::{FullscreenPass, Gpu, Slot, assemble, constants};
+use super::plan::Layer;
+use crate::gpu::{Gpu, Recorder, Shader};
 
-#[derive(Debug)]
-pub struct Accumulate {
-    add: wgpu::ComputePipeline,
-    finish: FullscreenPass,
+crate::uniform! {
+    struct Step { size: [u32; 2], stride: u32, first: u32, weight: f32, unused: [u32; 3] }
+}
+
+crate::uniform! {
+    struct Stride { stride: u32, unused: [u32; 3] }
 }
 
 /// A sum on its way.
@@ -28,27 +29,9 @@ pub fn largest_area_px(gpu: &Gpu) -> u32 {
     (bytes / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
 }
 
-impl Accumulate {
-    pub fn new(gpu: &Gpu) -> Self {
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("accumulate"),
-            source: wgpu::ShaderSource::Wgsl(assemble("accumulate").into()),
-        });
-        Self {
-            add: gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some("accumulate"),
-                layout: None,
-                module: &module,
-                entry_point: Some("add"),
-                compilation_options: Default::default(),
-                cache: None,
-            }),
-            finish: FullscreenPass::new(gpu, "accumulated", &assemble("accumulated"), &[COLOR, GEOMETRY]),
-        }
-    }
-
+impl Sum {
     /// An empty sum of layers of this size. New buffers are zero.
-    pub fn begin(&self, gpu: &Gpu, size: (u32, u32)) -> Sum {
+    pub fn new(gpu: &Gpu, size: (u32, u32)) -> Self {
         let buffer = || {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("sum"),
@@ -57,45 +40,34 @@ impl Accumulate {
                 mapped_at_creation: false,
             })
         };
-        Sum { stride: size.0, parts: std::array::from_fn(|_| buffer()) }
+        Self { stride: size.0, parts: std::array::from_fn(|_| buffer()) }
     }
 
     /// Adds `weight` times a layer, which begins at a column and row of the sum.
-    pub fn add(&self, run: &mut LayerRun<'_>, sum: &Sum, layer: &Layer, from: (u32, u32), weight: f32) {
-        let first = from.1 * sum.stride + from.0;
-        let step: [u32; 8] = [layer.size.0, layer.size.1, sum.stride, first, weight.to_bits(), 0, 0, 0];
-        let step = constants(run.gpu, "accumulate", bytemuck::cast_slice(&step));
-        let resources = [
-            step.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&layer.color.view),
-            wgpu::BindingResource::TextureView(&layer.geometry.view),
-        ];
-        let parts = sum.parts.iter().map(wgpu::Buffer::as_entire_binding);
-        let entries: Vec<_> = (0..)
-            .zip(resources.into_iter().chain(parts))
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-            .collect();
-        let group = run.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("accumulate"),
-            layout: &self.add.get_bind_group_layout(0),
-            entries: &entries,
-        });
-        let mut pass = run.encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&self.add);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(layer.size.0.div_ceil(8), layer.size.1.div_ceil(8), 1);
+    pub fn add(&self, recorder: &mut Recorder, layer: &Layer, from: (u32, u32), weight: f32) {
+        let first = from.1 * self.stride + from.0;
+        let step = Step { size: [layer.size.0, layer.size.1], stride: self.stride, first, weight, unused: [0; 3] };
+        let [red_green, blue_alpha, nearest] = &self.parts;
+        recorder
+            .pass(Shader::Accumulate, "add")
+            .uniform("sample_step", &step)
+            .texture("color", &layer.color)
+            .texture("geometry", &layer.geometry)
+            .buffer("red_green", red_green)
+            .buffer("blue_alpha", blue_alpha)
+            .buffer("nearest", nearest)
+            .dispatch((layer.size.0.div_ceil(8), layer.size.1.div_ceil(8)));
     }
 
     /// The finished sum into a layer.
-    pub fn finish(&self, run: &mut LayerRun<'_>, sum: &Sum, out: &Layer) {
-        let uniform = constants(run.gpu, "accumulated", bytemuck::cast_slice(&[sum.stride, 0, 0, 0]));
-        let [red_green, blue_alpha, nearest] = sum.parts.each_ref().map(Slot::Buffer);
-        self.finish.run(
-            run.gpu,
-            run.encoder,
-            &[Slot::Buffer(&uniform), red_green, blue_alpha, nearest],
-            &[&out.color, &out.geometry],
-            out.size,
-        );
+    pub fn finish(&self, recorder: &mut Recorder, out: &Layer) {
+        let [red_green, blue_alpha, nearest] = &self.parts;
+        recorder
+            .pass(Shader::Accumulated, "main")
+            .uniform("sum", &Stride { stride: self.stride, unused: [0; 3] })
+            .buffer("red_green", red_green)
+            .buffer("blue_alpha", blue_alpha)
+            .buffer("nearest", nearest)
+            .draw_into(&[&out.color, &out.geometry], out.size);
     }
 }

@@ -1,18 +1,16 @@
 //! A camera that sees all around, drawn as views around it: the sides of a cube, each as far as objects reach, put together
 //! by shaders/around.wgsl into one layer, on which effects and composite work as on any other.
 
-use std::collections::HashMap;
-
 use glam::{DQuat, DVec2, DVec3};
 
 use super::around_bounds::most_px_per_s;
 use super::draw::View;
 use super::pipeline::{COLOR, GEOMETRY};
-use super::plan::{Layer, LayerRun};
+use super::plan::Layer;
 use super::resample::{Face, square_view};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::image::Rect;
 use crate::pose::Pose;
 
@@ -100,14 +98,10 @@ impl SideView {
     }
 
     /// What it is drawn into.
-    pub fn layer(&self, run: &mut LayerRun<'_>) -> Layer {
-        let (slot, size) = (self.face as usize, (self.rect.width(), self.rect.height()));
-        Layer {
-            color: run.pool.get(run.gpu, "view colour", slot, size, COLOR, 1),
-            geometry: run.pool.get(run.gpu, "view geometry", slot, size, GEOMETRY, 1),
-            size,
-            real: None,
-        }
+    pub fn layer(&self, recorder: &Recorder) -> Layer {
+        let size = (self.rect.width(), self.rect.height());
+        let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
+        Layer::new(lend(COLOR), lend(GEOMETRY), size)
     }
 }
 
@@ -133,20 +127,20 @@ fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
     rect
 }
 
-/// `Around` of shaders/around.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct AroundUniform {
-    target_px: [f32; 4],
-    focal_px: [f32; 4],
-    lens: [f32; 4],
-    rim: [f32; 4],
-    picture: [f32; 4],
-    views: [f32; 4],
-    drawn: [[f32; 4]; 6],
-    right: [[f32; 4]; 6],
-    down: [[f32; 4]; 6],
-    forward: [[f32; 4]; 6],
+crate::uniform! {
+    /// `Around` of shaders/around.wgsl.
+    struct AroundUniform {
+        target_px: [f32; 4],
+        focal_px: [f32; 4],
+        lens: [f32; 4],
+        rim: [f32; 4],
+        picture: [f32; 4],
+        views: [f32; 4],
+        drawn: [[f32; 4]; 6],
+        right: [[f32; 4]; 6],
+        down: [[f32; 4]; 6],
+        forward: [[f32; 4]; 6],
+    }
 }
 
 impl AroundUniform {
@@ -197,39 +191,25 @@ impl AroundUniform {
     }
 }
 
-/// Puts views together. Keeps a pass for each model.
-#[derive(Debug, Default)]
-pub struct Gather {
-    passes: HashMap<bool, FullscreenPass>,
-    nothing: Option<[Texture; 2]>,
-}
+/// Colour and geometry of a view in which nothing is.
+#[derive(Clone, Copy, PartialEq)]
+struct Nothing;
 
-impl Gather {
-    /// The layer of `view`, out of its sides, which are drawn. `no_depth` holds a 0.
-    pub fn run(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        view: &View<'_>,
-        sides: &[(SideView, Layer)],
-        no_depth: &Texture,
-        out: &Layer,
-    ) {
-        let gpu: &Gpu = run.gpu;
-        let fisheye = view.geometry.distortion.model == LensModel::OpencvFisheye;
-        let pass = self.passes.entry(fisheye).or_insert_with(|| {
-            let options = Options { constants: &[("fisheye", f64::from(u8::from(fisheye)))], ..Options::default() };
-            FullscreenPass::with(gpu, "around", &assemble("around"), &[COLOR, GEOMETRY], &options)
-        });
-        let nothing = self
-            .nothing
-            .get_or_insert_with(|| [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1)));
-        let uniform = AroundUniform::new(view, sides.iter().map(|(side, _)| side));
-        let uniform = constants(gpu, "around", bytemuck::bytes_of(&uniform));
-        let depth = view.occlusion.map_or(no_depth, |(texture, _)| texture);
-        let mut slots = vec![Slot::Buffer(&uniform), Slot::Texture(&depth.view)];
-        let drawn = |face: Face| sides.iter().find(|(side, _)| side.face == face).map(|(_, layer)| layer);
-        slots.extend(Face::ALL.map(|f| Slot::Texture(drawn(f).map_or(&nothing[0].view, |l| &l.color.view))));
-        slots.extend(Face::ALL.map(|f| Slot::Texture(drawn(f).map_or(&nothing[1].view, |l| &l.geometry.view))));
-        pass.run(gpu, run.encoder, &slots, &[&out.color, &out.geometry], out.size);
+/// Puts views together: the layer of `view`, out of its sides, which are drawn. `no_depth` holds a 0.
+pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Layer)], no_depth: &Texture, out: &Layer) {
+    const COLORS: [&str; 6] = ["color0", "color1", "color2", "color3", "color4", "color5"];
+    const GEOMETRIES: [&str; 6] = ["geometry0", "geometry1", "geometry2", "geometry3", "geometry4", "geometry5"];
+    let nothing = recorder
+        .kept(Nothing, |gpu, _| [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1)));
+    let fisheye = f64::from(u8::from(view.geometry.distortion.model == LensModel::OpencvFisheye));
+    let mut pass = recorder
+        .pass(Shader::Around, Entry::from("main").choose("fisheye", fisheye))
+        .uniform("around", &AroundUniform::new(view, sides.iter().map(|(side, _)| side)))
+        .texture("real_depth", view.occlusion.map_or(no_depth, |(texture, _)| texture));
+    for (face, (color, geometry)) in Face::ALL.into_iter().zip(COLORS.into_iter().zip(GEOMETRIES)) {
+        let drawn = sides.iter().find(|(side, _)| side.face == face).map(|(_, layer)| layer);
+        pass = pass.texture(color, drawn.map_or(&nothing[0], |layer| &layer.color));
+        pass = pass.texture(geometry, drawn.map_or(&nothing[1], |layer| &layer.geometry));
     }
+    pass.draw_into(&[&out.color, &out.geometry], out.size);
 }

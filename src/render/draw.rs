@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::accumulate::Accumulate;
-use super::around::{Gather, Outer, SideView, out_of_view};
+use super::accumulate::Sum;
+use super::around::{Outer, SideView, gather, out_of_view};
 use super::around_bounds::footprint_around;
 use super::bounds::{Bounds, Footprint, footprint, outline};
 use super::dice::{Bend, dice, longest_edge};
@@ -14,10 +14,10 @@ use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::material::bind_groups;
 use super::motion::Motion;
 use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
-use super::plan::{Layer, LayerRun, Sample, SamplePlan};
+use super::plan::{Layer, Sample, SamplePlan};
 use super::view::{NEAR_M, Shutter, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants, run_tiles};
+use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
 use crate::image::Rect;
 use crate::pose::Pose;
 use crate::scene::{Scene, Vertex};
@@ -47,9 +47,6 @@ pub struct Renderer {
     materials: Vec<wgpu::BindGroup>,
     environment: EnvironmentLight,
     pipelines: Pipelines,
-    resolve: FullscreenPass,
-    accumulate: Accumulate,
-    gather: Gather,
     no_depth: Texture,
 }
 
@@ -134,15 +131,6 @@ impl Renderer {
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
             pipelines,
-            resolve: FullscreenPass::with(
-                gpu,
-                "resolve",
-                &assemble("resolve"),
-                &[COLOR, GEOMETRY],
-                &Options { vertex: "cell", ..Options::default() },
-            ),
-            accumulate: Accumulate::new(gpu),
-            gather: Gather::default(),
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
         }
@@ -208,39 +196,31 @@ impl Renderer {
     }
 
     /// Draws the plan's samples and gives their weighted sum.
-    pub fn draw(&mut self, run: &mut LayerRun<'_>, view: &View<'_>, plan: &SamplePlan) -> Layer {
-        let gpu = run.gpu;
+    pub fn draw(&mut self, recorder: &mut Recorder, view: &View<'_>, plan: &SamplePlan) -> Layer {
         let size = (view.rect.width(), view.rect.height());
-        let layer = |run: &mut LayerRun<'_>, slot| Layer {
-            color: run.pool.get(gpu, "layer colour", slot, size, COLOR, 1),
-            geometry: run.pool.get(gpu, "layer geometry", slot, size, GEOMETRY, 1),
-            size,
-            real: None,
-        };
-        let out = layer(run, 0);
-        let prepared = self.prepare(run, view);
+        let out = layer(recorder, size);
+        let prepared = self.prepare(recorder, view);
         if let [sample] = plan.samples.as_slice() {
-            self.draw_sample(run, view, (sample, plan.focus_distance_m), &prepared, &out);
+            self.draw_sample(recorder, view, (sample, plan.focus_distance_m), &prepared, &out);
             return out;
         }
-        let one = layer(run, 1);
-        let sum = self.accumulate.begin(gpu, size);
+        let one = layer(recorder, size);
+        let sum = Sum::new(&recorder.gpu, size);
         for (i, sample) in plan.samples.iter().enumerate() {
             let part = self.part_of(view, sample, plan.focus_distance_m, &prepared);
             if !part.is_empty() {
                 let one = Layer { size: (part.width(), part.height()), ..one.clone() };
-                self.draw_sample(run, &View { rect: part, ..*view }, (sample, plan.focus_distance_m), &prepared, &one);
                 let from = ((part.x0 - view.rect.x0) as u32, (part.y0 - view.rect.y0) as u32);
-                self.accumulate.add(run, &sum, &one, from, sample.weight);
+                let view = View { rect: part, ..*view };
+                self.draw_sample(recorder, &view, (sample, plan.focus_distance_m), &prepared, &one);
+                sum.add(recorder, &one, from, sample.weight);
             }
             // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
-                let next = gpu.device.create_command_encoder(&Default::default());
-                let done = std::mem::replace(run.encoder, next).finish();
-                gpu.queue.submit([done]);
+                recorder.submit();
             }
         }
-        self.accumulate.finish(run, &sum, &out);
+        sum.finish(recorder, &out);
         out
     }
 
@@ -259,8 +239,8 @@ impl Renderer {
     }
 
     /// What all samples of a view share.
-    fn prepare(&mut self, run: &mut LayerRun<'_>, view: &View<'_>) -> Prepared {
-        let gpu = run.gpu;
+    fn prepare(&mut self, recorder: &mut Recorder, view: &View<'_>) -> Prepared {
+        let gpu = &recorder.gpu.clone();
         if !view.geometry.sees_around() {
             let draws = self.draws(gpu, view);
             self.pipelines.prepare(gpu, draws.list.iter().map(|d| d.variant));
@@ -270,7 +250,7 @@ impl Renderer {
         let all: Vec<Draws> = sides.iter().map(|side| self.draws(gpu, &side.view(view))).collect();
         self.pipelines.prepare(gpu, all.iter().flat_map(|draws| &draws.list).map(|d| d.variant));
         let with_layer = |side: SideView| {
-            let layer = side.layer(run);
+            let layer = side.layer(recorder);
             (side, layer)
         };
         Prepared::Around(sides.into_iter().map(with_layer).collect(), all)
@@ -278,19 +258,19 @@ impl Renderer {
 
     fn draw_sample(
         &mut self,
-        run: &mut LayerRun<'_>,
+        recorder: &mut Recorder,
         view: &View<'_>,
         sample: (&Sample, f64),
         prepared: &Prepared,
         out: &Layer,
     ) {
         match prepared {
-            Prepared::Plane(draws) => self.draw_plane(run, view, sample, draws, out),
+            Prepared::Plane(draws) => self.draw_plane(recorder, view, sample, draws, out),
             Prepared::Around(sides, all) => {
                 for ((side, layer), draws) in sides.iter().zip(all) {
-                    self.draw_plane(run, &side.view(view), sample, draws, layer);
+                    self.draw_plane(recorder, &side.view(view), sample, draws, layer);
                 }
-                self.gather.run(run, view, sides, &self.no_depth, out);
+                gather(recorder, view, sides, &self.no_depth, out);
             }
         }
     }
@@ -378,31 +358,31 @@ impl Renderer {
 
     fn draw_plane(
         &self,
-        run: &mut LayerRun<'_>,
+        recorder: &mut Recorder,
         view: &View<'_>,
         (sample, focus_distance_m): (&Sample, f64),
         draws: &Draws,
         out: &Layer,
     ) {
         use wgpu::util::DeviceExt;
-        let gpu = run.gpu;
+        let gpu = &recorder.gpu.clone();
         let size = out.size;
         let uniform = ViewUniform::new(view, &draws.motion.rect, sample, focus_distance_m);
-        let uniform = constants(gpu, "view", bytemuck::bytes_of(&uniform));
+        let uniform = recorder.uniform(bytemuck::bytes_of(&uniform));
         let instances = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("instances"),
             contents: bytemuck::cast_slice(&self.instances(view, sample)),
             usage: wgpu::BufferUsages::VERTEX,
         });
         let light = LightUniform::new(&self.scene.lighting, &self.environment, view.keys.origin_in_world_m);
-        let light = constants(gpu, "light", bytemuck::bytes_of(&light));
+        let light = recorder.uniform(bytemuck::bytes_of(&light));
         let depth_view = view.occlusion.map_or(&self.no_depth.view, |(t, _)| &t.view);
         let frame = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
             layout: &self.pipelines.frame_layout,
             entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: light.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 0, resource: uniform.binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: light.binding() },
                 wgpu::BindGroupEntry {
                     binding: 2,
                     resource: wgpu::BindingResource::TextureView(&self.environment.view),
@@ -422,10 +402,9 @@ impl Renderer {
                 },
             ],
         });
-        let color = run.pool.get(gpu, "samples colour", 0, size, COLOR, SAMPLES);
-        let depth = run.pool.get(gpu, "samples depth", 0, size, DEPTH, SAMPLES);
+        let [color, depth] = [COLOR, DEPTH].map(|format| recorder.pool.lend_samples(gpu, size, format, SAMPLES));
         {
-            let mut pass = run.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            let mut pass = recorder.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("raster"),
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                     view: &color.view,
@@ -467,16 +446,43 @@ impl Renderer {
             }
         }
         let motion = &draws.motion;
-        let far_m = view.parallel_to_m.unwrap_or(0.0) as f32;
         let (first, cells) = motion.cells_of(&view.rect);
-        let uniform = [
-            [size.0 as f32, size.1 as f32, motion.side_px as f32, cells.0 as f32],
-            [NEAR_M as f32, far_m, 0.0, 0.0],
-            [first.0, first.1, motion.cells.0, 0].map(f32::from_bits),
-        ];
-        let uniform = constants(gpu, "resolve", bytemuck::cast_slice(&uniform));
-        let [color, depth] = [&color, &depth].map(|texture| Slot::Texture(&texture.view));
-        let slots = [Slot::Buffer(&uniform), color, depth, Slot::Buffer(&motion.nodes)];
-        run_tiles(gpu, run.encoder, &[&self.resolve], &slots, &[&out.color, &out.geometry], size, cells.0 * cells.1);
+        let resolve = Resolve {
+            size: [size.0 as f32, size.1 as f32],
+            first: [first.0, first.1],
+            columns: cells.0,
+            net_columns: motion.cells.0,
+            side_px: motion.side_px as f32,
+            near_m: NEAR_M as f32,
+            far_m: view.parallel_to_m.unwrap_or(0.0) as f32,
+            unused: 0,
+        };
+        recorder
+            .pass(Shader::Resolve, Entry::over("cell", "main"))
+            .uniform("resolve", &resolve)
+            .texture("color", &color)
+            .texture("depth", &depth)
+            .buffer("nodes", &motion.nodes)
+            .tiles(cells.0 * cells.1)
+            .draw_into(&[&out.color, &out.geometry], size);
     }
+}
+
+crate::uniform! {
+    struct Resolve {
+        size: [f32; 2],
+        first: [u32; 2],
+        columns: u32,
+        net_columns: u32,
+        side_px: f32,
+        near_m: f32,
+        far_m: f32,
+        unused: u32,
+    }
+}
+
+/// An empty one, to be drawn into.
+fn layer(recorder: &Recorder, size: (u32, u32)) -> Layer {
+    let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
+    Layer::new(lend(COLOR), lend(GEOMETRY), size)
 }

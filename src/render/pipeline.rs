@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
-use crate::gpu::{Gpu, assemble};
+use crate::gpu::{Gpu, Shader};
 use crate::scene::{Alpha, Environment, Lighting, Material, Vertex};
 
 pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
@@ -128,7 +128,7 @@ impl Pipelines {
         Self {
             module: gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some("raster"),
-                source: wgpu::ShaderSource::Wgsl(assemble("raster").into()),
+                source: wgpu::ShaderSource::Wgsl(Shader::Raster.module().into()),
             }),
             layout: gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: Some("raster"),
@@ -170,7 +170,7 @@ impl Pipelines {
             Writes::Color => "whole",
         };
         let deep = writes == Writes::BlendedDepth;
-        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("raster"),
             layout: Some(&self.layout),
             vertex: wgpu::VertexState {

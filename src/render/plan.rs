@@ -1,6 +1,6 @@
 //! What is drawn, and what comes of it.
 
-use crate::gpu::{Gpu, Texture, TexturePool};
+use crate::gpu::Texture;
 
 /// One drawing of the scene in a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,16 +39,28 @@ impl SamplePlan {
 /// The virtual layer on the GPU: premultiplied linear colour, and the geometry (depth and
 /// velocity, packed as in shaders/shared/layer.wgsl) of the nearest sample. Only the upper left `size` is in use.
 ///
-/// A = 0 where there is nothing, and only there: no light, no depth, no velocity. The composite leaves such pixels to the
-/// camera (in a photograph too) and drops what light rounding left there. An effect that spreads light spreads coverage with it,
-/// and the geometry where that is read.
+/// What a pixel's colour says: A is how much of it is covered; where A is 0 there is no geometry, and no light either but where
+/// [`Layer::light_alone`] says that there may be some. A pixel of which neither is there is untouched: the composite leaves it to the camera.
+/// What light rounding leaves where nothing is covered is dropped. An effect that spreads light spreads coverage with it, and the geometry where that is
+/// read.
 #[derive(Clone, Debug)]
 pub struct Layer {
     pub color: Texture,
     pub geometry: Texture,
     pub size: (u32, u32),
-    /// Of a photograph whose effects act on the real part too.
+    /// How much of red, green and blue is covered, where they differ; A is then their mean by luminance.
+    pub coverage: Option<Texture>,
+    /// Whether there is light where nothing is covered: a glow, which is added to the camera's.
+    pub light_alone: bool,
+    /// Where effects act on the real part too.
     pub real: Option<RealLayer>,
+}
+
+impl Layer {
+    /// A layer without more.
+    pub fn new(color: Texture, geometry: Texture, size: (u32, u32)) -> Self {
+        Self { color, geometry, size, coverage: None, light_alone: false, real: None }
+    }
 }
 
 /// The real part of a photograph where the layer is.
@@ -69,14 +81,4 @@ pub struct RealLayer {
 impl RealLayer {
     /// Side of the squares whose depths are told, px.
     pub const SIDE_PX: u32 = 64;
-}
-
-/// What an effect of the layer stage records its passes with.
-#[derive(Debug)]
-pub struct LayerRun<'a> {
-    pub gpu: &'a Gpu,
-    pub encoder: &'a mut wgpu::CommandEncoder,
-    pub pool: &'a mut TexturePool,
-    /// Whether anything still reads the geometry of the layer that is made.
-    pub geometry_is_read: bool,
 }

@@ -8,12 +8,12 @@ use glam::{DQuat, DVec2, DVec3};
 
 use super::draw::{Renderer, View};
 use super::panorama;
-use super::plan::{LayerRun, SamplePlan};
+use super::plan::SamplePlan;
 use super::resample::{Face, Resampler, over_rows};
 use super::view::{NEAR_M, Shutter, ViewKeys};
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
-use crate::gpu::{Gpu, GpuError, ReadbackSet, TexturePool};
+use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
 use crate::image::{LinearImage, Rect};
 use crate::pose::Pose;
 use crate::scene::Environment;
@@ -81,7 +81,8 @@ const TILE_PX: i32 = 1024;
 /// Takes a picture; transparent where neither object nor background is seen.
 pub fn take(gpu: &Gpu, renderer: &mut Renderer, shot: &Shot) -> Result<LinearImage, GpuError> {
     let (width, height) = shot.projection.size_px();
-    let mut studio = Studio { gpu, renderer, pool: TexturePool::default(), readbacks: ReadbackSet::default() };
+    let recorder = Recorder::new(gpu.clone());
+    let mut studio = Studio { recorder, renderer, readbacks: ReadbackSet::default() };
     let mut image = match &shot.projection {
         Projection::Perspective(g) => {
             let fine = g.resized(width * FINER, height * FINER);
@@ -190,9 +191,8 @@ impl Drawn {
 
 /// What is needed to draw.
 struct Studio<'a> {
-    gpu: &'a Gpu,
+    recorder: Recorder,
     renderer: &'a mut Renderer,
-    pool: TexturePool,
     readbacks: ReadbackSet,
 }
 
@@ -228,14 +228,11 @@ impl Studio<'_> {
     }
 
     fn draw_tile(&mut self, view: &View<'_>, drawn: &mut Drawn) -> Result<(), GpuError> {
-        let gpu = self.gpu;
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let mut run = LayerRun { gpu, encoder: &mut encoder, pool: &mut self.pool, geometry_is_read: false };
-        let layer = self.renderer.draw(&mut run, view, &SamplePlan::single());
-        let mut readback = self.readbacks.copy(gpu, &mut encoder, &layer.color, layer.size);
-        readback.submitted(gpu.queue.submit([encoder.finish()]));
+        let layer = self.renderer.draw(&mut self.recorder, view, &SamplePlan::single());
+        let mut readback = self.readbacks.copy(&mut self.recorder, &layer.color, layer.size);
+        readback.submitted(self.recorder.submit());
         let (tile, stride) = (view.rect, drawn.width as usize);
-        readback.rows(gpu, |row, bytes| {
+        readback.rows(&self.recorder.gpu, |row, bytes| {
             let start = (tile.y0 as usize + row) * stride + tile.x0 as usize;
             for (texel, bytes) in drawn.rgba[start..].iter_mut().zip(bytes.chunks_exact(8)) {
                 *texel = std::array::from_fn(|c| half::f16::from_le_bytes([bytes[2 * c], bytes[2 * c + 1]]));

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::{LazyLock, Mutex, MutexGuard};
 
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics};
-use locard::compositor::{Composited, Compositor, Job, Settings};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::frame::{Frame, FrameExposure};
 use locard::gpu::Gpu;
 use locard::image::{LayerImage, Pixels};
@@ -69,17 +69,10 @@ pub fn composite(
     frame: Frame,
 ) -> Composited {
     let geometry = camera.geometry.clone().expect("a camera with geometry");
-    let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene);
-    let job = Job {
-        frame,
-        geometry: &geometry,
-        track,
-        time_offset_s: 0.0,
-        interval_s: 1.0 / 30.0,
-        want_layer: true,
-        photograph: None,
-    };
-    let pending = compositor.submit(job).expect("submitted");
+    let mut compositor = Compositor::new(gpu.clone(), scene);
+    let job = Job::of_frame(frame, camera, &settings, &geometry, track, 1.0 / 30.0).expect("a lens that can be");
+    let job = Job { want_layer: true, ..job };
+    let pending = compositor.submit(job, camera, &settings, Target::Pixels).expect("submitted");
     compositor.collect(pending).expect("collected")
 }
 

@@ -174,12 +174,12 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
         warn(args.quiet, text);
     }
     let acts_on_real = effects.acts_on_real();
-    let compositor = Compositor::new(Gpu::open()?, camera, effects, scene);
+    let compositor = Compositor::new(Gpu::open()?, scene);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
     }
     let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
-    let mut site = Shoot { args, recording, rig, whole, frame, mean, compositor };
+    let mut site = Shoot { args, recording, rig, whole, frame, mean, camera, effects, compositor };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     if args.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
         bail!(

@@ -10,10 +10,10 @@ use super::{Args, Focus};
 use crate::camera::exposure::Settings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};
-use crate::camera::{Geometry, Lens, Opening};
+use crate::camera::{Camera, Geometry, Lens, Opening};
 use crate::cli::light::{Known, USUAL_ISO};
 use crate::cli::warn;
-use crate::compositor::{Compositor, Job};
+use crate::compositor::{Compositor, Job, Settings as Effects, Target, exposure_time_s};
 use crate::frame::Frame;
 use crate::image::Rect;
 use crate::photo::{self, Exposed, Framing, Real, Site, Summed, Taken};
@@ -34,6 +34,8 @@ pub struct Shoot<'a> {
     pub frame: Frame,
     /// Of its linear light.
     pub mean: f64,
+    pub camera: Camera,
+    pub effects: Effects,
     pub compositor: Compositor,
 }
 
@@ -42,16 +44,12 @@ impl Shoot<'_> {
         if let Focus::Metres(distance_m) = self.args.focus {
             return Ok(distance_m);
         }
-        let pending = self.compositor.submit(Job {
-            frame: self.frame.clone(),
-            geometry: &self.whole,
-            track: &self.recording.track,
-            time_offset_s: self.recording.time_offset_s,
-            interval_s: self.recording.frame_interval_s,
-            want_layer: true,
-            photograph: None,
-        })?;
-        let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
+        let Self { recording, camera, effects, whole, compositor, .. } = self;
+        let (track, interval_s) = (&recording.track, recording.frame_interval_s);
+        let job = Job::of_frame(self.frame.clone(), camera, effects, whole, track, interval_s)?;
+        let job = Job { time_offset_s: recording.time_offset_s, want_layer: true, ..job };
+        let pending = compositor.submit(job, camera, effects, Target::Pixels)?;
+        let layer = compositor.collect(pending)?.layer.unwrap_or_default();
         let framed = |f| Framing::new(&self.whole, self.args.film, f, f64::INFINITY, self.args.width);
         // A lens that sees too much at infinity may see enough where it will be focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
@@ -103,7 +101,7 @@ impl Shoot<'_> {
         } else {
             for (frame, weight) in recording.frames(range)?.zip(weights) {
                 let frame = frame?;
-                let exposure_s = self.compositor.exposure_time_s(&frame, recording.frame_interval_s);
+                let exposure_s = exposure_time_s(&self.camera, &self.effects, &frame, recording.frame_interval_s);
                 summed.push(Summed { time_s: frame.timestamp_s - self.frame.timestamp_s, exposure_s, weight });
                 frames.push((weight, frame.pixels));
             }
@@ -124,6 +122,8 @@ impl Shoot<'_> {
             iso_ratio: asked.settings.iso / measured_at,
         };
         let site = Site {
+            camera: &self.camera,
+            settings: &self.effects,
             recorded: &self.whole,
             track: &recording.track,
             time_offset_s: recording.time_offset_s,

@@ -1,14 +1,14 @@
 //! What depth of field costs over a whole picture, whatever the renderer costs.
 
 use super::{Table, median_ms};
-use crate::camera::{Camera, Geometry, Intrinsics, Opening};
+use crate::camera::{Camera, Capture, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
-use crate::effects::depth_of_field::DepthOfFieldEffect;
-use crate::effects::{Effect, FrameContext};
-use crate::gpu::{Gpu, Texture, TexturePool, half_texels};
+use crate::effects::depth_of_field::DepthOfField;
+use crate::effects::{Effect, LayerRun, Moment};
+use crate::gpu::{Gpu, Recorder, Texture, half_texels};
 use crate::image::Rect;
-use crate::params::Value;
-use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+use crate::params::{Params, Value};
+use crate::render::{COLOR, GEOMETRY, Layer};
 
 const FOCAL_PX: f64 = 1000.0;
 const FOCUS_M: f64 = 1.0;
@@ -35,7 +35,7 @@ fn layer(gpu: &Gpu, width: u32, height: u32, circle_px: impl Fn(f64, f64) -> f64
         })
         .collect();
     geometry.write(gpu, width, height, &depths);
-    Layer { color, geometry, size: (width, height), real: None }
+    Layer::new(color, geometry, (width, height))
 }
 
 /// A floor from the focus plane to circles of 24 px, and before it four things in focus and four with circles of 12 px,
@@ -59,7 +59,8 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
     let geometry = Geometry::new(intrinsics, Default::default());
     let camera = Camera { geometry: Some(geometry.clone()), ..Camera::default() };
     let opening = Opening { diameter_m: DIAMETER_M, focus_distance_m: FOCUS_M, blades: 0, rotation_rad: 0.0 };
-    let mut pool = TexturePool::default();
+    let mut recorder = Recorder::new(gpu.clone());
+    let capture = Capture::frame(&geometry, 0.0, Some(opening));
     type Circles = Box<dyn Fn(f64, f64) -> f64>;
     let flat = |method, circle: f64| {
         (method, format!("circles of {circle} px"), [circle; 2], Box::new(move |_, _| circle) as Circles)
@@ -68,34 +69,38 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
     cases.push(("layered", "a site with circles up to 24 px".to_owned(), [-12.0, 24.0], Box::new(site)));
     cases.extend(["poisson", "diffusion"].map(|method| flat(method, 24.0)));
     for (method, name, range, circles) in cases {
-        let mut effect = DepthOfFieldEffect::default();
-        let known = effect.params_mut().set("method", &Value::Text(method.to_owned()));
+        let mut effect = DepthOfField::default();
+        let known = effect.set("method", &Value::Text(method.to_owned()));
         debug_assert!(known.is_ok(), "{method}");
         let layer = layer(gpu, width, height, circles);
-        let context = FrameContext {
+        let moment = Moment {
             camera: &camera,
-            geometry: &geometry,
-            recorded: Default::default(),
-            real_depths_m: None,
-            objects_px: crate::image::Rect::new(0, 0, 0, 0),
-            drawn: Rect::full(width, height),
+            picture: &geometry,
+            capture: &capture,
             frame: 0,
             seed: 0,
-            exposure_time_s: 0.0,
+            recorded: Default::default(),
             interval_s: 1.0,
             fastest_px_per_s: 0.0,
-            opening: Some(opening),
-            photograph: None,
-            summed: &[],
             depths_m: range.map(depth_m),
+            real_depths_m: None,
             objects: &[],
         };
-        let encoder = || gpu.device.create_command_encoder(&Default::default());
-        let ms = median_ms(encoder, |mut encoder| {
-            let mut run = LayerRun { gpu, encoder: &mut encoder, pool: &mut pool, geometry_is_read: false };
-            effect.run(&mut run, &context, layer.clone());
-            gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
-        })?;
+        let ms = median_ms(
+            || (),
+            |()| {
+                let mut run = LayerRun {
+                    recorder: &mut recorder,
+                    moment: &moment,
+                    drawn: Rect::full(width, height),
+                    objects_px: Rect::new(0, 0, 0, 0),
+                    geometry_is_read: false,
+                };
+                effect.run(&mut run, layer.clone());
+                let submission = recorder.submit();
+                gpu.wait(Some(submission))
+            },
+        )?;
         table.push(format!("depth_of_field {method}, {name}"), ms)?;
     }
     Ok(())

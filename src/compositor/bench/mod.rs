@@ -10,10 +10,10 @@ use glam::{DAffine3, DQuat, DVec3};
 
 mod full_picture;
 
-use super::{Compositor, Job, Settings, SubmitError};
+use super::{Compositor, Job, Settings, SubmitError, Target};
 use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoiseProfile};
 use crate::frame::{Frame, FrameExposure};
-use crate::gpu::{FullscreenPass, Gpu, GpuError, Slot, Texture, assemble};
+use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::image::Pixels;
 use crate::pose::Pose;
 use crate::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
@@ -179,7 +179,7 @@ fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
 /// machine's own speed changes while a table is made.
 struct Table<'a> {
     gpu: &'a Gpu,
-    copy: FullscreenPass,
+    recorder: Recorder,
     picture: [Texture; 2],
     copies_ms: Vec<f64>,
     rows: Vec<(String, f64)>,
@@ -188,20 +188,23 @@ struct Table<'a> {
 impl<'a> Table<'a> {
     fn new(gpu: &'a Gpu, width: u32, height: u32) -> Result<Self, GpuError> {
         let format = wgpu::TextureFormat::Rgba16Float;
-        let copy = FullscreenPass::new(gpu, "copy", &assemble("copy"), &[format]);
         let picture = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
-        let mut table = Self { gpu, copy, picture, copies_ms: Vec::new(), rows: Vec::new() };
+        let mut table =
+            Self { gpu, recorder: Recorder::new(gpu.clone()), picture, copies_ms: Vec::new(), rows: Vec::new() };
         table.time_copy()?;
         Ok(table)
     }
 
     fn time_copy(&mut self) -> Result<(), GpuError> {
-        let (gpu, [from, to]) = (self.gpu, &self.picture);
-        let encoder = || gpu.device.create_command_encoder(&Default::default());
-        let ms = median_ms(encoder, |mut encoder| {
-            self.copy.run(gpu, &mut encoder, &[Slot::Texture(&from.view)], &[to], (to.width, to.height));
-            gpu.wait(Some(gpu.queue.submit([encoder.finish()])))
-        })?;
+        let (recorder, [from, to]) = (&mut self.recorder, &self.picture);
+        let ms = median_ms(
+            || (),
+            |()| {
+                recorder.pass(Shader::Copy, "main").texture("source", from).draw_into(&[to], (to.width, to.height));
+                let submission = recorder.submit();
+                recorder.gpu.wait(Some(submission))
+            },
+        )?;
         self.copies_ms.push(ms);
         Ok(())
     }
@@ -230,7 +233,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
     // An effect that this load leaves neutral has no row.
     let mut time = |name: String, settings: Settings, effect: Option<&str>| -> Result<(), SubmitError> {
-        let mut compositor = Compositor::new(gpu.clone(), camera.clone(), settings, scene.clone());
+        let mut compositor = Compositor::new(gpu.clone(), scene.clone());
         let mut index = 0;
         let mut runs = true;
         let frame = || {
@@ -239,16 +242,8 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
             Frame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure }
         };
         let ms = median_ms(frame, |frame| {
-            let job = Job {
-                frame,
-                geometry: &geometry,
-                track: &track,
-                time_offset_s: 0.0,
-                interval_s: INTERVAL_S,
-                want_layer: false,
-                photograph: None,
-            };
-            let pending = compositor.submit(job)?;
+            let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, INTERVAL_S)?;
+            let pending = compositor.submit(job, &camera, &settings, Target::Pixels)?;
             let done = compositor.collect(pending)?;
             runs &= effect.is_none_or(|effect| done.stats.effects.contains(&effect));
             Ok::<_, SubmitError>(())
@@ -262,7 +257,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
     plain.plain();
     time("plain composite".to_owned(), plain, None)?;
     for effect in crate::effects::all() {
-        let effect_name = effect.params().table();
+        let effect_name = effect.table();
         for (label, sets) in effect.cases() {
             let mut settings = Settings::default();
             let known = settings.only(&[effect_name.to_owned()]).is_ok()

@@ -15,12 +15,12 @@
 //! over a sharp one, by (4). Circles are at most 2·R_K wide.
 
 use crate::camera::Opening;
-use crate::effects::FrameContext;
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble};
-use crate::render::{COLOR, Layer, LayerRun};
+use crate::effects::{LayerRun, Moment};
+use crate::gpu::{Entry, Gpu, Shader, Texture};
+use crate::render::{COLOR, Layer};
 
 use super::operator::Make;
-use super::surroundings::{Surroundings, Tiling, lens};
+use super::surroundings::{Lens, Tiling, passed, surroundings};
 use super::{DepthOfField, layered};
 
 crate::choices! {
@@ -31,21 +31,16 @@ crate::choices! {
 /// Steps of the blur factor besides 0, at most; as in shaders/depth_of_field_diffusion.wgsl.
 pub const MOST_STEPS: u32 = 32;
 
-/// The operators of a frame, one below the other.
-#[derive(Debug)]
-struct Operators {
+/// What operators hang on.
+#[derive(Clone, Debug, PartialEq)]
+struct Of {
+    params: DepthOfField,
     opening: Opening,
     largest_radius_px: f32,
-    texture: Texture,
 }
 
-#[derive(Debug)]
-pub struct Passes {
-    params: DepthOfField,
-    surroundings: Surroundings,
-    blur_factors: FullscreenPass,
-    spread: FullscreenPass,
-    operators: Option<Operators>,
+crate::uniform! {
+    struct Wang { mix_ratio: f32, blend_below: f32, margin: i32, half_side: i32 }
 }
 
 /// Of the params' operators.
@@ -58,13 +53,13 @@ fn make(params: &DepthOfField) -> Make {
 }
 
 /// R: of the frame's largest circle, within R_K.
-fn largest_radius_px(params: &DepthOfField, context: &FrameContext<'_>) -> f32 {
-    layered::largest_radius_px(context).min(params.largest_radius_px)
+fn largest_radius_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
+    layered::largest_radius_px(moment).min(params.largest_radius_px)
 }
 
 /// How far light is spread.
-pub fn reach_px(params: &DepthOfField, context: &FrameContext<'_>) -> f32 {
-    largest_radius_px(params, context).ceil() + make(params).margin() as f32
+pub fn reach_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
+    largest_radius_px(params, moment).ceil() + make(params).margin() as f32
 }
 
 /// Steps of half a pixel of radius, as far as there are so many.
@@ -80,74 +75,42 @@ pub fn operators(params: &DepthOfField, opening: &Opening, largest_radius_px: f6
     (0..=steps).map(|step| make(params).operator(&outline, radius(step))).collect()
 }
 
-impl Operators {
-    fn new(gpu: &Gpu, params: &DepthOfField, opening: &Opening, largest_radius_px: f32) -> Self {
-        let side = 2 * make(params).half_side() as u32 + 1;
-        let format = wgpu::TextureFormat::R32Float;
-        let texture = Texture::new(gpu, "operators", side, side * (MOST_STEPS + 1), format, 1);
-        let all = operators(params, opening, largest_radius_px.into());
-        let texels: Vec<f32> = all.iter().flatten().map(|&t| t as f32).collect();
-        texture.write(gpu, side, side * all.len() as u32, &texels);
-        Self { opening: *opening, largest_radius_px, texture }
-    }
+/// Those of a frame, one below the other.
+fn texture(gpu: &Gpu, of: &Of) -> Texture {
+    let side = 2 * make(&of.params).half_side() as u32 + 1;
+    let texture = Texture::new(gpu, "operators", side, side * (MOST_STEPS + 1), wgpu::TextureFormat::R32Float, 1);
+    let all = operators(&of.params, &of.opening, of.largest_radius_px.into());
+    let texels: Vec<f32> = all.iter().flatten().map(|&t| t as f32).collect();
+    texture.write(gpu, side, side * all.len() as u32, &texels);
+    texture
 }
 
-impl Passes {
-    pub fn new(gpu: &Gpu, params: &DepthOfField) -> Self {
-        let shader = assemble("depth_of_field_diffusion");
-        let pass = |fragment| {
-            let all = [
-                ("printed", f64::from(u8::from(params.mix == Mix::Printed))),
-                ("mix_ratio", params.mix_ratio.into()),
-                ("blend_below", params.blend_below.into()),
-                ("margin", make(params).margin() as f64),
-                ("half_side", make(params).half_side() as f64),
-            ];
-            let options = Options { fragment, constants: &all, ..Options::default() };
-            FullscreenPass::with(gpu, "diffusion", &shader, &[COLOR], &options)
-        };
-        Self {
-            params: params.clone(),
-            surroundings: Surroundings::new(gpu),
-            blur_factors: pass("blur_factors"),
-            spread: pass("spread"),
-            operators: None,
-        }
-    }
-
-    /// Whether they were made for these parameters.
-    pub fn are_of(&self, params: &DepthOfField) -> bool {
-        self.params == *params
-    }
-
-    pub fn run(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        context: &FrameContext<'_>,
-        opening: &Opening,
-        layer: Layer,
-    ) -> Layer {
-        let gpu = run.gpu;
-        let largest = largest_radius_px(&self.params, context);
-        let made = self.operators.take().filter(|o| (o.opening, o.largest_radius_px) == (*opening, largest));
-        let operators = made.unwrap_or_else(|| Operators::new(gpu, &self.params, opening, largest));
-        let tiling = Tiling::coarse(layer.size, reach_px(&self.params, context));
-        let lens = lens(gpu, context, opening, &layer, tiling, largest, steps(largest.into()));
-        let around = self.surroundings.run(run, &lens, &layer, tiling);
-        let [factors, out] = ["blur factors", "focused colour"].map(|p| run.pool.get(gpu, p, 0, layer.size, COLOR, 1));
-        let slots = [Slot::Buffer(&lens), Slot::Texture(&layer.geometry.view)];
-        self.blur_factors.run(gpu, run.encoder, &slots, &[&factors], layer.size);
-        let slots = [
-            Slot::Buffer(&lens),
-            Slot::Texture(&factors.view),
-            Slot::Texture(&layer.color.view),
-            Slot::Texture(&operators.texture.view),
-            Slot::Texture(&around.view),
-        ];
-        self.spread.run(gpu, run.encoder, &slots, &[&out], layer.size);
-        self.operators = Some(operators);
-        self.surroundings.passed(run, &lens, &around, layer, out)
-    }
+pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, layer: Layer) -> Layer {
+    let largest_radius_px = largest_radius_px(params, run.moment);
+    let tiling = Tiling::coarse(layer.size, reach_px(params, run.moment));
+    let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px, steps(largest_radius_px.into()));
+    let around = surroundings(run, &lens, &layer, tiling);
+    // By what they hang on, and nothing else.
+    let DepthOfField { shape, rim, gaussian_px, largest_radius_px: most_px, .. } = *params;
+    let of_operators = DepthOfField { shape, rim, gaussian_px, largest_radius_px: most_px, ..DepthOfField::default() };
+    let operators = run.recorder.kept(Of { params: of_operators, opening: *opening, largest_radius_px }, texture);
+    let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, "blur_factors").uniform("lens", &lens);
+    let [factors] = pass.texture("geometry", &layer.geometry).draw([COLOR], layer.size);
+    let wang = Wang {
+        mix_ratio: params.mix_ratio,
+        blend_below: params.blend_below,
+        margin: make(params).margin() as i32,
+        half_side: make(params).half_side() as i32,
+    };
+    // In a storage buffer: what decides where a loop ends in a uniform is compiled into the shader by software drivers.
+    let wang = run.recorder.storage(bytemuck::bytes_of(&wang));
+    let printed = f64::from(u8::from(params.mix == Mix::Printed));
+    let entry = Entry::from("spread").choose("printed", printed);
+    let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, entry).uniform("lens", &lens).buffer("wang", wang);
+    let pass = pass.texture("factors", &factors).texture("color", &layer.color);
+    let pass = pass.texture("operators", &operators).texture("around_tiles", &around);
+    let [out] = pass.draw([COLOR], layer.size);
+    passed(run, &lens, &around, layer, out)
 }
 
 /// Wang (2) and (3) of one channel.

@@ -13,8 +13,9 @@
 //! Not modelled: a farther light is hidden by the nearer one of two surfaces alone, as all else is; of lights that make up large
 //! areas only those that stand out are drawn so, the rest is gathered.
 
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, run_listed};
-use crate::render::{COLOR, Layer, LayerRun};
+use super::surroundings::Lens;
+use crate::gpu::{Entry, Recorder, Shader, Texture};
+use crate::render::Layer;
 
 /// From this radius on lights are drawn one by one, px; below it texels are fine enough. As in the shader.
 pub const LEAST_RADIUS_PX: f32 = 2.9;
@@ -25,17 +26,6 @@ const MOST: u64 = 8192;
 /// Of a light, and of what stands before the first one.
 const BYTES: u64 = 32;
 const HEAD_BYTES: u64 = 16;
-
-#[derive(Debug)]
-pub struct Highlights {
-    find: wgpu::ComputePipeline,
-    list: wgpu::ComputePipeline,
-    /// In the pyramid's first level and in its second.
-    dim: [FullscreenPass; 2],
-    /// For so many cells: what is left of each block, and how many stand out.
-    cells: Option<(u64, [wgpu::Buffer; 2])>,
-    found: wgpu::Buffer,
-}
 
 /// Multiplies the light that is there; coverage stays.
 const TIMES: wgpu::BlendState = wgpu::BlendState {
@@ -65,111 +55,62 @@ pub const ADDED: wgpu::BlendState = wgpu::BlendState {
     },
 };
 
-impl Highlights {
-    pub fn new(gpu: &Gpu) -> Self {
-        let text = assemble("depth_of_field_highlights");
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("highlights"),
-            source: wgpu::ShaderSource::Wgsl(text.as_str().into()),
-        });
-        let compute = |entry| {
-            gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some("highlights"),
-                layout: None,
-                module: &module,
-                entry_point: Some(entry),
-                compilation_options: Default::default(),
-                cache: None,
-            })
-        };
-        let dim = |texels: f64| {
-            let constants = [("texels_to_block", texels)];
-            let options = Options {
-                vertex: "block_corner",
-                fragment: "dim",
-                constants: &constants,
-                blend: Some(TIMES),
-                ..Options::default()
-            };
-            FullscreenPass::with(gpu, "without highlights", &text, &[COLOR], &options)
-        };
-        Self {
-            find: compute("find"),
-            list: compute("list"),
-            dim: [dim(2.0), dim(1.0)],
-            cells: None,
-            found: gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("highlights"),
-                size: HEAD_BYTES + MOST * BYTES,
-                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
-                mapped_at_creation: false,
-            }),
-        }
-    }
+fn storage(gpu: &crate::gpu::Gpu, size: u64) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("highlights"),
+        size,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
+        mapped_at_creation: false,
+    })
+}
 
-    /// Those that were found last, for the shader that draws them, and how many there are.
-    pub fn found(&self) -> &wgpu::Buffer {
-        &self.found
-    }
+#[derive(Clone, Copy, PartialEq)]
+struct List;
 
-    /// Finds them in a layer and its pyramid.
-    pub fn find(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        lens: &wgpu::Buffer,
-        layer: &Layer,
-        pyramid: [&wgpu::TextureView; 2],
-    ) {
-        let (gpu, size) = (run.gpu, layer.size);
-        let cells = (size.0.div_ceil(CELL_PX), size.1.div_ceil(CELL_PX));
-        let count = u64::from(cells.0.max(1)) * u64::from(cells.1.max(1));
-        let buffer = |label, size| {
-            let usage = wgpu::BufferUsages::STORAGE;
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
-        let (_, [left, numbers]) = match self.cells.take().filter(|(room, _)| *room >= count) {
-            Some(cells) => self.cells.insert(cells),
-            None => {
-                let buffers = [buffer("left of blocks", 4 * BLOCKS * count), buffer("highlights of cells", 4 * count)];
-                self.cells.insert((count, buffers))
-            }
-        };
-        let [colors, circles] = pyramid.map(wgpu::BindingResource::TextureView);
-        let buffers = [left.as_entire_binding(), numbers.as_entire_binding(), self.found.as_entire_binding()];
-        let layer = [&layer.color.view, &layer.geometry.view].map(wgpu::BindingResource::TextureView);
-        let resources: Vec<_> =
-            (0..).zip([lens.as_entire_binding(), colors, circles].into_iter().chain(buffers).chain(layer)).collect();
-        for (pipeline, bindings, groups) in [
-            (&self.find, &[0, 1, 2, 3, 4, 6, 7][..], (cells.0.div_ceil(8), cells.1.div_ceil(8))),
-            (&self.list, &[0, 1, 2, 3, 4, 5, 6, 7], (1, 1)),
-        ] {
-            let read = resources.iter().filter(|(binding, _)| bindings.contains(binding));
-            let entries: Vec<_> = read
-                .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
-                .collect();
-            let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("highlights"),
-                layout: &pipeline.get_bind_group_layout(0),
-                entries: &entries,
-            });
-            let mut pass = run.encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(groups.0, groups.1, 1);
-        }
-    }
+/// Where those that are found last are listed, for the shader that draws them, and how many there are.
+pub fn list(recorder: &mut Recorder) -> wgpu::Buffer {
+    recorder.kept(List, |gpu, _| storage(gpu, HEAD_BYTES + MOST * BYTES))
+}
 
-    /// Takes them out of the first two levels of the pyramid, of these sizes.
-    pub fn dim(&self, run: &mut LayerRun<'_>, lens: &wgpu::Buffer, levels: [(&crate::gpu::Texture, (u32, u32)); 2]) {
-        let slots = [Slot::Buffer(lens), Slot::Buffer(&self.found)];
-        for (pass, (level, size)) in self.dim.iter().zip(levels) {
-            run_listed(run.gpu, run.encoder, pass, &slots, &[level], size, &self.found);
-        }
+/// For so many cells: what is left of each block, and how many stand out.
+#[derive(Clone, Copy, PartialEq)]
+struct Cells(u64);
+
+/// Finds them in a layer and its pyramid.
+pub fn find(
+    recorder: &mut Recorder,
+    lens: &Lens,
+    layer: &Layer,
+    [colors, circles]: [&Texture; 2],
+    found: &wgpu::Buffer,
+) {
+    let cells = (layer.size.0.div_ceil(CELL_PX), layer.size.1.div_ceil(CELL_PX));
+    let count = u64::from(cells.0.max(1)) * u64::from(cells.1.max(1));
+    // Room for more, so that a moving object's rectangle does not make new ones each frame.
+    let [left, numbers] = recorder.kept(Cells(count.next_power_of_two()), |gpu, Cells(count)| {
+        [storage(gpu, 4 * BLOCKS * count), storage(gpu, 4 * count)]
+    });
+    for (entry, groups) in [("find", (cells.0.div_ceil(8), cells.1.div_ceil(8))), ("list", (1, 1))] {
+        recorder
+            .pass(Shader::DepthOfFieldHighlights, entry)
+            .uniform("lens", lens)
+            .texture("colors", colors)
+            .texture("circles", circles)
+            .buffer("left", &left)
+            .buffer("numbers", &numbers)
+            .buffer("found", found)
+            .texture("color", &layer.color)
+            .texture("geometry", &layer.geometry)
+            .dispatch(groups);
+    }
+}
+
+/// Takes them out of the first two levels of the pyramid, of these sizes.
+pub fn dim(recorder: &mut Recorder, lens: &Lens, found: &wgpu::Buffer, levels: [(&Texture, (u32, u32)); 2]) {
+    for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
+        let entry = Entry::over("block_corner", "dim").choose("texels_to_block", texels);
+        let pass = recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", found);
+        pass.blend(TIMES).listed(found).draw_into(&[level], size);
     }
 }
 
@@ -180,7 +121,7 @@ mod tests {
 
     #[test]
     fn sizes_are_the_shaders() {
-        let shader = assemble("depth_of_field_highlights");
+        let shader = Shader::DepthOfFieldHighlights.module();
         let value = |name| constant(&shader, name);
         assert_eq!(value("LEAST_RADIUS_PX") as f32, LEAST_RADIUS_PX);
         assert_eq!(value("BLOCK_PX") * value("CELL"), f64::from(CELL_PX));

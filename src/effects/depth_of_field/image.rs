@@ -8,7 +8,7 @@
 use std::f64::consts::{PI, TAU};
 
 use crate::camera::{Aperture, Opening};
-use crate::gpu::{Gpu, constants};
+use crate::gpu::{Bytes, Gpu, constants};
 
 /// Texels to each side. As in shaders/depth_of_field.wgsl.
 const REACH: i32 = 13;
@@ -17,8 +17,28 @@ const RIMS: usize = 64;
 const STEPS: f64 = 4.0;
 const COUNTED: f64 = 8.0;
 
+/// What hangs on the opening's blades alone, and not on its size or focus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blades {
+    blades: u32,
+    rotation_rad: f64,
+}
+
+impl Blades {
+    pub fn of(opening: &Opening) -> Self {
+        Self { blades: opening.blades, rotation_rad: opening.rotation_rad }
+    }
+
+    /// An opening of that shape.
+    pub fn opening(&self) -> Opening {
+        let Self { blades, rotation_rad } = *self;
+        Opening { diameter_m: 1.0, focus_distance_m: 1.0, blades, rotation_rad }
+    }
+}
+
 /// `Aperture` of the shader.
-pub fn buffer(gpu: &Gpu, opening: &Opening) -> wgpu::Buffer {
+pub fn buffer(gpu: &Gpu, blades: &Blades) -> Bytes {
+    let opening = &blades.opening();
     let aperture = Aperture::of(opening);
     let rims = rims(&aperture);
     let floats: Vec<f32> = points(&aperture, &[4])
@@ -29,7 +49,7 @@ pub fn buffer(gpu: &Gpu, opening: &Opening) -> wgpu::Buffer {
         .chain(shape(opening))
         .map(|v| v as f32)
         .collect();
-    constants(gpu, "image of the opening", bytemuck::cast_slice(&floats))
+    Bytes::from(&constants(gpu, "image of the opening", bytemuck::cast_slice(&floats)))
 }
 
 /// Angle between the middles of two sides (0 for a circle) and that of one of them, rad; the apothem, in radii; the area, in

@@ -13,13 +13,13 @@
 //! opening's.
 
 use crate::camera::Opening;
-use crate::effects::FrameContext;
-use crate::gpu::{Binding, FullscreenPass, Gpu, Options, Slot, assemble, run_listed, run_tiles};
-use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+use crate::effects::{LayerRun, Moment};
+use crate::gpu::{Bytes, Entry, Pass, Recorder, Shader, Texture};
+use crate::render::{COLOR, GEOMETRY, Layer};
 
-use super::highlights::{self, Highlights};
-use super::image;
-use super::surroundings::{PHOTOGRAPHS_TILE_PX, Tiling, lens};
+use super::highlights;
+use super::image::{self, Blades};
+use super::surroundings::{Lens, PHOTOGRAPHS_TILE_PX, Tiling};
 use super::{WIDEST_PX, circles_px};
 
 /// Nearest and farthest circle.
@@ -31,68 +31,33 @@ const DRAWN: usize = 4;
 /// compares them.
 const FROM_PX: [f32; DRAWN] = [2.5, 8.0, 32.0, 64.0];
 
-#[derive(Debug)]
-pub struct Passes {
-    pyramid: [FullscreenPass; 2],
-    /// Of each tile; how far away it is touched from; of it and those around; with what those need; their corners.
-    tiles: [FullscreenPass; 5],
-    /// At each lower resolution for one surface, and for two.
-    levels: [[FullscreenPass; 2]; DRAWN],
-    /// At the layer's resolution, for each kind of tile.
-    full: [FullscreenPass; 6],
-    passing: FullscreenPass,
-    highlights: Highlights,
-    spot: FullscreenPass,
-    between: wgpu::Sampler,
-    /// The last that was looked through; it seldom changes.
-    shape: Option<Shape>,
-}
-
-/// What hangs on the opening's blades alone, and not on its size or focus.
-#[derive(Debug)]
-struct Shape {
-    blades: u32,
-    rotation_rad: f64,
-    image: wgpu::Buffer,
-}
-
-impl Shape {
-    fn new(gpu: &Gpu, opening: &Opening) -> Self {
-        Self { blades: opening.blades, rotation_rad: opening.rotation_rad, image: image::buffer(gpu, opening) }
-    }
-
-    fn is_of(&self, opening: &Opening) -> bool {
-        (self.blades, self.rotation_rad) == (opening.blades, opening.rotation_rad)
-    }
-}
-
 /// No circle is drawn wider than a quarter of the picture.
-fn widest_px(context: &FrameContext<'_>) -> f32 {
-    let i = &context.geometry.intrinsics;
+fn widest_px(moment: &Moment<'_>) -> f32 {
+    let i = &moment.picture.intrinsics;
     (i.width_px.max(i.height_px) as f32 / 4.0).min(WIDEST_PX)
 }
 
 /// Of what is drawn, px.
-pub fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
-    0.5 * circles_px(context)[1].min(widest_px(context))
+pub fn largest_radius_px(moment: &Moment<'_>) -> f32 {
+    0.5 * circles_px(moment)[1].min(widest_px(moment))
 }
 
 /// How far light is spread: by the largest radius, and by the texels that are looked up there, at most half as wide.
-pub fn reach_px(context: &FrameContext<'_>) -> f32 {
-    1.5 * largest_radius_px(context) + 3.0
+pub fn reach_px(moment: &Moment<'_>) -> f32 {
+    1.5 * largest_radius_px(moment) + 3.0
 }
 
 /// How far is looked: in a photograph the tiles beside a part are to be those of the next one, with all that they see.
-pub fn look_px(context: &FrameContext<'_>) -> f32 {
-    let tile_px = if context.photograph.is_some() { PHOTOGRAPHS_TILE_PX as f32 } else { 0.0 };
-    reach_px(context) + 2.0 * tile_px
+pub fn look_px(moment: &Moment<'_>) -> f32 {
+    let tile_px = if moment.capture.whole { PHOTOGRAPHS_TILE_PX as f32 } else { 0.0 };
+    reach_px(moment) + 2.0 * tile_px
 }
 
 /// Whether all that is drawn is one surface to a tile: `is_one_surface` of shaders/shared/lens.wgsl.
-fn is_one_surface(context: &FrameContext<'_>) -> bool {
-    let Some(opening) = context.opening else { return true };
-    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.geometry.intrinsics.fx_px, depth) as f32);
-    (far - near).abs() < 1.5 + 0.3 * 0.5 * circles_px(context)[0]
+fn is_one_surface(moment: &Moment<'_>) -> bool {
+    let Some(opening) = moment.capture.opening else { return true };
+    let [near, far] = moment.depths_m.map(|depth| opening.circle_px(moment.picture.intrinsics.fx_px, depth) as f32);
+    (far - near).abs() < 1.5 + 0.3 * 0.5 * circles_px(moment)[0]
 }
 
 /// The lower resolution at which a radius is gathered.
@@ -100,165 +65,143 @@ fn level_of(radius: f32) -> usize {
     FROM_PX.iter().filter(|&&from| radius >= from).count()
 }
 
-impl Passes {
-    pub fn new(gpu: &Gpu) -> Self {
-        use Binding::{Floats, Integers, Sampler, Storage, Uniform};
-        let pyramid = |(fragment, ranges)| {
-            let options = Options { fragment, bindings: &[Uniform, Floats, ranges], ..Options::default() };
-            FullscreenPass::with(gpu, "pyramid", &assemble("depth_of_field_pyramid"), &[COLOR, CIRCLES], &options)
-        };
-        let tiles = |fragment| {
-            let options = Options { fragment, bindings: &[Uniform, Floats, Floats], ..Options::default() };
-            FullscreenPass::with(gpu, "circles of tiles", &assemble("depth_of_field_tiles"), &[COLOR], &options)
-        };
-        let bindings = [
-            Uniform, Uniform, Floats, Floats, Floats, Integers, Floats, Floats, Floats, Floats, Floats, Sampler,
-            Storage,
-        ];
-        let shader = assemble("depth_of_field");
-        let gather = |vertex, fragment, level: usize, taps: usize, formats: &[wgpu::TextureFormat]| {
-            let constants = [("level", level as f64), ("taps", taps as f64)];
-            let options =
-                Options { vertex, fragment, constants: &constants, bindings: &bindings, ..Options::default() };
-            FullscreenPass::with(gpu, "depth of field", &shader, formats, &options)
-        };
-        Self {
-            pyramid: [("first", Integers), ("next", Floats)].map(pyramid),
-            tiles: ["own", "touching", "around", "needed", "corners"].map(tiles),
-            levels: std::array::from_fn(|i| {
-                [("level_one_deep_tiles", "level_one_deep"), ("level_two_deep_tiles", "level_two_deep")]
-                    .map(|(vertex, fragment)| gather(vertex, fragment, i + 1, 4, &[COLOR; 3]))
-            }),
-            full: [
-                ("sharp_tiles", "sharp", 4),
-                ("fine_tiles", "fine", 4),
-                ("wider_tiles", "fine", 12),
-                ("coarse_tiles", "coarse", 4),
-                ("any_tiles", "any_circles", 12),
-                ("two_deep_tiles", "two_deep", 4),
-            ]
-            .map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps, &[COLOR])),
-            highlights: Highlights::new(gpu),
-            spot: {
-                let constants = [("level", 0.0), ("taps", 4.0)];
-                let options = Options {
-                    vertex: "spot_corner",
-                    fragment: "spot",
-                    constants: &constants,
-                    bindings: &bindings,
-                    blend: Some(highlights::ADDED),
-                };
-                FullscreenPass::with(gpu, "highlights", &shader, &[COLOR], &options)
-            },
-            passing: gather("all_tiles", "passing", 0, 4, &[GEOMETRY]),
-            between: gpu.linear_sampler(),
-            shape: None,
-        }
+/// Sharp, few points, more points, lower resolutions, any of them, two surfaces: vertex entry, fragment entry, points.
+const KINDS: [(&str, &str, f64); 6] = [
+    ("sharp_tiles", "sharp", 4.0),
+    ("fine_tiles", "fine", 4.0),
+    ("wider_tiles", "fine", 12.0),
+    ("coarse_tiles", "coarse", 4.0),
+    ("any_tiles", "any_circles", 12.0),
+    ("two_deep_tiles", "two_deep", 4.0),
+];
+
+/// Of the gathering shader, at a level of resolution with so many points.
+fn gather(vertex: &'static str, fragment: &'static str, level: usize, taps: f64) -> Entry {
+    Entry::over(vertex, fragment).choose("level", level as f64).choose("taps", taps)
+}
+
+/// What gathering reads.
+struct Gathering {
+    lens: Lens,
+    aperture: Bytes,
+    tiles: Texture,
+    count: u32,
+    corners: Texture,
+    layer: [Texture; 2],
+    smaller: [Texture; 2],
+    found: wgpu::Buffer,
+}
+
+impl Gathering {
+    /// A pass over its tiles; `lower` is what lower resolutions have gathered: the picture, and where two surfaces are, the nearer and the
+    /// farther one.
+    fn pass<'a>(&self, recorder: &'a mut Recorder, entry: Entry, lower: [&Texture; 3]) -> Pass<'a> {
+        recorder
+            .pass(Shader::DepthOfField, entry)
+            .uniform("lens", &self.lens)
+            .buffer("aperture", self.aperture.clone())
+            .texture("tiles", &self.tiles)
+            .texture("corners", &self.corners)
+            .texture("color", &self.layer[0])
+            .texture("geometry", &self.layer[1])
+            .texture("colors", &self.smaller[0])
+            .texture("circles", &self.smaller[1])
+            .texture("blurred", lower[0])
+            .texture("blurred_front", lower[1])
+            .texture("blurred_back", lower[2])
+            .buffer("highlights", &self.found)
+            .tiles(self.count)
     }
+}
 
-    pub fn run(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        context: &FrameContext<'_>,
-        opening: &Opening,
-        layer: Layer,
-    ) -> Layer {
-        let gpu = run.gpu;
-        let (width, height) = layer.size;
-        let largest = largest_radius_px(context);
-        let tiling = match context.photograph {
-            None => Tiling::fine(layer.size, reach_px(context), is_one_surface(context)),
-            Some(_) => Tiling::of_photograph(layer.size, reach_px(context)),
+pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
+    let moment = run.moment;
+    let (width, height) = layer.size;
+    let largest = largest_radius_px(moment);
+    let tiling = match moment.capture.whole {
+        false => Tiling::fine(layer.size, reach_px(moment), is_one_surface(moment)),
+        true => Tiling::of_photograph(layer.size, reach_px(moment)),
+    };
+    let tiles = tiling.tiles;
+    let count = tiles.0 * tiles.1;
+
+    let recorder = &run.recorder;
+    // With a texel beside the layer at the lowest resolution, empty as all that is not drawn: where a driver takes the outermost
+    // texel for those beyond it.
+    let more = (width + (1 << LEVELS), height + (1 << LEVELS));
+    let colors = recorder.pool.lend_pyramid(&recorder.gpu, more, COLOR, LEVELS);
+    let circles = recorder.pool.lend_pyramid(&recorder.gpu, more, CIRCLES, LEVELS);
+    let blurred: [_; 3] =
+        std::array::from_fn(|_| recorder.pool.lend_pyramid(&recorder.gpu, layer.size, COLOR, DRAWN as u32));
+
+    let lens = Lens::new(run, opening, &layer, tiling, largest, 0);
+
+    // Lights that stand out are seen at the lowest resolution, and taken out of all.
+    let stand_out = largest >= highlights::LEAST_RADIUS_PX;
+    let of_level = |level: usize| (width.div_ceil(2 << level), height.div_ceil(2 << level));
+    let found = highlights::list(run.recorder);
+    for (step, level) in (0..LEVELS as usize).chain(if stand_out { 2..LEVELS as usize } else { 0..0 }).enumerate() {
+        if step == LEVELS as usize {
+            highlights::find(run.recorder, &lens, &layer, [&colors.all, &circles.all], &found);
+            let first_two = [0, 1].map(|level| (&colors.levels[level], of_level(level)));
+            highlights::dim(run.recorder, &lens, &found, first_two);
+        }
+        let entry = if level == 0 { "first" } else { "next" };
+        let pass = run.recorder.pass(Shader::DepthOfFieldPyramid, entry).uniform("lens", &lens);
+        let pass = match level.checked_sub(1) {
+            None => pass.texture("color", &layer.color).texture("geometry", &layer.geometry),
+            Some(l) => pass.texture("color", &colors.levels[l]).texture("circles", &circles.levels[l]),
         };
-        let tiles = tiling.tiles;
-        let count = tiles.0 * tiles.1;
-
-        let [own, touched, around, needed] = ["own circles", "touched tiles", "circles around", "circles"]
-            .map(|purpose| run.pool.get(gpu, purpose, 0, tiles, COLOR, 1));
-        // With a texel beside the layer at the lowest resolution, empty as all that is not drawn: where a driver takes the outermost
-        // texel for those beyond it.
-        let more = (width + (1 << LEVELS), height + (1 << LEVELS));
-        let colors = run.pool.pyramid(gpu, "smaller layer", more, COLOR, LEVELS);
-        let circles = run.pool.pyramid(gpu, "smaller circles", more, CIRCLES, LEVELS);
-        let blurred = ["smaller blurred", "smaller front", "smaller back"]
-            .map(|purpose| run.pool.pyramid(gpu, purpose, layer.size, COLOR, DRAWN as u32));
-        let out = run.pool.get(gpu, "focused colour", 0, layer.size, COLOR, 1);
-
-        let lens = lens(gpu, context, opening, &layer, tiling, largest, 0);
-        let shape = self.shape.take().filter(|shape| shape.is_of(opening));
-        let shape = &*self.shape.insert(shape.unwrap_or_else(|| Shape::new(gpu, opening)));
-
-        // Lights that stand out are seen at the lowest resolution, and taken out of all.
-        let stand_out = largest >= highlights::LEAST_RADIUS_PX;
-        let of_level = |level: usize| (width.div_ceil(2 << level), height.div_ceil(2 << level));
-        for (step, level) in (0..LEVELS as usize).chain(if stand_out { 2..LEVELS as usize } else { 0..0 }).enumerate() {
-            if step == LEVELS as usize {
-                let [first, second] = [0, 1].map(|level| (&colors.levels[level], of_level(level)));
-                self.highlights.find(run, &lens, &layer, [&colors.view, &circles.view]);
-                self.highlights.dim(run, &lens, [first, second]);
-            }
-            let size = of_level(level);
-            let before = level.checked_sub(1);
-            let from = before.map_or(&layer.color, |l| &colors.levels[l]);
-            let range = before.map_or(&layer.geometry, |l| &circles.levels[l]);
-            let slots = [Slot::Buffer(&lens), Slot::Texture(&from.view), Slot::Texture(&range.view)];
-            let targets = [&colors.levels[level], &circles.levels[level]];
-            self.pyramid[level.min(1)].run(gpu, run.encoder, &slots, &targets, size);
-        }
-        let meeting = (tiles.0 + 1, tiles.1 + 1);
-        let corners = run.pool.get(gpu, "corners of tiles", 0, meeting, COLOR, 1);
-        // Where only one is read, it stands for the other too.
-        for (pass, [from, with], to, size) in [
-            (&self.tiles[0], [&circles.levels[1]; 2], &own, tiles),
-            (&self.tiles[1], [&own; 2], &touched, tiles),
-            (&self.tiles[2], [&own, &touched], &around, tiles),
-            (&self.tiles[3], [&around; 2], &needed, tiles),
-            (&self.tiles[4], [&own, &needed], &corners, meeting),
-        ] {
-            let slots = [Slot::Buffer(&lens), Slot::Texture(&from.view), Slot::Texture(&with.view)];
-            pass.run(gpu, run.encoder, &slots, &[to], size);
-        }
-
-        // What is drawn into cannot be read: other textures stand for the lower resolutions first.
-        let mut slots = [
-            Slot::Buffer(&lens),
-            Slot::Buffer(&shape.image),
-            Slot::Texture(&needed.view),
-            Slot::Texture(&corners.view),
-            Slot::Texture(&layer.color.view),
-            Slot::Texture(&layer.geometry.view),
-            Slot::Texture(&colors.view),
-            Slot::Texture(&circles.view),
-            Slot::Texture(&colors.view),
-            Slot::Texture(&colors.view),
-            Slot::Texture(&colors.view),
-            Slot::Sampler(&self.between),
-            Slot::Buffer(self.highlights.found()),
-        ];
-        // The shader's circles are rounded to 16 bits, and none is larger than is drawn.
-        let least = (0.5 * circles_px(context)[0]).min(largest);
-        for level in 1.max(level_of(0.999 * least))..=level_of(1.001 * largest) {
-            let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
-            let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
-            let passes: Vec<_> = self.levels[level - 1].iter().collect();
-            run_tiles(gpu, run.encoder, &passes, &slots, &targets, size, count);
-        }
-        for (slot, blurred) in slots[8..11].iter_mut().zip(&blurred) {
-            *slot = Slot::Texture(&blurred.view);
-        }
-        let full: Vec<_> = self.full.iter().collect();
-        run_tiles(gpu, run.encoder, &full, &slots, &[&out], layer.size, count);
-        if stand_out {
-            let list = self.highlights.found();
-            run_listed(gpu, run.encoder, &self.spot, &slots, &[&out], layer.size, list);
-        }
-        if !run.geometry_is_read {
-            return Layer { color: out, ..layer };
-        }
-        let geometry = run.pool.get(gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
-        run_tiles(gpu, run.encoder, &[&self.passing], &slots, &[&geometry], layer.size, count);
-        Layer { color: out, geometry, ..layer }
+        pass.draw_into(&[&colors.levels[level], &circles.levels[level]], of_level(level));
     }
+    let mut of_tiles = |entry, [before, with]: [&_; 2], size| {
+        let pass = run.recorder.pass(Shader::DepthOfFieldTiles, entry).uniform("lens", &lens);
+        let [out] = pass.texture("before", before).texture("touched", with).draw([COLOR], size);
+        out
+    };
+    // Where only one is read, it stands for the other too.
+    let own = of_tiles("own", [&circles.levels[1]; 2], tiles);
+    let touched = of_tiles("touching", [&own; 2], tiles);
+    let around = of_tiles("around", [&own, &touched], tiles);
+    let needed = of_tiles("needed", [&around; 2], tiles);
+    let corners = of_tiles("corners", [&own, &needed], (tiles.0 + 1, tiles.1 + 1));
+
+    let gathering = Gathering {
+        lens,
+        aperture: run.recorder.kept(Blades::of(opening), image::buffer),
+        tiles: needed,
+        count,
+        corners,
+        layer: [layer.color.clone(), layer.geometry.clone()],
+        smaller: [colors.all.clone(), circles.all],
+        found,
+    };
+    // What is drawn into cannot be read: other textures stand for the lower resolutions first.
+    let nothing = [&colors.all; 3];
+    // The shader's circles are rounded to 16 bits, and none is larger than is drawn.
+    let least = (0.5 * circles_px(moment)[0]).min(largest);
+    for level in 1.max(level_of(0.999 * least))..=level_of(1.001 * largest) {
+        let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
+        let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
+        gathering
+            .pass(run.recorder, gather("level_one_deep_tiles", "level_one_deep", level, 4.0), nothing)
+            .also(gather("level_two_deep_tiles", "level_two_deep", level, 4.0))
+            .draw_into(&targets, size);
+    }
+    let lower = blurred.each_ref().map(|b| &b.all);
+    let [first, rest @ ..] = KINDS.map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps));
+    let sharpest = gathering.pass(run.recorder, first, lower);
+    let [color] = rest.into_iter().fold(sharpest, Pass::also).draw([COLOR], layer.size);
+    if stand_out {
+        let spots = gathering.pass(run.recorder, gather("spot_corner", "spot", 0, 4.0), lower);
+        spots.blend(highlights::ADDED).listed(&gathering.found).draw_into(&[&color], layer.size);
+    }
+    if !run.geometry_is_read {
+        return Layer { color, ..layer };
+    }
+    let passing = gathering.pass(run.recorder, gather("all_tiles", "passing", 0, 4.0), lower);
+    let [geometry] = passing.draw([GEOMETRY], layer.size);
+    Layer { color, geometry, ..layer }
 }
 
 #[cfg(test)]
@@ -268,7 +211,7 @@ mod tests {
 
     #[test]
     fn thresholds_are_the_shaders() {
-        let shader = assemble("shared/lens");
+        let shader = Shader::SharedLens.module();
         let value = |name| constant(&shader, name) as f32;
         let half = value("TWO_HALF_PX").min(value("HALF_PX"));
         assert_eq!(FROM_PX, [half, value("QUARTER_PX"), value("EIGHTH_PX"), value("SIXTEENTH_PX")]);

@@ -10,37 +10,17 @@
 //! variance.
 
 use crate::camera::Opening;
-use crate::effects::FrameContext;
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, assemble, constants};
-use crate::render::{COLOR, Layer, LayerRun};
+use crate::effects::LayerRun;
+use crate::gpu::{Bytes, Gpu, Shader};
+use crate::render::{COLOR, Layer};
 
 use super::layered::{largest_radius_px, reach_px};
-use super::surroundings::{Surroundings, Tiling, lens};
+use super::surroundings::{Lens, Tiling, passed, surroundings};
 
-/// Most points of the first disc, and those of the second: as in shaders/depth_of_field_poisson.wgsl.
-pub const MOST_POINTS: usize = 64;
+/// Points of the second disc: as in shaders/depth_of_field_poisson.wgsl.
 const SECOND: usize = 16;
 /// Radius of the second disc, in radii of a disc as large as one point's share of the first.
 const OVERLAP: f32 = 1.5;
-
-/// `Discs` of shaders/depth_of_field_poisson.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct DiscsUniform {
-    radii: [f32; 4],
-    first: [[f32; 4]; MOST_POINTS],
-    second: [[f32; 4]; SECOND],
-}
-
-#[derive(Debug)]
-pub struct Passes {
-    points: usize,
-    surroundings: Surroundings,
-    first: FullscreenPass,
-    second: FullscreenPass,
-    between: wgpu::Sampler,
-    discs: wgpu::Buffer,
-}
 
 /// So many points in the unit disc, none nearer to another than a Poisson disc allows (Cook 1986: dart throwing; the
 /// distance shrinks until all fit). Then they are moved and scaled to the disc's own middle and variance, 1/4.
@@ -75,61 +55,37 @@ fn radii(points: usize) -> [f32; 2] {
     [(1.0 - second * second).max(0.0).sqrt(), second]
 }
 
-impl Passes {
-    pub fn new(gpu: &Gpu, points: usize) -> Self {
-        let shader = assemble("depth_of_field_poisson");
-        let pass = |fragment, formats: &[wgpu::TextureFormat]| {
-            let number = [("points", points as f64)];
-            let options = Options { fragment, constants: &number, ..Options::default() };
-            FullscreenPass::with(gpu, "poisson", &shader, formats, &options)
-        };
-        fn texels<const N: usize>(count: usize) -> [[f32; 4]; N] {
-            let mut all = [[0.0; 4]; N];
-            for (to, [x, y]) in all.iter_mut().zip(poisson_disc(count)) {
-                *to = [x as f32, y as f32, 0.0, 0.0];
-            }
-            all
-        }
-        let [first, second] = radii(points);
-        let discs = DiscsUniform { radii: [first, second, 0.0, 0.0], first: texels(points), second: texels(SECOND) };
-        Self {
-            points,
-            surroundings: Surroundings::new(gpu),
-            first: pass("first", &[COLOR; 2]),
-            second: pass("second", &[COLOR]),
-            between: gpu.linear_sampler(),
-            discs: constants(gpu, "discs", bytemuck::bytes_of(&discs)),
-        }
-    }
+/// Both discs for a number of points, as the shader reads them: radii over the circle's, the second disc, the first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Discs(usize);
 
-    /// Whether they were made for so many points.
-    pub fn are_of(&self, points: usize) -> bool {
-        self.points == points
-    }
+fn discs(gpu: &Gpu, Discs(points): &Discs) -> Bytes {
+    use wgpu::util::DeviceExt;
+    let [first, second] = radii(*points);
+    let texels = |count| poisson_disc(count).into_iter().map(|[x, y]| [x as f32, y as f32]);
+    let all: Vec<_> = std::iter::once([first, second]).chain(texels(SECOND)).chain(texels(*points)).collect();
+    let buffer = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some("discs"),
+        contents: bytemuck::cast_slice(&all),
+        usage: wgpu::BufferUsages::STORAGE,
+    });
+    Bytes::from(&buffer)
+}
 
-    pub fn run(&self, run: &mut LayerRun<'_>, context: &FrameContext<'_>, opening: &Opening, layer: Layer) -> Layer {
-        let gpu = run.gpu;
-        let tiling = Tiling::coarse(layer.size, reach_px(context));
-        let lens = lens(gpu, context, opening, &layer, tiling, largest_radius_px(context), 0);
-        let around = self.surroundings.run(run, &lens, &layer, tiling);
-        let [filtered, radii, out] = ["poisson colour", "poisson radii", "focused colour"]
-            .map(|p| run.pool.get(gpu, p, 0, layer.size, COLOR, 1));
-        let slots = |color, geometry| {
-            [
-                Slot::Buffer(&lens),
-                Slot::Buffer(&self.discs),
-                Slot::Texture(color),
-                Slot::Sampler(&self.between),
-                geometry,
-            ]
-        };
-        let [a, b, c, d, e] = slots(&layer.color.view, Slot::Texture(&layer.geometry.view));
-        let first = [a, b, c, d, e, Slot::Texture(&around.view)];
-        self.first.run(gpu, run.encoder, &first, &[&filtered, &radii], layer.size);
-        let second = slots(&filtered.view, Slot::Texture(&radii.view));
-        self.second.run(gpu, run.encoder, &second, &[&out], layer.size);
-        self.surroundings.passed(run, &lens, &around, layer, out)
-    }
+/// By so many points of the first disc.
+pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Layer) -> Layer {
+    let tiling = Tiling::coarse(layer.size, reach_px(run.moment));
+    let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px(run.moment), 0);
+    let around = surroundings(run, &lens, &layer, tiling);
+    let discs = run.recorder.kept(Discs(points), discs);
+    let pass =
+        run.recorder.pass(Shader::DepthOfFieldPoisson, "first").uniform("lens", &lens).buffer("discs", discs.clone());
+    let pass =
+        pass.texture("color", &layer.color).texture("geometry", &layer.geometry).texture("around_tiles", &around);
+    let [filtered, radii] = pass.draw([COLOR; 2], layer.size);
+    let pass = run.recorder.pass(Shader::DepthOfFieldPoisson, "second").uniform("lens", &lens).buffer("discs", discs);
+    let [out] = pass.texture("color", &filtered).texture("radii", &radii).draw([COLOR], layer.size);
+    passed(run, &lens, &around, layer, out)
 }
 
 /// A layer by the formula: each pixel the mean over the disc of its own circle, `circles_px` wide (0 where nothing was
@@ -170,7 +126,7 @@ mod tests {
 
     #[test]
     fn points_are_apart_and_spread_as_the_disc() {
-        for count in [8, SECOND, 48, MOST_POINTS] {
+        for count in [8, SECOND, 48, 64] {
             let points = poisson_disc(count);
             assert_eq!(points.len(), count);
             let mut nearest = f64::INFINITY;

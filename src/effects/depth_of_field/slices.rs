@@ -23,14 +23,15 @@
 
 mod kernel;
 
-use kernel::{HALVES, Kernel, LEVELS, MOST_WEIGHTS, noise_left, reach_of};
+use kernel::{HALVES, Kernel, MOST_WEIGHTS, noise_left, reach_of};
 
 use crate::camera::{Aperture, Opening, correlations};
-use crate::effects::FrameContext;
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants, run_tiles};
+use crate::effects::{LayerRun, Moment};
+use crate::gpu::{Entry, Gpu, Shader, Texture};
 use crate::image::Rect;
-use crate::render::{COLOR, Layer, LayerRun, RealLayer};
+use crate::render::{COLOR, Layer, RealLayer};
 
+use super::image::Blades;
 use super::{SHARP_PX, layered};
 
 /// Diameters grow by this from slice to slice, on top of `GROWS_FROM_PX`.
@@ -55,234 +56,142 @@ pub fn diameter_px(slice: i32) -> f64 {
     f64::from(SHARP_PX) + GROWS_FROM_PX * (RATIO.powi(slice.abs()) - 1.0)
 }
 
-/// `Slice` of shaders/depth_of_field_slices.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct SliceUniform {
-    size: [i32; 4],
-    circle: [f32; 4],
-    slice: [f32; 4],
-    texture: [f32; 4],
+crate::uniform! {
+    struct Slice {
+        size: [i32; 2],
+        place: [f32; 2],
+        columns: i32,
+        side_px: i32,
+        fx_diameter: f32,
+        per_focus: f32,
+        largest_px: f32,
+        tolerance_m: f32,
+        number: f32,
+        noise: f32,
+        texel_px: f32,
+        with_layer: f32,
+        unused: [f32; 2],
+    }
 }
 
-#[derive(Debug)]
-pub struct Passes {
-    places: FullscreenPass,
-    share: FullscreenPass,
-    /// Without the layer, and with it.
-    smaller: [FullscreenPass; 2],
-    blur: [[FullscreenPass; HALVES.len()]; 2],
-    first: FullscreenPass,
-    add: FullscreenPass,
-    add_sharp: FullscreenPass,
-    finish: FullscreenPass,
-    between: wgpu::Sampler,
-    kernels: Option<Kernels>,
-}
-
-/// Of an opening's shape, by slices' numbers, as they are asked for.
-#[derive(Debug)]
-struct Kernels {
-    blades: u32,
-    rotation_rad: f64,
-    aperture: Aperture,
-    known: std::collections::HashMap<i32, Kernel>,
+/// A kernel's opening and slice.
+#[derive(Clone, Debug, PartialEq)]
+struct Of {
+    blades: Blades,
+    slice: i32,
 }
 
 /// Of what is drawn, px.
-fn largest_px(context: &FrameContext<'_>) -> f64 {
-    2.0 * f64::from(layered::largest_radius_px(context))
+fn largest_px(moment: &Moment<'_>) -> f64 {
+    2.0 * f64::from(layered::largest_radius_px(moment))
 }
 
 /// How far light is spread, px.
-pub fn reach_px(context: &FrameContext<'_>) -> f32 {
+pub fn reach_px(moment: &Moment<'_>) -> f32 {
     // The next slice's circle.
-    reach_of(RATIO * 0.5 * largest_px(context) + 0.5) as f32
+    reach_of(RATIO * 0.5 * largest_px(moment) + 0.5) as f32
 }
 
-impl Passes {
-    pub fn new(gpu: &Gpu) -> Self {
-        let shader = assemble("depth_of_field_slices");
-        let pass = |vertex, fragment, constants: &[_], formats: &[_]| {
-            let options = Options { vertex, fragment, constants, ..Options::default() };
-            FullscreenPass::with(gpu, "slices", &shader, formats, &options)
-        };
-        let full = "fullscreen_vertex";
-        let both = |layer: f64, fragment, half: i32| {
-            pass("tiles", fragment, &[("layer_too", layer), ("half_side", f64::from(half))], &[COLOR; 2])
-        };
-        Self {
-            places: pass(full, "places", &[], &[COLOR]),
-            share: pass("tiles", "share", &[], &[COLOR; 2]),
-            smaller: [0.0, 1.0].map(|layer| both(layer, "smaller", 1)),
-            blur: [0.0, 1.0].map(|layer| HALVES.map(|half| both(layer, "blur", half))),
-            first: pass(full, "nothing", &[], &[COLOR; 3]),
-            add: pass(full, "add", &[], &[COLOR; 3]),
-            add_sharp: pass(full, "add_sharp", &[], &[COLOR; 3]),
-            finish: pass(full, "finish", &[], &[COLOR; 2]),
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("between texels"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
-            kernels: None,
-        }
-    }
+/// Blurs both; without `with_layer` the real part alone, and the layer stays as it is.
+pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealLayer, with_layer: bool) -> Layer {
+    let moment = run.moment;
+    let gpu = run.recorder.gpu.clone();
+    let size = layer.size;
+    let of_level = |level: usize| (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
+    let largest = largest_px(moment);
+    let circle = |depth_m: f64| opening.circle_px(moment.picture.intrinsics.fx_px, depth_m).clamp(-largest, largest);
+    let objects = with_layer.then(|| Objects {
+        px: run.objects_px.moved(-run.drawn.x0, -run.drawn.y0),
+        circles_px: moment.depths_m.map(&circle),
+    });
+    let tiles = Tiles::new(size, real, &circle, objects);
+    let count = tiles.count.0 * tiles.count.1;
+    let whole = Slice {
+        size: [size.0 as i32, size.1 as i32],
+        place: [0.0; 2],
+        columns: tiles.count.0 as i32,
+        side_px: RealLayer::SIDE_PX as i32,
+        fx_diameter: (moment.picture.intrinsics.fx_px * opening.diameter_m) as f32,
+        per_focus: (1.0 / opening.focus_distance_m) as f32,
+        largest_px: largest as f32,
+        // More than any depth where nothing is hidden.
+        tolerance_m: real.tolerance_m.unwrap_or(HIDES_NOTHING_M).min(HIDES_NOTHING_M),
+        number: 0.0,
+        noise: 1.0,
+        texel_px: 1.0,
+        with_layer: f32::from(u8::from(with_layer)),
+        unused: [0.0; 2],
+    };
+    let of_texels = |slice: &Slice, level: usize| Slice { texel_px: (1u32 << level) as f32, ..*slice };
 
-    /// Blurs both; without `with_layer` the real part alone, and the layer stays as it is.
-    pub fn run(
-        &mut self,
-        run: &mut LayerRun<'_>,
-        context: &FrameContext<'_>,
-        opening: &Opening,
-        layer: Layer,
-        real: &RealLayer,
-        with_layer: bool,
-    ) -> Layer {
-        let gpu = run.gpu;
-        let size = layer.size;
-        let largest = largest_px(context);
-        let circle =
-            |depth_m: f64| opening.circle_px(context.geometry.intrinsics.fx_px, depth_m).clamp(-largest, largest);
-        let objects = with_layer.then(|| Objects {
-            px: context.objects_px.moved(-context.drawn.x0, -context.drawn.y0),
-            circles_px: context.depths_m.map(&circle),
+    let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "places").uniform("slice", &whole);
+    let pass = pass.texture("layer_color", &layer.color).texture("layer_geometry", &layer.geometry);
+    let [places] = pass.texture("real_depths", &real.depths).draw([COLOR], size);
+    let mut sums =
+        run.recorder.pass(Shader::DepthOfFieldSlices, "nothing").uniform("slice", &whole).draw([COLOR; 3], size);
+    let neighbours = moment.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
+    let neighbours = neighbours.map(correlations);
+    let noise_before = moment.capture.noise_left.max(1e-6);
+    for &slice in &tiles.slices {
+        let reached = run.recorder.pool.lend_to_write(&gpu, tiles.count, wgpu::TextureFormat::R32Uint);
+        tiles.write(&gpu, &reached, slice);
+        let of_slice = Slice { number: slice as f32, ..whole };
+        let pass =
+            run.recorder.pass(Shader::DepthOfFieldSlices, Entry::over("tiles", "share")).uniform("slice", &of_slice);
+        let pass = pass.texture("reached", &reached).texture("color", &layer.color).texture("light", &real.light);
+        let pass = pass.texture("behind_light", &real.behind).texture("place", &places).tiles(count);
+        let mut shared = pass.draw([COLOR; 2], size);
+        if slice == 0 {
+            let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "add_sharp").uniform("slice", &of_slice);
+            let pass = pass.texture("slice_real", &shared[0]).texture("slice_layer", &shared[1]);
+            let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_held", &sums[2]);
+            sums = pass.draw([COLOR; 3], size);
+            continue;
+        }
+        let kernel = run.recorder.kept(Of { blades: Blades::of(opening), slice }, |_, of| {
+            let circle_px = f64::from(of.slice.signum()) * diameter_px(of.slice);
+            Kernel::new(&Aperture::of(&of.blades.opening()), circle_px)
         });
-        let tiles = Tiles::new(size, real, &circle, objects);
-        let shape = (opening.blades, opening.rotation_rad);
-        let known = self.kernels.take().filter(|k| (k.blades, k.rotation_rad) == shape);
-        let kernels = self.kernels.insert(known.unwrap_or_else(|| Kernels {
-            blades: shape.0,
-            rotation_rad: shape.1,
-            aperture: Aperture::of(opening),
-            known: Default::default(),
-        }));
-
-        let get = |run: &mut LayerRun<'_>, purpose, slot| run.pool.get(gpu, purpose, slot, size, COLOR, 1);
-        let places = get(run, "slices: places", 0);
-        let sums: [[Texture; 3]; 2] = [0, 3].map(|first| [0, 1, 2].map(|i| get(run, "slices: sums", first + i)));
-        let shared: Vec<[Texture; 2]> = (0..=LEVELS)
-            .map(|level| {
-                let size = (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
-                [0, 1].map(|i| run.pool.get(gpu, "slices: share", 2 * level + i, size, COLOR, 1))
-            })
-            .collect();
-        let blurred: Vec<[Texture; 2]> = (0..=LEVELS)
-            .map(|level| {
-                let size = (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
-                [0, 1].map(|i| run.pool.get(gpu, "slices: blurred", 2 * level + i, size, COLOR, 1))
-            })
-            .collect();
-        let uniform = |slice: i32, level: usize, amplitude: f64, of: &Texture| {
-            let texel = f64::from(1u32 << level);
-            let uniform = SliceUniform {
-                size: [size.0 as i32, size.1 as i32, tiles.count.0 as i32, RealLayer::SIDE_PX as i32],
-                circle: [
-                    (context.geometry.intrinsics.fx_px * opening.diameter_m) as f32,
-                    (1.0 / opening.focus_distance_m) as f32,
-                    largest as f32,
-                    // More than any depth where nothing is hidden.
-                    real.tolerance_m.unwrap_or(HIDES_NOTHING_M).min(HIDES_NOTHING_M),
-                ],
-                slice: [slice as f32, amplitude as f32, texel as f32, f32::from(u8::from(with_layer))],
-                texture: [(1.0 / texel) as f32 / of.width as f32, (1.0 / texel) as f32 / of.height as f32, 0.0, 0.0],
-            };
-            constants(gpu, "slice", bytemuck::bytes_of(&uniform))
+        let in_layer = tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far);
+        let both = |entry, half: i32| {
+            let layer_too = f64::from(u8::from(in_layer));
+            Entry::over("tiles", entry).choose("layer_too", layer_too).choose("half_side", f64::from(half))
         };
-        let whole = uniform(0, 0, 1.0, &places);
-        let slots = [
-            Slot::Buffer(&whole),
-            Slot::Texture(&layer.color.view),
-            Slot::Texture(&layer.geometry.view),
-            Slot::Texture(&real.depths.view),
-        ];
-        self.places.run(gpu, run.encoder, &slots, &[&places], size);
-        let mut now = 0;
-        self.first.run(gpu, run.encoder, &[Slot::Buffer(&whole)], &sums[now].each_ref(), size);
-        let neighbours = context.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
-        let neighbours = neighbours.map(correlations);
-        let noise_before = context.photograph.map_or(1.0, |p| p.noise_left).max(1e-6);
-        for &slice in &tiles.slices {
-            // Written before anything is drawn: each slice has its own.
-            let slot = (slice + MOST_SLICES) as usize;
-            let reached = run.pool.get(gpu, "slices: tiles", slot, tiles.count, wgpu::TextureFormat::R32Uint, 1);
-            tiles.write(gpu, &reached, slice);
-            let layer_too = usize::from(tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far));
-            let of_slice = uniform(slice, 0, 1.0, &places);
-            let slots = [
-                Slot::Buffer(&of_slice),
-                Slot::Texture(&reached.view),
-                Slot::Texture(&layer.color.view),
-                Slot::Texture(&real.light.view),
-                Slot::Texture(&real.behind.view),
-                Slot::Texture(&places.view),
-            ];
-            let count = tiles.count.0 * tiles.count.1;
-            run_tiles(gpu, run.encoder, &[&self.share], &slots, &shared[0].each_ref(), size, count);
-            let [before, after] = [&sums[now], &sums[1 - now]];
-            let sums_slots = before.each_ref().map(|t| Slot::Texture(&t.view));
-            if slice == 0 {
-                let [a, b] = shared[0].each_ref().map(|t| Slot::Texture(&t.view));
-                let [x, y, z] = sums_slots;
-                self.add_sharp.run(
-                    gpu,
-                    run.encoder,
-                    &[Slot::Buffer(&of_slice), a, b, x, y, z],
-                    &after.each_ref(),
-                    size,
-                );
-                now = 1 - now;
-                continue;
-            }
-            let kernel = kernels
-                .known
-                .entry(slice)
-                .or_insert_with(|| Kernel::new(&kernels.aperture, f64::from(slice.signum()) * diameter_px(slice)));
-            for level in 1..=kernel.level {
-                let size = (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
-                let of_level = uniform(slice, level, 1.0, &places);
-                let [a, b] = shared[level - 1].each_ref().map(|t| Slot::Texture(&t.view));
-                let slots = [Slot::Buffer(&of_level), Slot::Texture(&reached.view), a, b];
-                run_tiles(
-                    gpu,
-                    run.encoder,
-                    &[&self.smaller[layer_too]],
-                    &slots,
-                    &shared[level].each_ref(),
-                    size,
-                    count,
-                );
-            }
-            let level = kernel.level;
-            let at_level = (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
-            let amplitude =
-                noise_left(noise_before, context.enlargement(), kernel, diameter_px(slice), &neighbours).sqrt();
-            let of_level = uniform(slice, level, amplitude, &blurred[level][0]);
-            let mut weights = kernel.weights.clone();
-            weights.resize(weights.len().div_ceil(4) * 4, 0.0);
-            // The shader's array is as long as the largest kernel.
-            weights.resize(MOST_WEIGHTS, 0.0);
-            let weights = constants(gpu, "kernel", bytemuck::cast_slice(&weights));
-            let [a, b] = shared[level].each_ref().map(|t| Slot::Texture(&t.view));
-            let slots = [Slot::Buffer(&of_level), Slot::Texture(&reached.view), a, b, Slot::Buffer(&weights)];
-            let pass = &self.blur[layer_too][kernel.class];
-            run_tiles(gpu, run.encoder, &[pass], &slots, &blurred[level].each_ref(), at_level, count);
-
-            let [a, b] = blurred[level].each_ref().map(|t| Slot::Texture(&t.view));
-            let [x, y, z] = sums_slots;
-            let slots = [Slot::Buffer(&of_level), a, b, x, y, z, Slot::Sampler(&self.between)];
-            self.add.run(gpu, run.encoder, &slots, &after.each_ref(), size);
-            now = 1 - now;
+        for level in 1..=kernel.level {
+            let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("smaller", 1));
+            let pass = pass.uniform("slice", &of_texels(&of_slice, level)).texture("reached", &reached);
+            let pass = pass.texture("before_real", &shared[0]).texture("before_layer", &shared[1]).tiles(count);
+            shared = pass.draw([COLOR; 2], of_level(level));
         }
-        let out = [0, 1].map(|i| run.pool.get(gpu, "slices: focused", i, size, COLOR, 1));
-        let [x, y, z] = sums[now].each_ref().map(|t| Slot::Texture(&t.view));
-        let slots = [Slot::Buffer(&whole), Slot::Texture(&real.light.view), x, y, z];
-        self.finish.run(gpu, run.encoder, &slots, &out.each_ref(), size);
-        let [color, light] = out;
-        let color = if with_layer { color } else { layer.color.clone() };
-        Layer { color, real: Some(RealLayer { light, ..real.clone() }), ..layer }
+        let level = kernel.level;
+        let noise =
+            noise_left(noise_before, moment.capture.enlargement, &kernel, diameter_px(slice), &neighbours).sqrt();
+        let at_level = Slice { noise: noise as f32, ..of_texels(&of_slice, level) };
+        // The shader's array is as long as the largest kernel.
+        let mut weights = kernel.weights.clone();
+        weights.resize(MOST_WEIGHTS, 0.0);
+        let weights = run.recorder.uniform(bytemuck::cast_slice(&weights));
+        let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("blur", HALVES[kernel.class]));
+        let pass = pass.uniform("slice", &at_level).texture("reached", &reached).buffer("kernel", weights);
+        let pass = pass.texture("before_real", &shared[0]).texture("before_layer", &shared[1]).tiles(count);
+        let blurred = pass.draw([COLOR; 2], of_level(level));
+
+        let per_texel = 1.0 / f64::from(1u32 << level);
+        let place = [blurred[0].width, blurred[0].height].map(|side| per_texel as f32 / side as f32);
+        let pass = run.recorder.pass(Shader::DepthOfFieldSlices, "add").uniform("slice", &Slice { place, ..at_level });
+        let pass = pass.texture("slice_real", &blurred[0]).texture("slice_layer", &blurred[1]);
+        let pass = pass.texture("sum_real", &sums[0]).texture("sum_layer", &sums[1]).texture("sum_held", &sums[2]);
+        sums = pass.draw([COLOR; 3], size);
     }
+    let pass = run
+        .recorder
+        .pass(Shader::DepthOfFieldSlices, "finish")
+        .uniform("slice", &whole)
+        .texture("recorded", &real.light);
+    let pass = pass.texture("all_real", &sums[0]).texture("all_layer", &sums[1]).texture("all_held", &sums[2]);
+    let [color, light] = pass.draw([COLOR; 2], size);
+    let color = if with_layer { color } else { layer.color.clone() };
+    Layer { color, real: Some(RealLayer { light, ..real.clone() }), ..layer }
 }
 
 /// Which slices there are, and where they reach.
@@ -354,7 +263,7 @@ mod tests {
 
     #[test]
     fn numbers_are_the_shaders() {
-        let shader = assemble("depth_of_field_slices");
+        let shader = Shader::DepthOfFieldSlices.module();
         let value = |name| constant(&shader, name);
         assert_eq!([value("GROWS_FROM_PX"), value("RATIO")], [GROWS_FROM_PX, RATIO]);
         assert_eq!((value("SHARP_PX") as f32, value("MOST") as i32), (SHARP_PX, MOST_SLICES));

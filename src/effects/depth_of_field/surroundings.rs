@@ -1,9 +1,9 @@
 //! What the methods share: the lens as shaders see it, and the circles around each tile.
 
 use crate::camera::{Aperture, Opening};
-use crate::effects::FrameContext;
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
-use crate::render::{COLOR, GEOMETRY, Layer, LayerRun};
+use crate::effects::LayerRun;
+use crate::gpu::{Shader, Texture};
+use crate::render::{COLOR, GEOMETRY, Layer};
 
 /// The side of a photograph's tiles, px.
 pub const PHOTOGRAPHS_TILE_PX: u32 = 16;
@@ -45,85 +45,63 @@ impl Tiling {
     }
 }
 
-/// `Lens` of shaders/shared/lens.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct LensUniform {
-    size: [i32; 4],
-    circle: [f32; 4],
-    texture: [f32; 4],
-}
-
-/// `Lens` of a frame: no circle is drawn wider than `largest_radius_px`, and as many steps of the blur factor are told.
-pub fn lens(
-    gpu: &Gpu,
-    context: &FrameContext<'_>,
-    opening: &Opening,
-    layer: &Layer,
-    tiling: Tiling,
-    largest_radius_px: f32,
-    steps: u32,
-) -> wgpu::Buffer {
-    let uniform = LensUniform {
-        size: [layer.size.0 as i32, layer.size.1 as i32, tiling.side_px as i32, tiling.tiles.0 as i32],
-        circle: [
-            (context.geometry.intrinsics.fx_px * opening.diameter_m) as f32,
-            (1.0 / opening.focus_distance_m) as f32,
-            Aperture::of(opening).variance() as f32,
-            2.0 * largest_radius_px,
-        ],
-        texture: [
-            1.0 / layer.color.width as f32,
-            1.0 / layer.color.height as f32,
-            steps as f32,
-            tiling.reach_tiles as f32,
-        ],
-    };
-    constants(gpu, "lens", bytemuck::bytes_of(&uniform))
-}
-
-/// Finds the circles that can reach into each tile.
-#[derive(Debug)]
-pub struct Surroundings {
-    tiles: [FullscreenPass; 2],
-    passing: FullscreenPass,
-}
-
-impl Surroundings {
-    pub fn new(gpu: &Gpu) -> Self {
-        let shader = assemble("depth_of_field_surroundings");
-        let pass = |fragment, format| {
-            let options = Options { fragment, ..Options::default() };
-            FullscreenPass::with(gpu, "surroundings", &shader, &[format], &options)
-        };
-        Self { tiles: ["own", "around"].map(|f| pass(f, COLOR)), passing: pass("passing", GEOMETRY) }
+crate::uniform! {
+    /// A frame's lens and how its work is divided.
+    pub struct Lens {
+        size: [i32; 2],
+        texel: [f32; 2],
+        side_px: i32,
+        columns: i32,
+        fx_diameter: f32,
+        per_focus: f32,
+        variance: f32,
+        largest_px: f32,
+        steps: f32,
+        reach_tiles: f32,
     }
+}
 
-    /// Nearest circle (signed) and largest radius of each tile and those around it, px.
-    pub fn run(&self, run: &mut LayerRun<'_>, lens: &wgpu::Buffer, layer: &Layer, tiling: Tiling) -> Texture {
-        let gpu = run.gpu;
-        let [own, around] = [0, 1].map(|slot| run.pool.get(gpu, "surroundings", slot, tiling.tiles, COLOR, 1));
-        for (pass, view, to) in [(&self.tiles[0], &layer.geometry.view, &own), (&self.tiles[1], &own.view, &around)] {
-            pass.run(gpu, run.encoder, &[Slot::Buffer(lens), Slot::Texture(view)], &[to], tiling.tiles);
+impl Lens {
+    /// No circle is drawn wider than `largest_radius_px`, and as many steps of the blur factor are told.
+    pub fn new(
+        run: &LayerRun<'_>,
+        opening: &Opening,
+        layer: &Layer,
+        tiling: Tiling,
+        largest_radius_px: f32,
+        steps: u32,
+    ) -> Self {
+        Self {
+            size: [layer.size.0 as i32, layer.size.1 as i32],
+            texel: [1.0 / layer.color.width as f32, 1.0 / layer.color.height as f32],
+            side_px: tiling.side_px as i32,
+            columns: tiling.tiles.0 as i32,
+            fx_diameter: (run.moment.picture.intrinsics.fx_px * opening.diameter_m) as f32,
+            per_focus: (1.0 / opening.focus_distance_m) as f32,
+            variance: Aperture::of(opening).variance() as f32,
+            largest_px: 2.0 * largest_radius_px,
+            steps: steps as f32,
+            reach_tiles: tiling.reach_tiles as f32,
         }
-        around
     }
+}
 
-    /// The layer with its new colour, and with geometry where that is read and was none.
-    pub fn passed(
-        &self,
-        run: &mut LayerRun<'_>,
-        lens: &wgpu::Buffer,
-        around: &Texture,
-        layer: Layer,
-        color: Texture,
-    ) -> Layer {
-        if !run.geometry_is_read {
-            return Layer { color, ..layer };
-        }
-        let geometry = run.pool.get(run.gpu, "focused geometry", 0, layer.size, GEOMETRY, 1);
-        let slots = [Slot::Buffer(lens), Slot::Texture(&layer.geometry.view), Slot::Texture(&around.view)];
-        self.passing.run(run.gpu, run.encoder, &slots, &[&geometry], layer.size);
-        Layer { color, geometry, ..layer }
+/// The circles that can reach into each tile: nearest circle (signed) and largest radius of each tile and those around it, px.
+pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: Tiling) -> Texture {
+    let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "own").uniform("lens", lens);
+    let [own] = pass.texture("geometry", &layer.geometry).draw([COLOR], tiling.tiles);
+    let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "around").uniform("lens", lens);
+    let [around] = pass.texture("before", &own).draw([COLOR], tiling.tiles);
+    around
+}
+
+/// The layer with its new colour, and with geometry where that is read and was none.
+pub fn passed(run: &mut LayerRun<'_>, lens: &Lens, around: &Texture, layer: Layer, color: Texture) -> Layer {
+    if !run.geometry_is_read {
+        return Layer { color, ..layer };
     }
+    let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "passing").uniform("lens", lens);
+    let pass = pass.texture("geometry", &layer.geometry).texture("around_tiles", around);
+    let [geometry] = pass.draw([GEOMETRY], layer.size);
+    Layer { color, geometry, ..layer }
 }

@@ -8,9 +8,8 @@ use std::sync::LazyLock;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::camera::{NoiseProfile, side_tap};
-use crate::gpu::{FullscreenPass, Gpu, Options, Slot, Texture, assemble, constants};
+use crate::gpu::{Gpu, Recorder, Shader, Texture};
 use crate::image::Rect;
-use crate::render::LayerRun;
 
 /// 4096ths of σ.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Sint;
@@ -23,15 +22,6 @@ pub struct Pattern {
     taps: [f64; 2],
     /// Of the channels' correlation.
     cholesky: [f64; 5],
-}
-
-/// The shaders, with what they read.
-#[derive(Debug)]
-pub struct Passes {
-    normal_table: Texture,
-    white: FullscreenPass,
-    /// Without and with correlation of neighbours.
-    pattern: [FullscreenPass; 2],
 }
 
 /// Side of the square table of quantiles.
@@ -49,21 +39,12 @@ pub static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
     quantiles.iter().map(|q| (q / variance.sqrt() / TABLE_UNIT).round() as i16).collect()
 });
 
-/// `White` of shaders/noise_white.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct WhiteUniform {
-    key: [u32; 4],
-    origin: [i32; 4],
+crate::uniform! {
+    struct White { key: [u32; 4], origin: [i32; 2], unused: [i32; 2] }
 }
 
-/// `Pattern` of shaders/noise_pattern.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct PatternUniform {
-    filter_shape: [f32; 4],
-    mix_a: [f32; 4],
-    mix_b: [f32; 4],
+crate::uniform! {
+    struct Filter { side: [f32; 2], norm: f32, l21: f32, l22: f32, l31: f32, l32: f32, l33: f32 }
 }
 
 /// pcg3d of Jarzynski and Olano 2020.
@@ -99,20 +80,14 @@ pub fn cholesky(correlation: [f64; 3]) -> [f64; 5] {
     }
 }
 
-impl Passes {
-    fn new(gpu: &Gpu) -> Self {
-        let table = Texture::new(gpu, "normal quantiles", TABLE_SIDE, TABLE_SIDE, wgpu::TextureFormat::R16Sint, 1);
-        table.write(gpu, TABLE_SIDE, TABLE_SIDE, &NORMAL_TABLE);
-        let pass = |name, fragment| {
-            let options = Options { fragment, ..Options::default() };
-            FullscreenPass::with(gpu, name, &assemble(name), &[FORMAT], &options)
-        };
-        Self {
-            normal_table: table,
-            white: pass("noise_white", "main"),
-            pattern: ["unfiltered", "filtered"].map(|fragment| pass("noise_pattern", fragment)),
-        }
-    }
+/// The table of quantiles on the GPU.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Quantiles;
+
+fn quantiles(gpu: &Gpu, _: &Quantiles) -> Texture {
+    let table = Texture::new(gpu, "normal quantiles", TABLE_SIDE, TABLE_SIDE, wgpu::TextureFormat::R16Sint, 1);
+    table.write(gpu, TABLE_SIDE, TABLE_SIDE, &NORMAL_TABLE);
+    table
 }
 
 impl Pattern {
@@ -135,56 +110,45 @@ impl Pattern {
     }
 
     /// At the points of a rectangle.
-    pub fn texture(&self, run: &mut LayerRun<'_>, passes: &mut Option<Passes>, lattice: Rect) -> Texture {
-        let pattern = run.pool.get(run.gpu, "noise pattern", 0, (lattice.width(), lattice.height()), FORMAT, 1);
-        if run.gpu.software() {
-            self.write(run, lattice, &pattern);
-        } else {
-            self.draw(run, passes.get_or_insert_with(|| Passes::new(run.gpu)), lattice, &pattern);
-        }
+    pub fn texture(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+        if recorder.gpu.software() { self.written(recorder, lattice) } else { self.drawn(recorder, lattice) }
+    }
+
+    fn drawn(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+        let [x, y, z] = self.key;
+        let white = White { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1], unused: [0; 2] };
+        let around = (lattice.width() + 2, lattice.height() + 2);
+        let table = recorder.kept(Quantiles, quantiles);
+        let pass = recorder.pass(Shader::NoiseWhite, "main").uniform("white", &white);
+        let [white] = pass.texture("normal_table", &table).draw([FORMAT], around);
+
+        let [l21, l22, l31, l32, l33] = self.cholesky.map(|v| v as f32);
+        let filter = Filter { side: self.taps.map(|tap| tap as f32), norm: self.norm(), l21, l22, l31, l32, l33 };
+        let entry = if self.taps == [0.0; 2] { "unfiltered" } else { "filtered" };
+        let pass = recorder.pass(Shader::NoisePattern, entry).uniform("pattern", &filter).texture("white", &white);
+        let [pattern] = pass.draw([FORMAT], (lattice.width(), lattice.height()));
         pattern
     }
 
-    fn draw(&self, run: &mut LayerRun<'_>, passes: &Passes, lattice: Rect, pattern: &Texture) {
-        let gpu = run.gpu;
-        let [x, y, z] = self.key;
-        let white = WhiteUniform { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1, 0, 0] };
-        let white = constants(gpu, "noise_white", bytemuck::bytes_of(&white));
-        let around = (lattice.width() + 2, lattice.height() + 2);
-        let lattice_noise = run.pool.get(gpu, "white noise", 0, around, FORMAT, 1);
-        let slots = [Slot::Buffer(&white), Slot::Texture(&passes.normal_table.view)];
-        passes.white.run(gpu, run.encoder, &slots, &[&lattice_noise], around);
-
-        let l = self.cholesky.map(|v| v as f32);
-        let uniform = PatternUniform {
-            filter_shape: [self.taps[0] as f32, self.taps[1] as f32, self.norm(), 0.0],
-            mix_a: [l[0], l[1], l[2], l[3]],
-            mix_b: [l[4], 0.0, 0.0, 0.0],
-        };
-        let uniform = constants(gpu, "noise_pattern", bytemuck::bytes_of(&uniform));
-        let slots = [Slot::Buffer(&uniform), Slot::Texture(&lattice_noise.view)];
-        let pass = &passes.pattern[usize::from(self.taps != [0.0; 2])];
-        pass.run(gpu, run.encoder, &slots, &[pattern], (lattice.width(), lattice.height()));
-    }
-
-    fn write(&self, run: &mut LayerRun<'_>, lattice: Rect, pattern: &Texture) {
+    fn written(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
         use wgpu::util::DeviceExt;
+        let pattern = recorder.pool.lend(&recorder.gpu, (lattice.width(), lattice.height()), FORMAT);
         let texel = size_of::<[i16; 4]>() as u32;
         let stride = (lattice.width() * texel).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let mut texels = vec![[0; 4]; (stride / texel * lattice.height()) as usize];
         self.fill(lattice, (stride / texel) as usize, &mut texels);
-        // Copied on the way, and not ahead of all that is recorded: another part of the frame may use the texture before.
-        let buffer = run.gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        let buffer = recorder.gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("noise pattern"),
             contents: bytemuck::cast_slice(&texels),
             usage: wgpu::BufferUsages::COPY_SRC,
         });
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride), rows_per_image: None };
-        run.encoder.copy_buffer_to_texture(
+        recorder.encoder().copy_buffer_to_texture(
             wgpu::TexelCopyBufferInfo { buffer: &buffer, layout },
             pattern.texture.as_image_copy(),
             wgpu::Extent3d { width: lattice.width(), height: lattice.height(), depth_or_array_layers: 1 },
         );
+        pattern
     }
 
     /// As shaders/noise_white.wgsl and shaders/noise_pattern.wgsl do, in the same order; rows `stride` apart.
@@ -235,13 +199,11 @@ pub fn pattern_key(seed: u64, frame: usize, delay: u32) -> [u32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{ReadbackSet, TexturePool};
+    use crate::gpu::ReadbackSet;
 
     #[test]
     fn shaders_and_processor_make_the_same_pattern() {
-        let gpu = Gpu::open().expect("an adapter");
-        let mut pool = TexturePool::default();
-        let passes = Passes::new(&gpu);
+        let mut recorder = Recorder::new(Gpu::open().expect("an adapter"));
         let lattice = Rect::new(-7, 11, 70, 52);
         let profile = |neighbour_correlation| NoiseProfile {
             channel_correlation: [0.5, -0.3, 0.2],
@@ -251,18 +213,15 @@ mod tests {
         for neighbours in [[0.0, 0.0], [0.6, 0.3]] {
             let pattern = Pattern::new(Some(&profile(neighbours)), 7, 3, 1);
             let [drawn, written] = [true, false].map(|by_shaders| {
-                let mut encoder = gpu.device.create_command_encoder(&Default::default());
                 let size = (lattice.width(), lattice.height());
-                let mut run = LayerRun { gpu: &gpu, encoder: &mut encoder, pool: &mut pool, geometry_is_read: false };
-                let texture = run.pool.get(&gpu, "noise pattern", 0, size, FORMAT, 1);
-                match by_shaders {
-                    true => pattern.draw(&mut run, &passes, lattice, &texture),
-                    false => pattern.write(&mut run, lattice, &texture),
-                }
-                let mut readback = ReadbackSet::default().copy(&gpu, &mut encoder, &texture, size);
-                readback.submitted(gpu.queue.submit([encoder.finish()]));
+                let texture = match by_shaders {
+                    true => pattern.drawn(&mut recorder, lattice),
+                    false => pattern.written(&mut recorder, lattice),
+                };
+                let mut readback = ReadbackSet::default().copy(&mut recorder, &texture, size);
+                readback.submitted(recorder.submit());
                 let mut words: Vec<i16> = Vec::new();
-                let read = readback.rows(&gpu, |_, row| {
+                let read = readback.rows(&recorder.gpu, |_, row| {
                     words.extend(row.chunks_exact(2).map(|b| i16::from_le_bytes([b[0], b[1]])));
                 });
                 read.expect("read back");

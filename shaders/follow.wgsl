@@ -1,0 +1,30 @@
+// The geometry of what is newly covered: of the nearest surface around, along one axis (src/effects/follow.rs).
+// @import shared/fullscreen
+// @import shared/layer
+
+// Along columns, else along rows.
+override down: i32 = 0;
+
+// In a storage buffer: a loop's end in a uniform is compiled into the shader by software drivers.
+struct Follow { size: vec2<i32>, radius: i32 }  // of the layer; how far is looked, px
+@group(0) @binding(0) var<storage, read> follow: Follow;
+@group(0) @binding(1) var geometry: texture_2d<u32>;
+
+@fragment
+fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
+    let p = vec2<i32>(at.xy);
+    let step = vec2<i32>(1 - down, down);
+    let own = textureLoad(geometry, p, 0);
+    var nearest = own;
+    var nearest_m = select(1e30, 0.0, unpack_geometry(own).x > 0.0);
+    for (var k = -follow.radius; k <= follow.radius; k++) {
+        let q = p + k * step;
+        let met = textureLoad(geometry, q, 0);
+        let depth = unpack_geometry(met).x;
+        if inside_layer(q, follow.size) && depth > 0.0 && depth < nearest_m {
+            nearest = met;
+            nearest_m = depth;
+        }
+    }
+    return nearest;
+}

@@ -1,0 +1,69 @@
+//! The second phase: what real things hide, and when it is cut off.
+
+use super::behind_real::deep_within;
+use super::plan::{Plan, Sight};
+use super::{Job, RealDepth, Settings};
+use crate::camera::Intrinsics;
+use crate::depth::{RayCache, enlarged, measured_from};
+use crate::effects::Moment;
+use crate::gpu::{Recorder, Texture};
+use crate::image::Rect;
+
+/// The real scene's depth over what is drawn (metres, 0 unknown).
+#[derive(Debug, Default)]
+pub struct Hidden {
+    /// By which things are cut off as they are drawn.
+    pub first: Option<Texture>,
+    /// The place among the active effects of the one after which things are cut off, too, and by what.
+    pub then: Option<(usize, Texture)>,
+    /// Why the frame's depth, though there is some and it is asked for, hides nothing.
+    pub nothing_because: Option<String>,
+}
+
+impl Hidden {
+    pub fn new(
+        recorder: &mut Recorder,
+        rays: &mut RayCache,
+        job: &Job<'_>,
+        settings: &Settings,
+        sight: &Sight,
+        plan: &Plan<'_>,
+        moment: &Moment<'_>,
+    ) -> Self {
+        let Some(places) = plan.places.as_ref().filter(|_| settings.depth.occlusion) else { return Self::default() };
+        let drawn = places.drawn;
+        let recorded = job.capture.recorded;
+        let depth = job.frame.depth.as_ref();
+        let measured = depth.map(|depth| measured_from(depth, recorded, job.track, job.time_offset_s));
+        let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
+        let texels = match job.real {
+            RealDepth::OfFrame => depth
+                .zip(measured.and_then(Result::ok))
+                .map(|(depth, measured)| rays.of(job.picture).reproject(depth, &measured, &sight.keys.middle(), drawn)),
+            RealDepth::Known { depth_m, .. } => depth_m.filter(|_| !plan.hides_itself()).map(|depth_m| {
+                let Intrinsics { width_px, height_px, .. } = recorded.intrinsics;
+                enlarged(depth_m, (width_px, height_px), &job.capture.framed, drawn)
+            }),
+        };
+        let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
+        // Hidden before it is blurred is what is hidden however far it is blurred, if it is cut off after that.
+        let after = plan.active.iter().rposition(|effect| !job.capture.whole && effect.on_real().blurs_behind());
+        let Some(after) = after else {
+            return Self { first: Some(real_depth(recorder, &texels, drawn)), then: None, nothing_because };
+        };
+        let reach_px = plan.active[after].reach(moment).look_px.ceil() as usize;
+        let deep = deep_within(&texels, drawn.width() as usize, reach_px);
+        Self {
+            first: Some(real_depth(recorder, &deep, drawn)),
+            then: Some((after, real_depth(recorder, &texels, drawn))),
+            nothing_because,
+        }
+    }
+}
+
+fn real_depth(recorder: &mut Recorder, texels: &[f32], drawn: Rect) -> Texture {
+    let size = (drawn.width(), drawn.height());
+    let texture = recorder.pool.lend_to_write(&recorder.gpu, size, wgpu::TextureFormat::R32Float);
+    texture.write(&recorder.gpu, size.0, size.1, texels);
+    texture
+}

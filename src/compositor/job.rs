@@ -1,0 +1,137 @@
+//! What the compositor is asked for, and what it gives.
+
+use super::Settings;
+use crate::camera::{Camera, Capture, Geometry, LensError};
+use crate::depth::Surfaces;
+use crate::effects::EffectError;
+use crate::frame::Frame;
+use crate::gpu::GpuError;
+use crate::image::{LayerImage, Pixels};
+use crate::tracking::PoseTrack;
+
+/// A picture to be made, with all that it depends on but the camera and the settings.
+#[derive(Debug)]
+pub struct Job<'a> {
+    /// Its pixels are the real part, as large as the picture.
+    pub frame: Frame,
+    /// Of the picture that is made.
+    pub picture: &'a Geometry,
+    pub capture: Capture<'a>,
+    pub real: RealDepth<'a>,
+    pub track: &'a PoseTrack,
+    /// Added to the frame's timestamp when a pose is asked for, seconds.
+    pub time_offset_s: f64,
+    /// To the next frame, seconds.
+    pub interval_s: f64,
+    /// Whether the virtual layer is wanted too.
+    pub want_layer: bool,
+}
+
+/// How far away real things are.
+#[derive(Clone, Copy, Debug)]
+pub enum RealDepth<'a> {
+    /// As the frame's own depth map says, where it has one.
+    OfFrame,
+    /// In the recorded camera's picture at the frame's moment, metres, 0 where nothing is known; it hides virtual things. With the
+    /// surfaces that were made of it, effects act on the real part too.
+    Known { depth_m: Option<&'a [f32]>, surfaces: Option<&'a Surfaces> },
+}
+
+/// Where the picture goes.
+#[derive(Clone, Copy, Debug)]
+pub enum Target<'a> {
+    /// Back to the processor: [`Composited::pixels`].
+    Pixels,
+    /// Into a view of the picture's size, ready to be shown: the whole picture, the camera's pixels too. It holds encoded code values; of a
+    /// format that encodes by itself, the light that comes out as them.
+    View(&'a wgpu::TextureView, wgpu::TextureFormat),
+}
+
+/// The exposure of a frame, seconds: the camera's shutter angle, what the recording says of the frame (unless the settings overrule it), the
+/// camera's time, half the interval.
+pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
+    let exposure = &camera.exposure;
+    let angle = |deg: f64| deg / 360.0 * interval_s;
+    let recorded = frame.exposure.time_s.filter(|_| !settings.overrule_recorded_exposure);
+    exposure.shutter_angle_deg.map(angle).or(recorded).or(exposure.time_s).unwrap_or(0.5 * interval_s)
+}
+
+impl<'a> Job<'a> {
+    /// A frame of a recording, to which virtual things are added and nothing else is changed.
+    pub fn of_frame(
+        frame: Frame,
+        camera: &Camera,
+        settings: &Settings,
+        geometry: &'a Geometry,
+        track: &'a PoseTrack,
+        interval_s: f64,
+    ) -> Result<Self, LensError> {
+        let exposure_s = exposure_time_s(camera, settings, &frame, interval_s);
+        let capture = Capture::frame(geometry, exposure_s, camera.lens.opening(geometry)?);
+        let real = RealDepth::OfFrame;
+        Ok(Self { frame, picture: geometry, capture, real, track, time_offset_s: 0.0, interval_s, want_layer: false })
+    }
+}
+
+/// A composited frame.
+#[derive(Debug)]
+pub struct Composited {
+    pub frame: usize,
+    /// As composited; where the picture went into a view, the camera's.
+    pub pixels: Pixels,
+    /// Over the whole picture, where it was asked for.
+    pub layer: Option<LayerImage>,
+    pub stats: FrameStats,
+}
+
+/// What was found and done for a frame.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FrameStats {
+    pub frame: usize,
+    pub timestamp_s: f64,
+    /// Why nothing was drawn: no pose at this time.
+    pub no_pose: Option<String>,
+    /// Why the frame's depth, though there is some and it is asked for, hid nothing.
+    pub no_occlusion: Option<String>,
+    /// Columns and rows that were looked at: x0, y0, x1, y1.
+    pub rect_px: Option<[i32; 4]>,
+    /// Whether objects can be in what was made of the picture; a photograph is made where there are none, too.
+    pub objects_in_sight: bool,
+    pub exposure_time_s: f64,
+    /// No point of the objects moves faster.
+    pub fastest_px_per_s: f32,
+    pub effects: Vec<&'static str>,
+}
+
+impl FrameStats {
+    pub(super) fn of(job: &Job<'_>) -> Self {
+        Self {
+            frame: job.frame.index,
+            timestamp_s: job.frame.timestamp_s,
+            no_pose: None,
+            no_occlusion: None,
+            rect_px: None,
+            objects_in_sight: false,
+            exposure_time_s: job.capture.exposure_time_s,
+            fastest_px_per_s: 0.0,
+            effects: Vec::new(),
+        }
+    }
+}
+
+/// Why a frame's work was not begun.
+#[derive(Debug, thiserror::Error)]
+pub enum SubmitError {
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    #[error(
+        "the objects, as far as they are blurred, take {width_px}x{height_px} px; this adapter draws up to {side_px} px \
+         a side and {area_px} in all: accepted are a shorter exposure, less blur{}, or smaller frames",
+        widest.map_or_else(String::new, |effect| format!(" ({effect} reaches farthest)"))
+    )]
+    TooLarge { width_px: u32, height_px: u32, side_px: u32, area_px: u32, widest: Option<&'static str> },
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+}

@@ -1,0 +1,152 @@
+//! The first phase of a frame: what is in view, which effects act, where work takes place.
+
+use super::places::{Asked, Places};
+use super::{Job, RealDepth, Settings, SubmitError};
+use crate::camera::{Camera, Geometry};
+use crate::depth::Surfaces;
+use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
+use crate::gpu::{Gpu, TexturePool};
+use crate::image::Rect;
+use crate::pose::Pose;
+use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
+
+/// What of the scene is in view while the shutter is open.
+#[derive(Debug)]
+pub struct Sight {
+    pub shutter: Shutter,
+    pub keys: ViewKeys,
+    pub footprint: Footprint,
+    pub objects: Vec<ObjectMotion>,
+}
+
+impl Sight {
+    pub fn new(renderer: &Renderer, job: &Job<'_>, settings: &Settings) -> Self {
+        let capture = &job.capture;
+        let exposure_time_s = capture.exposure_time_s;
+        let summed_to_s = capture.summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
+        let planned_s = settings.on().map(|effect| effect.beyond_s(exposure_time_s));
+        let beyond_s = planned_s.chain(summed_to_s).fold(0.0, f64::max);
+        let readout_time_s = job.picture.intrinsics.readout_time_s;
+        let shutter = Shutter { exposure_time_s, readout_time_s, beyond_s };
+        let time_s = job.frame.timestamp_s + job.time_offset_s;
+        let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
+        let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
+        let footprint = renderer.footprint(job.picture, &keys, shutter);
+        let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
+        Self { shutter, keys, footprint, objects }
+    }
+}
+
+/// How far each object's centre moves across the picture until the next frame.
+fn motions(renderer: &Renderer, geometry: &Geometry, now: &Pose, next: &Pose) -> Vec<ObjectMotion> {
+    let seen = |pose: &Pose, c| geometry.project(pose.transform_point(c));
+    renderer
+        .object_centres()
+        .into_iter()
+        .map(|centre| {
+            let moved = centre.and_then(|c| Some(geometry.way_px(seen(now, c)?, seen(next, c)?)));
+            moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
+        })
+        .collect()
+}
+
+/// What effects may know of a picture.
+pub fn moment<'a>(job: &'a Job<'_>, camera: &'a Camera, settings: &Settings, sight: &'a Sight) -> Moment<'a> {
+    let real_depths_m = job.real.surfaces().map(Surfaces::range_m);
+    let footprint = &sight.footprint;
+    Moment {
+        camera,
+        picture: job.picture,
+        capture: &job.capture,
+        frame: job.frame.index,
+        seed: settings.seed,
+        recorded: job.frame.exposure,
+        interval_s: job.interval_s,
+        fastest_px_per_s: footprint.fastest_px_per_s,
+        // Where there are no objects all that lies between depths is real.
+        depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
+        real_depths_m,
+        objects: &sight.objects,
+    }
+}
+
+impl<'a> RealDepth<'a> {
+    pub fn surfaces(&self) -> Option<&'a Surfaces> {
+        match self {
+            Self::OfFrame => None,
+            Self::Known { surfaces, .. } => *surfaces,
+        }
+    }
+}
+
+/// What is to be done, where.
+#[derive(Debug)]
+pub struct Plan<'a> {
+    /// The effects that change something, in order.
+    pub active: Vec<&'a dyn Effect>,
+    pub samples: SamplePlan,
+    /// Where an effect acts on them.
+    pub surfaces: Option<&'a Surfaces>,
+    /// None where there is nothing to do.
+    pub places: Option<Places>,
+}
+
+impl<'a> Plan<'a> {
+    pub fn new(
+        gpu: &Gpu,
+        job: &Job<'a>,
+        camera: &Camera,
+        settings: &'a Settings,
+        moment: &Moment<'_>,
+        footprint: &Footprint,
+    ) -> Result<Self, SubmitError> {
+        let active = settings.active(moment);
+        for effect in &active {
+            effect.check(camera, job.picture)?;
+        }
+        let acts = active.iter().any(|effect| effect.on_real().acts());
+        let surfaces = job.real.surfaces().filter(|_| acts);
+        let picture = Rect::full(job.frame.pixels.width, job.frame.pixels.height);
+        let total = |px: fn(Reach) -> f32| {
+            let sum: f32 = active.iter().map(|effect| px(effect.reach(moment))).sum();
+            (sum.ceil() as i32).saturating_add(1)
+        };
+        let places = Places::of(&Asked {
+            region: job.capture.region.intersection(&picture),
+            footprint: footprint.rect,
+            reach_px: total(|reach| reach.look_px),
+            spread_px: total(|reach| reach.spread_px),
+            round: job.picture.is_round(),
+            whole: job.capture.whole,
+            real_too: surfaces.is_some(),
+        });
+        let samples = match places {
+            Some(_) => active.iter().fold(SamplePlan::single(), |samples, effect| effect.plan(moment, samples)),
+            None => SamplePlan::single(),
+        };
+        let plan = Self { active, samples, surfaces, places };
+        plan.check_size(gpu, moment)?;
+        Ok(plan)
+    }
+
+    fn check_size(&self, gpu: &Gpu, moment: &Moment<'_>) -> Result<(), SubmitError> {
+        let Some(drawn) = self.places.as_ref().map(|places| places.drawn) else { return Ok(()) };
+        let [side_px, mut area_px] = [TexturePool::largest_side_px(gpu), TexturePool::largest_area_px(gpu)];
+        if self.samples.samples.len() > 1 {
+            area_px = area_px.min(largest_sum_px(gpu));
+        }
+        let (width_px, height_px) = (drawn.width(), drawn.height());
+        if width_px.max(height_px) > side_px || u64::from(width_px) * u64::from(height_px) > u64::from(area_px) {
+            let reach = |effect: &&dyn Effect| effect.reach(moment).look_px;
+            let widest = self.active.iter().copied().max_by(|a, b| reach(a).total_cmp(&reach(b)));
+            let widest = widest.filter(|effect| reach(effect) >= 1.0).map(|effect| effect.table());
+            return Err(SubmitError::TooLarge { width_px, height_px, side_px, area_px, widest });
+        }
+        Ok(())
+    }
+
+    /// Whether virtual things are hidden behind real ones by an effect, and not before it.
+    pub fn hides_itself(&self) -> bool {
+        self.surfaces.is_some() && self.active.iter().any(|effect| effect.on_real() == OnReal::ActsAndHides)
+    }
+}

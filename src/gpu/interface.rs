@@ -1,0 +1,148 @@
+//! What a module's entries read: their globals by name, from the text itself.
+
+use std::collections::BTreeMap;
+
+use wgpu::naga;
+use wgpu::naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+
+/// A module, parsed.
+#[derive(Debug)]
+pub struct Interface {
+    label: String,
+    module: naga::Module,
+    info: ModuleInfo,
+}
+
+/// A global that shaders read by its name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Global {
+    pub name: String,
+    pub group: u32,
+    pub binding: u32,
+    pub kind: wgpu::BindingType,
+    pub visibility: wgpu::ShaderStages,
+    /// Of a uniform: size in bytes; name and offset of each member, none for tables.
+    pub size: u32,
+    pub members: Vec<(String, u32)>,
+}
+
+impl Interface {
+    /// # Panics
+    /// Where the text is no valid WGSL: a slip of ours that the shader test finds, told with its place.
+    pub fn new(label: &str, text: &str) -> Self {
+        let module =
+            naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{label}: {}", e.emit_to_string(text)));
+        let info = Validator::new(ValidationFlags::all(), Capabilities::all())
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{label}: {}", e.emit_to_string(text)));
+        Self { label: label.to_owned(), module, info }
+    }
+
+    /// All that some entries read, by name.
+    ///
+    /// # Panics
+    /// Where there is no such entry.
+    pub fn globals(&self, entries: &[&str]) -> BTreeMap<String, Global> {
+        let mut read = Vec::new();
+        for entry in entries {
+            let at = self.module.entry_points.iter().position(|e| e.name == *entry);
+            let at = at.unwrap_or_else(|| panic!("{}: there is no entry {entry}", self.label));
+            let stage = match self.module.entry_points[at].stage {
+                naga::ShaderStage::Vertex => wgpu::ShaderStages::VERTEX,
+                naga::ShaderStage::Compute => wgpu::ShaderStages::COMPUTE,
+                _ => wgpu::ShaderStages::FRAGMENT,
+            };
+            let uses = self.info.get_entry_point(at);
+            let own = self.module.global_variables.iter().filter(|(handle, _)| !uses[*handle].is_empty());
+            read.extend(own.filter_map(|(_, global)| Some((global, global.binding?, stage))));
+        }
+        let is_sampler =
+            |g: &naga::GlobalVariable| matches!(self.module.types[g.ty].inner, naga::TypeInner::Sampler { .. });
+        let sampled = read.iter().any(|(global, ..)| is_sampler(global));
+        let mut found: BTreeMap<String, Global> = BTreeMap::new();
+        for (global, place, stage) in read {
+            let name = global.name.clone().unwrap_or_default();
+            let new = || self.global(&name, global, place, sampled);
+            found.entry(name.clone()).or_insert_with(new).visibility |= stage;
+        }
+        found
+    }
+
+    /// Whether any entry may read a global of this name.
+    pub fn knows(&self, name: &str) -> bool {
+        self.module.global_variables.iter().any(|(_, g)| g.name.as_deref() == Some(name))
+    }
+
+    fn global(&self, name: &str, global: &naga::GlobalVariable, place: naga::ResourceBinding, sampled: bool) -> Global {
+        let inner = &self.module.types[global.ty].inner;
+        let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+        let texture = |sample_type, multisampled| wgpu::BindingType::Texture {
+            sample_type,
+            view_dimension: wgpu::TextureViewDimension::D2,
+            multisampled,
+        };
+        let kind = match (global.space, inner) {
+            (naga::AddressSpace::Uniform, _) => buffer(wgpu::BufferBindingType::Uniform),
+            (naga::AddressSpace::Storage { access }, _) => {
+                let read_only = !access.contains(naga::StorageAccess::STORE);
+                buffer(wgpu::BufferBindingType::Storage { read_only })
+            }
+            (_, naga::TypeInner::Sampler { .. }) => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            (_, naga::TypeInner::Image { class, .. }) => match *class {
+                naga::ImageClass::Depth { multi } => texture(wgpu::TextureSampleType::Depth, multi),
+                naga::ImageClass::Sampled { kind, multi } => texture(
+                    match kind {
+                        naga::ScalarKind::Sint => wgpu::TextureSampleType::Sint,
+                        naga::ScalarKind::Uint => wgpu::TextureSampleType::Uint,
+                        // 32-bit ones are only loaded.
+                        _ => wgpu::TextureSampleType::Float { filterable: sampled && !multi },
+                    },
+                    multi,
+                ),
+                _ => panic!("{}: {name} is of a kind that nothing here binds", self.label),
+            },
+            _ => panic!("{}: {name} is of a kind that nothing here binds", self.label),
+        };
+        let members = match inner {
+            naga::TypeInner::Struct { members, .. } => {
+                members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect()
+            }
+            _ => Vec::new(),
+        };
+        let size = inner.size(self.module.to_ctx());
+        let visibility = wgpu::ShaderStages::NONE;
+        Global { name: name.to_owned(), group: place.group, binding: place.binding, kind, visibility, size, members }
+    }
+}
+
+/// The layout of each group, and of the pipeline.
+pub fn layouts(
+    device: &wgpu::Device,
+    label: &str,
+    globals: &BTreeMap<String, Global>,
+) -> (Vec<Option<wgpu::BindGroupLayout>>, wgpu::PipelineLayout) {
+    let count = globals.values().map(|g| g.group + 1).max().unwrap_or(0);
+    let groups: Vec<_> = (0..count)
+        .map(|group| {
+            let mut entries: Vec<_> = globals
+                .values()
+                .filter(|g| g.group == group)
+                .map(|g| wgpu::BindGroupLayoutEntry {
+                    binding: g.binding,
+                    visibility: g.visibility,
+                    ty: g.kind,
+                    count: None,
+                })
+                .collect();
+            entries.sort_by_key(|e| e.binding);
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+            (!entries.is_empty()).then(|| device.create_bind_group_layout(&descriptor))
+        })
+        .collect();
+    let pipeline = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(label),
+        bind_group_layouts: &groups.iter().map(Option::as_ref).collect::<Vec<_>>(),
+        immediate_size: 0,
+    });
+    (groups, pipeline)
+}

@@ -1,0 +1,159 @@
+//! Modules and pipelines, each made when it is first asked for.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+use super::interface::{Global, Interface, layouts};
+use super::{Gpu, Shader, shader};
+
+/// What of a module is run: its entries, and what is chosen among what its `override`s offer. A choice is what a pipeline is made for: a
+/// method, a feature. Numbers that change are uniforms.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Entry {
+    pub vertex: &'static str,
+    pub fragment: &'static str,
+    /// Names with the bits of their values.
+    choices: Vec<(&'static str, u64)>,
+}
+
+impl From<&'static str> for Entry {
+    /// Over the whole target.
+    fn from(fragment: &'static str) -> Self {
+        Self { vertex: "fullscreen_vertex", fragment, choices: Vec::new() }
+    }
+}
+
+impl Entry {
+    /// Over quads that a vertex entry places.
+    pub fn over(vertex: &'static str, fragment: &'static str) -> Self {
+        Self { vertex, fragment, choices: Vec::new() }
+    }
+
+    pub fn choose(mut self, name: &'static str, value: f64) -> Self {
+        self.choices.push((name, value.to_bits()));
+        self
+    }
+
+    fn constants(&self) -> Vec<(&'static str, f64)> {
+        self.choices.iter().map(|(name, bits)| (*name, f64::from_bits(*bits))).collect()
+    }
+}
+
+/// A module on the GPU, and what it reads.
+#[derive(Debug)]
+pub struct Module {
+    pub label: &'static str,
+    pub interface: Interface,
+    module: wgpu::ShaderModule,
+}
+
+/// A pipeline with the layouts of its groups.
+#[derive(Debug)]
+pub struct Made<P> {
+    pub pipeline: P,
+    pub groups: Vec<Option<wgpu::BindGroupLayout>>,
+    pub globals: BTreeMap<String, Global>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Drawn {
+    module: Vec<Shader>,
+    entry: Entry,
+    formats: Vec<wgpu::TextureFormat>,
+    blend: Option<wgpu::BlendState>,
+}
+
+#[derive(Debug, Default)]
+pub struct Pipelines {
+    modules: HashMap<Vec<Shader>, Arc<Module>>,
+    drawn: HashMap<Drawn, Arc<Made<wgpu::RenderPipeline>>>,
+    computed: HashMap<(Vec<Shader>, &'static str), Arc<Made<wgpu::ComputePipeline>>>,
+}
+
+impl Pipelines {
+    /// The module of some files, the first of which names it; `tail` is added where it is not known yet, and must follow from them.
+    pub fn module(&mut self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
+        if let Some(known) = self.modules.get(shaders) {
+            return known.clone();
+        }
+        let text = shader::module(shaders) + &tail();
+        let label = shaders.first().map_or("", |shader| shader.name());
+        let interface = Interface::new(label, &text);
+        let source = wgpu::ShaderSource::Wgsl(text.into());
+        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source });
+        let module = Arc::new(Module { label, interface, module });
+        self.modules.insert(shaders.to_vec(), module.clone());
+        module
+    }
+
+    pub fn drawn(
+        &mut self,
+        gpu: &Gpu,
+        shaders: &[Shader],
+        module: &Module,
+        entry: &Entry,
+        formats: &[wgpu::TextureFormat],
+        blend: Option<wgpu::BlendState>,
+    ) -> Arc<Made<wgpu::RenderPipeline>> {
+        let key = Drawn { module: shaders.to_vec(), entry: entry.clone(), formats: formats.to_vec(), blend };
+        if let Some(known) = self.drawn.get(&key) {
+            return known.clone();
+        }
+        let globals = module.interface.globals(&[entry.vertex, entry.fragment]);
+        let (groups, layout) = layouts(&gpu.device, module.label, &globals);
+        let constants = entry.constants();
+        let compilation_options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+        let targets: Vec<_> =
+            formats.iter().map(|&format| Some(wgpu::ColorTargetState { blend, ..format.into() })).collect();
+        let pipeline = gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(&format!("{} {}", module.label, entry.fragment)),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module.module,
+                entry_point: Some(entry.vertex),
+                compilation_options: compilation_options.clone(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState { topology: wgpu::PrimitiveTopology::TriangleStrip, ..Default::default() },
+            depth_stencil: None,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module.module,
+                entry_point: Some(entry.fragment),
+                compilation_options,
+                targets: &targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
+        let made = Arc::new(Made { pipeline, groups, globals });
+        self.drawn.insert(key, made.clone());
+        made
+    }
+
+    pub fn computed(
+        &mut self,
+        gpu: &Gpu,
+        shaders: &[Shader],
+        module: &Module,
+        entry: &'static str,
+    ) -> Arc<Made<wgpu::ComputePipeline>> {
+        let key = (shaders.to_vec(), entry);
+        if let Some(known) = self.computed.get(&key) {
+            return known.clone();
+        }
+        let globals = module.interface.globals(&[entry]);
+        let (groups, layout) = layouts(&gpu.device, module.label, &globals);
+        let pipeline = gpu.compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(&format!("{} {entry}", module.label)),
+            layout: Some(&layout),
+            module: &module.module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let made = Arc::new(Made { pipeline, groups, globals });
+        self.computed.insert(key, made.clone());
+        made
+    }
+}

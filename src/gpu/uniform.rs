@@ -1,0 +1,129 @@
+//! Values for `var<uniform>`: declared once in Rust, compared with the shader's own struct wherever they are bound.
+
+use super::Gpu;
+
+/// A struct of plain values as a shader sees it. Declared by [`uniform!`](crate::uniform!).
+pub trait Uniform: bytemuck::Pod {
+    /// Name and offset of each member, in order.
+    const MEMBERS: &'static [(&'static str, usize)];
+}
+
+/// Declares a uniform: members of scalars, `[T; 2]`, `[T; 4]` and arrays of `[T; 4]`, by the names that the shader's struct has. Their
+/// offsets are WGSL's where pairs begin at multiples of 8 bytes and fours at multiples of 16; a slip is found when
+/// it is bound ([`Pass::uniform`](super::Pass::uniform)).
+#[macro_export]
+macro_rules! uniform {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident { $($(#[$fmeta:meta])* $field:ident : $type:ty),* $(,)? }) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+        $vis struct $name { $($(#[$fmeta])* pub $field: $type),* }
+        impl $crate::gpu::Uniform for $name {
+            const MEMBERS: &'static [(&'static str, usize)] =
+                &[$((stringify!($field), std::mem::offset_of!($name, $field))),*];
+        }
+    };
+}
+
+/// A table of fours is a uniform without a struct.
+impl<const N: usize> Uniform for [[f32; 4]; N]
+where
+    Self: bytemuck::Pod,
+{
+    const MEMBERS: &'static [(&'static str, usize)] = &[];
+}
+
+/// A part of a buffer.
+#[derive(Clone, Debug)]
+pub struct Bytes {
+    pub buffer: wgpu::Buffer,
+    pub offset: u64,
+    /// The rest of the buffer where there is none.
+    pub size: Option<wgpu::BufferSize>,
+}
+
+impl Bytes {
+    pub fn binding(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.buffer,
+            offset: self.offset,
+            size: self.size,
+        })
+    }
+}
+
+impl From<&wgpu::Buffer> for Bytes {
+    fn from(buffer: &wgpu::Buffer) -> Self {
+        Self { buffer: buffer.clone(), offset: 0, size: None }
+    }
+}
+
+/// Of a chunk; a larger value gets one of its own.
+const CHUNK_BYTES: u64 = 1 << 18;
+/// What every adapter allows.
+const ALIGNED_BYTES: u64 = 256;
+
+/// Uniforms of what is recorded, side by side in a few buffers that are written when it is submitted, and used again
+/// after that: the queue writes them behind whatever read them before.
+#[derive(Debug, Default)]
+pub struct Uniforms {
+    chunks: Vec<wgpu::Buffer>,
+    /// What is to be written into the chunk of that number.
+    staged: Vec<Vec<u8>>,
+}
+
+impl Uniforms {
+    /// A place for bytes, padded to a multiple of so many.
+    pub fn push(&mut self, gpu: &Gpu, bytes: &[u8], padded_to: u64) -> Bytes {
+        let size = (bytes.len() as u64).next_multiple_of(padded_to).max(padded_to);
+        let fits = |staged: &Vec<u8>, chunk: &wgpu::Buffer| staged.len() as u64 + size <= chunk.size();
+        let last = self.staged.len().checked_sub(1).filter(|&i| fits(&self.staged[i], &self.chunks[i]));
+        let number = last.unwrap_or_else(|| self.next_chunk(gpu, size));
+        let staged = &mut self.staged[number];
+        let offset = staged.len() as u64;
+        staged.extend_from_slice(bytes);
+        // The next one begins where one may.
+        staged.resize(((offset + size).next_multiple_of(ALIGNED_BYTES)) as usize, 0);
+        Bytes { buffer: self.chunks[number].clone(), offset, size: wgpu::BufferSize::new(size) }
+    }
+
+    fn next_chunk(&mut self, gpu: &Gpu, size: u64) -> usize {
+        let number = self.staged.len();
+        self.staged.push(Vec::new());
+        if self.chunks.get(number).is_none_or(|chunk| chunk.size() < size) {
+            let chunk = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("uniforms"),
+                size: size.next_multiple_of(ALIGNED_BYTES).max(CHUNK_BYTES),
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            });
+            self.chunks.insert(number, chunk);
+        }
+        number
+    }
+
+    /// Hands all that was pushed to the queue, before what is submitted next.
+    pub fn write(&mut self, gpu: &Gpu) {
+        for (chunk, staged) in self.chunks.iter().zip(&mut self.staged) {
+            staged.truncate(chunk.size() as usize);
+            gpu.queue.write_buffer(chunk, 0, staged);
+        }
+        self.staged.clear();
+    }
+}
+
+/// A buffer of its own that holds `bytes`, padded to 16, for `var<uniform>` of what lasts.
+///
+/// No value in a uniform may decide a branch or a loop by itself: a software driver (lavapipe) writes such values into the shader and compiles
+/// it anew for each, up to a second each time. What is chosen is an `override` of the pipeline; a count is read from a storage
+/// buffer, or is its length.
+pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
+    use wgpu::util::DeviceExt;
+    let mut padded = bytes.to_vec();
+    padded.resize(bytes.len().next_multiple_of(16).max(16), 0);
+    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some(label),
+        contents: &padded,
+        usage: wgpu::BufferUsages::UNIFORM,
+    })
+}
