@@ -9,6 +9,7 @@ pub mod frame;
 pub mod image;
 pub mod params;
 pub mod pose;
+pub mod unfinished;
 pub mod words;
 
 // 1: pure physics

@@ -319,11 +319,35 @@ fn what_is_there_is_kept() {
     let other = folder.path().join("letters");
     fs::create_dir(&other).unwrap();
     fs::write(other.join("letter.txt"), "dear").unwrap();
-    assert!(matches!(run(&other, &small(), true, &mut quiet), Err(SimulateError::NotARecording(_))));
+    assert!(matches!(run(&other, &small(), true, &mut quiet), Err(SimulateError::Foreign { .. })));
     assert_eq!(fs::read_to_string(other.join("letter.txt")).unwrap(), "dear");
     let below_a_file = other.join("letter.txt/site");
     assert!(matches!(run(&below_a_file, &small(), false, &mut quiet), Err(SimulateError::Write { .. })));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+
+    // What somebody put beside the frames, and a recording that somebody made.
+    for foreign in ["notes.txt", "rgb/00000.jpeg", "depth/mine/00000.png"] {
+        let path = out.join(foreign);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, "mine").unwrap();
+        let error = run(&out, &small(), true, &mut quiet).unwrap_err().to_string();
+        let named = if foreign.starts_with("depth") { "depth/mine" } else { foreign };
+        assert!(error.contains(&format!("is not replaced: {named} in it")), "{error}");
+        assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
+        fs::remove_file(&path).unwrap();
+        let _ = fs::remove_dir(out.join("depth/mine"));
+    }
+    fs::remove_file(out.join("truth.toml")).unwrap();
+    assert!(matches!(run(&out, &small(), true, &mut quiet), Err(SimulateError::NotSimulated(_))));
+    assert_eq!(columns(&out, "rgb.txt").len(), 1);
+}
+
+#[test]
+fn a_place_that_cannot_be_is_refused_before_the_work() {
+    let mut work = |_, _| panic!("work was begun");
+    for place in [".", "..", "/"] {
+        assert!(matches!(run(Path::new(place), &small(), true, &mut work), Err(SimulateError::Within(_))), "{place}");
+    }
 }
 
 #[test]

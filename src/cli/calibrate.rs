@@ -7,11 +7,10 @@ use anyhow::{Context, Result, anyhow, bail};
 
 use toml_edit::{DocumentMut, Item, Table, TableLike};
 
-use super::Interruption;
 use super::outputs::Inputs;
 use crate::calibrate::{Method, NoiseCalibration, NoiseOptions, moving_noise_from_paths, noise_from_paths};
 use crate::profile_noise::noise_table_toml;
-use crate::sink::atomic::write_atomically;
+use crate::sink::{self, atomic::write_atomically};
 use crate::words::{count, reason};
 
 #[derive(clap::Args)]
@@ -45,15 +44,17 @@ struct NoiseArgs {
     force: bool,
 }
 
-pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
+pub fn run(args: Args) -> Result<()> {
     let What::Noise(args) = args.what;
     // Before the work: what the user has is not lost.
     let failed = |what: &str| format!("{}: {what}", args.output.display());
     let read = args.frames.iter().chain(&args.mean);
     Inputs::default().and(read.clone()).and(&pictures_beside(read)).check_file(&args.output)?;
-    let text = match std::fs::read_to_string(&args.output) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => "version = 1\n".to_owned(),
-        read => read.map_err(|error| anyhow!(failed(&format!("cannot be read: {}", reason(&error)))))?,
+    // A profile that is there is added to.
+    sink::check_file(&args.output, true)?;
+    let (is_there, text) = match std::fs::read_to_string(&args.output) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => (false, "version = 1\n".to_owned()),
+        read => (true, read.map_err(|error| anyhow!(failed(&format!("cannot be read: {}", reason(&error)))))?),
     };
     let mut profile: DocumentMut = text.parse().with_context(|| failed("not TOML"))?;
     if noise_of(&mut profile).with_context(|| failed("refused"))?.iter().next().is_some() && !args.force {
@@ -67,7 +68,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     };
     replace(noise_of(&mut profile)?, &noise_table_toml(&calibration.profile));
     sign(&mut profile, &calibration);
-    interruption.hold(|| Ok(write_atomically(&args.output, |file| file.write_all(profile.to_string().as_bytes()))?))?;
+    write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
     write!(std::io::stdout().lock(), "{calibration}")?;
     Ok(())
 }

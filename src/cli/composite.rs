@@ -1,9 +1,9 @@
 //! `locard composite`.
 
+use std::collections::HashSet;
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 
 use super::outputs::{self, Inputs};
 use super::which::Which;
-use super::{Interrupted, Interruption, NOTHING_SEEN, progress, tell, warn};
+use super::{NOTHING_SEEN, progress, tell, warn};
 use crate::camera::{Geometry, Intrinsics};
 use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
 use crate::gpu::Gpu;
@@ -21,8 +21,6 @@ use crate::recording::{OpenOptions, Recording};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, OutPath, SinkOptions};
 use crate::words::count;
-
-const INTERRUPTED: Interrupted = Interrupted("frames that were finished stay, a video does not");
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -108,12 +106,13 @@ pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) 
 struct Writer {
     sink: Box<dyn sink::Sink + Send>,
     layers: Option<PathBuf>,
+    force: bool,
 }
 
 impl Writer {
     fn write(&mut self, done: &Composited) -> Result<()> {
         if let (Some(folder), Some(layer)) = (&self.layers, &done.layer) {
-            sink::exr::write_layers(&folder.join(layer_name(done.frame)), layer)?;
+            sink::exr::write_layers(&folder.join(layer_name(done.frame)), layer, self.force)?;
         }
         Ok(self.sink.write(done.frame, &done.pixels)?)
     }
@@ -123,7 +122,7 @@ fn layer_name(frame: usize) -> String {
     format!("layer_{frame:06}.exr")
 }
 
-pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
+pub fn run(args: Args) -> Result<()> {
     let start = Instant::now();
     let options = OpenOptions {
         metres_per_unit: args.metres_per_unit,
@@ -171,7 +170,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
     }
     let scene = crate::scene::load(&args.scene, recording.up)?;
     let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.profile).and(&scene.files);
-    check_outputs(&args, &out, &inputs, range.clone())?;
+    check_outputs(&args, &out, &inputs, &range)?;
     let missing = recording.missing_poses(range.clone());
     for text in recording.warnings.iter().chain(&missing).chain(&scene.warnings) {
         warn(args.quiet, text);
@@ -196,7 +195,6 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
         warn(args.quiet, text);
     }
     settings.check(&camera, &first)?;
-    let interrupted = interruption.watch();
     let gpu = Gpu::open()?;
     let mut compositor = Compositor::new(gpu, scene);
     for text in compositor.warnings() {
@@ -227,16 +225,12 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
         time_offset_s: recording.time_offset_s,
         want_layers: layers.is_some(),
     };
-    let writer = Writer { sink, layers };
-    let streamed = run_stream(&recording, (range, &cameras), &mut compositor, &stream, writer, interrupted, |done| {
+    let writer = Writer { sink, layers, force: args.force };
+    let streamed = run_stream(&recording, (range, &cameras), &mut compositor, &stream, writer, |done| {
         bar.inc(1);
         stats.push(done.stats.clone());
     });
     bar.finish_and_clear();
-    // Ctrl-C reaches our ffmpeg too: that it stopped is no news then.
-    if streamed.is_err() && interrupted.load(Ordering::SeqCst) {
-        return Err(INTERRUPTED.into());
-    }
     streamed?;
     let mut lacking = stats.iter().filter_map(|s| Some((s.frame, s.no_occlusion.as_ref()?)));
     if let Some((frame, why)) = lacking.next() {
@@ -259,7 +253,7 @@ pub fn run(args: Args, interruption: &Interruption) -> Result<()> {
         if is_stdout(path) {
             writeln!(std::io::stdout().lock(), "{text}")?;
         } else {
-            write_atomically(path, |file| file.write_all(text.as_bytes()))?;
+            write_atomically(path, args.force, |file| file.write_all(text.as_bytes()))?;
         }
     }
     let place =
@@ -331,7 +325,7 @@ fn is_stdout(path: &Path) -> bool {
 }
 
 /// That all outputs can be written, before any is begun.
-fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: Range<usize>) -> Result<()> {
+fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usize>) -> Result<()> {
     match out {
         OutPath::Folder(folder) => inputs.check_folder(folder, range.clone().map(sink::folder::frame_name))?,
         OutPath::Video(file) => inputs.check_file(file)?,
@@ -343,31 +337,50 @@ fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: Range<usize
         if folder.exists() && !folder.is_dir() {
             bail!("{}: is a file; --layers needs a folder", folder.display());
         }
-        let mut there = range.map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
+        let mut there = range.clone().map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
         if let Some(file) = there.next().filter(|_| !args.force) {
             bail!("{}: exists already; it is kept unless --force is given", file.display());
         }
     }
-    let Some(report) = &args.report else { return Ok(()) };
-    if outputs::same(report, &args.output) {
-        bail!("{}: is the output already; --report needs a file of its own", report.display());
+    let Some(report) = &args.report else { return check_apart(args, out, range) };
+    if is_stdout(report) && *out == OutPath::Stdout {
+        bail!("-: is the output already; --report needs a file of its own");
     }
+    check_apart(args, out, range)?;
     if is_stdout(report) {
         return Ok(());
     }
     inputs.check_file(report)?;
-    if report.is_dir() {
-        bail!("{}: is a folder; --report needs a file", report.display());
-    }
-    if report.exists() && !args.force {
-        bail!("{}: exists already; it is kept unless --force is given", report.display());
-    }
-    let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = report.parent().unwrap_or(Path::new(""));
     // Those of the other outputs are made before it is written.
     let made = matches!(out, OutPath::Folder(out) if outputs::same(out, folder))
         || args.layers.as_ref().is_some_and(|layers| outputs::same(layers, folder));
-    if !made && !folder.is_dir() {
-        bail!("{}: cannot be written, for there is no folder {}", report.display(), folder.display());
+    if made && !folder.is_dir() { Ok(()) } else { Ok(sink::check_file(report, args.force)?) }
+}
+
+/// That no two of the files that are written have one name, nor one the name of another's folder.
+fn check_apart(args: &Args, out: &OutPath, range: &Range<usize>) -> Result<()> {
+    let named = |folder: &Path, name: fn(usize) -> String| {
+        let folder = outputs::resolved(folder);
+        range.clone().map(move |frame| folder.join(name(frame)))
+    };
+    let mut files: HashSet<PathBuf> = match out {
+        OutPath::Folder(folder) => named(folder, sink::folder::frame_name).collect(),
+        OutPath::Video(file) => [outputs::resolved(file)].into(),
+        OutPath::Stdout => HashSet::new(),
+    };
+    let clashes = |files: &HashSet<PathBuf>, at: &Path| at.ancestors().any(|at| files.contains(at));
+    if let Some(folder) = &args.layers {
+        if clashes(&files, &outputs::resolved(folder)) {
+            bail!("{}: is written in this run already; --layers needs a folder of its own", folder.display());
+        }
+        files.extend(named(folder, layer_name));
+    }
+    if let Some(report) = args.report.as_ref().filter(|report| !is_stdout(report)) {
+        let at = outputs::resolved(report);
+        if clashes(&files, &at) || files.iter().any(|file| file.starts_with(&at)) {
+            bail!("{}: is the output already; --report needs a file of its own", report.display());
+        }
     }
     Ok(())
 }
@@ -379,7 +392,6 @@ fn run_stream(
     compositor: &mut Compositor,
     stream: &Stream<'_>,
     mut writer: Writer,
-    interrupted: &AtomicBool,
     mut done: impl FnMut(&Composited),
 ) -> Result<()> {
     #[derive(Debug, thiserror::Error)]
@@ -389,22 +401,17 @@ fn run_stream(
         /// The writer has an error of its own to tell.
         #[error("writing stopped")]
         Writer,
-        #[error(transparent)]
-        Interrupted(#[from] Interrupted),
     }
     let times = &recording.timestamps_s;
     let about = |frame: usize| {
         let next = times.get(frame + 1).map_or(recording.frame_interval_s, |t| t - times[frame]);
         (&cameras[frame - range.start], next)
     };
-    let frames = recording.frames(range.clone())?.map(|frame| match interrupted.load(Ordering::SeqCst) {
-        true => Err(INTERRUPTED.into()),
-        false => frame.map_err(Stop::from),
-    });
+    let frames = recording.frames(range.clone())?.map(|frame| frame.map_err(Stop::from));
     std::thread::scope(|scope| {
         // The end is said: a writer whose frames only cease must not call the output finished.
         let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
-        let writing = scope.spawn(move || -> Result<()> {
+        let write = move || -> Result<()> {
             for frame in receiver {
                 match frame {
                     Some(frame) => writer.write(&frame)?,
@@ -412,7 +419,9 @@ fn run_stream(
                 }
             }
             Ok(())
-        });
+        };
+        let writing = std::thread::Builder::new().name("writer".to_owned());
+        let writing = writing.spawn_scoped(scope, write).context("no thread can be started that writes")?;
         let drawn = compositor.run(stream, frames, about, |frame| {
             done(&frame);
             sender.send(Some(frame)).map_err(|_| Stop::Writer)

@@ -5,6 +5,7 @@ mod bench;
 mod calibrate;
 mod composite;
 mod doctor;
+mod ending;
 mod inspect;
 mod light;
 mod meter;
@@ -17,11 +18,11 @@ mod which;
 
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Parser, Subcommand};
 
+use crate::sink::SinkError;
+use crate::unfinished::undo_all;
 use crate::words::reason;
 
 #[derive(Parser)]
@@ -66,21 +67,23 @@ pub fn main() -> ExitCode {
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
     };
-    let done = Interruption::listen().and_then(|interruption| match cli.command {
-        Command::Composite(args) => composite::run(args, &interruption),
-        Command::Calibrate(args) => calibrate::run(args, &interruption),
+    let done = ending::listen().and_then(|()| match cli.command {
+        Command::Composite(args) => composite::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Meter(args) => meter::run(&args),
-        Command::Photo(args) => photo::run(&args, &interruption),
-        Command::Render(args) => render::run(&args, &interruption),
+        Command::Photo(args) => photo::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),
-        Command::Simulate(args) => simulate::run(&args, &interruption),
+        Command::Simulate(args) => simulate::run(&args),
     });
+    // Waits here where the program is being ended already, which needs no second message.
+    drop(undo_all());
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if is_closed_stdout(&error) => ExitCode::SUCCESS,
         Err(error) => {
             say(&message(&error));
             ExitCode::from(FAILED)
@@ -90,63 +93,14 @@ pub fn main() -> ExitCode {
 
 const FAILED: u8 = 2;
 
-/// Ends with [`FAILED`] whatever other threads are at. An exit would first clear away, in C libraries, what a graphics
-/// driver's threads are using, and crash now and then; a program put into this one's place clears nothing away.
-fn end_at_once() -> ! {
-    #[cfg(unix)]
-    {
-        use std::os::unix::process::CommandExt;
-        // Comes back only where there is no shell.
-        let _ = std::process::Command::new("sh").args(["-c", &format!("exit {FAILED}")]).exec();
-    }
-    std::process::exit(i32::from(FAILED))
-}
-
-/// A person stopped the program; what was unfinished is removed on the way out. Says what stays.
-#[derive(Debug, thiserror::Error)]
-#[error("interrupted; {0}")]
-struct Interrupted(&'static str);
-
-const NOTHING_UNFINISHED: Interrupted = Interrupted("what was finished stays, and nothing else");
-
-/// What happens when Ctrl-C is pressed or the program is asked to end: it ends at once and says so, unless somebody is at
-/// work who cleans up. The second time it ends in any case.
-struct Interruption {
-    asked: Arc<AtomicBool>,
-    is_watched: Arc<AtomicBool>,
-}
-
-impl Interruption {
-    fn listen() -> anyhow::Result<Self> {
-        let (asked, is_watched) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
-        let listening = Self { asked: Arc::clone(&asked), is_watched: Arc::clone(&is_watched) };
-        ctrlc::set_handler(move || {
-            if asked.swap(true, Ordering::SeqCst) || !is_watched.load(Ordering::SeqCst) {
-                say(&NOTHING_UNFINISHED.to_string());
-                end_at_once();
-            }
-        })?;
-        Ok(listening)
-    }
-
-    /// From here on the caller looks at what this gives, and ends when it is true.
-    fn watch(&self) -> &AtomicBool {
-        self.is_watched.store(true, Ordering::SeqCst);
-        &self.asked
-    }
-
-    /// Lets `write` finish what it writes before the program ends.
-    fn hold<T>(&self, write: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
-        let asked = self.watch();
-        let written = write();
-        self.is_watched.store(false, Ordering::SeqCst);
-        if asked.load(Ordering::SeqCst) { Err(NOTHING_UNFINISHED.into()) } else { written }
-    }
-}
-
-/// Whether whoever read our stdout has had enough (`locard params | head`).
-fn is_closed_pipe(error: &anyhow::Error) -> bool {
-    error.chain().filter_map(|e| e.downcast_ref::<std::io::Error>()).any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+/// Whether whoever read our stdout has had enough (`locard params | head`). Another closed pipe is a failure.
+fn is_closed_stdout(error: &anyhow::Error) -> bool {
+    let bare = error.downcast_ref::<std::io::Error>();
+    let of_sink = error.downcast_ref::<SinkError>().and_then(|error| match error {
+        SinkError::Stdout { source } => Some(source),
+        _ => None,
+    });
+    bare.or(of_sink).is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
 /// An error and its causes on one line. A cause that the text before it quotes is left out. An error of writing that

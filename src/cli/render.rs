@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
 use super::outputs::Inputs;
-use super::{Interruption, tell, warn};
+use super::{tell, warn};
 use crate::camera::curved::{Curve, Curved};
 use crate::camera::{Distortion, Geometry, Intrinsics, Response};
 use crate::gpu::Gpu;
@@ -125,7 +125,7 @@ fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
     parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
 }
 
-pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
+pub fn run(args: &Args) -> Result<()> {
     picture::check(&args.output, args.force)?;
     check(args)?;
     let scene = crate::scene::load(&args.scene, None)?;
@@ -151,7 +151,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     if !shot.background && image.rgba.iter().all(|p| p[3] == 0.0) {
         warn(args.quiet, "nothing of the scene is in the picture: see --from, --at and --fov");
     }
-    interruption.hold(|| Ok(picture::write(&args.output, &image, &Response::default(), args.force)?))?;
+    picture::write(&args.output, &image, &Response::default(), args.force)?;
     let eye = pose.position_in_world_m().to_array().map(short).join(",");
     tell(args.quiet, &format!("{}x{} px, from {eye}: {}", image.width, image.height, args.output.display()));
     Ok(())

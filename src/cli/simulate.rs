@@ -3,13 +3,12 @@
 use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
 
 use anyhow::{Result, bail};
 
-use super::{Interrupted, Interruption, progress, tell};
+use super::{progress, tell};
 use crate::params::{Params, Value};
-use crate::simulate::{self, Options, SimulateError};
+use crate::simulate::{self, Options};
 use crate::words::{count, shown_unit};
 
 #[derive(clap::Args)]
@@ -23,7 +22,7 @@ pub struct Args {
     /// List the options
     #[arg(long)]
     list: bool,
-    /// Replace a recording that exists
+    /// Replace a simulated recording that exists
     #[arg(long)]
     force: bool,
     /// No progress bar
@@ -31,7 +30,7 @@ pub struct Args {
     quiet: bool,
 }
 
-pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
+pub fn run(args: &Args) -> Result<()> {
     let mut options = Options::default();
     if args.list {
         let mut out = std::io::stdout().lock();
@@ -47,16 +46,12 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     }
     let Some(output) = &args.output else { bail!("-o DIR is missing") };
     let bar = progress(args.quiet, options.frames as usize);
-    // Until something is written Ctrl-C may end the program at once.
     let done = simulate::run(output, &options, args.force, &mut |done, _| {
         bar.set_position(done as u64);
-        if interruption.watch().load(Ordering::SeqCst) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        ControlFlow::Continue(())
     });
     bar.finish_and_clear();
-    match done {
-        Err(SimulateError::Stopped) => return Err(Interrupted("nothing was written").into()),
-        done => done?,
-    }
+    done?;
     tell(args.quiet, &format!("{}: {}", count(options.frames as usize, "frame"), output.display()));
     Ok(())
 }

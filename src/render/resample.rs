@@ -238,14 +238,17 @@ pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, fill: impl Fn(usi
     let band = rows.div_ceil(4 * threads).max(1);
     let bands = std::sync::Mutex::new(values.chunks_mut((row_length * band).max(1)).enumerate());
     std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
-                while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
-                    rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
-                }
-            });
+        let work = || {
+            // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
+            while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
+                rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
+            }
+        };
+        // Where a thread cannot be had, those that there are do its share; rayon's pool would panic.
+        for _ in 1..threads {
+            let _ = std::thread::Builder::new().spawn_scoped(scope, work);
         }
+        work();
     });
 }
 

@@ -9,6 +9,7 @@
 
 mod board;
 mod finish;
+mod output;
 mod path;
 mod random;
 mod render;
@@ -89,8 +90,12 @@ crate::params! {
 pub enum SimulateError {
     #[error("{0} exists already; it is kept unless --force is given")]
     Exists(PathBuf),
-    #[error("{0} is not replaced: it is not empty and holds no recording.toml; choose another folder")]
-    NotARecording(PathBuf),
+    #[error("{folder} is not replaced: {foreign} in it is nothing that `locard simulate` wrote; choose another folder")]
+    Foreign { folder: PathBuf, foreign: PathBuf },
+    #[error("{0} is not replaced: it holds no truth.toml of a simulated recording; choose another folder")]
+    NotSimulated(PathBuf),
+    #[error("{0} is the folder that one is in, or holds it; name a new one for the recording")]
+    Within(PathBuf),
     #[error("{path}: cannot be written: {source}; check that the disk has room and the folder is yours")]
     Write { path: PathBuf, source: std::io::Error },
     #[error("stopped; nothing is left of it")]

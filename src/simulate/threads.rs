@@ -10,14 +10,16 @@ const BAND: usize = 8;
 pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, threads: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
     let bands = Mutex::new(values.chunks_mut((row_length * BAND).max(1)).enumerate());
     std::thread::scope(|scope| {
-        for _ in 0..threads.max(1) {
-            scope.spawn(|| {
-                loop {
-                    // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
-                    let Some((band, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) else { return };
-                    fill(band * BAND, rows);
-                }
-            });
+        let work = || {
+            // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
+            while let Some((band, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
+                fill(band * BAND, rows);
+            }
+        };
+        // Where a thread cannot be had, those that there are do its share; rayon's pool would panic.
+        for _ in 1..threads {
+            let _ = std::thread::Builder::new().spawn_scoped(scope, work);
         }
+        work();
     });
 }

@@ -1,4 +1,4 @@
-//! The recording's folder: frames, depth, lists, profile, ground truth.
+//! What the recording's folder holds: frames, depth, lists, profile, ground truth.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -15,6 +15,7 @@ use image::{ExtendedColorType, ImageEncoder, ImageError};
 use crate::camera::{Exposure, Lens, LensModel, NoiseProfile};
 use crate::params::{Kind, Params, Value};
 
+use super::output::{Output, writing};
 use super::render::Picture;
 use super::site::lamp;
 use super::survey::noise_through_file;
@@ -26,66 +27,22 @@ const ISO: f64 = 400.0;
 const PANORAMA: (u32, u32) = (256, 128);
 const PANORAMA_AT_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
 
-/// Simulates a recording into the folder `out`, which appears when it is whole. A recording
-/// that exists is replaced where `force` is set; another folder never is, unless it is empty.
-/// `progress` is told (frames done, of), first (0, of) before anything is written; where it says so, the work stops and
-/// nothing is left of it.
+/// Simulates a recording into the folder `out`, which appears when it is whole. A simulated recording that exists is
+/// replaced where `force` is set; another folder never is, unless it is empty. `progress` is told (frames done, of), first
+/// (0, of); where it says so, the work stops and nothing is left of it.
 pub fn run(
     out: &Path,
     options: &Options,
     force: bool,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
-    check_place(out, force)?;
+    let output = Output::begin(out, force)?;
     let simulation = Simulation::new(options)?;
     if progress(0, options.frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }
-    let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let name = out.file_name().map_or("recording".into(), |n| n.to_string_lossy().into_owned());
-    let beside = |what: &str| parent.join(format!(".{name}.{what}-{}", std::process::id()));
-    let (part, old) = (beside("part"), beside("old"));
-    let work = || {
-        fs::create_dir_all(&part).map_err(writing(&part))?;
-        fill(&part, &name, &simulation, progress)?;
-        // Again: the folder may have appeared while the frames were made.
-        check_place(out, force)?;
-        let replaced = out.exists();
-        if replaced {
-            fs::rename(out, &old).map_err(writing(out))?;
-        }
-        fs::rename(&part, out).map_err(writing(out))?;
-        if replaced {
-            fs::remove_dir_all(&old).map_err(writing(&old))?;
-        }
-        Ok(())
-    };
-    let result = { work }();
-    if result.is_err() {
-        // What is half done is of no use; that it cannot be removed is not what went wrong.
-        let _ = fs::remove_dir_all(&part);
-        if old.exists() && !out.exists() {
-            let _ = fs::rename(&old, out);
-        }
-    }
-    result
-}
-
-fn writing(path: &Path) -> impl FnOnce(std::io::Error) -> SimulateError {
-    let path = path.to_owned();
-    move |source| SimulateError::Write { path, source }
-}
-
-fn check_place(out: &Path, force: bool) -> Result<(), SimulateError> {
-    if fs::symlink_metadata(out).is_err() {
-        return Ok(());
-    }
-    let empty = fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_none());
-    match (empty, force, out.join("recording.toml").is_file()) {
-        (true, ..) | (_, true, true) => Ok(()),
-        (_, true, false) => Err(SimulateError::NotARecording(out.to_owned())),
-        _ => Err(SimulateError::Exists(out.to_owned())),
-    }
+    fill(output.folder(), output.name(), &simulation, progress)?;
+    output.finish()
 }
 
 fn fill(

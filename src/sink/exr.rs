@@ -1,18 +1,17 @@
 //! The virtual layer of a frame as OpenEXR, for compositors.
 
-use std::io;
 use std::path::Path;
 
 use exr::prelude::*;
 use half::f16;
 
-use super::SinkError;
 use super::atomic::write_atomically;
+use super::{SinkError, of_exr};
 use crate::image::LayerImage;
 
 /// Writes one layer with the channels virtual.R, .G, .B, .A (half), depth.Z, velocity.X, .Y
-/// (float), ZIP-compressed; the file is whole or not there.
-pub fn write_layers(path: &Path, layers: &LayerImage) -> std::result::Result<(), SinkError> {
+/// (float), ZIP-compressed; the file is whole or not there. One that exists is kept unless `force`.
+pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::result::Result<(), SinkError> {
     let (width, height) = (layers.width as usize, layers.height as usize);
     let lengths = [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len()];
     if lengths != [width * height; 3] || width * height == 0 {
@@ -39,12 +38,7 @@ pub fn write_layers(path: &Path, layers: &LayerImage) -> std::result::Result<(),
     let encoding =
         Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let image = Image::from_layer(Layer::new((width, height), LayerAttributes::default(), encoding, channels));
-    write_atomically(path, |writer| {
-        image.write().to_buffered(writer).map_err(|error| match error {
-            exr::error::Error::Io(error) => error,
-            other => io::Error::other(other),
-        })
-    })
+    write_atomically(path, force, |writer| image.write().to_buffered(writer).map_err(of_exr))
 }
 
 #[cfg(test)]
@@ -63,7 +57,7 @@ mod tests {
             depth_m: (0..count).map(|i| 1.0 + i as f32 * 1e-5).collect(),
             velocity: (0..count).map(|i| [i as f32 * 1.1, -3.3e5]).collect(),
         };
-        write_layers(&path, &layers).unwrap();
+        write_layers(&path, &layers, false).unwrap();
         let image = read_first_flat_layer_from_file(&path).unwrap();
         assert_eq!((image.layer_data.size.0, image.layer_data.size.1), (5, 40));
         assert_eq!(image.layer_data.encoding.compression, Compression::ZIP16);
@@ -85,7 +79,8 @@ mod tests {
 
     #[test]
     fn lists_that_do_not_fit_are_refused() {
-        let error = write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }).unwrap_err();
+        let error =
+            write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }, false).unwrap_err();
         assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4] values do not make a picture of 3x2");
     }
 }

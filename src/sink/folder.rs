@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, ImageError};
+use image::{ExtendedColorType, ImageEncoder};
 
 use super::atomic::write_atomically;
-use super::{Sink, SinkError, SinkOptions};
+use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::image::{Codes, Pixels};
 
 /// What a frame's file is called.
@@ -37,13 +37,10 @@ impl Sink for FolderSink {
             Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
         };
         let path = self.folder.join(frame_name(frame_index));
-        write_atomically(&path, |writer| {
+        write_atomically(&path, self.options.force, |writer| {
             PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
                 .write_image(bytes, pixels.width, pixels.height, color)
-                .map_err(|error| match error {
-                    ImageError::IoError(error) => error,
-                    other => std::io::Error::other(other),
-                })
+                .map_err(of_image)
         })
     }
 

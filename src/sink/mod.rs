@@ -72,6 +72,27 @@ pub struct SinkOptions {
     pub bits: u32,
 }
 
+/// That a file can be made there: nothing that is kept is in the way, and its folder takes files.
+pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
+    let refuse = |problem: String| Err(SinkError::Refused { path: path.to_owned(), problem });
+    if path.is_dir() {
+        return refuse("is a folder; name a file".to_owned());
+    }
+    if path.exists() && !force {
+        return Err(SinkError::Exists { path: path.to_owned() });
+    }
+    if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        // A device or a pipe, which is written to as it is.
+        return Ok(());
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return refuse(format!("cannot be written, for there is no folder {}; make it first", folder.display()));
+    }
+    // Nameless and gone at once.
+    tempfile::tempfile_in(folder).map(drop).map_err(|source| SinkError::of_writing(path, source))
+}
+
 #[derive(Debug, thiserror::Error)]
 pub enum SinkError {
     #[error("{}: {problem}", path.display())]
@@ -88,6 +109,16 @@ pub enum SinkError {
     Encoder { path: PathBuf, source: FfmpegError },
     #[error("frame {frame} is {found}; {expected} was announced")]
     Shape { frame: usize, found: String, expected: String },
+}
+
+impl SinkError {
+    fn of_writing(path: &Path, source: std::io::Error) -> Self {
+        let path = path.to_owned();
+        match source.kind() {
+            std::io::ErrorKind::AlreadyExists => Self::Exists { path },
+            _ => Self::Write { path, source },
+        }
+    }
 }
 
 /// That nothing is in the way: what exists is refused unless `force`, a file, or a folder with anything in it.
@@ -135,6 +166,21 @@ impl SinkOptions {
             found: format!("{}x{} with {bits} bits", pixels.width, pixels.height),
             expected: format!("{}x{} with {} bits", self.width, self.height, self.bits),
         })
+    }
+}
+
+/// Why a picture could not be encoded, as an error of writing.
+fn of_image(error: image::ImageError) -> std::io::Error {
+    match error {
+        image::ImageError::IoError(error) => error,
+        other => std::io::Error::other(other),
+    }
+}
+
+fn of_exr(error: ::exr::error::Error) -> std::io::Error {
+    match error {
+        ::exr::error::Error::Io(error) => error,
+        other => std::io::Error::other(other),
     }
 }
 

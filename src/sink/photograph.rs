@@ -9,8 +9,8 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 
-use super::SinkError;
 use super::atomic::write_atomically;
+use super::{SinkError, check_file, of_image};
 use crate::image::{Codes, Pixels};
 
 /// What a camera writes into its pictures.
@@ -39,8 +39,7 @@ const QUALITY: u8 = 95;
 /// Whether a photograph can be written there.
 pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
-        "jpg" | "jpeg" | "png" if path.exists() && !force => Err(SinkError::Exists { path: path.to_owned() }),
-        "jpg" | "jpeg" | "png" => Ok(()),
+        "jpg" | "jpeg" | "png" => check_file(path, force),
         other => {
             let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
             let problem = format!("a photograph cannot be written with {found}; accepted are .jpg and .png");
@@ -63,16 +62,13 @@ pub fn write(path: &Path, pixels: &Pixels, notes: Option<&Notes>, force: bool) -
     let (width, height) = (pixels.width, pixels.height);
     let exif = notes.map(|notes| exif_block(notes, width, height)).transpose();
     let exif = exif.map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
-    write_atomically(path, |writer| {
+    write_atomically(path, force, |writer| {
         let written = if extension(path) == "png" {
             encode(PngEncoder::new(writer), codes, width, height, exif)
         } else {
             encode(JpegEncoder::new_with_quality(writer, QUALITY), codes, width, height, exif)
         };
-        written.map_err(|error| match error {
-            ImageError::IoError(error) => error,
-            other => io::Error::other(other),
-        })
+        written.map_err(of_image)
     })
 }
 

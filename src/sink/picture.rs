@@ -1,13 +1,12 @@
 //! A single picture of light: PNG for people, OpenEXR for programs.
 
-use std::io;
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder, ImageError};
+use image::{ExtendedColorType, ImageEncoder};
 
-use super::SinkError;
 use super::atomic::write_atomically;
+use super::{SinkError, check_file, of_exr, of_image};
 use crate::camera::Response;
 use crate::image::LinearImage;
 
@@ -15,18 +14,17 @@ use crate::image::LinearImage;
 /// premultiplied R, G, B, A). The file is whole or not there; one that exists is kept unless `force`.
 pub fn write(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
     check(path, force)?;
-    if extension(path) == "png" { write_png(path, image, response) } else { write_exr(path, image) }
+    if extension(path) == "png" { write_png(path, image, response, force) } else { write_exr(path, image, force) }
 }
 
 fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// Whether a picture can be written there: its name says a known kind, and nothing is replaced unasked.
+/// Whether a picture can be written there: its name says a known kind, its folder is there, and nothing is replaced unasked.
 pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
-        "png" | "exr" if path.exists() && !force => Err(SinkError::Exists { path: path.to_owned() }),
-        "png" | "exr" => Ok(()),
+        "png" | "exr" => check_file(path, force),
         other => {
             let found = if other.is_empty() { "no ending".to_owned() } else { format!(".{other}") };
             let problem = format!("a picture cannot be written with {found}; accepted are .png and .exr");
@@ -35,7 +33,7 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     }
 }
 
-fn write_png(path: &Path, image: &LinearImage, response: &Response) -> Result<(), SinkError> {
+fn write_png(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
     let code = |light: f32| (255.0 * response.encode(f64::from(light))).round() as u8;
     // Half a code of the alpha is no transparency.
     let opaque = image.rgba.iter().all(|p| p[3] >= 1.0 - 0.5 / 255.0);
@@ -49,15 +47,12 @@ fn write_png(path: &Path, image: &LinearImage, response: &Response) -> Result<()
         }
     }
     let color = if opaque { ExtendedColorType::Rgb8 } else { ExtendedColorType::Rgba8 };
-    write_atomically(path, |writer| {
-        PngEncoder::new(writer).write_image(&bytes, image.width, image.height, color).map_err(|error| match error {
-            ImageError::IoError(error) => error,
-            other => io::Error::other(other),
-        })
+    write_atomically(path, force, |writer| {
+        PngEncoder::new(writer).write_image(&bytes, image.width, image.height, color).map_err(of_image)
     })
 }
 
-fn write_exr(path: &Path, image: &LinearImage) -> Result<(), SinkError> {
+fn write_exr(path: &Path, image: &LinearImage, force: bool) -> Result<(), SinkError> {
     use exr::prelude::*;
     let (width, height) = (image.width as usize, image.height as usize);
     let channels = SpecificChannels::rgba(|at: Vec2<usize>| {
@@ -65,12 +60,7 @@ fn write_exr(path: &Path, image: &LinearImage) -> Result<(), SinkError> {
         (r, g, b, a)
     });
     let out = Image::from_channels((width, height), channels);
-    write_atomically(path, |writer| {
-        out.write().to_buffered(writer).map_err(|error| match error {
-            exr::error::Error::Io(error) => error,
-            other => io::Error::other(other),
-        })
-    })
+    write_atomically(path, force, |writer| out.write().to_buffered(writer).map_err(of_exr))
 }
 
 #[cfg(test)]

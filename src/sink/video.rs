@@ -11,6 +11,8 @@ use crate::image::Pixels;
 use crate::source::ffmpeg::{self, Running};
 use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
 
+const ENDED_EARLY: &str = "ffmpeg ended before it had all frames, and did not say why; see whether `ffmpeg` is ffmpeg";
+
 /// Writes under a partial name and renames when ffmpeg has ended well; otherwise nothing stays.
 #[derive(Debug)]
 pub struct VideoSink {
@@ -19,6 +21,8 @@ pub struct VideoSink {
     /// `None` once ended. Goes before the file that it writes.
     running: Option<(Running, ChildStdin)>,
     partial: Partial,
+    /// How many were handed to ffmpeg.
+    frames: usize,
 }
 
 impl VideoSink {
@@ -34,13 +38,12 @@ impl VideoSink {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })?;
         }
-        let (partial, _) =
-            Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
+        let partial = Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
         let mut running = Running::start("ffmpeg", &arguments(options, partial.path(), mkv))?;
         // Nobody reads what ffmpeg might say there; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        Ok(Self { path: path.to_owned(), options: *options, running, partial })
+        Ok(Self { path: path.to_owned(), options: *options, running, partial, frames: 0 })
     }
 
     /// Waits for ffmpeg and tells a failure in its words.
@@ -48,6 +51,10 @@ impl VideoSink {
         let Some((running, stdin)) = self.running.take() else { return Ok(()) };
         drop(stdin);
         running.finish().map(drop).map_err(|source| SinkError::Encoder { path: self.path.clone(), source })
+    }
+
+    fn refuse(&self, problem: &str) -> SinkError {
+        SinkError::Refused { path: self.path.clone(), problem: problem.to_owned() }
     }
 }
 
@@ -84,18 +91,25 @@ impl Sink for VideoSink {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
         self.options.check(frame_index, pixels)?;
         let Some((_, stdin)) = &mut self.running else {
-            let problem = "the video has ended already".to_owned();
-            return Err(SinkError::Refused { path: self.path.clone(), problem });
+            return Err(self.refuse("the video has ended already"));
         };
+        self.frames += 1;
         let Err(source) = stdin.write_all(&little_endian(&pixels.codes)) else { return Ok(()) };
-        // A broken pipe says that ffmpeg gave up; it knows why.
+        // A broken pipe says that ffmpeg gave up; it knows why, if it says so.
         self.end()?;
-        Err(SinkError::Write { path: self.path.clone(), source })
+        match source.kind() {
+            std::io::ErrorKind::BrokenPipe => Err(self.refuse(ENDED_EARLY)),
+            _ => Err(SinkError::Write { path: self.path.clone(), source }),
+        }
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), SinkError> {
         self.end()?;
-        let Self { path, partial, .. } = *self;
-        partial.finish().map_err(|source| SinkError::Write { path, source })
+        let is_empty = std::fs::metadata(self.partial.path()).is_ok_and(|file| file.len() == 0);
+        if is_empty && self.frames > 0 {
+            return Err(self.refuse(ENDED_EARLY));
+        }
+        let Self { path, partial, options, .. } = *self;
+        partial.finish(options.force).map_err(|source| SinkError::of_writing(&path, source))
     }
 }

@@ -4,8 +4,10 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+
+use crate::unfinished::{Undo, Unfinished};
 
 /// Lines of a program's messages that are kept: the first ones name the cause.
 const KEPT_LINES: usize = 4;
@@ -55,53 +57,77 @@ pub fn output(program: &str, arguments: &[OsString]) -> Result<Output, FfmpegErr
     Ok(Output { written, complaints })
 }
 
-/// A running program with piped input, output and messages. Killed and reaped when dropped.
+/// A running program with piped input, output and messages. Killed and reaped when dropped, and when this one is ended.
 #[derive(Debug)]
 pub struct Running {
     program: String,
-    child: Child,
+    stdin: Option<ChildStdin>,
+    stdout: Option<ChildStdout>,
+    child: Arc<Mutex<Child>>,
     listener: Option<JoinHandle<()>>,
     complaints: Arc<Mutex<Vec<String>>>,
+    /// Kills and reaps.
+    _unfinished: Unfinished,
 }
 
 impl Running {
     pub fn start(program: &str, arguments: &[OsString]) -> Result<Self, FfmpegError> {
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().map_err(|source| match source.kind() {
+        // Ctrl-C is for us, who end it then.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let failed = |source: std::io::Error| match source.kind() {
             std::io::ErrorKind::NotFound => FfmpegError::Missing { program: program.to_owned() },
             _ => FfmpegError::Start { program: program.to_owned(), source },
+        };
+        let ((stdin, stdout, stderr, child), unfinished) = Unfinished::begin(|| {
+            let mut child = command.spawn().map_err(failed)?;
+            let (stdin, stdout, stderr) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
+            let child = Arc::new(Mutex::new(child));
+            let killed = Arc::clone(&child);
+            let undo: Undo = Box::new(move || {
+                // Whoever holds it waits for an end that has come.
+                let Ok(mut child) = killed.try_lock() else { return };
+                // Both fail only where the child has ended and been reaped already.
+                let _ = child.kill();
+                let _ = child.wait();
+            });
+            Ok::<_, FfmpegError>(((stdin, stdout, stderr, child), undo))
         })?;
         let complaints = Arc::new(Mutex::new(Vec::new()));
-        let listener = child.stderr.take().map(|stderr| {
+        let listen = |stderr| {
             let kept = Arc::clone(&complaints);
-            std::thread::spawn(move || keep_first_lines(BufReader::new(stderr), &kept))
-        });
-        Ok(Self { program: program.to_owned(), child, listener, complaints })
+            let listen = move || keep_first_lines(BufReader::new(stderr), &kept);
+            std::thread::Builder::new().name(program.to_owned()).spawn(listen).map_err(failed)
+        };
+        let listener = stderr.map(listen).transpose()?;
+        Ok(Self { program: program.to_owned(), stdin, stdout, child, listener, complaints, _unfinished: unfinished })
     }
 
     pub fn take_stdin(&mut self) -> Option<ChildStdin> {
-        self.child.stdin.take()
+        self.stdin.take()
     }
 
     pub fn take_stdout(&mut self) -> Option<ChildStdout> {
-        self.child.stdout.take()
+        self.stdout.take()
     }
 
     /// The first lines that the program has said so far, in one; empty where it has not complained.
     pub fn complaints(&self) -> String {
-        self.complaints.lock().unwrap_or_else(PoisonError::into_inner).join("; ")
+        locked(&self.complaints).join("; ")
     }
 
     /// Closes the input, waits for the end, and turns a failure into the program's own words. What it complained of
     /// without failing is returned.
     pub fn finish(mut self) -> Result<String, FfmpegError> {
-        drop(self.child.stdin.take());
-        let status = self.child.wait();
+        drop(self.stdin.take());
+        // Until it ends it may be killed from elsewhere: nobody holds it meanwhile.
         if let Some(thread) = self.listener.take() {
             // It only panics where a lock of ours does; what it kept is there all the same.
             let _ = thread.join();
         }
+        let status = locked(&self.child).wait();
         let said = self.complaints();
         let failed = |problem| Err(FfmpegError::Failed { program: self.program.clone(), problem });
         match status {
@@ -113,12 +139,8 @@ impl Running {
     }
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
-        // Both fail only where the child has ended and been reaped already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// All is read, so that the program never waits for a reader. ffmpeg's names of its own parts, `[h264 @ 0x5581...]`,
@@ -127,7 +149,7 @@ fn keep_first_lines(mut reader: impl BufRead, kept: &Mutex<Vec<String>>) {
     let mut line = Vec::new();
     while matches!(reader.read_until(b'\n', &mut line), Ok(n) if n > 0) {
         let text = without_address(String::from_utf8_lossy(&line).trim());
-        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(kept);
         if kept.len() < KEPT_LINES && !text.is_empty() {
             kept.push(text);
         }
@@ -173,7 +195,7 @@ mod tests {
     #[test]
     fn dropping_kills_and_reaps() {
         let running = Running::start("sh", &["-c".into(), "exec sleep 1000".into()]).unwrap();
-        let id = running.child.id();
+        let id = locked(&running.child).id();
         drop(running);
         assert!(!Path::new(&format!("/proc/{id}")).exists());
     }

@@ -13,7 +13,7 @@ use shoot::Shoot;
 use super::light::{self, Known, Opened, USUAL_ISO};
 use super::outputs::Inputs;
 use super::which::Which;
-use super::{Interruption, NOTHING_SEEN, progress_of, tell, warn};
+use super::{NOTHING_SEEN, progress_of, tell, warn};
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::{Mode, PictureLight};
 use crate::camera::{Film, Geometry, Opening};
@@ -98,7 +98,7 @@ fn focal_length(text: &str) -> Result<f64, String> {
     mm.ok_or_else(|| format!("{text} is refused: accepted is 1 to 5000 mm"))
 }
 
-pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
+pub fn run(args: &Args) -> Result<()> {
     let Opened { recording, rig, mut effects, taken } = args.site.open()?;
     let index = args.site.frame;
     recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
@@ -215,7 +215,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
         }
         let path = path_of(args, &(n + 1).to_string());
         let notes = site.notes(&dials, asked, &framing);
-        interruption.hold(|| Ok(photograph::write(&path, &pixels, Some(&notes), args.force)?))?;
+        photograph::write(&path, &pixels, Some(&notes), args.force)?;
         tell(args.quiet, &format!("{}: {}", path.display(), label(asked, &framing).replace('\n', ", ")));
         if args.bracket.is_some() {
             sheet.extend(photo::small(&pixels).map(|small| (small, label(asked, &framing))));
@@ -223,7 +223,7 @@ pub fn run(args: &Args, interruption: &Interruption) -> Result<()> {
     }
     if args.bracket.is_some() {
         let path = path_of(args, "sheet");
-        interruption.hold(|| Ok(photograph::write(&path, &photo::contact_sheet(&sheet), None, args.force)?))?;
+        photograph::write(&path, &photo::contact_sheet(&sheet), None, args.force)?;
         tell(args.quiet, &format!("{}", path.display()));
     }
     Ok(())

@@ -1,0 +1,97 @@
+//! What must not stay where the program is ended in the middle: files without their final names, folders that are not
+//! whole, programs that were started.
+//!
+//! The list belongs to the process, for a signal does: whoever ends the program undoes the whole list, whatever threads
+//! are at.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Undoes one thing.
+pub type Undo = Box<dyn FnOnce() + Send>;
+
+struct List {
+    begun: u64,
+    undo: BTreeMap<u64, Undo>,
+}
+
+static LIST: Mutex<List> = Mutex::new(List { begun: 0, undo: BTreeMap::new() });
+
+fn list() -> MutexGuard<'static, List> {
+    // What panicked while it held the lock left the list as it was.
+    LIST.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A thing that is begun. Undone when dropped, or by [`undo_all`], unless it was finished.
+#[derive(Debug)]
+pub struct Unfinished {
+    number: u64,
+}
+
+impl Unfinished {
+    /// Makes a thing and notes how it is undone, in one step: nobody ends the program between the two.
+    pub fn begin<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, Self), E> {
+        let mut list = list();
+        let (made, undo) = make()?;
+        list.begun += 1;
+        let number = list.begun;
+        list.undo.insert(number, undo);
+        Ok((made, Self { number }))
+    }
+
+    /// Takes the step with which the thing is finished, such as giving a file its name; nobody ends the program in the
+    /// middle of it. Where the step fails the thing is undone.
+    pub fn finish<T, E>(self, step: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+        let mut list = list();
+        let done = step();
+        let undo = list.undo.remove(&self.number);
+        if let (Err(_), Some(undo)) = (&done, undo) {
+            undo();
+        }
+        done
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        let mut list = list();
+        if let Some(undo) = list.undo.remove(&self.number) {
+            undo();
+        }
+    }
+}
+
+/// Undoes everything, the newest first. As long as the returned value lives nothing is begun or finished, so that the
+/// program can end.
+#[must_use]
+pub fn undo_all() -> impl Sized {
+    let mut list = list();
+    while let Some((_, undo)) = list.undo.pop_last() {
+        undo();
+    }
+    list
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn what_is_not_finished_is_undone_once() {
+        let undone = Arc::new(AtomicU32::new(0));
+        let begin = || {
+            let undone = Arc::clone(&undone);
+            let undo: Undo = Box::new(move || _ = undone.fetch_add(1, Ordering::SeqCst));
+            Unfinished::begin(|| Ok::<_, ()>(((), undo))).unwrap().1
+        };
+        begin().finish(|| Ok::<_, ()>(())).unwrap();
+        assert_eq!(undone.load(Ordering::SeqCst), 0);
+        drop(begin());
+        assert_eq!(undone.load(Ordering::SeqCst), 1);
+        begin().finish(|| Err::<(), _>(())).unwrap_err();
+        assert_eq!(undone.load(Ordering::SeqCst), 2);
+    }
+}
