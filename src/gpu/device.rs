@@ -1,7 +1,7 @@
 //! Finding an adapter and opening it.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use wgpu::{Backends, DeviceType};
@@ -16,9 +16,11 @@ pub struct Gpu {
     pub timestamps: bool,
     /// How many pipelines have been made.
     pipelines: Arc<AtomicUsize>,
+    /// The first error that nobody asked for; what came after it follows from it.
+    failure: Arc<OnceLock<GpuError>>,
 }
 
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum GpuError {
     /// `besides`: what a variable leaves out, empty where none does.
     #[error(
@@ -32,6 +34,10 @@ pub enum GpuError {
     Open { adapter: String, reason: String },
     #[error("the GPU did not finish within {seconds} s; the driver may have hung")]
     Timeout { seconds: u64 },
+    #[error(
+        "the GPU's memory is used up: a smaller picture needs less; `locard doctor` lists the adapters of this machine"
+    )]
+    OutOfMemory,
     #[error("the GPU failed: {0}")]
     Failed(String),
 }
@@ -98,6 +104,14 @@ fn no_adapter() -> GpuError {
     GpuError::NoAdapter { besides: besides.unwrap_or_default() }
 }
 
+/// On one line.
+fn said(error: &wgpu::Error) -> GpuError {
+    match error {
+        wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory,
+        other => GpuError::Failed(other.to_string().split_whitespace().collect::<Vec<_>>().join(" ")),
+    }
+}
+
 impl Gpu {
     /// Whether shaders run on this machine's processor.
     pub fn software(&self) -> bool {
@@ -121,14 +135,17 @@ impl Gpu {
         let adapter = there.swap_remove(chosen);
         let (device, queue) = pollster::block_on(adapter.request_device(&Self::wanted(&adapter)))
             .map_err(|e| GpuError::Open { adapter: adapter.get_info().name, reason: e.to_string() })?;
-        Ok(Self::adopt(&adapter, device, queue))
+        let gpu = Self::adopt(&adapter, device, queue);
+        let first = Arc::clone(&gpu.failure);
+        gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| _ = first.set(said(&error))));
+        Ok(gpu)
     }
 
     /// A device that somebody else made, a window say, with at least the limits of [`Gpu::wanted`]. What is drawn with it can be shown without
     /// leaving it.
     pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default() }
+        Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure: Arc::default() }
     }
 
     /// What a device is asked for, so that pictures may be as large as the adapter holds: features, limits.
@@ -164,8 +181,15 @@ impl Gpu {
         self.pipelines.load(Ordering::Relaxed)
     }
 
+    /// That nothing has failed so far. A failed call makes no value that says so, but one that nothing can be done with:
+    /// what is read back is to be asked for by this first. Of a device that was adopted its owner hears.
+    pub fn check(&self) -> Result<(), GpuError> {
+        self.failure.get().map_or(Ok(()), |error| Err(error.clone()))
+    }
+
     /// Waits until a submission is done, at most two minutes.
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
+        self.check()?;
         let seconds = 120;
         self.device
             .poll(wgpu::PollType::Wait { submission_index: submission, timeout: Some(Duration::from_secs(seconds)) })
@@ -184,5 +208,35 @@ impl Gpu {
     /// The largest side of a picture that this adapter can hold, px.
     pub fn max_side_px(&self) -> u32 {
         self.device.limits().max_texture_dimension_2d
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four textures of 64 GiB each.
+    #[test]
+    fn memory_that_is_not_there_is_an_error_and_no_panic() {
+        let gpu = Gpu::open().unwrap();
+        let side = gpu.max_side_px();
+        let textures: Vec<_> = (0..4)
+            .map(|_| {
+                gpu.device.create_texture(&wgpu::TextureDescriptor {
+                    label: Some("too large"),
+                    size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 16 },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format: wgpu::TextureFormat::Rgba32Float,
+                    usage: wgpu::TextureUsages::TEXTURE_BINDING,
+                    view_formats: &[],
+                })
+            })
+            .collect();
+        let error = gpu.wait(None).unwrap_err();
+        assert!(matches!(error, GpuError::OutOfMemory), "{error}");
+        assert!(!error.to_string().contains('\n'));
+        drop(textures);
     }
 }

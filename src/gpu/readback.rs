@@ -91,6 +91,7 @@ impl Readback {
 
     /// Waits and hands each row's bytes to `take(row, bytes)`.
     pub fn rows(&self, gpu: &Gpu, mut take: impl FnMut(usize, &[u8])) -> Result<(), GpuError> {
+        gpu.check()?;
         if self.state.load(Ordering::Acquire) == PENDING {
             gpu.wait(self.submission.clone())?;
         }
