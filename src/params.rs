@@ -6,6 +6,8 @@
 
 use std::fmt;
 
+use crate::words::exact;
+
 /// A parameter's value on its way from text to a field and back.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
@@ -21,7 +23,7 @@ impl fmt::Display for Value {
         match self {
             Self::None => write!(f, "none"),
             Self::Bool(b) => write!(f, "{b}"),
-            Self::Number(n) => write!(f, "{n}"),
+            Self::Number(n) => f.write_str(&exact(*n)),
             Self::Text(t) => write!(f, "{t}"),
         }
     }
@@ -60,7 +62,7 @@ impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Bool => write!(f, "true or false"),
-            Self::Number { min, max } => write!(f, "{min} to {max}"),
+            Self::Number { min, max } => write!(f, "{} to {}", exact(*min), exact(*max)),
             Self::Integer { min, max } => write!(f, "a whole number from {min} to {max}"),
             Self::Choice(names) => write!(f, "{}", names.join(" | ")),
         }

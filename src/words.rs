@@ -9,6 +9,7 @@ pub fn count(number: usize, thing: &str) -> String {
 pub fn reason(error: &std::io::Error) -> String {
     use std::io::ErrorKind;
     let text = match error.kind() {
+        ErrorKind::FileTooLarge => "the file may grow no larger (`ulimit -f`); allow more, or write elsewhere",
         ErrorKind::StorageFull => "the disk is full; make room, or write elsewhere",
         ErrorKind::BrokenPipe => "whoever was reading has closed it",
         ErrorKind::NotFound => "there is no such file or folder; check the path",
@@ -25,8 +26,35 @@ pub fn shown_unit(unit: &str) -> String {
     if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }
 }
 
+/// All digits that a number needs to be read back as it is, and no more; powers of ten where it has many zeros.
+pub fn exact(number: f64) -> String {
+    if is_plain(number) { number.to_string() } else { format!("{number:e}") }
+}
+
+fn is_plain(number: f64) -> bool {
+    number == 0.0 || !number.is_finite() || (1e-7..1e16).contains(&number.abs())
+}
+
+/// With so many digits behind the point; a number that nobody could read then with six in all.
+pub fn fixed(number: f64, digits: usize) -> String {
+    if number.is_finite() && number.abs() >= 1e15 {
+        return format!("{number:.5e}");
+    }
+    let text = format!("{number:.digits$}");
+    // Nothing has no sign.
+    match text.strip_prefix('-').filter(|rest| rest.bytes().all(|b| matches!(b, b'0' | b'.'))) {
+        Some(rest) => rest.to_owned(),
+        None => text,
+    }
+}
+
 /// At most six significant digits, no zeros behind them.
 pub fn short(number: f64) -> String {
+    if !is_plain(number) {
+        let text = format!("{number:.5e}");
+        let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
+        return format!("{}e{power}", digits.trim_end_matches('0').trim_end_matches('.'));
+    }
     let whole_digits = number.abs().max(1e-9).log10().floor() as i32 + 1;
     let rounded = format!("{number:.*}", (6 - whole_digits).clamp(0, 12) as usize);
     match rounded.contains('.') {
@@ -46,8 +74,20 @@ mod tests {
     fn short_numbers() {
         let cases =
             [(1.0 / 60.0, "0.0166667"), (525.0, "525"), (0.0, "0"), (-0.0004, "-0.0004"), (1234567.0, "1234567")];
-        for (number, text) in cases {
+        for (number, text) in cases.into_iter().chain([(1e300, "1e300"), (-1.234_567_8e-20, "-1.23457e-20")]) {
             assert_eq!(super::short(number), text);
         }
+    }
+
+    #[test]
+    fn no_number_fills_the_screen() {
+        let cases =
+            [(0.1, "0.1"), (-1e300, "-1e300"), (f64::MIN_POSITIVE, "2.2250738585072014e-308"), (4096.0, "4096")];
+        for (number, text) in
+            cases.into_iter().chain([(f64::INFINITY, "inf"), (9007199254740991.0, "9007199254740991")])
+        {
+            assert_eq!(super::exact(number), text);
+        }
+        assert_eq!([1e300, -0.25, -0.04].map(|n| super::fixed(n, 1)), ["1.00000e300", "-0.2", "0.0"]);
     }
 }

@@ -294,6 +294,45 @@ fn a_heavy_frame_is_ended_at_once() {
     assert!(!begun());
 }
 
+#[test]
+fn inspect_takes_the_camera_from_a_profile_and_units_from_the_format() {
+    let temp = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(temp.path().join(name), text).unwrap();
+    image::RgbImage::from_pixel(64, 48, image::Rgb([90; 3])).save(temp.path().join("0.png")).unwrap();
+    let camera = r#""fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48"#;
+    let frame = r#"{"file_path": "0.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,2],[0,0,0,1]]}"#;
+    write("transforms.json", &format!(r#"{{{camera}, "frames": [{frame}]}}"#));
+    let folder = temp.path().to_str().unwrap();
+    let pick = ["inspect", folder, "--frame", "0", "--pick", "32,24", "--plane", "0,0,1,0"];
+    let text = said(&pick);
+    assert!(text.contains("camera at  0.0000 0.0000 2.0000 units, looks along"), "{text}");
+    assert!(text.contains("world      0.0000 0.0000 0.0000 units (on the plane, depth 2.0000 units)"), "{text}");
+    let text = said(&[&pick[..], &["--metres-per-unit", "0.5"]].concat());
+    assert!(text.contains("0.0000 0.0000 1.0000 m, looks along") && !text.contains("units"), "{text}");
+
+    std::fs::remove_file(temp.path().join("transforms.json")).unwrap();
+    write("rgb.txt", "0 0.png\n");
+    write("poses.txt", "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n");
+    write("recording.toml", "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\n");
+    write(
+        "camera.toml",
+        "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 61\nfy_px = 60\ncx_px = 32\ncy_px = 24\n",
+    );
+    assert!(said(&["inspect", folder]).contains("camera     unknown: give a --profile"));
+    let profile = temp.path().join("camera.toml");
+    let text = said(&["inspect", folder, "--profile", profile.to_str().unwrap()]);
+    assert!(text.contains("camera     fx 61.00 fy 60.00 cx 32.00 cy 24.00 px"), "{text}");
+}
+
+#[test]
+fn a_huge_number_is_said_in_a_few_digits() {
+    let given = ["--set", "noise.scale=1e300", "--frames", "0..1", "-o", "-"];
+    let text = refused(&[&["composite", "recordings/demo", "--scene", "scenes/demo.toml"][..], &given].concat());
+    assert!(text.contains("noise.scale = 1e300 is refused"), "{text}");
+    let given = ["--frame", "0", "--pick", "1e300,-1e300", "--plane", "0,0,1,1e300"];
+    let text = refused(&[&["inspect", "recordings/demo"][..], &given].concat());
+    assert!(text.len() < 200 && text.contains("1e300,-1e300"), "{text}");
+}
 
 #[test]
 fn the_recording_is_not_written_into() {

@@ -11,7 +11,7 @@ use crate::compositor::Settings;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
-use crate::words::{count, reason, short, shown_unit};
+use crate::words::{count, exact, fixed, reason, short, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -30,8 +30,8 @@ pub struct Args {
     #[arg(long)]
     profile: Option<PathBuf>,
     /// Length of a nerfstudio or COLMAP unit
-    #[arg(long, default_value_t = 1.0, value_name = "M")]
-    metres_per_unit: f64,
+    #[arg(long, value_name = "M")]
+    metres_per_unit: Option<f64>,
 }
 
 /// More damaged pictures than these are counted only.
@@ -137,7 +137,7 @@ fn profile(path: &Path) -> Result<()> {
 }
 
 fn recording(args: &Args) -> Result<()> {
-    let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
+    let options = OpenOptions { metres_per_unit: args.metres_per_unit.unwrap_or(1.0), ..OpenOptions::default() };
     let recording = Recording::open(&args.what, &options)?;
     let mut out = std::io::stdout().lock();
     if let Some(frame) = args.frame {
@@ -164,7 +164,9 @@ fn recording(args: &Args) -> Result<()> {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
     }
-    match recording.geometry_at_frame(0) {
+    // What is given lies over the recording's own.
+    let given = args.profile.as_ref().map(|_| geometry(args, &recording, 0)).transpose()?;
+    match given.as_ref().or(recording.geometry_at_frame(0)) {
         Some(g) if g.is_round() => writeln!(out, "camera     360°, longitude and latitude")?,
         Some(g) => writeln!(
             out,
@@ -196,56 +198,56 @@ fn recording(args: &Args) -> Result<()> {
 
 fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Write) -> Result<()> {
     super::check_frame(frame, recording.frame_count())?;
+    let is_metric = recording.kind.is_metric() || args.metres_per_unit.is_some();
+    let unit = if is_metric { "m" } else { "units" };
+    let shown = |p: DVec3| format!("{} {unit}", p.to_array().map(|c| fixed(c, 4)).join(" "));
     let pose = recording.pose_at_frame(frame);
     writeln!(out, "frame      {frame} at {:.6} s", recording.timestamps_s[frame])?;
     match &pose {
         Ok(pose) => {
             let p = pose.position_in_world_m();
             let forward = pose.world_from_camera_rotation() * DVec3::Z;
-            writeln!(
-                out,
-                "camera at  {:.4} {:.4} {:.4} m, looks along {:.3} {:.3} {:.3}",
-                p.x, p.y, p.z, forward.x, forward.y, forward.z
-            )?;
+            writeln!(out, "camera at  {}, looks along {:.3} {:.3} {:.3}", shown(p), forward.x, forward.y, forward.z)?;
         }
         Err(reason) => writeln!(out, "no pose    {reason}")?,
     }
     let Some([x, y]) = args.pick else { return Ok(()) };
+    let place = [x, y].map(exact).join(",");
     let pose = pose?;
     let geometry = geometry(args, recording, frame)?;
     let ray = geometry
         .depth_ray(DVec2::new(x, y))
-        .with_context(|| format!("--pick {x},{y}: the lens model has no ray there"))?;
+        .with_context(|| format!("--pick {place}: the lens model has no ray there"))?;
     let frames = recording.frames(frame..frame + 1)?.next().context("the frame cannot be read")??;
     if let Some([a, b, c, d]) = args.plane {
         let normal = DVec3::new(a, b, c);
         if normal == DVec3::ZERO {
-            bail!("--plane {a},{b},{c},{d} is no plane: the normal A,B,C has no length");
+            bail!("--plane {} is no plane: the normal A,B,C has no length", [a, b, c, d].map(exact).join(","));
         }
         let eye = pose.position_in_world_m();
         let along = pose.world_from_camera_rotation() * ray;
         let t = (d - normal.dot(eye)) / normal.dot(along);
         if !(t.is_finite() && t > 0.0) {
-            bail!("--plane: the ray through {x},{y} does not meet that plane before the camera");
+            bail!("--plane: the ray through {place} does not meet that plane before the camera");
         }
         let p = eye + along * t;
-        writeln!(out, "world      {:.4} {:.4} {:.4} m (on the plane, depth {t:.4} m)", p.x, p.y, p.z)?;
+        writeln!(out, "world      {} (on the plane, depth {} {unit})", shown(p), fixed(t, 4))?;
         return Ok(());
     }
     let Some(depth) = &frames.depth else {
         bail!("frame {frame} has no depth: give a plane, as in --plane 0,0,1,0 for z = 0");
     };
     if x < 0.0 || y < 0.0 || x >= f64::from(depth.width) || y >= f64::from(depth.height) {
-        bail!("--pick {x},{y} lies outside of the picture, {}x{} px", depth.width, depth.height);
+        bail!("--pick {place} lies outside of the picture, {}x{} px", depth.width, depth.height);
     }
     let z = f64::from(depth.depth_m[y as usize * depth.width as usize + x as usize]);
     if z <= 0.0 {
-        bail!("the depth sensor measured nothing at {x},{y}: pick a pixel beside it, or give a plane");
+        bail!("the depth sensor measured nothing at {place}: pick a pixel beside it, or give a plane");
     }
     // Depth belongs to its own moment.
     let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s).unwrap_or(pose);
     let p = measured.inverse_transform_point(ray * z);
-    writeln!(out, "world      {:.4} {:.4} {:.4} m (depth {z:.4} m)", p.x, p.y, p.z)?;
+    writeln!(out, "world      {} (depth {} {unit})", shown(p), fixed(z, 4))?;
     Ok(())
 }
 
