@@ -24,13 +24,12 @@ need_packages() {
     has_vulkan_driver || missing+=(mesa-vulkan-drivers)
     command -v ffmpeg >/dev/null && command -v ffprobe >/dev/null || missing+=(ffmpeg)
     command -v c++ >/dev/null || missing+=(g++)
-    command -v pkg-config >/dev/null || missing+=(pkg-config)
     command -v python3 >/dev/null || missing+=(python3)
     [ ${#missing[@]} -eq 0 ] && return
 
     if ! command -v apt-get >/dev/null; then
         echo "Missing, by Debian's names: ${missing[*]}." >&2
-        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg, a C++ compiler and pkg-config with this system's own tools, then start again." >&2
+        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg and a C++ compiler with this system's own tools, then start again." >&2
         exit 1
     fi
     local as_root=()
@@ -62,10 +61,6 @@ need_rust() {
         exit 1
     fi
 }
-
-# Mesa's device selection looks for a Wayland display and complains on stderr where XDG_RUNTIME_DIR is unset. Locard
-# chooses among all adapters itself.
-export NODEVICE_SELECT="${NODEVICE_SELECT:-1}"
 
 need_packages
 need_rust

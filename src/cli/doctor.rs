@@ -12,9 +12,7 @@ pub const HELP: &str = "\
 Environment variables:
   WGPU_ADAPTER_NAME=TEXT  use the first adapter whose name contains TEXT
   WGPU_BACKEND=NAME       look at this kind of driver only: vulkan, metal, dx12
-  VK_DRIVER_FILES=FILE    use this Vulkan driver (its .json; VK_ICD_FILENAMES for older loaders)
-  NODEVICE_SELECT=1       leave out Mesa's device selection, which complains on stderr where
-                          XDG_RUNTIME_DIR is unset; Locard makes its own choice";
+  VK_DRIVER_FILES=FILE    use this Vulkan driver (its .json; VK_ICD_FILENAMES for older loaders)";
 
 pub fn run() -> Result<()> {
     let mut out = std::io::stdout().lock();

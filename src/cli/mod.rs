@@ -14,6 +14,7 @@ mod params;
 mod photo;
 mod render;
 mod simulate;
+mod start;
 mod which;
 
 use std::io::{IsTerminal, Write};
@@ -59,6 +60,7 @@ enum Command {
 
 /// Runs the program on the process' arguments.
 pub fn main() -> ExitCode {
+    start::without_device_selection();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {

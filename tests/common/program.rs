@@ -7,8 +7,8 @@ use std::process::{Command, Output};
 /// Not started yet.
 pub fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_locard"));
-    // Without it Mesa's device selection complains where there is no XDG_RUNTIME_DIR.
-    command.env("NODEVICE_SELECT", "1");
+    // As a newcomer has it, in a container at worst: the program itself keeps Mesa's device selection quiet.
+    command.env_remove("NODEVICE_SELECT").env_remove("XDG_RUNTIME_DIR");
     command
 }
 
