@@ -1,6 +1,17 @@
 //! What of the recorded picture a film and a lens see.
 
+use glam::DVec2;
+
 use crate::camera::{Film, FilmError, Framed, Geometry, ThinLens, ThinLensError};
+
+/// What of the recorded picture is wanted in the photograph; as a default its middle, as far as the lens sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Aim {
+    /// What is in the middle, px of the recorded picture; moved so far that nothing is seen that was not recorded.
+    pub at_px: Option<DVec2>,
+    /// Width and height of what is seen at least, px of the recorded picture, instead of a focal length.
+    pub around_px: Option<DVec2>,
+}
 
 /// The virtual camera's film, lens and picture, and where that lies in the recorded one.
 #[derive(Clone, Debug)]
@@ -13,6 +24,9 @@ pub struct Framing {
     pub framed: Framed,
     /// The camera that takes the photograph.
     pub geometry: Geometry,
+    /// How much later than the middle row of the recorded picture that of the photograph was read, seconds; 0 where the
+    /// middle is what was aimed at.
+    pub later_s: f64,
 }
 
 /// What cannot be framed.
@@ -28,6 +42,11 @@ pub enum FramingError {
          {seen:.0} px are seen across, fewer by a longer lens and the nearer it is focused"
     )]
     Size { found: u32, height: u32, seen: f64 },
+    #[error(
+        "{found} px across are more than there are: of the recording {most} px are seen with a film of this shape, and \
+         1 is the least"
+    )]
+    TooMany { found: f64, most: f64 },
     #[error("camera.film_width_mm with the picture's shape: {0}")]
     Film(#[from] FilmError),
     #[error(transparent)]
@@ -47,6 +66,18 @@ impl Framing {
         focus_distance_m: f64,
         width_px: Option<u32>,
     ) -> Result<Self, FramingError> {
+        Self::aimed(whole, film, focal_length_m, focus_distance_m, width_px, Aim::default())
+    }
+
+    /// The same of what is aimed at. What is wanted around it takes the place of the focal length.
+    pub fn aimed(
+        whole: &Geometry,
+        film: Option<Film>,
+        focal_length_m: Option<f64>,
+        focus_distance_m: f64,
+        width_px: Option<u32>,
+        aim: Aim,
+    ) -> Result<Self, FramingError> {
         let i = &whole.intrinsics;
         let (whole_width, whole_height) = (f64::from(i.width_px), f64::from(i.height_px));
         let film = match film {
@@ -57,8 +88,16 @@ impl Framing {
         let most = whole_width.min(whole_height * aspect);
         // A part `columns` wide is what stands on the film at the image distance fx · film width / columns.
         let across = i.fx_px * 1e-3 * film.width_mm();
-        let columns = match focal_length_m {
-            Some(f) => {
+        let focal_length_m = focal_length_m.filter(|_| aim.around_px.is_none());
+        let columns = match (focal_length_m, aim.around_px) {
+            (_, Some(around)) => {
+                let columns = around.x.max(around.y * aspect);
+                if !(1.0..=most * 1.0001).contains(&columns) {
+                    return Err(FramingError::TooMany { found: columns.round(), most: most.floor() });
+                }
+                columns.min(most)
+            }
+            (Some(f), None) => {
                 // Refuses a focus within the focal length, and what is no length.
                 let columns = across / ThinLens::with_diameter(f, 0.0, focus_distance_m)?.image_distance_m();
                 // A ten-thousandth is what EXIF and the message below round away.
@@ -76,7 +115,7 @@ impl Framing {
                 }
                 columns.min(most)
             }
-            None => most,
+            (None, None) => most,
         };
         let width = width_px.unwrap_or(columns.round() as u32);
         let step = if width_px.is_none() && columns.fract() == 0.0 { 1.0 } else { columns / f64::from(width) };
@@ -84,18 +123,30 @@ impl Framing {
         if !SIDE_PX.contains(&width) || !SIDE_PX.contains(&height) {
             return Err(FramingError::Size { found: width, height, seen: columns });
         }
-        let edge = |whole: f64, pixels: u32| {
-            let edge = 0.5 * (whole - step * f64::from(pixels));
+        let edge = |whole: f64, pixels: u32, aimed: Option<f64>| {
+            let left_over = whole - step * f64::from(pixels);
+            let edge = match aimed {
+                // Rounding may make the part wider than the whole by nothing that matters.
+                Some(at) => (at - 0.5 * step * f64::from(pixels)).clamp(0.0, left_over.max(0.0)),
+                None => 0.5 * left_over,
+            };
             // Pixel on pixel where it can be.
             if step == 1.0 { edge.floor() } else { edge }
         };
-        let framed = Framed { left_px: edge(whole_width, width), top_px: edge(whole_height, height), step };
+        let framed = Framed {
+            left_px: edge(whole_width, width, aim.at_px.map(|at| at.x)),
+            top_px: edge(whole_height, height, aim.at_px.map(|at| at.y)),
+            step,
+        };
         let v = across / (step * f64::from(width));
         Ok(Self {
             film,
             focal_length_m: focal_length_m.unwrap_or_else(|| ThinLens::focal_length_behind_m(v, focus_distance_m)),
             focus_distance_m,
             framed,
+            later_s: aim
+                .at_px
+                .map_or(0.0, |_| whole.row_time_s(framed.source_px(DVec2::new(0.0, 0.5 * f64::from(height))).y)),
             geometry: framed.geometry(whole, width, height, film.width_mm()),
         })
     }
@@ -155,6 +206,31 @@ mod tests {
         // A smaller film behind the same lens sees less.
         let small = Framing::new(&whole(), Some("aps-c".parse().unwrap()), Some(0.05), f64::INFINITY, None).unwrap();
         close(small.framed.step * f64::from(small.size().0), 525.0 * 23.6 / 50.0, 1e-9);
+    }
+
+    #[test]
+    fn aimed_beside_the_middle_worked_by_hand() {
+        let aimed = |at: [f64; 2], around: [f64; 2]| {
+            let aim = Aim { at_px: Some(at.into()), around_px: Some(around.into()) };
+            Framing::aimed(&whole(), None, None, f64::INFINITY, None, aim).unwrap()
+        };
+        // 160 of 640 columns and 120 of 480 rows around (400, 100): from (320, 40) on, pixel on pixel.
+        let part = aimed([400.0, 100.0], [160.0, 90.0]);
+        assert_eq!((part.size(), part.framed), ((160, 120), Framed { left_px: 320.0, top_px: 40.0, step: 1.0 }));
+        // What sees a quarter is four times as long a lens.
+        close(part.focal_length_m, 4.0 * 0.029_531_25, 1e-12);
+        // Rows from 40 to 160 have 100 in the middle, 140 above that of the whole.
+        close(part.later_s, -140.0 / 480.0 * whole().intrinsics.readout_time_s, 1e-15);
+        // A thing that is high: as many columns as 4:3 asks for. In the corner nothing beyond it is seen.
+        let part = aimed([639.0, 479.0], [10.0, 120.0]);
+        assert_eq!((part.size(), part.framed), ((160, 120), Framed { left_px: 480.0, top_px: 360.0, step: 1.0 }));
+        let all = aimed([0.0, 0.0], [640.0, 10.0]);
+        assert_eq!((all.framed.left_px, all.framed.top_px), (0.0, 0.0));
+        for wrong in [641.0, 0.5, f64::NAN] {
+            let aim = Aim { around_px: Some(DVec2::new(wrong, 0.0)), ..Aim::default() };
+            let error = Framing::aimed(&whole(), None, None, 1.0, None, aim).unwrap_err().to_string();
+            assert!(error.contains("640 px are seen"), "{error}");
+        }
     }
 
     #[test]

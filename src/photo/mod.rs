@@ -23,7 +23,11 @@ mod take;
 
 pub use crate::camera::Summed;
 pub use focus::distance_m;
-pub use framing::{Framing, FramingError};
+pub use framing::{Aim, Framing, FramingError};
 pub use real::{Real, shutter_weights};
 pub use sheet::{contact_sheet, small};
 pub use take::{Exposed, Site, TakeError, Taken, take};
+
+/// The effect that shows how things move while the shutter is open. Without it the frames of a hand-held recording are not
+/// summed either: real and virtual things are as sharp as each other.
+pub const OF_MOTION: &str = "motion_blur";

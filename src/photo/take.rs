@@ -117,8 +117,13 @@ pub fn take(
     for (n, &region) in tiles.iter().enumerate() {
         done(n as f64 / tiles.len() as f64);
         let before = copied(&pixels, region);
-        let frame =
-            Frame { index: site.frame, timestamp_s: site.timestamp_s, pixels, depth: None, exposure: site.exposure };
+        let frame = Frame {
+            index: site.frame,
+            timestamp_s: site.timestamp_s + framing.later_s,
+            pixels,
+            depth: None,
+            exposure: site.exposure,
+        };
         let job = Job {
             frame,
             picture: &framing.geometry,

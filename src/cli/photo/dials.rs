@@ -96,12 +96,15 @@ impl Dials {
         missed.then(|| {
             let (stops, side, helps) = match asked.over_ev {
                 over if over > 0.0 => (over, "too bright", "a smaller --iso helps"),
-                over => (-over, "too dark", "a larger --iso helps, or a frame further from the recording's ends"),
+                over => (
+                    -over,
+                    "too dark",
+                    "a larger --iso helps, or, --hand-held, a frame further from the recording's ends",
+                ),
             };
             let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
             format!(
-                "{} is {stops:.1} stops {side}: the shutter can be open from {} to {} (no longer than frames go on around \
-                 this one), the aperture {} to {}; {helps}",
+                "{} is {stops:.1} stops {side}: the shutter can be open from {} to {}, the aperture {} to {}; {helps}",
                 asked.settings,
                 stops::format_shutter_s(shortest_s),
                 stops::format_shutter_s(longest_s),

@@ -1,5 +1,6 @@
 //! `locard photo`.
 
+mod aim;
 mod dials;
 mod shoot;
 
@@ -38,6 +39,20 @@ pub struct Args {
     /// The focal length in mm; else one that sees all of the recorded picture that the film's shape allows
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
     focal: Option<f64>,
+    /// What is in the middle: a place in the recorded picture, in its pixels, or an object of the scene by its name, which
+    /// then fills half of the photograph unless --focal or --across says otherwise
+    #[arg(long, value_name = "X,Y|OBJECT")]
+    aim: Option<String>,
+    /// How many columns of the recorded picture the photograph is wide
+    #[arg(long, value_name = "PX", conflicts_with = "focal", value_parser = aim::columns)]
+    across: Option<f64>,
+    /// The camera stands still while the shutter is open, as long as that may be: real and virtual things are as blurred as
+    /// in the frame (this is so without --hand-held)
+    #[arg(long)]
+    tripod: bool,
+    /// The camera moves while the shutter is open, as the recording's did: its frames are summed
+    #[arg(long, conflicts_with = "tripod")]
+    hand_held: bool,
     /// What is sharp: a distance in metres, inf, or auto (what is in the middle)
     #[arg(long, default_value = "auto", allow_hyphen_values = true, value_parser = focus)]
     focus: Focus,
@@ -119,15 +134,17 @@ pub fn run(args: &Args) -> Result<()> {
         // What a lens sees depends on where it is focused, which is not known yet; a series goes on to infinity.
         Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| args.bracket == Some(Bracket::Focus))),
     };
-    Framing::new(&whole, args.film, checked_m, given_m, args.width)?;
     let scene = crate::scene::load(&args.scene, recording.up)?;
+    let aim = aim::aim(args, &recording, &whole, &scene)?;
+    Framing::aimed(&whole, args.film, checked_m, given_m, args.width, aim)?;
     let lux = match (args.site.lux, taken.settings()) {
         (None, None) => None,
         _ => Some(light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux),
     };
     let asked = Known { f_number: args.site.aperture, ..Known::default() };
     let mut limits = light::limits(&rig, asked);
-    let recorded_s = recorded_s(&recording, index);
+    let sums = args.hand_held && args.which.leaves_on(photo::OF_MOTION);
+    let recorded_s = if sums { recorded_s(&recording, index) } else { f64::INFINITY };
     if let Some(time_s) = args.site.shutter.filter(|&time_s| time_s > recorded_s * 1.001) {
         bail!(
             "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
@@ -179,7 +196,7 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &text);
     }
     let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
-    let mut site = Shoot { args, recording, rig, whole, frame, mean, camera, effects, compositor };
+    let mut site = Shoot { args, recording, rig, whole, frame, mean, camera, effects, compositor, aim, sums };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     if args.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
         bail!(
@@ -190,7 +207,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mut told = false;
     let series = dials.series(args.bracket);
     let framed =
-        |asked: &Asked| Framing::new(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width);
+        |asked: &Asked| Framing::aimed(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width, aim);
     let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
     for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
         let opening = site.lens(asked).opening(&framing.geometry)?;

@@ -16,7 +16,7 @@ use crate::cli::warn;
 use crate::compositor::{Compositor, Job, Settings as Effects, Target, exposure_time_s};
 use crate::frame::Frame;
 use crate::image::Rect;
-use crate::photo::{self, Exposed, Framing, Real, Site, Summed, Taken};
+use crate::photo::{self, Aim, Exposed, Framing, Real, Site, Summed, Taken};
 use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::sink::photograph::Notes;
@@ -37,6 +37,9 @@ pub struct Shoot<'a> {
     pub camera: Camera,
     pub effects: Effects,
     pub compositor: Compositor,
+    pub aim: Aim,
+    /// Whether the recording's frames are summed for as long as the shutter is open.
+    pub sums: bool,
 }
 
 impl Shoot<'_> {
@@ -50,7 +53,7 @@ impl Shoot<'_> {
         let job = Job { time_offset_s: recording.time_offset_s, want_layer: true, ..job };
         let pending = compositor.submit(job, camera, effects, Target::Pixels)?;
         let layer = compositor.collect(pending)?.layer.unwrap_or_default();
-        let framed = |f| Framing::new(&self.whole, self.args.film, f, f64::INFINITY, self.args.width);
+        let framed = |f| Framing::aimed(&self.whole, self.args.film, f, f64::INFINITY, self.args.width, self.aim);
         // A lens that sees too much at infinity may see enough where it will be focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
@@ -88,7 +91,7 @@ impl Shoot<'_> {
     ) -> Result<Taken> {
         let (args, recording) = (self.args, &self.recording);
         let has_times = recording.kind.has_times();
-        let (range, weights) = if has_times {
+        let (range, weights) = if has_times && self.sums {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
             photo::shutter_weights(times, interval_s, args.site.frame, asked.settings.time_s)
         } else {
@@ -117,7 +120,12 @@ impl Shoot<'_> {
         let measured_at = self.rig.exposure.iso.or(taken.iso).unwrap_or(USUAL_ISO);
         let exposed = Exposed {
             opening,
-            time_s: if has_times { asked.settings.time_s } else { 0.0 },
+            time_s: match (has_times, self.sums) {
+                (false, _) => 0.0,
+                (true, true) => asked.settings.time_s,
+                // On a stand the real part is the frame: virtual things are blurred as it is.
+                (true, false) => exposure_time_s(&self.camera, &self.effects, &self.frame, recording.frame_interval_s),
+            },
             over_ev: gain.log2(),
             iso_ratio: asked.settings.iso / measured_at,
         };

@@ -1,0 +1,69 @@
+//! What a photograph is aimed at, as places in the recorded picture.
+
+use anyhow::{Context, Result, bail};
+use glam::{DVec2, DVec3};
+
+use super::Args;
+use crate::camera::Geometry;
+use crate::photo::Aim;
+use crate::recording::Recording;
+use crate::scene::{Object, Scene};
+
+/// An object fills so much of the photograph, one way or the other.
+const FILLED: f64 = 0.5;
+
+pub fn columns(text: &str) -> Result<f64, String> {
+    let px = text.trim().trim_end_matches("px").trim_end().parse().ok().filter(|px: &f64| (1.0..=1e6).contains(px));
+    px.ok_or_else(|| format!("{text} is refused: accepted is 1 to as many columns as the recording has (px)"))
+}
+
+fn place(text: &str) -> Option<DVec2> {
+    let (x, y) = text.split_once(',')?;
+    let number = |text: &str| text.trim().parse().ok().filter(|v: &f64| v.is_finite());
+    Some(DVec2::new(number(x)?, number(y)?))
+}
+
+pub fn aim(args: &Args, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim> {
+    let across = args.across.map(|columns| DVec2::new(columns, 0.0));
+    let Some(wanted) = &args.aim else { return Ok(Aim { at_px: None, around_px: across }) };
+    let size = DVec2::new(whole.intrinsics.width_px.into(), whole.intrinsics.height_px.into());
+    if let Some(at) = place(wanted) {
+        if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
+            bail!("--aim {wanted} lies outside of the picture, {}x{} px", size.x, size.y);
+        }
+        return Ok(Aim { at_px: Some(at), around_px: across });
+    }
+    let object = named(wanted, scene)?;
+    let pose = recording.pose_at_frame(args.site.frame)?;
+    let seen = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
+    let seen = seen.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
+    let in_picture = seen.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
+    let Some((low, high)) = in_picture.filter(|(low, high)| low.cmplt(*high).all()) else {
+        bail!("--aim {wanted}: it is not in the picture of frame {}", args.site.frame);
+    };
+    let around = across.or(args.focal.is_none().then(|| {
+        let around = (high - low) / FILLED;
+        // No more than there is, whatever the film's shape.
+        around * (size / around).min_element().min(1.0)
+    }));
+    Ok(Aim { at_px: Some(0.5 * (low + high)), around_px: around })
+}
+
+/// The object of a name, or the only one whose name has that in it.
+fn named<'a>(wanted: &str, scene: &'a Scene) -> Result<&'a Object> {
+    let mut like = scene.objects.iter().filter(|object| object.name.to_lowercase().contains(&wanted.to_lowercase()));
+    let exact = scene.objects.iter().find(|object| object.name == wanted);
+    let only = like.next().filter(|_| like.next().is_none());
+    exact.or(only).with_context(|| {
+        let names: Vec<_> = scene.objects.iter().map(|object| object.name.as_str()).collect();
+        format!("--aim {wanted}: neither X,Y nor the name of one object; there are: {}", names.join(", "))
+    })
+}
+
+/// Its vertices, in the world.
+fn points<'a>(object: &'a Object, scene: &'a Scene) -> impl Iterator<Item = DVec3> + 'a {
+    object.parts.iter().flat_map(|part| {
+        let vertices = scene.meshes[part.mesh].vertices.iter();
+        vertices.map(|v| part.world_from_mesh.transform_point3(DVec3::from(v.position.map(f64::from))))
+    })
+}
