@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
+use std::path::Path;
 use std::process::{Command, Output};
 
 /// Not started yet.
@@ -29,4 +30,20 @@ pub fn refused(arguments: &[&str]) -> String {
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
     text
+}
+
+/// Six of the demonstration's frames, the fourth cut off in the middle, in a folder of its own.
+pub fn with_a_truncated_frame(folder: &Path) {
+    std::fs::create_dir(folder.join("rgb")).unwrap();
+    let mut list = String::new();
+    for i in 0..6 {
+        let bytes = std::fs::read(format!("recordings/demo/rgb/{i:05}.jpg")).unwrap();
+        let whole = if i == 3 { bytes.len() / 2 } else { bytes.len() };
+        std::fs::write(folder.join(format!("rgb/{i:05}.jpg")), &bytes[..whole]).unwrap();
+        list += &format!("{} rgb/{i:05}.jpg\n", f64::from(i) / 30.0);
+    }
+    std::fs::write(folder.join("rgb.txt"), list).unwrap();
+    std::fs::write(folder.join("poses.txt"), "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n").unwrap();
+    let text = "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 2.0\n";
+    std::fs::write(folder.join("recording.toml"), text).unwrap();
 }

@@ -99,7 +99,7 @@ impl Dials {
                 over => (
                     -over,
                     "too dark",
-                    "a larger --iso helps, or, --hand-held, a frame further from the recording's ends",
+                    "a larger --iso helps; held in the hand, a frame further from the recording's ends",
                 ),
             };
             let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
