@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use locard::compositor::bench::{ALL, INTERVAL_S, Load, bench};
+use locard::bench::{ALL, INTERVAL_S, Load, bench};
 use locard::compositor::{Compositor, Settings, Stream};
 use locard::gpu::Gpu;
 use locard::recording::{OpenOptions, Recording};

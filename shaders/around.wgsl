@@ -13,13 +13,19 @@ const PI: f32 = 3.14159265;
 const PLACES: i32 = 4;
 
 struct Around {
-    target_px: vec4<f32>,             // x0, y0, width, height of the target in the picture
-    focal_px: vec4<f32>,              // fx, fy, cx, cy
-    lens: vec4<f32>,                  // of a fisheye k1 to k4
-    rim: vec4<f32>,                   // of a fisheye valid angle (rad), slope there, radius there; 0
-    picture: vec4<f32>,               // width, height, half step for velocity (s), the most velocity (px/s)
-    // Texels from a view's middle to 45° off its axis, place of its middle; by how much nearer the real scene hides (m); 0.
-    views: vec4<f32>,
+    focal_px: vec2<f32>,
+    middle_px: vec2<f32>,
+    lens: vec4<f32>,          // of a fisheye k1 to k4
+    in_picture: vec2<f32>,    // where the target begins
+    size_px: vec2<f32>,       // of the picture
+    valid_angle: f32,         // of a fisheye, rad
+    rim_slope: f32,           // there
+    rim_radius: f32,          // there
+    step_s: f32,              // half of that for velocity
+    most_px_per_s: f32,       // velocity
+    view_focal: f32,          // texels from a view's middle to 45° off its axis
+    view_middle: f32,         // place of its middle
+    tolerance_m: f32,         // by how much nearer the real scene hides
     // Of each view: x0, y0, x1, y1 of what is drawn of it; its axes in the camera's.
     drawn: array<vec4<f32>, 6>,
     right: array<vec4<f32>, 6>,
@@ -78,15 +84,15 @@ fn radius_slope(theta: f32) -> vec2<f32> {
 
 // The direction (unit length) of a place in the picture, and 1; 0 where nothing is seen (camera/distortion.rs).
 fn direction(at_px: vec2<f32>) -> vec4<f32> {
-    let p = (at_px - around.focal_px.zw) / around.focal_px.xy;
+    let p = (at_px - around.middle_px) / around.focal_px;
     if !fisheye {
         // Rows go on over the poles.
         return vec4<f32>(sin(p.x) * cos(p.y), sin(p.y), cos(p.x) * cos(p.y), 1.0);
     }
     let r = length(p);
-    let valid = around.rim.x;
-    var theta = valid + (r - around.rim.z) / around.rim.y;
-    if r <= around.rim.z {
+    let valid = around.valid_angle;
+    var theta = valid + (r - around.rim_radius) / around.rim_slope;
+    if r <= around.rim_radius {
         // Newton's method kept between bounds.
         var low = 0.0;
         var high = valid;
@@ -110,12 +116,12 @@ fn place(d: vec3<f32>) -> vec2<f32> {
     if fisheye {
         let r = length(d.xy);
         let theta = atan2(r, d.z);
-        let valid = min(theta, around.rim.x);
-        p = d.xy / max(r, 1e-12) * (radius_slope(valid).x + around.rim.y * (theta - valid));
+        let valid = min(theta, around.valid_angle);
+        p = d.xy / max(r, 1e-12) * (radius_slope(valid).x + around.rim_slope * (theta - valid));
     } else {
         p = vec2<f32>(atan2(d.x, d.z), atan2(d.y, length(d.xz)));
     }
-    return p * around.focal_px.xy + around.focal_px.zw;
+    return p * around.focal_px + around.middle_px;
 }
 
 // Of the places that show the same as `at`, the one nearest to `to`: a turn away, or over a pole.
@@ -123,7 +129,7 @@ fn nearest(at: vec2<f32>, to: vec2<f32>) -> vec2<f32> {
     if fisheye {
         return at;
     }
-    let size = around.picture.xy;
+    let size = around.size_px;
     let half_turn = at.x + 0.5 * size.x;
     var best = at;
     var least = 1e30;
@@ -153,11 +159,11 @@ fn view_of(d: vec3<f32>) -> u32 {
 // Texels from the view's corner.
 fn on_view(view: u32, d: vec3<f32>) -> vec2<f32> {
     let p = vec2<f32>(dot(d, around.right[view].xyz), dot(d, around.down[view].xyz));
-    return p / dot(d, around.forward[view].xyz) * around.views.x + around.views.y;
+    return p / dot(d, around.forward[view].xyz) * around.view_focal + around.view_middle;
 }
 
 fn from_view(view: u32, q: vec2<f32>) -> vec3<f32> {
-    let p = (q - around.views.y) / around.views.x;
+    let p = (q - around.view_middle) / around.view_focal;
     return p.x * around.right[view].xyz + p.y * around.down[view].xyz + around.forward[view].xyz;
 }
 
@@ -177,14 +183,14 @@ struct Out { @location(0) color: vec4<f32>, @location(1) geometry: vec4<u32> }
 
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> Out {
-    let corner = around.target_px.xy + floor(at.xy);
+    let corner = around.in_picture + floor(at.xy);
     let wall = textureLoad(real_depth, min(vec2<i32>(at.xy), vec2<i32>(textureDimensions(real_depth)) - 1), 0).r;
-    let hidden_from = select(1e30, wall + around.views.z, wall > 0.0);
+    let hidden_from = select(1e30, wall + around.tolerance_m, wall > 0.0);
 
     let a = direction(corner);
     let b = direction(corner + 1.0);
     // Texels at a view's rim are up to three times as fine.
-    let wide = 4.0 + 6.0 * distance(a.xyz, b.xyz) * around.views.x;
+    let wide = 4.0 + 6.0 * distance(a.xyz, b.xyz) * around.view_focal;
     if a.w * b.w > 0.0 && !may_see(direction(corner + 0.5).xyz, wide) {
         return Out(vec4<f32>(0.0), vec4<u32>(0u));
     }
@@ -218,7 +224,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
                 continue;
             }
             let g = geometry_at(view, p);
-            let from_axis = (texel + 0.5 - around.views.y) / around.views.x;
+            let from_axis = (texel + 0.5 - around.view_middle) / around.view_focal;
             let distance_m = g.x * sqrt(1.0 + dot(from_axis, from_axis));
             if distance_m > hidden_from {
                 continue;
@@ -236,11 +242,11 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     if sum.a == 0.0 {
         return Out(vec4<f32>(0.0), vec4<u32>(0u));
     }
-    let step_s = around.picture.z;
+    let step_s = around.step_s;
     let here = corner + 0.5;
     let before = nearest(place(from_view(seen_view, seen_at - step_s * seen_velocity)), here);
     let after = nearest(place(from_view(seen_view, seen_at + step_s * seen_velocity)), here);
     var velocity = (after - before) / (2.0 * step_s);
-    velocity *= min(1.0, around.picture.w / max(length(velocity), 1e-6));
+    velocity *= min(1.0, around.most_px_per_s / max(length(velocity), 1e-6));
     return Out(sum / f32(PLACES * PLACES), pack_geometry(nearest_m, velocity));
 }

@@ -31,17 +31,31 @@ const PI: f32 = 3.14159265;
 
 struct View {
     rect_px: vec4<f32>,       // x0, y0, width, height of the target in the picture
-    focal_px: vec4<f32>,      // fx, fy, cx, cy
+    focal_px: vec2<f32>,      // fx, fy
+    middle_px: vec2<f32>,     // cx, cy
     distortion: vec4<f32>,    // k1, k2, p1, p2; of a fisheye k1, k2, k3, k4
-    lens: vec4<f32>,          // k3, valid radius (of a fisheye angle), slope at it, near plane (m)
-    shutter: vec4<f32>,       // sample time (s), readout (s), picture height (px), unused
-    keys: vec4<f32>,          // time of the first key (s), keys per second, keys - 1, occlusion tolerance (m)
-    aperture: vec4<f32>,      // point on it through which is looked: x, y (m); 1 / focus distance (1/m); far plane of parallel rays (m)
     outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it is a part of
-    outer: vec4<f32>,         // of that camera: fy, cy; column and row of the target in the real depth
     // The camera's rotation and position at the sample time.
     rotation: vec4<f32>,
     eye: vec4<f32>,
+    lens_m: vec2<f32>,        // point on the aperture through which is looked
+    in_depth: vec2<f32>,      // column and row of the target in the real depth
+    outer_fy_px: f32,         // of the camera whose picture it is a part of
+    outer_cy_px: f32,
+    k3: f32,
+    valid_radius: f32,        // of a fisheye an angle
+    rim_slope: f32,           // there
+    near_m: f32,              // plane
+    time_s: f32,              // of the sample
+    readout_s: f32,
+    height_px: f32,           // of the picture
+    first_key_s: f32,
+    keys_per_s: f32,
+    last_key: f32,            // keys - 1
+    tolerance_m: f32,         // of occlusion
+    per_focus: f32,           // 1 / focus distance, 1/m
+    parallel_to_m: f32,       // far plane of parallel rays
+    unused: f32,
     key_rotation: array<vec4<f32>, MAX_KEYS>,
     key_translation: array<vec4<f32>, MAX_KEYS>,
 }
@@ -59,16 +73,20 @@ struct Light {
     sun_color: array<vec4<f32>, MAX_SUNS>,
     points: array<PointLight, MAX_POINTS>,
     // Rows of the rotation from the world to the environment's axes.
-    map_row0: vec4<f32>,
-    map_row1: vec4<f32>,
-    map_row2: vec4<f32>,
+    map_rows: array<vec4<f32>, 3>,
 }
 
 struct Material {
     base_color: vec4<f32>,
     emissive: vec4<f32>,
-    factors: vec4<f32>,    // metallic, roughness, normal scale, occlusion strength
-    alpha: vec4<f32>,      // cutoff, unused
+    metallic: f32,
+    roughness: f32,
+    normal_scale: f32,
+    occlusion: f32,        // strength
+    cutoff: f32,           // of alpha
+    unused0: f32,
+    unused1: f32,
+    unused2: f32,
     // For each texture two rows of its transform; the first row's w holds the uv set.
     transforms: array<vec4<f32>, 10>,
 }
@@ -124,8 +142,8 @@ fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
 
 // The point in the camera's axes at a time relative to the frame's.
 fn in_camera(point: vec3<f32>, time_s: f32) -> vec3<f32> {
-    let x = clamp((time_s - view.keys.x) * view.keys.y, 0.0, view.keys.z);
-    let i = u32(min(floor(x), view.keys.z - 1.0));
+    let x = clamp((time_s - view.first_key_s) * view.keys_per_s, 0.0, view.last_key);
+    let i = u32(min(floor(x), view.last_key - 1.0));
     let f = x - f32(i);
     let q = normalize(mix(view.key_rotation[i], view.key_rotation[i + 1u], f));
     // The camera's position goes along a line, as between recorded poses.
@@ -135,7 +153,7 @@ fn in_camera(point: vec3<f32>, time_s: f32) -> vec3<f32> {
 
 fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
     let r2 = dot(p, p);
-    let radial = 1.0 + r2 * (view.distortion.x + r2 * (view.distortion.y + r2 * view.lens.x));
+    let radial = 1.0 + r2 * (view.distortion.x + r2 * (view.distortion.y + r2 * view.k3));
     let tangential = vec2<f32>(
         2.0 * view.distortion.z * p.x * p.y + view.distortion.w * (r2 + 2.0 * p.x * p.x),
         view.distortion.z * (r2 + 2.0 * p.y * p.y) + 2.0 * view.distortion.w * p.x * p.y,
@@ -144,11 +162,11 @@ fn distort_polynomial(p: vec2<f32>) -> vec2<f32> {
 }
 
 fn fisheye_radius(theta: f32) -> f32 {
-    let valid = min(theta, view.lens.y);
+    let valid = min(theta, view.valid_radius);
     let k = view.distortion;
     let t = valid * valid;
     let rim = valid * (1.0 + t * (k.x + t * (k.y + t * (k.z + t * k.w))));
-    return rim + view.lens.z * (theta - valid);
+    return rim + view.rim_slope * (theta - valid);
 }
 
 // In which row of the picture (px from its upper edge) a point is read; the fisheye's where this is a view out of it.
@@ -158,7 +176,7 @@ fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
     }
     let q = rotate(view.outer_turn, p);
     let r = length(q.xy);
-    return q.y / max(r, 1e-12) * fisheye_radius(atan2(r, q.z)) * view.outer.x + view.outer.y;
+    return q.y / max(r, 1e-12) * fisheye_radius(atan2(r, q.z)) * view.outer_fy_px + view.outer_cy_px;
 }
 
 // OpenCV's models, carried on along their tangent beyond the valid radius (camera/distortion.rs). Through a point l of the
@@ -166,22 +184,22 @@ fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
 // is not drawn: triangles end at the near plane; a fisheye that sees it is put together from views (shaders/around.wgsl).
 fn project(p: vec3<f32>) -> vec2<f32> {
     if parallel {
-        return p.xy * view.focal_px.xy + view.focal_px.zw;
+        return p.xy * view.focal_px + view.middle_px;
     }
     if around {
-        return p.xy / max(p.z, 0.5 * view.lens.w) * view.focal_px.xy + view.focal_px.zw;
+        return p.xy / max(p.z, 0.5 * view.near_m) * view.focal_px + view.middle_px;
     }
-    let n = (p.xy - view.aperture.xy) / max(p.z, 0.5 * view.lens.w) + view.aperture.xy * view.aperture.z;
+    let n = (p.xy - view.lens_m) / max(p.z, 0.5 * view.near_m) + view.lens_m * view.per_focus;
     let r = length(n);
     let direction = n / max(r, 1e-12);
     var d: vec2<f32>;
     if fisheye {
         d = direction * fisheye_radius(atan(r));
     } else {
-        let valid = min(r, view.lens.y);
-        d = distort_polynomial(direction * valid) + direction * (view.lens.z * (r - valid));
+        let valid = min(r, view.valid_radius);
+        d = distort_polynomial(direction * valid) + direction * (view.rim_slope * (r - valid));
     }
-    return d * view.focal_px.xy + view.focal_px.zw;
+    return d * view.focal_px + view.middle_px;
 }
 
 struct Seen { at_px: vec2<f32>, depth_m: f32 }
@@ -193,12 +211,12 @@ fn see(point: vec3<f32>) -> Seen {
         let p = rotate(view.rotation, point - view.eye.xyz);
         return Seen(project(p), p.z);
     }
-    let sample_s = view.shutter.x;
-    let readout_s = view.shutter.y;
+    let sample_s = view.time_s;
+    let readout_s = view.readout_s;
     var p = in_camera(point, sample_s);
     var at = project(p);
     for (var i = 0; i < 4; i++) {
-        let row_s = (row_of(p, at) / view.shutter.z - 0.5) * readout_s;
+        let row_s = (row_of(p, at) / view.height_px - 0.5) * readout_s;
         // Rows far outside the picture are never read; their time stays near it.
         p = in_camera(point, sample_s + clamp(row_s, -readout_s, readout_s));
         at = project(p);
@@ -230,13 +248,13 @@ fn vertex(corner: Corner) -> Fragment {
 
     let local_px = here.at_px + corner.mirror_offset.yz - view.rect_px.xy;
     let device = vec2<f32>(2.0, -2.0) * local_px / view.rect_px.zw + vec2<f32>(-1.0, 1.0);
-    var w = max(here.depth_m, 0.5 * view.lens.w);
+    var w = max(here.depth_m, 0.5 * view.near_m);
     // Depth reversed without a far plane: near/z, 1 at the near plane.
-    var z = view.lens.w;
+    var z = view.near_m;
     if parallel {
         // Along a line, 1 at the near plane and 0 at the far one.
         w = 1.0;
-        z = (view.aperture.w - here.depth_m) / (view.aperture.w - view.lens.w);
+        z = (view.parallel_to_m - here.depth_m) / (view.parallel_to_m - view.near_m);
     }
     var out: Fragment;
     out.at = vec4<f32>(device * w, z, w);
@@ -294,7 +312,7 @@ fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
 
 // Where a direction lies in the environment's picture, 0 to 1: y up, −z in the middle.
 fn on_map(direction: vec3<f32>) -> vec2<f32> {
-    let d = vec3<f32>(dot(light.map_row0.xyz, direction), dot(light.map_row1.xyz, direction), dot(light.map_row2.xyz, direction));
+    let d = vec3<f32>(dot(light.map_rows[0].xyz, direction), dot(light.map_rows[1].xyz, direction), dot(light.map_rows[2].xyz, direction));
     return vec2<f32>(atan2(d.x, -d.z) / (2.0 * PI) + 0.5, acos(clamp(d.y, -1.0, 1.0)) / PI);
 }
 
@@ -326,8 +344,8 @@ fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
 }
 
 fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
-    var metallic = material.factors.x;
-    var roughness = material.factors.y;
+    var metallic = material.metallic;
+    var roughness = material.roughness;
     if has_metallic_roughness {
         let mr = textureSample(metallic_roughness_texture, metallic_roughness_sampler, texture_uv(in, 1u));
         metallic *= mr.b;
@@ -337,7 +355,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     var shadowed = 1.0;
     if has_occlusion {
         let occlusion = textureSample(occlusion_texture, occlusion_sampler, texture_uv(in, 3u)).r;
-        shadowed += material.factors.w * (occlusion - 1.0);
+        shadowed += material.occlusion * (occlusion - 1.0);
     }
 
     let smooth_normal = select(-1.0, 1.0, front) * normalize(in.normal);
@@ -347,7 +365,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
         if dot(in.tangent.xyz, in.tangent.xyz) > 0.0 {
             let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
             let b = cross(n, t) * in.tangent.w;
-            n = normalize(t * (bump.x * material.factors.z) + b * (bump.y * material.factors.z) + n * bump.z);
+            n = normalize(t * (bump.x * material.normal_scale) + b * (bump.y * material.normal_scale) + n * bump.z);
         }
     }
     if !front {
@@ -447,13 +465,13 @@ fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
     if masked {
         // The cut-off's edge as coverage of the four samples, one pixel wide.
         let slope = max(fwidth(base.a), 1e-4);
-        let covered = clamp((base.a - material.alpha.x) / slope + 0.5, 0.0, 1.0);
+        let covered = clamp((base.a - material.cutoff) / slope + 0.5, 0.0, 1.0);
         mask = (1u << u32(round(covered * 4.0))) - 1u;
     }
     if hidden_by_depth {
-        let wall = textureLoad(real_depth, vec2<i32>(in.at.xy + view.outer.zw), 0).r;
+        let wall = textureLoad(real_depth, vec2<i32>(in.at.xy + view.in_depth), 0).r;
         // Rays are not parallel here: w is 1 / depth.
-        if wall > 0.0 && 1.0 > (wall + view.keys.w) * in.at.w {
+        if wall > 0.0 && 1.0 > (wall + view.tolerance_m) * in.at.w {
             mask = 0u;
         }
     }

@@ -65,7 +65,7 @@ pub struct DepthMap {
 pub struct LayerImage {
     pub width: u32,
     pub height: u32,
-    /// Linear, premultiplied; A is 0 exactly where the camera's pixels stay untouched.
+    /// Linear, premultiplied. Where all four are 0 the camera's pixels stay untouched; where A alone is, there is a glow.
     pub rgba: Vec<[f32; 4]>,
     /// Metres along the optical axis, 0 where A is 0.
     pub depth_m: Vec<f32>,

@@ -36,6 +36,7 @@ pub mod profile;
 pub mod profile_noise;
 
 // 6: frames in; profile, photographs, figures or test footage out
+pub mod bench;
 pub mod calibrate;
 pub mod measure;
 pub mod photo;

@@ -4,18 +4,32 @@
 //! one declaration come the struct, its TOML table, `--set table.name=value` and
 //! `locard params`. Nothing else lists parameters.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::words::exact;
 
-/// A parameter's value on its way from text to a field and back.
-#[derive(Clone, Debug, PartialEq)]
+/// A parameter's value on its way from text to a field and back. In files `none` is a word, for some of them cannot hold nothing.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(untagged)]
 pub enum Value {
     /// Not given; only where [`Spec::optional`].
+    #[serde(serialize_with = "write_none", deserialize_with = "read_none")]
     None,
     Bool(bool),
     Number(f64),
     Text(String),
+}
+
+fn write_none<S: serde::Serializer>(to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str("none")
+}
+
+fn read_none<'de, D: serde::Deserializer<'de>>(from: D) -> Result<(), D::Error> {
+    match <String as serde::Deserialize>::deserialize(from)?.as_str() {
+        "none" => Ok(()),
+        other => Err(serde::de::Error::custom(format!("{other} is not none"))),
+    }
 }
 
 impl fmt::Display for Value {
@@ -100,6 +114,19 @@ pub trait Params {
     fn get(&self, name: &str) -> Option<Value>;
     /// Checks the range; on an error nothing has changed.
     fn set(&mut self, name: &str, value: &Value) -> Result<(), ParamError>;
+}
+
+/// Every parameter's value by its name.
+pub fn values(params: &dyn Params) -> BTreeMap<String, Value> {
+    let value = |spec: Spec| Some((spec.name.to_owned(), params.get(spec.name)?));
+    params.specs().into_iter().filter_map(value).collect()
+}
+
+/// A table with these values, and for the others their defaults.
+pub fn of_values<P: Params + Default>(values: BTreeMap<String, Value>) -> Result<P, ParamError> {
+    let mut params = P::default();
+    values.iter().try_for_each(|(name, value)| params.set(name, value))?;
+    Ok(params)
 }
 
 /// A type that a parameter may have. Used by [`params!`](crate::params!).
@@ -227,6 +254,16 @@ macro_rules! params {
         pub struct $name { $(#[doc = $help] pub $field: $type,)* }
         impl Default for $name {
             fn default() -> Self { Self { $($field: $default,)* } }
+        }
+        impl serde::Serialize for $name {
+            fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+                serde::Serialize::serialize(&$crate::params::values(self), to)
+            }
+        }
+        impl<'de> serde::Deserialize<'de> for $name {
+            fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+                $crate::params::of_values(serde::Deserialize::deserialize(from)?).map_err(serde::de::Error::custom)
+            }
         }
         impl $crate::params::Params for $name {
             fn table(&self) -> &'static str { $table }

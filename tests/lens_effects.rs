@@ -11,7 +11,7 @@ use board::{FOCAL_PX, board, sideways};
 use glam::DVec2;
 use locard::camera::{Camera, Curve, Distortion, Geometry, LensModel, Response};
 use locard::compositor::Composited;
-use locard::effects::{chromatic_aberration, exposure, point_spread, vignetting};
+use locard::effects::{chromatic_aberration, exposure, halation, point_spread, vignetting};
 use locard::frame::FrameExposure;
 use locard::image::Codes;
 use locard::params::Value;
@@ -285,5 +285,36 @@ fn a_board_of_the_cameras_own_grey_has_no_fringe() {
         for x in 0..WIDTH as usize {
             assert_eq!(codes(&done, x, y), [60; 3], "({x}, {y})");
         }
+    }
+}
+
+/// A bright board's glow lies over the camera's picture too, and no light is lost.
+#[test]
+fn halation_keeps_light_and_glows_beside_the_object() {
+    let plain = drawn(&[], board([30.0, 20.0], 4.0));
+    let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
+    let sum = |rgba: &[[f64; 4]]| rgba.iter().map(|p| p[1]).sum::<f64>();
+    // At the layer's resolution, and at half of it.
+    for (sigma_px, within) in [(3.0, 2e-3), (12.0, 2e-3)] {
+        let done = drawn(
+            &[number("halation", "share", 0.3), number("halation", "sigma_px", sigma_px)],
+            board([30.0, 20.0], 4.0),
+        );
+        let twin = halation::twin(&before, WIDTH as usize, &halation::Halation { share: 0.3, sigma_px });
+        let found: Vec<[f64; 4]> = done.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
+        for (i, (found, twin)) in found.iter().zip(&twin).enumerate() {
+            // Of the brightest light; what lies under a ten-thousandth of the taps is left out.
+            close(*found, *twin, 4.0 * within, &format!("{sigma_px}: {i}"));
+            assert_eq!(found[3], before[i][3], "coverage stays");
+        }
+        assert!((sum(&found) / sum(&before) - 1.0).abs() < 1e-3, "{sigma_px}: {}", sum(&found) / sum(&before));
+        // Beside the board's edge, at 190 px, nothing is covered and the camera's grey is brighter by what glows there.
+        let (beside, behind) = (190 + (0.5 * sigma_px) as usize, Response::default().decode(60.0 / 255.0));
+        let glow = rgba(&done, beside, 120);
+        assert!(glow[3] == 0.0 && glow[1] > 0.1, "{glow:?}");
+        let code = 255.0 * Response::default().encode(behind + glow[1]).min(1.0);
+        assert!((f64::from(codes(&done, beside, 120)[1]) - code).abs() < 0.6, "{code}");
+        // Far from it all is as it was.
+        assert_eq!(codes(&done, 2, 2), [60; 3]);
     }
 }

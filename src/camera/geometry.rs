@@ -22,11 +22,31 @@ crate::params! {
 
 /// Intrinsics and distortion: always on, no effect.
 /// Raster axes: x right, y down, the upper left corner at (0, 0), pixel centres at +0.5.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(from = "Given", into = "Given")]
 pub struct Geometry {
     pub intrinsics: Intrinsics,
     pub distortion: Distortion,
     valid_radius: f64,
+}
+
+/// What a geometry is made of.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Given {
+    intrinsics: Intrinsics,
+    distortion: Distortion,
+}
+
+impl From<Given> for Geometry {
+    fn from(Given { intrinsics, distortion }: Given) -> Self {
+        Self::new(intrinsics, distortion)
+    }
+}
+
+impl From<Geometry> for Given {
+    fn from(Geometry { intrinsics, distortion, .. }: Geometry) -> Self {
+        Self { intrinsics, distortion }
+    }
 }
 
 /// Beyond this angle off the axis a plane before the camera no longer holds what a fisheye sees.

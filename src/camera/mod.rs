@@ -32,7 +32,8 @@ pub use response::{Curve, Response};
 pub use thin_lens::{Sharpness, ThinLens, ThinLensError};
 
 /// A camera: what is measured of it once and holds for all its frames.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Camera {
     pub geometry: Option<Geometry>,
     pub lens: Lens,

@@ -2,7 +2,7 @@
 //! calibration), and how neighbours and channels move together.
 
 /// σ of one intensity bin.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NoiseBin {
     /// Middle of the bin, in 8-bit code values (0 to 255).
     pub code: f64,
@@ -11,7 +11,7 @@ pub struct NoiseBin {
 }
 
 /// What was measured of a camera's noise. Code values are on the 8-bit scale for every depth.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NoiseProfile {
     /// Bins of R, G and B, ascending in `code`, at least one each.
     pub bins: [Vec<NoiseBin>; 3],

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use crate::compositor::bench::bench;
+use crate::bench::bench;
 use crate::gpu::Gpu;
 
 #[derive(clap::Args)]

@@ -3,7 +3,6 @@
 //! [`Compositor::submit`] reads as its phases: plan (plan.rs), hide (hide.rs), draw (the renderer), affect (the effects), mix (mix.rs).
 
 mod behind_real;
-pub mod bench;
 mod hide;
 mod job;
 mod mix;

@@ -1,8 +1,10 @@
 //! Which effects are on, and how.
 
+use std::collections::BTreeMap;
+
 use crate::camera::{Camera, Geometry};
 use crate::effects::{self, Effect, EffectError, Moment};
-use crate::params::{ParamError, Params, Value};
+use crate::params::{ParamError, Params, Value, values};
 
 crate::params! {
     /// What the recording's depth does.
@@ -13,7 +15,8 @@ crate::params! {
 }
 
 /// What is done to pictures, and how. A plain value.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "Written", into = "Written")]
 pub struct Settings {
     /// In the order in which they work.
     pub effects: Vec<Box<dyn Effect>>,
@@ -23,6 +26,60 @@ pub struct Settings {
     pub seed: u64,
     /// Whether the camera's exposure stands above what the recording says of each frame.
     pub overrule_recorded_exposure: bool,
+}
+
+/// Settings as text holds them.
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    seed: u64,
+    overrule_recorded_exposure: bool,
+    /// Effects that are switched off.
+    without: Vec<String>,
+    /// Every parameter by its table and name.
+    tables: BTreeMap<String, BTreeMap<String, Value>>,
+}
+
+impl From<Settings> for Written {
+    fn from(settings: Settings) -> Self {
+        let off = settings.effects.iter().zip(&settings.enabled).filter(|(_, on)| !**on);
+        Self {
+            seed: settings.seed,
+            overrule_recorded_exposure: settings.overrule_recorded_exposure,
+            without: off.map(|(effect, _)| effect.table().to_owned()).collect(),
+            tables: settings.tables().into_iter().map(|table| (table.table().to_owned(), values(table))).collect(),
+        }
+    }
+}
+
+/// Why a text holds no settings.
+#[derive(Debug, thiserror::Error)]
+pub enum WrittenError {
+    #[error(transparent)]
+    Effect(#[from] SettingsError),
+    #[error(transparent)]
+    Parameter(#[from] ParamError),
+    #[error("there is no table {0} of parameters")]
+    Table(String),
+}
+
+impl TryFrom<Written> for Settings {
+    type Error = WrittenError;
+
+    fn try_from(written: Written) -> Result<Self, WrittenError> {
+        let mut settings = Self {
+            seed: written.seed,
+            overrule_recorded_exposure: written.overrule_recorded_exposure,
+            ..Self::default()
+        };
+        settings.without(&written.without)?;
+        for (table, values) in &written.tables {
+            for (name, value) in values {
+                settings.set(table, name, value).ok_or_else(|| WrittenError::Table(table.clone()))??;
+            }
+        }
+        Ok(settings)
+    }
 }
 
 /// A name that is none of an effect.

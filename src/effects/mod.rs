@@ -6,6 +6,7 @@ pub mod depth_of_field;
 pub mod edge_blend;
 pub mod exposure;
 mod follow;
+pub mod halation;
 pub mod motion_blur;
 pub mod noise;
 pub mod point_spread;
@@ -24,6 +25,7 @@ pub fn all() -> Vec<Box<dyn Effect>> {
         Box::new(point_spread::PointSpread::default()),
         Box::new(vignetting::Vignetting::default()),
         Box::new(exposure::Exposure::default()),
+        Box::new(halation::Halation::default()),
         Box::new(chromatic_aberration::ChromaticAberration::default()),
         Box::new(edge_blend::EdgeBlend::default()),
         Box::new(noise::Noise::default()),

@@ -26,6 +26,23 @@ pub struct Global {
     pub members: Vec<(String, u32)>,
 }
 
+impl Global {
+    /// That a uniform's members lie where ours do; those that fill gaps may differ.
+    ///
+    /// # Panics
+    /// Where they do not: a slip of ours.
+    pub fn check_layout(&self, size: usize, members: &[(&str, usize)]) {
+        let ours: Vec<_> = members.iter().map(|(name, offset)| (*name, *offset as u32)).collect();
+        let theirs: Vec<_> = self.members.iter().map(|(name, offset)| (name.as_str(), *offset)).collect();
+        let named =
+            |all: Vec<(_, _)>| all.into_iter().filter(|(name, _): &(&str, u32)| !name.starts_with("unused")).collect();
+        let [ours, theirs]: [Vec<_>; 2] = [named(ours), named(theirs)];
+        assert_eq!(ours, theirs, "members of {} and their offsets, in Rust and in WGSL", self.name);
+        let size = size.next_multiple_of(16) as u32;
+        assert!(size >= self.size, "{} has {size} bytes, the shader reads {}", self.name, self.size);
+    }
+}
+
 impl Interface {
     /// # Panics
     /// Where the text is no valid WGSL: a slip of ours that the shader test finds, told with its place.

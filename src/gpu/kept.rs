@@ -63,7 +63,7 @@ mod tests {
             kept.get(key, |k| 10 * k);
         }
         // 2 was asked for last and is still there, 1 and 3 are not.
-        assert_eq!(kept.get(2u32, |_| 0), 20);
-        assert_eq!(kept.get(3u32, |_| 0), 0);
+        assert_eq!(kept.get(2u32, |_| 0u32), 20);
+        assert_eq!(kept.get(3u32, |_| 0u32), 0);
     }
 }

@@ -60,6 +60,7 @@ shaders! {
     EdgeBlend = "edge_blend",
     Exposure = "exposure",
     Follow = "follow",
+    Halation = "halation",
     MotionBlur = "motion_blur",
     MotionBlurTiles = "motion_blur_tiles",
     Noise = "noise",

@@ -130,12 +130,19 @@ fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
 crate::uniform! {
     /// `Around` of shaders/around.wgsl.
     struct AroundUniform {
-        target_px: [f32; 4],
-        focal_px: [f32; 4],
+        focal_px: [f32; 2],
+        middle_px: [f32; 2],
         lens: [f32; 4],
-        rim: [f32; 4],
-        picture: [f32; 4],
-        views: [f32; 4],
+        in_picture: [f32; 2],
+        size_px: [f32; 2],
+        valid_angle: f32,
+        rim_slope: f32,
+        rim_radius: f32,
+        step_s: f32,
+        most_px_per_s: f32,
+        view_focal: f32,
+        view_middle: f32,
+        tolerance_m: f32,
         drawn: [[f32; 4]; 6],
         right: [[f32; 4]; 6],
         down: [[f32; 4]; 6],
@@ -161,28 +168,20 @@ impl AroundUniform {
         let views = view_geometry(geometry).intrinsics;
         let target = view.rect;
         Self {
-            target_px: [target.x0 as f32, target.y0 as f32, target.width() as f32, target.height() as f32],
-            focal_px: [i.fx_px, i.fy_px, i.cx_px, i.cy_px].map(|v| v as f32),
+            focal_px: [i.fx_px as f32, i.fy_px as f32],
+            middle_px: [i.cx_px as f32, i.cy_px as f32],
             lens: [d.k1, d.k2, d.k3, d.k4].map(|k| k as f32),
-            rim: [
-                valid as f32,
-                geometry.rim_slope() as f32,
-                // The radius of the valid angle, straight to the right.
-                d.carried(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
-                0.0,
-            ],
-            picture: [
-                i.width_px as f32,
-                i.height_px as f32,
-                view.shutter.velocity_step_s() as f32,
-                most_px_per_s(geometry, view.shutter) as f32,
-            ],
-            views: [
-                views.fx_px as f32,
-                views.cx_px as f32,
-                view.occlusion.map_or(0.0, |(_, tolerance)| tolerance),
-                0.0,
-            ],
+            in_picture: [target.x0 as f32, target.y0 as f32],
+            size_px: [i.width_px as f32, i.height_px as f32],
+            valid_angle: valid as f32,
+            rim_slope: geometry.rim_slope() as f32,
+            // The radius of the valid angle, straight to the right.
+            rim_radius: d.carried(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
+            step_s: view.shutter.velocity_step_s() as f32,
+            most_px_per_s: most_px_per_s(geometry, view.shutter) as f32,
+            view_focal: views.fx_px as f32,
+            view_middle: views.cx_px as f32,
+            tolerance_m: view.occlusion.map_or(0.0, |(_, tolerance)| tolerance),
             drawn,
             right: axes[0],
             down: axes[1],

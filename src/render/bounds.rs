@@ -86,8 +86,50 @@ fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> 
         .collect()
 }
 
-/// The footprint of all parts, by their meshes' outlines. A part of which a point lies at or behind the camera's plane
-/// counts as everywhere.
+/// A mesh's outline of so many points is clipped by them; of more, by the box around them.
+const CLIPPED: usize = 16;
+
+/// Normalised coordinates of what of some points' convex hull lies before the near plane: its corners are the points that do, and where
+/// lines from those to the others meet the plane.
+fn before_the_camera(points: &[DVec3], pose: &crate::pose::Pose) -> Vec<DVec2> {
+    let near = 2.0 * NEAR_M;
+    let seen: Vec<DVec3> = points.iter().map(|&p| pose.transform_point(p)).collect();
+    let (front, back): (Vec<DVec3>, Vec<DVec3>) = seen.iter().partition(|p| p.z >= near);
+    let meets = |f: &DVec3, b: &DVec3| f.lerp(*b, (f.z - near) / (f.z - b.z));
+    let crossing = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b)));
+    front.iter().copied().chain(crossing).map(|p| p.truncate() / p.z).collect()
+}
+
+/// The rectangle in the picture that holds those of normalised coordinates, with a pixel for what is curved between the border's samples.
+fn extent_px(low: DVec2, high: DVec2, geometry: &Geometry) -> Rect {
+    let (mut px_low, mut px_high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for p in border(low, high, geometry.distortion.model == LensModel::OpencvFisheye) {
+        let d = geometry.distorted_px(p);
+        px_low = px_low.min(d);
+        px_high = px_high.max(d);
+    }
+    let clamp = |v: f64| v.clamp(-1e6, 1e6);
+    Rect::new(
+        clamp(px_low.x).floor() as i32,
+        clamp(px_low.y).floor() as i32,
+        clamp(px_high.x).ceil() as i32,
+        clamp(px_high.y).ceil() as i32,
+    )
+    .grown(1)
+}
+
+/// The corners of a box around points, where there are many.
+fn few(points: &[DVec3]) -> Vec<DVec3> {
+    if points.len() <= CLIPPED {
+        return points.to_vec();
+    }
+    let low = points.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
+    let high = points.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
+    Bounds { low, high }.corners().to_vec()
+}
+
+/// The footprint of all parts, by their meshes' outlines. A part that lies partly at or behind the camera's plane, and comes near to the picture
+/// before it, counts as everywhere; one that stays farther from the picture than that is wide, farther than anything is blurred, as nowhere.
 ///
 /// Conservative: a part's picture without distortion lies in the rectangle around its outline's, distortion takes that
 /// rectangle's inside to the inside of its border's image, and poses within the shutter are looked at from key to key
@@ -104,12 +146,27 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
         if keys.poses.iter().all(|pose| points.iter().all(|&p| pose.transform_point(p).z < NEAR_M)) {
             continue;
         }
+        let seen: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
+        let clipped = || {
+            let points = few(&points);
+            moments.iter().flat_map(|pose| before_the_camera(&points, pose)).collect::<Vec<_>>()
+        };
+        let all = seen.as_ref().map_or_else(clipped, |seen| seen.concat());
+        let low = all.iter().fold(DVec2::INFINITY, |m, p| m.min(*p));
+        let high = all.iter().fold(DVec2::NEG_INFINITY, |m, p| m.max(*p));
+        if all.is_empty() {
+            continue;
+        }
+        let own = extent_px(low, high, geometry);
+        let beside_px = i.width_px.max(i.height_px) as i32;
+        if own.intersection(&picture.grown(beside_px)).is_empty() {
+            continue;
+        }
         for pose in &moments {
             for z in points.iter().map(|&p| pose.transform_point(p).z) {
                 (nearest, farthest) = (nearest.min(z.max(NEAR_M)), farthest.max(z));
             }
         }
-        let seen: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
         let Some(seen) = seen else {
             // All of the picture, and beyond it by as much as anything can be blurred in.
             rect = rect.union(&picture.grown(64));
@@ -123,23 +180,7 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
                 fastest = fastest.max(p.distance(*q) / step_s);
             }
         }
-        let low = seen.iter().flatten().fold(DVec2::INFINITY, |m, p| m.min(*p));
-        let high = seen.iter().flatten().fold(DVec2::NEG_INFINITY, |m, p| m.max(*p));
-        let (mut px_low, mut px_high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for p in border(low, high, geometry.distortion.model == LensModel::OpencvFisheye) {
-            let d = geometry.distorted_px(p);
-            px_low = px_low.min(d);
-            px_high = px_high.max(d);
-        }
-        let clamp = |v: f64| v.clamp(-1e6, 1e6);
-        let own = Rect::new(
-            clamp(px_low.x).floor() as i32,
-            clamp(px_low.y).floor() as i32,
-            clamp(px_high.x).ceil() as i32,
-            clamp(px_high.y).ceil() as i32,
-        );
-        // One pixel for what is curved between the border's samples.
-        rect = rect.union(&own.grown(1));
+        rect = rect.union(&own);
     }
     let depths_m = [nearest.min(farthest), farthest];
     // A tenth more for what speeds up between the moments.
@@ -172,6 +213,40 @@ pub fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::{Distortion, Intrinsics};
+    use crate::pose::Pose;
+    use crate::render::Shutter;
+    use crate::scene::{Object, Part};
+    use glam::{DAffine3, DQuat};
+
+    #[test]
+    fn what_lies_beside_and_behind_the_camera_is_nowhere() {
+        let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
+        let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.0, beyond_s: 0.0 };
+        // Walks and turns, as a hand does.
+        let keys = ViewKeys::new(shutter, |t| {
+            Pose::from_camera_in_world(DVec3::new(0.5 * t, 0.0, 0.0), DQuat::from_rotation_y(0.5 * t))
+        });
+        let cube = |at: DVec3, side: f64| {
+            let corners = Bounds { low: at - 0.5 * side, high: at + 0.5 * side }.corners().to_vec();
+            let part = Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY };
+            let scene =
+                Scene { objects: vec![Object { name: "cube".to_owned(), parts: vec![part] }], ..Scene::default() };
+            footprint(&scene, &[corners.into()], &geometry, &keys)
+        };
+        // Beside the camera, a corner of it 1 cm before the plane: more than 3 m beside what is seen there.
+        for at in [DVec3::new(1.0, 0.0, -0.04), DVec3::new(-1.0, 0.4, -0.03), DVec3::new(0.3, 0.0, -1.0)] {
+            let found = cube(at, 0.1);
+            assert!(found.rect.is_empty() && found.fastest_px_per_s == 0.0, "{at}: {found:?}");
+        }
+        // Through the camera's plane and before its picture: everywhere.
+        let found = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
+        assert_eq!(found.rect, Rect::full(640, 480).grown(64));
+        // A metre before it, 0.1 m wide: 52.5 px, and moving by turning and walking: 525 · (0.5 + 0.5 / 0.95), a tenth more.
+        let found = cube(DVec3::new(0.0, 0.0, 1.0), 0.1);
+        assert!(found.rect.width() < 90 && found.rect.contains(320, 240), "{found:?}");
+        assert!((450.0..650.0).contains(&found.fastest_px_per_s), "{found:?}");
+    }
 
     #[test]
     fn an_outline_holds_its_points_and_little_more() {

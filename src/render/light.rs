@@ -22,15 +22,15 @@ pub struct PointUniform {
     spot_inner: [f32; 4],
 }
 
-/// `Light` of shaders/raster.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct LightUniform {
-    environment: [f32; 4],
-    sun_towards: [[f32; 4]; MAX_SUNS],
-    sun_color: [[f32; 4]; MAX_SUNS],
-    points: [PointUniform; MAX_POINTS],
-    map_rows: [[f32; 4]; 3],
+crate::uniform! {
+    /// `Light` of shaders/raster.wgsl.
+    pub struct LightUniform {
+        environment: [f32; 4],
+        sun_towards: [[f32; 4]; MAX_SUNS],
+        sun_color: [[f32; 4]; MAX_SUNS],
+        points: [PointUniform; MAX_POINTS],
+        map_rows: [[f32; 4]; 3],
+    }
 }
 
 /// The environment, made once a scene.

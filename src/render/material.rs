@@ -3,15 +3,19 @@
 use crate::gpu::{Gpu, constants};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Wrap};
 
-/// `Material` of shaders/raster.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct MaterialUniform {
-    pub base_color: [f32; 4],
-    pub emissive: [f32; 4],
-    pub factors: [f32; 4],
-    pub alpha: [f32; 4],
-    pub transforms: [[f32; 4]; 10],
+crate::uniform! {
+    /// `Material` of shaders/raster.wgsl.
+    pub struct MaterialUniform {
+        base_color: [f32; 4],
+        emissive: [f32; 4],
+        metallic: f32,
+        roughness: f32,
+        normal_scale: f32,
+        occlusion: f32,
+        cutoff: f32,
+        unused: [f32; 3],
+        transforms: [[f32; 4]; 10],
+    }
 }
 
 impl MaterialUniform {
@@ -27,8 +31,12 @@ impl MaterialUniform {
         Self {
             base_color: m.base_color,
             emissive: [m.emissive[0], m.emissive[1], m.emissive[2], 0.0],
-            factors: [m.metallic, m.roughness, m.normal_scale, m.occlusion_strength],
-            alpha: [cutoff, 0.0, 0.0, 0.0],
+            metallic: m.metallic,
+            roughness: m.roughness,
+            normal_scale: m.normal_scale,
+            occlusion: m.occlusion_strength,
+            cutoff,
+            unused: [0.0; 3],
             transforms,
         }
     }

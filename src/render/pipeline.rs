@@ -253,3 +253,19 @@ fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
         .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("material"), entries: &entries });
     (frame, material)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::light::LightUniform;
+    use super::super::material::MaterialUniform;
+    use super::super::view::ViewUniform;
+    use crate::gpu::{Interface, Shader, Uniform};
+
+    #[test]
+    fn uniforms_are_laid_out_as_the_shader_reads_them() {
+        let globals = Interface::new("raster", &Shader::Raster.module()).globals(&["vertex", "whole"]);
+        globals["view"].check_layout(size_of::<ViewUniform>(), ViewUniform::MEMBERS);
+        globals["light"].check_layout(size_of::<LightUniform>(), LightUniform::MEMBERS);
+        globals["material"].check_layout(size_of::<MaterialUniform>(), MaterialUniform::MEMBERS);
+    }
+}

@@ -98,23 +98,37 @@ impl ViewKeys {
     }
 }
 
-/// `View` of shaders/raster.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct ViewUniform {
-    pub rect_px: [f32; 4],
-    pub focal_px: [f32; 4],
-    pub distortion: [f32; 4],
-    pub lens: [f32; 4],
-    pub shutter: [f32; 4],
-    pub keys: [f32; 4],
-    pub aperture: [f32; 4],
-    pub outer_turn: [f32; 4],
-    pub outer: [f32; 4],
-    pub rotation: [f32; 4],
-    pub eye: [f32; 4],
-    pub key_rotation: [[f32; 4]; MAX_KEYS],
-    pub key_translation: [[f32; 4]; MAX_KEYS],
+crate::uniform! {
+    /// `View` of shaders/raster.wgsl.
+    pub struct ViewUniform {
+        rect_px: [f32; 4],
+        focal_px: [f32; 2],
+        middle_px: [f32; 2],
+        distortion: [f32; 4],
+        outer_turn: [f32; 4],
+        rotation: [f32; 4],
+        eye: [f32; 4],
+        lens_m: [f32; 2],
+        in_depth: [f32; 2],
+        outer_fy_px: f32,
+        outer_cy_px: f32,
+        k3: f32,
+        valid_radius: f32,
+        rim_slope: f32,
+        near_m: f32,
+        time_s: f32,
+        readout_s: f32,
+        height_px: f32,
+        first_key_s: f32,
+        keys_per_s: f32,
+        last_key: f32,
+        tolerance_m: f32,
+        per_focus: f32,
+        parallel_to_m: f32,
+        unused: f32,
+        key_rotation: [[f32; 4]; MAX_KEYS],
+        key_translation: [[f32; 4]; MAX_KEYS],
+    }
 }
 
 impl ViewUniform {
@@ -123,7 +137,6 @@ impl ViewUniform {
         let tolerance_m = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
         let from = [view.rect.x0 - whole.x0, view.rect.y0 - whole.y0].map(|c| c as f32);
         let time_s = sample.time_s;
-        let [lens_x, lens_y] = sample.lens_m;
         let View { geometry, keys, shutter, rect, .. } = *view;
         let i = &geometry.intrinsics;
         // A view out of another camera's picture has that one's lens and rows.
@@ -155,16 +168,30 @@ impl ViewUniform {
         }
         Self {
             rect_px: [rect.x0 as f32, rect.y0 as f32, rect.width() as f32, rect.height() as f32],
-            focal_px: [i.fx_px as f32, i.fy_px as f32, i.cx_px as f32, i.cy_px as f32],
+            focal_px: [i.fx_px as f32, i.fy_px as f32],
+            middle_px: [i.cx_px as f32, i.cy_px as f32],
             distortion: [d.k1, d.k2, k3_or_p1, k4_or_p2].map(|k| k as f32),
-            lens: [d.k3 as f32, valid as f32, slope as f32, NEAR_M as f32],
-            shutter: [time_s as f32, shutter.readout_time_s as f32, camera.intrinsics.height_px as f32, 0.0],
-            keys: [first_s as f32, keys_per_s as f32, (known.len() - 1) as f32, tolerance_m],
-            aperture: [lens_x, lens_y, 1.0 / focus_distance_m, view.parallel_to_m.unwrap_or(0.0)].map(|v| v as f32),
             outer_turn: view.outer.map_or(DQuat::IDENTITY, |outer| outer.camera_from_view).as_quat().to_array(),
-            outer: [camera.intrinsics.fy_px as f32, camera.intrinsics.cy_px as f32, from[0], from[1]],
             rotation: rotation.as_quat().to_array(),
             eye: eye.as_vec3().extend(0.0).to_array(),
+            lens_m: sample.lens_m.map(|c| c as f32),
+            in_depth: from,
+            outer_fy_px: camera.intrinsics.fy_px as f32,
+            outer_cy_px: camera.intrinsics.cy_px as f32,
+            k3: d.k3 as f32,
+            valid_radius: valid as f32,
+            rim_slope: slope as f32,
+            near_m: NEAR_M as f32,
+            time_s: time_s as f32,
+            readout_s: shutter.readout_time_s as f32,
+            height_px: camera.intrinsics.height_px as f32,
+            first_key_s: first_s as f32,
+            keys_per_s: keys_per_s as f32,
+            last_key: (known.len() - 1) as f32,
+            tolerance_m,
+            per_focus: (1.0 / focus_distance_m) as f32,
+            parallel_to_m: view.parallel_to_m.unwrap_or(0.0) as f32,
+            unused: 0.0,
             key_rotation,
             key_translation,
         }

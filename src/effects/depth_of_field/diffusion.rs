@@ -52,6 +52,17 @@ fn make(params: &DepthOfField) -> Make {
     }
 }
 
+/// What is told in pixels of the camera's, in those of the picture that is made; within the same ranges, which is what operators hold.
+fn enlarged(params: &DepthOfField, moment: &Moment<'_>) -> DepthOfField {
+    let times = moment.capture.enlargement as f32;
+    DepthOfField {
+        rim: params.rim / times,
+        gaussian_px: (params.gaussian_px * times).min(4.0),
+        largest_radius_px: (params.largest_radius_px * times).min(64.0),
+        ..params.clone()
+    }
+}
+
 /// R: of the frame's largest circle, within R_K.
 fn largest_radius_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
     layered::largest_radius_px(moment).min(params.largest_radius_px)
@@ -59,6 +70,7 @@ fn largest_radius_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
 
 /// How far light is spread.
 pub fn reach_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
+    let params = &enlarged(params, moment);
     largest_radius_px(params, moment).ceil() + make(params).margin() as f32
 }
 
@@ -86,8 +98,9 @@ fn texture(gpu: &Gpu, of: &Of) -> Texture {
 }
 
 pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, layer: Layer) -> Layer {
-    let largest_radius_px = largest_radius_px(params, run.moment);
     let tiling = Tiling::coarse(layer.size, reach_px(params, run.moment));
+    let params = &enlarged(params, run.moment);
+    let largest_radius_px = largest_radius_px(params, run.moment);
     let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px, steps(largest_radius_px.into()));
     let around = surroundings(run, &lens, &layer, tiling);
     // By what they hang on, and nothing else.

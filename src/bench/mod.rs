@@ -8,10 +8,11 @@ use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
 
+mod changed;
 mod full_picture;
 
-use super::{Compositor, Job, Settings, SubmitError, Target};
 use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoiseProfile};
+use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::image::Pixels;
@@ -228,7 +229,8 @@ impl<'a> Table<'a> {
 /// it, all effects at their defaults, and depth of field over a whole picture.
 pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height)?;
-    let Load { camera, geometry, track, scene } = Load::new(width, height);
+    let load = Load::new(width, height);
+    let Load { camera, geometry, track, scene } = &load;
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
     // An effect that this load leaves neutral has no row.
@@ -242,8 +244,8 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
             Frame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure }
         };
         let ms = median_ms(frame, |frame| {
-            let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, INTERVAL_S)?;
-            let pending = compositor.submit(job, &camera, &settings, Target::Pixels)?;
+            let job = Job::of_frame(frame, camera, &settings, geometry, track, INTERVAL_S)?;
+            let pending = compositor.submit(job, camera, &settings, Target::Pixels)?;
             let done = compositor.collect(pending)?;
             runs &= effect.is_none_or(|effect| done.stats.effects.contains(&effect));
             Ok::<_, SubmitError>(())
@@ -267,6 +269,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         }
     }
     time(ALL.to_owned(), Settings::default(), None)?;
+    changed::settings(&mut table, &load, &pixels)?;
     full_picture::depth_of_field(&mut table)?;
     Ok(table.rows())
 }

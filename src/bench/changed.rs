@@ -1,0 +1,102 @@
+//! What it costs to change a setting: a frame right after the change, beside the same frame again.
+
+use std::time::Instant;
+
+use super::{INTERVAL_S, Load, Table};
+use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
+use crate::frame::{Frame, FrameExposure};
+use crate::image::Pixels;
+use crate::params::{Kind, Spec, Value};
+
+/// Values that a parameter is changed to.
+const VALUES: usize = 8;
+
+/// Times every parameter of every effect, each in all of the effect's ways; a row for the one that costs most by comparison.
+pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
+    let mut worst: Option<(String, [f64; 2])> = None;
+    let ratio = |[changed, same]: [f64; 2]| changed / same;
+    for effect in crate::effects::all() {
+        for (label, sets) in effect.cases() {
+            let mut settings = Settings::default();
+            let mut set =
+                |name: &str, value: &Value| settings.set(effect.table(), name, value).is_some_and(|set| set.is_ok());
+            let known = sets.iter().all(|(name, value)| set(name, value));
+            debug_assert!(known, "{} {label}", effect.table());
+            for spec in effect.specs() {
+                let name = format!("{}.{} {label}", effect.table(), spec.name);
+                let found = of_parameter(table, load, pixels, &settings, effect.table(), &spec)?;
+                if let Some(found) = found
+                    && worst.as_ref().is_none_or(|(_, most)| ratio(found) > ratio(*most))
+                {
+                    worst = Some((name.trim_end().to_owned(), found));
+                }
+            }
+        }
+    }
+    if let Some((name, [changed, same])) = worst {
+        table.push(format!("a setting changed: {name}"), changed)?;
+        table.push("the same frame, unchanged".to_owned(), same)?;
+    }
+    Ok(())
+}
+
+/// Medians of both, milliseconds; none where there is nothing between two values.
+fn of_parameter(
+    table: &Table<'_>,
+    load: &Load,
+    pixels: &Pixels,
+    settings: &Settings,
+    of: &str,
+    spec: &Spec,
+) -> Result<Option<[f64; 2]>, SubmitError> {
+    let mut compositor = Compositor::new(table.gpu.clone(), load.scene.clone());
+    let (mut settings, mut times) = (settings.clone(), [Vec::new(), Vec::new()]);
+    // A choice makes pipelines once: what is timed is the changing back.
+    let untimed = if let Kind::Choice(names) = spec.kind { names.len() } else { 2 };
+    for (n, value) in values(spec).into_iter().enumerate() {
+        if settings.set(of, spec.name, &value).is_none_or(|set| set.is_err()) {
+            continue;
+        }
+        // What was drawn last is not what the change costs: each value is drawn twice.
+        for times in &mut times {
+            let exposure = FrameExposure::default();
+            let frame = Frame { index: n, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure };
+            let start = Instant::now();
+            let Load { camera, geometry, track, .. } = load;
+            if settings.check(camera, geometry).is_err() {
+                return Ok(None);
+            }
+            let job = Job::of_frame(frame, camera, &settings, geometry, track, INTERVAL_S)?;
+            let pending = compositor.submit(job, camera, &settings, Target::Pixels)?;
+            compositor.collect(pending)?;
+            if n >= untimed {
+                times.push(start.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+    }
+    let median = |times: &mut Vec<f64>| {
+        times.sort_by(f64::total_cmp);
+        times.get(times.len() / 2).copied()
+    };
+    let [changed, same] = times.each_mut().map(median);
+    Ok(changed.zip(same).map(|(changed, same)| [changed, same]))
+}
+
+/// Values as a slider gives them, none of them twice, in the lower part of wide ranges; choices in turn.
+fn values(spec: &Spec) -> Vec<Value> {
+    let share = |n: usize| (n as f64 + 0.5) / VALUES as f64;
+    match spec.kind {
+        Kind::Number { min, max } => {
+            let (low, high) = (min.max(-8.0), max.min(min.max(-8.0) + 16.0));
+            (0..VALUES).map(|n| Value::Number(low + (high - low) * share(n))).collect()
+        }
+        Kind::Integer { min, max } => {
+            let high = max.min(min + 16.0);
+            (0..VALUES).map(|n| Value::Number((min + (high - min) * share(n)).round())).collect()
+        }
+        Kind::Choice(names) => {
+            (0..VALUES.max(3 * names.len())).map(|n| Value::Text(names[n % names.len()].to_owned())).collect()
+        }
+        Kind::Bool => (0..VALUES).map(|n| Value::Bool(n % 2 == 0)).collect(),
+    }
+}

@@ -1,0 +1,90 @@
+//! Halation: light goes through the film, comes back from its base, and exposes what lies around.
+//!
+//! out = (1 − s)·L + s·(G ∗ L), with G a Gaussian whose weights sum to 1 (blur.rs): light is kept. It lies over the camera's picture too, where
+//! nothing is covered; coverage stays what it was. A sensor's cover glass does the same. It follows the exposure, for it is
+//! the light on the film that comes back.
+//!
+//! Not modelled: that it comes back red (the red layer lies deepest), the dark ring of a base that reflects totally, and the glow of the real
+//! light that an object hides.
+
+use super::{Case, Effect, LayerRun, Moment, Reach, blur};
+use crate::gpu::Shader;
+use crate::params::Value;
+use crate::render::{COLOR, Layer};
+
+crate::params! {
+    /// Parameters of the halation.
+    pub struct Halation in "halation" {
+        "share of an object's light that comes back from the film's base; 0 is off"
+        share: f64 = 0.0, "1", 0.0..=1.0;
+        "standard deviation of where it comes back"
+        sigma_px: f64 = 12.0, "px", 1.0..=64.0;
+    }
+}
+
+crate::uniform! {
+    struct Uniform { share: f32, unused: [f32; 3] }
+}
+
+impl Halation {
+    /// In the picture that is made.
+    fn drawn_px(&self, moment: &Moment<'_>) -> f64 {
+        self.sigma_px * moment.capture.enlargement
+    }
+}
+
+impl Effect for Halation {
+    fn summary(&self) -> &'static str {
+        "lets bright objects glow as film does"
+    }
+    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+        self.share == 0.0
+    }
+    fn reach(&self, moment: &Moment<'_>) -> Reach {
+        Reach::both(blur::reach_px(self.drawn_px(moment)) as f32)
+    }
+    fn cases(&self) -> Vec<Case> {
+        let share = ("share", Value::Number(0.1));
+        vec![("", vec![share.clone()]), ("narrow", vec![share, ("sigma_px", Value::Number(3.0))])]
+    }
+    fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
+        let around = run.blurred(&layer.color, layer.size, self.drawn_px(run.moment));
+        let uniform = Uniform { share: self.share as f32, unused: [0.0; 3] };
+        let pass = run.recorder.pass(Shader::Halation, "main").uniform("halation", &uniform);
+        let [color] = pass.texture("layer", &layer.color).texture("around", &around).draw([COLOR], layer.size);
+        Layer { color, light_alone: true, ..layer }
+    }
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
+    }
+}
+
+/// A layer as film shows it: `rgba` holds `width * height` premultiplied pixels; outside is empty. By the Gaussian itself, sampled.
+pub fn twin(rgba: &[[f64; 4]], width: usize, params: &Halation) -> Vec<[f64; 4]> {
+    let (reach, s) = ((5.0 * params.sigma_px).ceil() as i64, params.sigma_px);
+    let tap = |d: i64| (-0.5 * (d as f64 / s).powi(2)).exp();
+    let sum: f64 = (-reach..=reach).map(tap).sum();
+    let taps: Vec<f64> = (-reach..=reach).map(|d| tap(d) / sum).collect();
+    let along = |from: &[[f64; 4]], step: usize, length: usize, place: &dyn Fn(usize) -> usize| -> Vec<[f64; 4]> {
+        let at = |i: usize| {
+            let own = place(i) as i64;
+            let mut sum = [0.0; 4];
+            for (tap, d) in taps.iter().zip(-reach..) {
+                if (0..length as i64).contains(&(own + d)) {
+                    let texel = from[(i as i64 + d * step as i64) as usize];
+                    (0..4).for_each(|c| sum[c] += tap * texel[c]);
+                }
+            }
+            sum
+        };
+        (0..from.len()).map(at).collect()
+    };
+    let height = rgba.len() / width.max(1);
+    let across = along(rgba, 1, width, &|i| i % width);
+    let around = along(&across, width, height, &|i| i / width);
+    let mixed = |(own, around): (&[f64; 4], &[f64; 4])| {
+        let light = |c: usize| (1.0 - params.share) * own[c] + params.share * around[c];
+        [light(0), light(1), light(2), own[3]]
+    };
+    rgba.iter().zip(&around).map(mixed).collect()
+}

@@ -1,0 +1,271 @@
+//! One compositor that is held while everything about it changes: each picture is what a new one gives, wherever it goes.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/board.rs"]
+mod board;
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use board::{FOCAL_PX, board, sideways};
+use locard::camera::{Camera, NoiseBin, NoiseProfile};
+use locard::compositor::{Compositor, Job, Settings, Target};
+use locard::frame::Frame;
+use locard::gpu::Gpu;
+use locard::image::{Codes, Pixels};
+use locard::params::{Kind, Spec, Value};
+use locard::profile::Rig;
+use locard::scene::Scene;
+
+const SIZE: (u32, u32) = (96, 64);
+
+/// What is held: a camera's parameters, and settings.
+#[derive(Clone)]
+struct Held {
+    rig: Rig,
+    settings: Settings,
+}
+
+impl Held {
+    /// Every effect in one of its ways, over a camera that each of them has something to do with.
+    fn new(case: usize) -> Self {
+        let mut settings = Settings::default();
+        let cases: Vec<_> = settings.effects.iter().map(|e| (e.table(), e.cases())).collect();
+        for (table, cases) in &cases {
+            for (name, value) in &cases[case.min(cases.len() - 1)].1 {
+                settings.set(table, name, value).unwrap().unwrap();
+            }
+        }
+        let geometry = gpu::pinhole(SIZE.0, SIZE.1, FOCAL_PX);
+        let mut rig = Rig::default();
+        rig.lay_over(&geometry);
+        let bins = vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 255.0, sigma: 4.0 }];
+        rig.noise = Some(NoiseProfile {
+            bins: [bins.clone(), bins.clone(), bins],
+            channel_correlation: [0.2, 0.1, 0.2],
+            neighbour_correlation: [0.3, 0.2],
+        });
+        for set in [
+            "camera.exposure.time_s=0.02",
+            "camera.exposure.iso=200",
+            "camera.lens.f_number=2",
+            "camera.lens.focus_distance_m=0.7",
+        ] {
+            rig.set_text(set, &mut settings).unwrap();
+        }
+        Self { rig, settings }
+    }
+
+    /// Every parameter that can be set, with its table; from the second case on those of effects that have so many.
+    fn parameters(&self, case: usize) -> Vec<(&'static str, Spec)> {
+        let tables = self.rig.tables().into_iter().chain(self.settings.tables());
+        let cases =
+            |table: &str| self.settings.effects.iter().find(|e| e.table() == table).map_or(1, |e| e.cases().len());
+        tables
+            .filter(|table| case < cases(table.table()))
+            .flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec)))
+            .collect()
+    }
+
+    /// The picture, or why there is none.
+    fn picture(&self, compositor: &mut Compositor) -> Result<Pixels, String> {
+        let camera = self.rig.camera();
+        let geometry = camera.geometry.clone().unwrap();
+        self.settings.check(&camera, &geometry).map_err(|e| e.to_string())?;
+        let track = sideways([200.0, 0.0]);
+        let job = Job::of_frame(frame(), &camera, &self.settings, &geometry, &track, 1.0 / 30.0)
+            .map_err(|e| e.to_string())?;
+        let pending = compositor.submit(job, &camera, &self.settings, Target::Pixels).map_err(|e| e.to_string())?;
+        Ok(compositor.collect(pending).unwrap().pixels)
+    }
+}
+
+fn frame() -> Frame {
+    let codes = (0..SIZE.0 * SIZE.1).flat_map(|i| [60 + (i % 60) as u8, 90, 40 + (i / 96) as u8]).collect();
+    gpu::frame(7, 0.0, Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap())
+}
+
+fn scene() -> Scene {
+    board([20.0, 14.0], 0.6)
+}
+
+/// Ten values over a parameter's range; of one without end, over what anybody gives it.
+fn values(spec: &Spec) -> Vec<Value> {
+    let numbers = |min: f64, max: f64| -> Vec<f64> {
+        let (min, max) = (min.max(-1e4), max.min(1e4));
+        // Over decades, where there are several.
+        let step = |i: u32| f64::from(i) / 9.0;
+        if min > 0.0 && max / min > 100.0 {
+            return (0..10).map(|i| min * (max / min).powf(step(i))).collect();
+        }
+        (0..10).map(|i| min + (max - min) * step(i)).collect()
+    };
+    match &spec.kind {
+        Kind::Bool => vec![Value::Bool(true), Value::Bool(false)],
+        Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
+        Kind::Number { min, max } => numbers(*min, *max).into_iter().map(Value::Number).collect(),
+        Kind::Integer { min, max } => numbers(*min, *max).into_iter().map(|n| Value::Number(n.round())).collect(),
+    }
+}
+
+#[test]
+fn every_parameter_through_its_range() {
+    let gpu = gpu::gpu().clone();
+    let mut held = Compositor::new(gpu.clone(), scene());
+    let mut pictures = Vec::new();
+    for round in ["first", "again", "anew"] {
+        let (made, begun) = (gpu.pipelines_made(), std::time::Instant::now());
+        let mut n = 0;
+        for case in 0..4 {
+            let start = Held::new(case);
+            for (table, spec) in start.parameters(case) {
+                for value in values(&spec) {
+                    let mut one = start.clone();
+                    if one.rig.set_text(&format!("{table}.{}={value}", spec.name), &mut one.settings).is_err() {
+                        continue;
+                    }
+                    let told = format!("case {case}, {table}.{} = {value}", spec.name);
+                    match round {
+                        "first" => pictures.push((told, one.picture(&mut held))),
+                        // All of them again and anew would take minutes: a new one compiles every shader.
+                        "again" if n % 3 == 0 => {
+                            assert!(one.picture(&mut held) == pictures[n].1, "{told}: another picture the second time");
+                        }
+                        "anew" if n % 9 == 0 => {
+                            let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
+                            assert!(anew == pictures[n].1, "{told}: not what a new compositor gives");
+                        }
+                        _ => {}
+                    }
+                    n += 1;
+                }
+            }
+        }
+        if round == "again" {
+            assert_eq!(gpu.pipelines_made(), made, "each choice has been seen, and numbers make no pipelines");
+        }
+        println!("{round}: {:.1} s", begun.elapsed().as_secs_f64());
+    }
+    let drawn = pictures.iter().filter(|(_, picture)| picture.is_ok()).count();
+    println!("{} values, {drawn} pictures", pictures.len());
+    assert!(drawn > 300 && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
+}
+
+/// A device as a window would make it.
+fn of_somebody_else() -> (Gpu, wgpu::Device) {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::PRIMARY;
+    let instance = wgpu::Instance::new(descriptor);
+    let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).unwrap();
+    let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter))).unwrap();
+    (Gpu::adopt(&adapter, device.clone(), queue), device)
+}
+
+/// The texels of a view's texture, row by row.
+fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<[u8; 4]> {
+    let row_bytes = (4 * SIZE.0).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: u64::from(row_bytes * SIZE.1),
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes), rows_per_image: None },
+        },
+        texture.size(),
+    );
+    let submission = gpu.queue.submit([encoder.finish()]);
+    buffer.map_async(wgpu::MapMode::Read, .., |result| result.unwrap());
+    gpu.wait(Some(submission)).unwrap();
+    let bytes = buffer.get_mapped_range(..).unwrap();
+    let rows = bytes.chunks_exact(row_bytes as usize).map(|row| &row[..4 * SIZE.0 as usize]);
+    rows.flat_map(|row| row.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect::<Vec<_>>()).collect()
+}
+
+#[test]
+fn into_a_view_goes_what_would_be_written() {
+    let (gpu, device) = of_somebody_else();
+    let mut compositor = Compositor::new(gpu.clone(), scene());
+    let held = Held::new(0);
+    let camera = held.rig.camera();
+    let geometry = camera.geometry.clone().unwrap();
+    let written = held.picture(&mut compositor).unwrap();
+    // Sixteen bits round to eight; a frame without a pose is the camera's own.
+    let wide = |pixels: &Pixels| {
+        let Codes::U8(codes) = &pixels.codes else { panic!("8 bits go in") };
+        Pixels::from_u16(SIZE.0, SIZE.1, codes.iter().map(|c| u16::from(*c) * 257).collect()).unwrap()
+    };
+    let away = sideways([200.0, 0.0]);
+    for format in
+        [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Bgra8Unorm]
+    {
+        for (what, frame) in [
+            ("8 bits", frame()),
+            ("no pose", Frame { timestamp_s: 60.0, ..frame() }),
+            ("16 bits", {
+                let frame = frame();
+                Frame { pixels: wide(&frame.pixels), ..frame }
+            }),
+        ] {
+            let texture = device.create_texture(&wgpu::TextureDescriptor {
+                label: None,
+                size: wgpu::Extent3d { width: SIZE.0, height: SIZE.1, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+                view_formats: &[],
+            });
+            let view = texture.create_view(&Default::default());
+            let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
+            let target = Target::View(&view, format);
+            let pending = compositor.submit(job, &camera, &held.settings, target).unwrap();
+            let done = compositor.collect(pending).unwrap();
+            assert!(done.pixels == frame.pixels, "the frame itself stays as it came");
+            let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
+            let pending = compositor.submit(job, &camera, &held.settings, Target::Pixels).unwrap();
+            let expected = compositor.collect(pending).unwrap().pixels;
+            assert_eq!(expected != frame.pixels, what != "no pose");
+            if what == "8 bits" {
+                assert!(expected == written);
+            }
+            let most = expected.max_code();
+            for (i, texel) in read_back(&gpu, &texture).into_iter().enumerate() {
+                let [a, b, c, alpha] = texel.map(u32::from);
+                let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
+                let codes = expected.at(i as u32 % SIZE.0, i as u32 / SIZE.0);
+                let eight = codes.map(|code| (code * 255 + most / 2) / most);
+                // Drivers round what lies halfway between two codes to either of them, and light between 16 bits' codes near there.
+                let most_off = if most == 255 { 0 } else { 1 };
+                let off = shown.iter().zip(eight).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+                assert!(off <= most_off && alpha == 255, "{format:?}, {what}, pixel {i}: {shown:?}, not {eight:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn settings_are_values() {
+    let (one, mut other) = (Held::new(0).settings, Held::new(0).settings);
+    assert!(one == other);
+    other.set("noise", "scale", &Value::Number(0.5)).unwrap().unwrap();
+    assert!(one != other && one.clone() == one);
+    let mut off = one.clone();
+    off.without(&["noise".to_owned()]).unwrap();
+    assert!(off != one);
+    let text = toml::to_string(&other).unwrap();
+    assert!(text.contains("[tables.noise]") && text.contains("scale = 0.5"), "{text}");
+    assert!(toml::from_str::<Settings>(&text).unwrap() == other);
+    assert!(toml::from_str::<Settings>(&toml::to_string(&off).unwrap()).unwrap() == off);
+    let camera = Held::new(0).rig.camera();
+    let written = toml::to_string(&camera).unwrap();
+    assert!(toml::from_str::<Camera>(&written).unwrap() == camera, "{written}");
+    let wrong = text.replace("scale = 0.5", "scale = 900.0");
+    assert!(toml::from_str::<Settings>(&wrong).unwrap_err().to_string().contains("0 to 8"));
+}
