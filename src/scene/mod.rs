@@ -27,7 +27,7 @@ pub use error::SceneError;
 pub use load::load;
 
 /// Everything that the renderer draws.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     pub meshes: Vec<Mesh>,
     pub materials: Vec<Material>,
@@ -43,14 +43,14 @@ pub struct Scene {
 }
 
 /// One piece of evidence: the unit that has a blur vector of its own.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Object {
     pub name: String,
     pub parts: Vec<Part>,
 }
 
 /// A mesh at its place.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// Index into [`Scene::meshes`].
     pub mesh: usize,
@@ -58,7 +58,7 @@ pub struct Part {
 }
 
 /// Triangles of one material.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
     pub vertices: Vec<Vertex>,
     /// Three a triangle, counter-clockwise seen from outside (glTF), all below `vertices.len()`.
@@ -170,7 +170,7 @@ pub struct Texture {
 }
 
 /// The light. Linear 1.0 is the camera's white.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
     pub suns: Vec<Sun>,
     pub points: Vec<PointLight>,
@@ -199,7 +199,7 @@ pub struct PointLight {
 }
 
 /// Light from everywhere.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Environment {
     /// The same radiance from all directions: what a white matt surface shows.
     Uniform(Vec3),
@@ -207,7 +207,7 @@ pub enum Environment {
 }
 
 /// An equirectangular panorama of linear radiance.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentMap {
     pub width: u32,
     pub height: u32,
@@ -222,5 +222,18 @@ pub struct EnvironmentMap {
 impl Default for Lighting {
     fn default() -> Self {
         Self { suns: Vec::new(), points: Vec::new(), environment: Environment::Uniform(Vec3::ONE) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    /// Two pieces of a program, or two moments of one, can hold a scene each and see whether it is the same.
+    #[test]
+    fn a_scene_and_a_camera_are_plain_values() {
+        fn plain<T: Clone + PartialEq + Send + Sync + 'static>(value: T) {
+            assert!(value.clone() == value);
+        }
+        plain(super::Scene::default());
+        plain(crate::camera::Camera::default());
     }
 }
