@@ -5,6 +5,7 @@
 //! does → sink. The folders follow that sentence; ARCHITECTURE.md tells the rest.
 
 // 0: plain values
+pub mod document;
 pub mod frame;
 pub mod image;
 pub mod params;
@@ -33,7 +34,6 @@ pub mod effects;
 // 5: the per-frame loop
 pub mod compositor;
 pub mod profile;
-pub mod profile_noise;
 
 // 6: frames in; profile, photographs, figures or test footage out
 pub mod bench;

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::words::exact;
+use crate::words::{number, quoted};
 
 /// A parameter's value on its way from text to a field and back. In files `none` is a word, for some of them cannot hold nothing.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -37,8 +37,8 @@ impl fmt::Display for Value {
         match self {
             Self::None => write!(f, "none"),
             Self::Bool(b) => write!(f, "{b}"),
-            Self::Number(n) => f.write_str(&exact(*n)),
-            Self::Text(t) => write!(f, "{t}"),
+            Self::Number(n) => f.write_str(&number(*n)),
+            Self::Text(t) => f.write_str(&quoted(t)),
         }
     }
 }
@@ -76,8 +76,10 @@ impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Bool => write!(f, "true or false"),
-            Self::Number { min, max } => write!(f, "{} to {}", exact(*min), exact(*max)),
-            Self::Integer { min, max } => write!(f, "a whole number from {min} to {max}"),
+            Self::Number { min, max } => write!(f, "{} to {}", number(*min), number(*max)),
+            Self::Integer { min, max } => {
+                write!(f, "a whole number from {} to {}", number(*min), number(*max))
+            }
             Self::Choice(names) => write!(f, "{}", names.join(" | ")),
         }
     }

@@ -1,4 +1,4 @@
-//! Numbers in messages.
+//! Numbers and names in messages.
 
 /// How many there are of a thing, as in "1 sun", "2 suns".
 pub fn count(number: usize, thing: &str) -> String {
@@ -26,13 +26,39 @@ pub fn shown_unit(unit: &str) -> String {
     if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }
 }
 
-/// All digits that a number needs to be read back as it is, and no more; powers of ten where it has many zeros.
-pub fn exact(number: f64) -> String {
-    if is_plain(number) { number.to_string() } else { format!("{number:e}") }
+/// The shortest text that reads back to the same bits, with an exponent where there would be many zeros: 1e300.
+pub fn number(number: f64) -> String {
+    if number == 0.0 || (1e-6..1e16).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
 }
 
-fn is_plain(number: f64) -> bool {
-    number == 0.0 || !number.is_finite() || (1e-7..1e16).contains(&number.abs())
+/// The most that a message quotes of a word that somebody else wrote, characters.
+const MOST_QUOTED: usize = 60;
+/// The most that a message is long, characters.
+const MOST_SHOWN: usize = 2000;
+
+/// A word from a file, for a message: what would move the cursor or begin a line is written out, and a long one is cut.
+pub fn quoted(text: &str) -> String {
+    cut(text, MOST_QUOTED)
+}
+
+/// A line for a terminal, whatever names and words stand in it: see [`quoted`].
+pub fn shown(text: &str) -> String {
+    cut(text, MOST_SHOWN)
+}
+
+fn cut(text: &str, most: usize) -> String {
+    // Controls, and what turns the direction of writing around.
+    let is_odd = |c: char| {
+        c.is_control() || matches!(c, '\u{200e}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    let mut out = String::new();
+    for (i, c) in text.chars().enumerate() {
+        if i == most {
+            return out + &format!("… ({} bytes in all)", text.len());
+        }
+        if is_odd(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    out
 }
 
 /// With so many digits behind the point; a number that nobody could read then with six in all.
@@ -68,6 +94,37 @@ mod tests {
     #[test]
     fn one_is_not_many() {
         assert_eq!([0, 1, 2].map(|n| super::count(n, "sun")), ["0 suns", "1 sun", "2 suns"]);
+    }
+
+    #[test]
+    fn numbers_read_back_to_the_same_bits() {
+        let cases = [
+            (0.1, "0.1"),
+            (1e300, "1e300"),
+            (-2.5e-9, "-2.5e-9"),
+            (525.0, "525"),
+            (-0.0, "-0"),
+            (1e15, "1000000000000000"),
+        ];
+        for (number, text) in cases {
+            assert_eq!(super::number(number), text);
+            assert_eq!(text.parse::<f64>().unwrap().to_bits(), number.to_bits());
+        }
+        let mut bits = 1u64;
+        for _ in 0..2000 {
+            bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let number = f64::from_bits(bits);
+            let text = super::number(number);
+            assert!(number.is_nan() || text.parse::<f64>().unwrap().to_bits() == bits && text.len() < 26, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_others_wrote_is_one_short_line() {
+        assert_eq!(super::quoted("a\x1b[31m\nb\u{202e}é"), "a\\u{1b}[31m\\nb\\u{202e}é");
+        let long = super::quoted(&"x".repeat(100_000_000));
+        assert!(long.len() < 100 && long.ends_with("x… (100000000 bytes in all)"), "{long}");
+        assert_eq!(super::shown("a plain line: it's \"fine\""), "a plain line: it's \"fine\"");
     }
 
     #[test]

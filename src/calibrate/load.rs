@@ -80,7 +80,8 @@ pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Re
 
 const JPEG: &str = "some frames are JPEG: compression has changed their noise; use lossless frames where you can";
 
-fn is_picture(path: &Path) -> bool {
+/// Whether a file is a picture by its name.
+pub fn is_picture(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     path.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
 }

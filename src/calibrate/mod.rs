@@ -14,5 +14,5 @@ mod rounding;
 mod scene_sums;
 mod unsteady;
 
-pub use load::{moving_noise_from_paths, noise_from_paths};
+pub use load::{is_picture, moving_noise_from_paths, noise_from_paths};
 pub use noise::{BinReport, CalibrateError, Method, NoiseCalibration, NoiseCalibrator, NoiseOptions};

@@ -16,6 +16,7 @@ use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::tracking::text::{self, TextError};
 use crate::tracking::tum::{NormNotes, unit_quaternion};
+use crate::words::quoted;
 
 const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
@@ -52,7 +53,7 @@ pub fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, R
             continue;
         };
         let camera = cameras.get(&image.camera).ok_or_else(|| {
-            let problem = format!("{name} names camera {}, which cameras.txt does not have", image.camera);
+            let problem = format!("{} names camera {}, which cameras.txt does not have", quoted(name), image.camera);
             TextError::line(&images_file, image.line, problem)
         })?;
         poses.push((i as f64 / NOMINAL_FPS, image.camera_from_world));
@@ -88,7 +89,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     let width = text::number(&mut record, "WIDTH")?;
     let height = text::number(&mut record, "HEIGHT")?;
     let names = camera_parameters(model)
-        .ok_or_else(|| format!("the camera model `{model}` is not supported; accepted are {MODELS}"))?;
+        .ok_or_else(|| format!("the camera model `{}` is not supported; accepted are {MODELS}", quoted(model)))?;
     let mut values = vec![("width_px", width), ("height_px", height)];
     for name in names {
         let value = text::number(&mut record, name)?;
@@ -134,7 +135,7 @@ fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Im
         let refuse = |problem: String| TextError::line(file, line, problem);
         let (image, norm_error) = parse_image(record, line, metres_per_unit).map_err(refuse)?;
         if !names.insert(image.name.clone()) {
-            return Err(refuse(format!("the image {} stands twice", image.name)));
+            return Err(refuse(format!("the image {} stands twice", quoted(&image.name))));
         }
         odd.note(norm_error, format!("line {line}"));
         images.push(image);
@@ -169,7 +170,7 @@ fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image
 
 fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
     let found = text::word(rest);
-    found.parse().map_err(|_| format!("{name} is `{found}`; a whole number is needed"))
+    found.parse().map_err(|_| format!("{name} is `{}`; a whole number is needed", quoted(found)))
 }
 
 /// The folder that the images' names are relative to.
@@ -186,7 +187,7 @@ fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, 
     ];
     candidates.iter().find(|folder| folder.join(&first.name).is_file()).cloned().ok_or_else(|| {
         let looked = candidates.iter().map(|c| c.display().to_string()).collect::<Vec<_>>().join(", ");
-        RecordingError::content(&model.join(IMAGES), format!("{} is in none of {looked}", first.name))
+        RecordingError::content(&model.join(IMAGES), format!("{} is in none of {looked}", quoted(&first.name)))
     })
 }
 

@@ -8,13 +8,35 @@ use crate::camera::exposure::LONGEST_S;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
 use crate::tracking::text::{self, TextError};
-use crate::words::reason;
+use crate::words::{number, quoted, reason};
 
 /// Reads a list of `timestamp filename` lines: times in seconds, files beside the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
     let names = parse_pictures(&text::read(list)?, list)?;
     Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
+}
+
+/// A list of pictures as text; [`read_pictures`] reads the same from it, bit for bit. A name that a line cannot hold is an error.
+pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> Result<String, String> {
+    let mut text = "# timestamp filename\n".to_owned();
+    for (time_s, name) in entries {
+        if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) {
+            return Err(format!("a list cannot hold the name \"{}\"", quoted(name)));
+        }
+        text += &format!("{} {name}\n", number(time_s));
+    }
+    Ok(text)
+}
+
+/// A list of exposures as text, of those that have a time; [`read_exposures`] reads the same from it, bit for bit.
+pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
+    let head = "# timestamp exposure_time_s gain\n".to_owned();
+    let told = entries.iter().filter_map(|(time_s, exposure)| Some((time_s, exposure.time_s?, exposure.gain)));
+    told.fold(head, |text, (time_s, exposure_s, gain)| {
+        let gain = gain.map_or_else(String::new, |gain| format!(" {}", number(gain)));
+        text + &format!("{} {}{gain}\n", number(*time_s), number(exposure_s))
+    })
 }
 
 fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextError> {
@@ -44,7 +66,7 @@ fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>,
 fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, String> {
     match text::number(rest, name)? {
         value if value > 0.0 && value <= most => Ok(value),
-        value => Err(format!("{name} is {value}; accepted is above 0, at most {most}")),
+        value => Err(format!("{name} is {}; accepted is above 0, at most {most}", number(value))),
     }
 }
 
@@ -59,7 +81,7 @@ fn by_time<T>(
         let refuse = |problem: String| TextError::line(list, line, problem);
         let time_s = text::number(&mut rest, "timestamp").map_err(refuse)?;
         if let Some((before_s, _)) = entries.last().filter(|before| time_s < before.0) {
-            return Err(refuse(format!("the time runs backwards: {time_s} after {before_s}")));
+            return Err(refuse(format!("the time runs backwards: {} after {}", number(time_s), number(*before_s))));
         }
         entries.push((time_s, parse(rest).map_err(refuse)?));
     }
@@ -193,6 +215,13 @@ mod tests {
     }
 
     #[test]
+    fn names_that_no_line_holds_are_refused() {
+        for name in ["", " a", "a ", "a\nb", "a\rb"] {
+            assert!(write_pictures([(1.0, name)]).is_err(), "{name:?}");
+        }
+    }
+
+    #[test]
     fn nearest_in_time_within_reach() {
         let entries = [(1.0, 'a'), (2.0, 'b'), (2.6, 'c')];
         assert_eq!(nearest(&entries, 2.31, 0.6).unwrap().1, 'c');
@@ -229,6 +258,23 @@ mod tests {
                 let _ = parse_pictures(&text, list());
                 let _ = parse_exposures(&text, list());
             }
+        }
+
+        #[test]
+        fn what_is_written_reads_back(
+            rows in prop::collection::vec((any::<f64>(), "[!-~é][ -~é]{0,8}[!-~é]", 1e-9..60.0f64, prop::option::of(1e-6..1e6f64)), 0..9)
+        ) {
+            let mut rows: Vec<_> = rows.into_iter().filter(|row| row.0.is_finite()).collect();
+            rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let pictures: Vec<_> = rows.iter().map(|row| (row.0, row.1.clone())).collect();
+            let text = write_pictures(pictures.iter().map(|(t, name)| (*t, name.as_str()))).unwrap();
+            prop_assert_eq!(format!("{:?}", parse_pictures(&text, list()).unwrap()), format!("{pictures:?}"));
+            let exposures = rows.iter().map(|(t, _, time_s, gain)| {
+                (*t, FrameExposure { time_s: Some(*time_s), gain: *gain, ..FrameExposure::default() })
+            });
+            let exposures: Vec<_> = exposures.collect();
+            let read = parse_exposures(&write_exposures(&exposures), list()).unwrap();
+            prop_assert_eq!(format!("{read:?}"), format!("{exposures:?}"));
         }
 
         #[test]

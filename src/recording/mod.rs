@@ -11,6 +11,7 @@ mod nerfstudio;
 mod own;
 mod parts;
 mod tum;
+pub mod write;
 
 use std::collections::BTreeSet;
 use std::ops::Range;

@@ -14,6 +14,7 @@ use crate::pose::Pose;
 use crate::source::still;
 use crate::tracking::text;
 use crate::tracking::tum::LARGEST_NORM_ERROR;
+use crate::words::quoted;
 
 pub const FILE_NAME: &str = "transforms.json";
 
@@ -83,7 +84,7 @@ impl Camera {
         let known = || MODELS.iter().chain(&FISHEYES).chain(&ROUND);
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
             let names: Vec<_> = known().copied().collect();
-            return Err(format!("camera_model is {model}; accepted are {}", names.join(", ")));
+            return Err(format!("camera_model is {}; accepted are {}", quoted(model), names.join(", ")));
         }
         let named = self.camera_model.as_deref().is_some_and(|m| FISHEYES.contains(&m));
         let model = if named || self.is_fisheye == Some(true) { LensModel::OpencvFisheye } else { LensModel::Opencv };
@@ -151,7 +152,7 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
     let (mut files, mut poses, mut geometries, mut depths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (i, frame) in frames.into_iter().enumerate() {
         let time_s = i as f64 / NOMINAL_FPS;
-        let refuse = |problem| RecordingError::content(file, format!("frame {}: {problem}", frame.file_path));
+        let refuse = |problem| RecordingError::content(file, format!("frame {}: {problem}", quoted(&frame.file_path)));
         let picture = picture_file(folder, &frame.file_path);
         poses.push((time_s, pose(&frame.transform_matrix, options.metres_per_unit).map_err(refuse)?));
         geometries.push(frame.camera.clone().or(&camera).geometry(&picture).map_err(refuse)?);

@@ -3,83 +3,89 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::parts::{DepthFiles, Parts, Pictures, track_from};
 use super::{Kind, OpenOptions, RecordingError, listing};
+use crate::document;
 use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
 use crate::tracking::text;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
 
 pub const FILE_NAME: &str = "recording.toml";
 
-#[derive(Deserialize)]
+/// What stands in `recording.toml`. Paths are relative to its folder.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Description {
-    version: u32,
-    name: Option<String>,
-    up: Option<[f64; 3]>,
-    frames: Frames,
-    #[serde(default)]
-    poses: Poses,
-    depth: Option<Depth>,
-    exposure: Option<Exposure>,
-    camera: Option<Camera>,
+pub struct Description {
+    pub version: u32,
+    pub name: Option<String>,
+    /// Any length but 0.
+    pub up: Option<[f64; 3]>,
+    pub frames: FrameFiles,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub poses: PoseFile,
+    pub depth: Option<DepthList>,
+    pub exposure: Option<ExposureList>,
+    pub camera: Option<CameraFile>,
 }
 
-#[derive(Deserialize)]
+/// Exactly one of `list`, `images` and `video`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Frames {
-    list: Option<PathBuf>,
-    images: Option<PathBuf>,
-    video: Option<PathBuf>,
-    fps: Option<f64>,
-    range: Option<ColorRange>,
-    matrix: Option<ColorMatrix>,
+pub struct FrameFiles {
+    pub list: Option<PathBuf>,
+    pub images: Option<PathBuf>,
+    pub video: Option<PathBuf>,
+    pub fps: Option<f64>,
+    pub range: Option<ColorRange>,
+    pub matrix: Option<ColorMatrix>,
 }
 
-#[derive(Default, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Poses {
-    trajectory: Option<PathBuf>,
-    time_offset_s: Option<f64>,
-    max_gap_s: Option<f64>,
+pub struct PoseFile {
+    pub trajectory: Option<PathBuf>,
+    pub time_offset_s: Option<f64>,
+    pub max_gap_s: Option<f64>,
 }
 
-#[derive(Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Depth {
-    list: PathBuf,
-    scale: f64,
+pub struct DepthList {
+    pub list: PathBuf,
+    /// Code values a metre.
+    pub scale: f64,
 }
 
-#[derive(Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Exposure {
-    list: PathBuf,
+pub struct ExposureList {
+    pub list: PathBuf,
 }
 
-#[derive(Deserialize)]
+/// At least one of both.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Camera {
-    profile: Option<PathBuf>,
-    kind: Option<CameraKind>,
+pub struct CameraFile {
+    pub profile: Option<PathBuf>,
+    pub kind: Option<CameraKind>,
 }
 
 /// What a recording may say of its camera by itself.
-#[derive(Clone, Copy, Deserialize, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum CameraKind {
+pub enum CameraKind {
     Equirectangular,
 }
 
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 /// Parses the description and checks all that can be checked without other files.
-fn parse(text: &str, file: &Path) -> Result<Description, RecordingError> {
-    let description: Description = toml::from_str(text).map_err(|e| {
-        let line = e.span().map(|span| 1 + text.bytes().take(span.start).filter(|b| *b == b'\n').count());
-        let place = line.map_or_else(String::new, |line| format!("line {line}: "));
-        RecordingError::content(file, format!("{place}{}", e.message().replace('\n', "; ")))
-    })?;
+pub fn parse(text: &str, file: &Path) -> Result<Description, RecordingError> {
+    let description: Description = document::read(text).map_err(|e| RecordingError::content(file, e))?;
     check(&description).map_err(|problem| RecordingError::content(file, problem))?;
     Ok(description)
 }
@@ -163,7 +169,7 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
     Ok(parts)
 }
 
-fn open_frames(frames: &Frames, folder: &Path, file: &Path) -> Result<(Pictures, Vec<f64>), RecordingError> {
+fn open_frames(frames: &FrameFiles, folder: &Path, file: &Path) -> Result<(Pictures, Vec<f64>), RecordingError> {
     if let Some(name) = &frames.video {
         let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
         let video = video::probe(&folder.join(name), &overrides)?;
@@ -186,13 +192,13 @@ mod tests {
     use proptest::prelude::*;
 
     fn refused(text: &str) -> String {
-        parse(text, Path::new("recording.toml")).err().expect("is refused").to_string()
+        parse(text, Path::new("recording.toml")).unwrap_err().to_string()
     }
 
     #[test]
     fn an_unknown_key_is_named_with_file_line_and_what_is_accepted() {
         let error = refused("version = 1\n[frames]\nlist = \"rgb.txt\"\nfsp = 3.0\n");
-        assert!(error.starts_with("recording.toml: line 4: unknown field `fsp`"), "{error}");
+        assert!(error.starts_with("recording.toml: line 4, frames.fsp: unknown field `fsp`"), "{error}");
         for key in ["list", "images", "video", "fps", "range", "matrix"] {
             assert!(error.contains(&format!("`{key}`")), "{error}");
         }
@@ -203,6 +209,7 @@ mod tests {
         for (text, said) in [
             ("version = 2\n[frames]\nlist = \"a\"", "version = 2"),
             ("version = 1\n[frames]", "exactly one of list, images, video"),
+            ("version = 1\n[frames]\nlist = = 3", "line 3, frames.list: "),
             ("version = 1\n[frames]\nlist = \"a\"\nvideo = \"b\"", "exactly one of list, images, video"),
             ("version = 1\n[frames]\nimages = \"a\"", "needs frames.fps"),
             ("version = 1\n[frames]\nlist = \"a\"\nfps = 3.0", "does not go with"),

@@ -100,6 +100,8 @@ pub enum SimulateError {
     Write { path: PathBuf, source: std::io::Error },
     #[error("stopped; nothing is left of it")]
     Stopped,
+    #[error("its lists and descriptions cannot be written: {0}")]
+    Text(String),
     #[error("{what}: cannot be encoded: {source}")]
     Encode { what: String, source: image::ImageError },
     #[error(

@@ -1,19 +1,26 @@
 //! What the recording's folder holds: frames, depth, lists, profile, ground truth.
 
-use std::fmt::Write as _;
 use std::fs;
 use std::io::Cursor;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use image::codecs::hdr::HdrEncoder;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
+use toml_edit::{DocumentMut, Item, Table, Value};
 
-use crate::camera::{Exposure, Lens, LensModel, NoiseProfile};
-use crate::params::{Kind, Params, Value};
+use crate::camera::{Exposure, Lens, LensModel, NoiseBin, NoiseProfile};
+use crate::document::{numbers, table_of};
+use crate::frame::FrameExposure;
+use crate::params::Params;
+use crate::pose::Pose;
+use crate::profile;
+use crate::recording::write::{
+    self, CameraFile, CameraKind, DepthList, Description, ExposureList, FrameFiles, Line, PoseFile,
+};
 
 use super::output::{Output, writing};
 use super::render::Picture;
@@ -60,21 +67,22 @@ fn fill(
         fs::create_dir_all(folder.join(sub)).map_err(writing(folder))?;
     }
     let frames = options.frames as usize;
-    let (mut rgb, mut depth) = ("# timestamp filename\n".to_owned(), "# timestamp filename\n".to_owned());
-    let mut exposure = "# timestamp exposure_time_s gain\n".to_owned();
+    let (mut pictures, mut depths, mut exposures) = (Vec::new(), Vec::new(), Vec::new());
     let mut blur = Vec::new();
     let mut surveyed = Vec::new();
     for frame in 0..frames {
         let picture = simulation.picture(frame);
         let clean = simulation.sensor.clean(&picture, options.gain);
         let codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);
-        let (time_s, extension) = (simulation.timestamp_s(frame), extension(options.format));
+        let (time_s, extension) = (rounded(simulation.timestamp_s(frame), 6), extension(options.format));
         let (rgb_path, depth_path) = (format!("rgb/{frame:05}.{extension}"), format!("depth/{frame:05}.png"));
         save(&rgb_path, &encoded(options, &picture, &codes).map_err(encoding(&rgb_path))?)?;
         save(&depth_path, &depth_png(&picture, options.depth_scale).map_err(encoding(&depth_path))?)?;
-        _ = writeln!(rgb, "{time_s:.6} {rgb_path}");
-        _ = writeln!(depth, "{time_s:.6} {depth_path}");
-        _ = writeln!(exposure, "{time_s:.6} {} 1", options.exposure_time_s);
+        pictures.push((time_s, rgb_path));
+        depths.push((time_s, depth_path));
+        // An instant gathers no light; the profile says that it is one.
+        let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
+        exposures.push((time_s, FrameExposure { time_s: exposure_s, gain: Some(1.0), ..FrameExposure::default() }));
         blur.push(picture.most_blur_px);
         if options.format == Format::Jpg && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
             surveyed.push((picture, clean));
@@ -83,9 +91,12 @@ fn fill(
             return Err(SimulateError::Stopped);
         }
     }
-    save("rgb.txt", rgb.as_bytes())?;
-    save("depth.txt", depth.as_bytes())?;
-    save("exposure.txt", exposure.as_bytes())?;
+    let list = |entries: &[(f64, String)]| {
+        write::pictures(entries.iter().map(|(time_s, name)| (*time_s, name.as_str()))).map_err(SimulateError::Text)
+    };
+    save("rgb.txt", list(&pictures)?.as_bytes())?;
+    save("depth.txt", list(&depths)?.as_bytes())?;
+    save("exposure.txt", write::exposures(&exposures).as_bytes())?;
     save("groundtruth.txt", trajectory(simulation).as_bytes())?;
     save("environment.hdr", &panorama(simulation).map_err(encoding("environment.hdr"))?)?;
     if options.board {
@@ -104,7 +115,7 @@ fn fill(
     };
     save("camera.toml", camera_toml(simulation, &noise).as_bytes())?;
     save("truth.toml", truth_toml(simulation, &blur).as_bytes())?;
-    save("recording.toml", recording_toml(name, options).as_bytes())
+    save("recording.toml", recording_toml(name, options)?.as_bytes())
 }
 
 fn encoding(what: &str) -> impl FnOnce(ImageError) -> SimulateError {
@@ -153,18 +164,20 @@ fn depth_png(picture: &Picture, scale: f64) -> Result<Vec<u8>, ImageError> {
     Ok(file.into_inner())
 }
 
-/// TUM's layout: camera to world, quaternion x y z w.
+/// Micrometres, nanoseconds and the like: what lies below is noise of the sums that made it.
+fn rounded(value: f64, digits: usize) -> f64 {
+    // By its text, which is rounded right at every size.
+    format!("{value:.digits$}").parse().unwrap_or(value)
+}
+
 fn trajectory(simulation: &Simulation) -> String {
-    let mut text = "# timestamp tx ty tz qx qy qz qw\n".to_owned();
-    for (time_s, pose) in simulation.track().poses() {
-        let (p, q) = (pose.position_in_world_m(), pose.world_from_camera_rotation());
-        _ = writeln!(
-            text,
-            "{time_s:.6} {:.9} {:.9} {:.9} {:.12} {:.12} {:.12} {:.12}",
-            p.x, p.y, p.z, q.x, q.y, q.z, q.w
-        );
-    }
-    text
+    let line = |(time_s, pose): &(f64, Pose)| {
+        let line = Line::new(*time_s, pose);
+        let rotation = DQuat::from_array(line.rotation.to_array().map(|v| rounded(v, 12)));
+        let position_m = DVec3::from_array(line.position_m.to_array().map(|v| rounded(v, 9)));
+        Line { time_s: rounded(*time_s, 6), position_m, rotation }
+    };
+    write::trajectory(&simulation.track().poses().iter().map(line).collect::<Vec<_>>())
 }
 
 /// The site's light around the evidence as a Radiance file: equirectangular, row 0 looks up
@@ -189,54 +202,35 @@ fn panorama(simulation: &Simulation) -> Result<Vec<u8>, ImageError> {
     Ok(file)
 }
 
-fn recording_toml(name: &str, options: &Options) -> String {
-    format!(
-        "# A simulated recording; truth.toml tells how it was made.\n\
-         version = 1\n\
-         name = {}\n\
-         up = [0.0, 0.0, 1.0]\n\n\
-         [frames]\nlist = \"rgb.txt\"\n\n\
-         [poses]\ntrajectory = \"groundtruth.txt\"\n\n\
-         [depth]\nlist = \"depth.txt\"\nscale = {:?}\n\n\
-         [exposure]\nlist = \"exposure.txt\"\n\n\
-         [camera]\nprofile = \"camera.toml\"\n{}",
-        toml::Value::from(name),
-        options.depth_scale,
-        if options.lens == LensModel::Equirectangular { "kind = \"equirectangular\"\n" } else { "" }
-    )
+fn recording_toml(name: &str, options: &Options) -> Result<String, SimulateError> {
+    let profile = Some("camera.toml".into());
+    let kind = (options.lens == LensModel::Equirectangular).then_some(CameraKind::Equirectangular);
+    let description = write::description(Description {
+        version: 1,
+        name: Some(name.to_owned()),
+        up: Some([0.0, 0.0, 1.0]),
+        frames: FrameFiles { list: Some("rgb.txt".into()), ..FrameFiles::default() },
+        poses: PoseFile { trajectory: Some("groundtruth.txt".into()), ..PoseFile::default() },
+        depth: Some(DepthList { list: "depth.txt".into(), scale: options.depth_scale }),
+        exposure: Some(ExposureList { list: "exposure.txt".into() }),
+        camera: Some(CameraFile { profile, kind }),
+    });
+    let description = description.map_err(|e| SimulateError::Text(e.to_string()))?;
+    Ok(format!("# A simulated recording; truth.toml tells how it was made.\n{description}"))
 }
 
-/// A table of parameters, from their declaration; those without a value are left out.
-fn table(params: &dyn Params) -> String {
-    let mut text = format!("\n[{}]\n", params.table());
-    for spec in params.specs() {
-        let value = match (params.get(spec.name), &spec.kind) {
-            (Some(Value::Number(n)), Kind::Number { .. }) => format!("{n:?}"),
-            (Some(Value::Number(n)), _) => format!("{n}"),
-            (Some(Value::Bool(b)), _) => b.to_string(),
-            (Some(Value::Text(t)), _) => toml::Value::from(t).to_string(),
-            (Some(Value::None) | None, _) => continue,
-        };
-        _ = writeln!(text, "{} = {value}", spec.name);
+fn numbers_in(values: impl IntoIterator<Item = f64>, digits: usize) -> Value {
+    numbers(values.into_iter().map(|v| rounded(v, digits)))
+}
+
+/// To a thousandth of a code, which is more than was measured.
+fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
+    let bin = |bin: &NoiseBin| NoiseBin { code: rounded(bin.code, 1), sigma: rounded(bin.sigma, 3) };
+    NoiseProfile {
+        bins: noise.bins.each_ref().map(|bins| bins.iter().map(bin).collect()),
+        channel_correlation: noise.channel_correlation.map(|v| rounded(v, 3)),
+        neighbour_correlation: noise.neighbour_correlation.map(|v| rounded(v, 3)),
     }
-    text
-}
-
-fn numbers(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
-    format!("[{}]", values.into_iter().map(|v| format!("{v:.digits$}")).collect::<Vec<_>>().join(", "))
-}
-
-fn noise_tables(at: &str, noise: &NoiseProfile) -> String {
-    let mut text = format!(
-        "\n[{at}]\nchannel_correlation = {}\nneighbour_correlation = {}\ncode = {}\n",
-        numbers(noise.channel_correlation, 3),
-        numbers(noise.neighbour_correlation, 3),
-        numbers(noise.bins[0].iter().map(|bin| bin.code), 1),
-    );
-    for (channel, name) in noise.bins.iter().zip(["sigma_r", "sigma_g", "sigma_b"]) {
-        _ = writeln!(text, "{name} = {}", numbers(channel.iter().map(|bin| bin.sigma), 3));
-    }
-    text
 }
 
 fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
@@ -247,38 +241,53 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
         Format::Png => "as the sensor was told to make it",
         Format::Jpg => "as measured in the compressed frames",
     };
-    format!(
-        "# The simulated camera. Noise: σ in 8-bit code values, {origin}.\nversion = 1\n{}{}{}{}{}{}",
-        table(&simulation.geometry().intrinsics),
-        table(&simulation.geometry().distortion),
-        table(&lens),
-        table(&exposure),
-        table(&simulation.sensor.response),
-        noise_tables("camera.noise", noise),
-    )
+    let mut profile =
+        profile::Document::new(&format!("The simulated camera. Noise: σ in 8-bit code values, {origin}."));
+    let geometry = simulation.geometry();
+    let tables: [&dyn Params; 5] =
+        [&geometry.intrinsics, &geometry.distortion, &lens, &exposure, &simulation.sensor.response];
+    tables.into_iter().for_each(|table| profile.set_params(table));
+    profile.set_noise(&rounded_noise(noise), "");
+    profile.to_string()
+}
+
+/// A table with a comment over it.
+fn said(mut table: Table, comment: &str) -> Item {
+    table.decor_mut().set_prefix(if comment.is_empty() { "\n".to_owned() } else { format!("\n# {comment}\n") });
+    Item::Table(table)
 }
 
 fn truth_toml(simulation: &Simulation, blur: &[f64]) -> String {
-    let mut text = format!(
-        "# How this recording was made.\nversion = 1\n\n\
-         # The longest way that anything takes across the picture during a row's exposure, a frame each.\n\
-         most_blur_px = {}\n{}",
-        numbers(blur.iter().copied(), 2),
-        table(simulation.options()),
-    );
-    _ = write!(
-        text,
-        "\n# The only lamp: a rectangle in the ceiling that shines down; linear light, 1 is camera white.\n\
-         [lamp]\ncentre_m = {}\nhalf_size_m = {}\nradiance = {}\n",
-        numbers(lamp::CENTRE_M.to_array(), 3),
-        numbers(lamp::HALF_M, 3),
-        numbers(lamp::RADIANCE.to_array(), 3),
-    );
-    text += "\n# σ before rounding and compression.";
-    text += &noise_tables("noise_before_file", &simulation.sensor.profile());
-    if simulation.options().board {
-        let corners = board().corners_in_world_m.map(|c| numbers(c.to_array(), 4)).join(", ");
-        _ = write!(text, "\n[board]\ncorners_in_world_m = [{corners}]\n");
+    let mut text = DocumentMut::new();
+    text.insert("version", toml_edit::value(1));
+    text.insert("most_blur_px", Item::Value(numbers_in(blur.iter().copied(), 2)));
+    let comments = [
+        ("version", "# How this recording was made.\n"),
+        (
+            "most_blur_px",
+            "\n# The longest way that anything takes across the picture during a row's exposure, a frame each.\n",
+        ),
+    ];
+    for (key, comment) in comments {
+        if let Some(mut key) = text.key_mut(key) {
+            key.leaf_decor_mut().set_prefix(comment);
+        }
     }
-    text
+    let options = simulation.options();
+    text.insert(options.table(), said(table_of(options), ""));
+    let values = [
+        ("centre_m", numbers_in(lamp::CENTRE_M.to_array(), 3)),
+        ("half_size_m", numbers_in(lamp::HALF_M, 3)),
+        ("radiance", numbers_in(lamp::RADIANCE.to_array(), 3)),
+    ];
+    let comment = "The only lamp: a rectangle in the ceiling that shines down; linear light, 1 is camera white.";
+    text.insert("lamp", said(values.into_iter().collect(), comment));
+    let before_file = profile::noise_table(&rounded_noise(&simulation.sensor.profile()));
+    text.insert("noise_before_file", said(before_file, "σ before rounding and compression."));
+    if options.board {
+        let corners = board().corners_in_world_m.map(|corner| numbers_in(corner.to_array(), 4));
+        let board = Table::from_iter([("corners_in_world_m", Value::Array(corners.into_iter().collect()))]);
+        text.insert("board", said(board, ""));
+    }
+    text.to_string()
 }

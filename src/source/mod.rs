@@ -3,6 +3,7 @@
 pub mod ahead;
 pub mod exif;
 pub mod ffmpeg;
+pub mod file;
 pub mod jpeg;
 pub mod still;
 pub mod video;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ChildStdout;
 use std::sync::mpsc::{Receiver, sync_channel};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::SourceError;
 use super::ffmpeg::{self, FfmpegError, Running};
@@ -23,7 +23,7 @@ const MEND: &str =
 pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
 
 /// The span of Y' in a file: 16 to 235 of 255, or all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ColorRange {
     Limited,
@@ -31,7 +31,7 @@ pub enum ColorRange {
 }
 
 /// How a file makes Y'CbCr from R'G'B'.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ColorMatrix {
     /// It does not: R'G'B' is stored.

@@ -3,7 +3,8 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::words::reason;
+use crate::source::file::{self, MOST_TEXT};
+use crate::words::{quoted, reason};
 
 /// A text file that cannot be read or does not hold what it should.
 #[derive(Debug, thiserror::Error)]
@@ -21,9 +22,9 @@ impl TextError {
     }
 }
 
-/// The whole of a UTF-8 file.
+/// The whole of a UTF-8 file, which is a plain one.
 pub fn read(file: &Path) -> Result<String, TextError> {
-    std::fs::read_to_string(file).map_err(|source| TextError::Read { file: file.to_owned(), source })
+    file::read_text(file, MOST_TEXT).map_err(|source| TextError::Read { file: file.to_owned(), source })
 }
 
 /// The lines that hold something, with their numbers from 1; blank lines and `#` comments are left out.
@@ -46,7 +47,7 @@ pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
     match found.parse::<f64>() {
         Ok(n) if n.is_finite() => Ok(n),
         _ if found.is_empty() => Err(format!("{name} is missing")),
-        _ => Err(format!("{name} is `{found}`; a finite number is needed")),
+        _ => Err(format!("{name} is `{}`; a finite number is needed", quoted(found))),
     }
 }
 
@@ -54,6 +55,6 @@ pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
 pub fn end(line: &str) -> Result<(), String> {
     match line.trim() {
         "" => Ok(()),
-        more => Err(format!("there is more than expected: `{}`", more.chars().take(40).collect::<String>())),
+        more => Err(format!("there is more than expected: `{}`", quoted(more))),
     }
 }

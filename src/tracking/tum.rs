@@ -2,6 +2,7 @@
 //! the camera in the world (camera to world), OpenCV axes, metres, seconds.
 //! Source: <https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats>.
 
+use std::fmt;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
@@ -9,12 +10,48 @@ use glam::{DQuat, DVec3};
 use super::text::{self, TextError};
 use super::{PoseTrack, default_max_gap_s};
 use crate::pose::Pose;
+use crate::words::number;
 
 /// A quaternion whose length is further from 1 than this is refused.
 pub const LARGEST_NORM_ERROR: f64 = 1e-2;
 /// One whose length is further from 1 than this is told of: four decimals, as the benchmark
 /// writes them, round it by 1e-4 at most.
 const NOTED_NORM_ERROR: f64 = 1e-3;
+
+/// A line of a trajectory, with the numbers that stand in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    pub time_s: f64,
+    /// Where the camera is in the world, metres.
+    pub position_m: DVec3,
+    /// `world_from_camera`; as long as it is written, about 1.
+    pub rotation: DQuat,
+}
+
+impl Line {
+    pub fn new(time_s: f64, pose: &Pose) -> Self {
+        Self { time_s, position_m: pose.position_in_world_m(), rotation: pose.world_from_camera_rotation() }
+    }
+
+    pub fn pose(&self) -> Pose {
+        // It is made a unit's length there once more: the last bit may tell, and files that were read so stay as they are.
+        Pose::from_camera_in_world(self.position_m, self.rotation.normalize())
+    }
+}
+
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { time_s, position_m: p, rotation: q } = self;
+        write!(f, "{}", number(*time_s))?;
+        [p.x, p.y, p.z, q.x, q.y, q.z, q.w].into_iter().try_for_each(|v| write!(f, " {}", number(v)))
+    }
+}
+
+/// A trajectory as text; [`parse_lines`] reads the same numbers from it, bit for bit.
+pub fn write_trajectory(lines: &[Line]) -> String {
+    let head = "# timestamp tx ty tz qx qy qz qw\n".to_owned();
+    lines.iter().fold(head, |text, line| text + &format!("{line}\n"))
+}
 
 /// What a trajectory file holds.
 #[derive(Clone, Debug, Default)]
@@ -36,22 +73,33 @@ pub fn read_trajectory(path: &Path, max_gap_s: Option<f64>) -> Result<PoseTrack,
 /// that are not finite and quaternions further than [`LARGEST_NORM_ERROR`] from unit length
 /// are errors with their line.
 pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError> {
-    let mut poses: Vec<(f64, Pose)> = Vec::new();
-    let mut odd = NormNotes::default();
-    for (line, record) in text::records(text) {
-        let (time_s, pose, norm_error) = parse_pose(record).map_err(|problem| TextError::line(file, line, problem))?;
-        if let Some(&(before_s, _)) = poses.last().filter(|before| time_s <= before.0) {
-            let how = if time_s == before_s { "stands twice" } else { "runs backwards" };
-            let problem = format!("the time {how}: {time_s} after {before_s}; poses must ascend in time");
-            return Err(TextError::line(file, line, problem));
-        }
-        odd.note(norm_error, format!("line {line}"));
-        poses.push((time_s, pose));
-    }
-    Ok(Trajectory { warnings: odd.warning(file, poses.len()).into_iter().collect(), poses })
+    let (lines, warnings) = parse_lines(text, file)?;
+    Ok(Trajectory { poses: lines.iter().map(|line| (line.time_s, line.pose())).collect(), warnings })
 }
 
-fn parse_pose(record: &str) -> Result<(f64, Pose, f64), String> {
+/// As [`parse_trajectory`], the numbers as they stand there; and what is odd about them.
+pub fn parse_lines(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
+    let mut lines: Vec<Line> = Vec::new();
+    let mut odd = NormNotes::default();
+    for (at, record) in text::records(text) {
+        let (line, norm_error) = parse_line(record).map_err(|problem| TextError::line(file, at, problem))?;
+        ascends(lines.last().map(|before| before.time_s), line.time_s).map_err(|e| TextError::line(file, at, e))?;
+        odd.note(norm_error, format!("line {at}"));
+        lines.push(line);
+    }
+    let warnings = odd.warning(file, lines.len()).into_iter().collect();
+    Ok((lines, warnings))
+}
+
+/// That a pose comes after the one before it.
+pub fn ascends(before_s: Option<f64>, time_s: f64) -> Result<(), String> {
+    let Some(before_s) = before_s.filter(|before_s| time_s <= *before_s) else { return Ok(()) };
+    let how = if time_s == before_s { "stands twice" } else { "runs backwards" };
+    let [time_s, before_s] = [time_s, before_s].map(number);
+    Err(format!("the time {how}: {time_s} after {before_s}; poses must ascend in time"))
+}
+
+fn parse_line(record: &str) -> Result<(Line, f64), String> {
     let mut rest = record;
     let mut fields = [0.0; 8];
     for (field, name) in fields.iter_mut().zip(["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
@@ -60,8 +108,9 @@ fn parse_pose(record: &str) -> Result<(f64, Pose, f64), String> {
     }
     text::end(rest)?;
     let [time_s, tx, ty, tz, qx, qy, qz, qw] = fields;
-    let (rotation, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw))?;
-    Ok((time_s, Pose::from_camera_in_world(DVec3::new(tx, ty, tz), rotation), norm_error))
+    let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
+    let (_, norm_error) = unit_quaternion(rotation)?;
+    Ok((Line { time_s, position_m: DVec3::new(tx, ty, tz), rotation }, norm_error))
 }
 
 /// The quaternion at unit length and how far it was from that; refused beyond [`LARGEST_NORM_ERROR`].
@@ -176,11 +225,16 @@ mod tests {
             }
             let read = parse(&text).unwrap();
             prop_assert_eq!(read.poses.len(), expected.len());
-            for ((time_s, pose), (t, p, q)) in read.poses.iter().zip(expected) {
-                prop_assert_eq!(*time_s, t);
-                prop_assert!((pose.position_in_world_m() - p).length() < 1e-9);
-                prop_assert!(pose.world_from_camera_rotation().dot(q).abs() > 1.0 - 1e-12);
+            for ((time_s, pose), (t, p, q)) in read.poses.iter().zip(&expected) {
+                prop_assert_eq!(time_s, t);
+                prop_assert!((pose.position_in_world_m() - *p).length() < 1e-9);
+                prop_assert!(pose.world_from_camera_rotation().dot(*q).abs() > 1.0 - 1e-12);
             }
+            let line = |(time_s, position_m, rotation)| Line { time_s, position_m, rotation };
+            let lines: Vec<Line> = expected.into_iter().map(line).collect();
+            let (again, _) = parse_lines(&write_trajectory(&lines), Path::new("t.txt")).unwrap();
+            // Its shortest text tells every bit of a number.
+            prop_assert_eq!(format!("{again:?}"), format!("{lines:?}"));
         }
     }
 }

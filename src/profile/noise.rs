@@ -1,7 +1,8 @@
 //! The table `[camera.noise]`: what a calibration measured, as text and back.
 
 use crate::camera::{NoiseBin, NoiseProfile};
-use crate::words::count;
+use crate::document::numbers as numbers_of;
+use crate::words::{count, quoted};
 use toml::{Table, Value};
 
 const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];
@@ -25,26 +26,20 @@ pub enum NoiseTableError {
 }
 
 /// The table of a profile's noise. Channels that were measured at different codes are written at the codes of all.
-pub fn noise_table_toml(profile: &NoiseProfile) -> Table {
+pub fn to_toml(profile: &NoiseProfile) -> toml_edit::Table {
     let mut codes: Vec<f64> = profile.bins.iter().flatten().map(|b| b.code).collect();
     codes.sort_by(f64::total_cmp);
     codes.dedup();
-    let list = |values: &[f64]| Value::Array(values.iter().map(|&v| Value::Float(v)).collect());
-    let mut table = Table::new();
-    table.insert("code".to_owned(), list(&codes));
-    for (channel, key) in SIGMAS.into_iter().enumerate() {
-        let sigma: Vec<f64> = codes.iter().map(|&c| profile.sigma(channel, c)).collect();
-        table.insert(key.to_owned(), list(&sigma));
-    }
-    table.insert("channel_correlation".to_owned(), list(&profile.channel_correlation));
-    table.insert("neighbour_correlation".to_owned(), list(&profile.neighbour_correlation));
-    table
+    let sigma = |channel: usize| codes.iter().map(|&code| profile.sigma(channel, code)).collect();
+    let lists = [codes.clone(), sigma(0), sigma(1), sigma(2)].into_iter();
+    let lists = lists.chain([profile.channel_correlation.to_vec(), profile.neighbour_correlation.to_vec()]);
+    KEYS.into_iter().zip(lists).map(|(key, list): (_, Vec<f64>)| (key, numbers_of(list))).collect()
 }
 
 /// Reads and checks the table `[camera.noise]`.
-pub fn noise_profile_from_toml(table: &Table) -> Result<NoiseProfile, NoiseTableError> {
+pub fn from_toml(table: &Table) -> Result<NoiseProfile, NoiseTableError> {
     if let Some(found) = table.keys().find(|k| !KEYS.contains(&k.as_str())) {
-        return Err(NoiseTableError::Unknown { found: found.clone() });
+        return Err(NoiseTableError::Unknown { found: quoted(found) });
     }
     let codes = numbers(table, "code", "an 8-bit code value, 0 to 255", |v| (0.0..=255.0).contains(&v))?;
     if codes.is_empty() {
@@ -79,7 +74,7 @@ fn numbers(
     accepts: impl Fn(f64) -> bool,
 ) -> Result<Vec<f64>, NoiseTableError> {
     let value = table.get(key).ok_or(NoiseTableError::Missing { key })?;
-    let refused = || NoiseTableError::NotNumbers { key, found: value.to_string() };
+    let refused = || NoiseTableError::NotNumbers { key, found: quoted(&value.to_string()) };
     let mut numbers = Vec::new();
     for (i, item) in value.as_array().ok_or_else(refused)?.iter().enumerate() {
         let number = match item {
@@ -112,7 +107,7 @@ mod tests {
         channel_correlation = [0.1, -0.2, 0.3]\nneighbour_correlation = [0.5, 0]";
 
     fn parse(text: &str) -> Result<NoiseProfile, NoiseTableError> {
-        noise_profile_from_toml(&text.parse().unwrap())
+        from_toml(&text.parse().unwrap())
     }
 
     #[test]
@@ -121,8 +116,7 @@ mod tests {
         assert_eq!(profile.bins[0][1], NoiseBin { code: 24.5, sigma: 2.0 });
         assert_eq!(profile.bins[2][0].sigma, 0.0);
         assert_eq!((profile.channel_correlation, profile.neighbour_correlation), ([0.1, -0.2, 0.3], [0.5, 0.0]));
-        let text = toml::to_string(&noise_table_toml(&profile)).unwrap();
-        assert_eq!(parse(&text).unwrap(), profile);
+        assert_eq!(parse(&to_toml(&profile).to_string()).unwrap(), profile);
     }
 
     #[test]
@@ -156,7 +150,7 @@ mod tests {
             channel_correlation: [0.0; 3],
             neighbour_correlation: [0.0; 2],
         };
-        let read = noise_profile_from_toml(&noise_table_toml(&profile)).unwrap();
+        let read = parse(&to_toml(&profile).to_string()).unwrap();
         for c in 0..3 {
             for code in 0..256 {
                 let code = f64::from(code);
@@ -180,8 +174,8 @@ mod tests {
             }
             table.insert("channel_correlation".to_owned(), list(&pair));
             table.insert("neighbour_correlation".to_owned(), list(&pair[..pair.len().min(2)]));
-            if let Ok(profile) = noise_profile_from_toml(&table) {
-                prop_assert_eq!(noise_profile_from_toml(&noise_table_toml(&profile)).unwrap(), profile);
+            if let Ok(profile) = from_toml(&table) {
+                prop_assert_eq!(parse(&to_toml(&profile).to_string()).unwrap(), profile);
             }
         }
     }

@@ -3,14 +3,21 @@
 //! A profile may hold any of the tables of [`Rig::tables`] and of the settings; a key that is
 //! none of theirs is an error that names it.
 
+mod document;
+mod noise;
+
+pub use document::Document;
+pub use noise::{NoiseTableError, to_toml as noise_table};
+
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::camera::{Camera, Distortion, Exposure, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response};
 use crate::compositor::Settings;
+use crate::document::{self as text, Problem};
 use crate::params::{ParamError, Params, Value};
-use crate::profile_noise;
-use crate::words::reason;
+use crate::source::file::{self, MOST_DOCUMENT};
+use crate::words::{quoted, reason};
 
 /// A camera as tables of parameters, before it is put together.
 #[derive(Clone, Debug, Default)]
@@ -32,8 +39,8 @@ const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "c
 pub enum ProfileError {
     #[error("{path}: cannot be read: {}", reason(source))]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: not TOML: {source}")]
-    Syntax { path: PathBuf, source: Box<toml::de::Error> },
+    #[error("{path}: {source}")]
+    Syntax { path: PathBuf, source: Problem },
     #[error("{path}: {source}")]
     Param { path: PathBuf, source: Box<ParamError> },
     #[error("{path}: {table}.{key} = {found} is not a number, a switch or a word")]
@@ -156,15 +163,19 @@ impl Rig {
         done.or_else(|| settings.set(table, name, value))
     }
 
+    fn table_names(&self, settings: &Settings) -> Vec<&'static str> {
+        let own = self.tables().map(|table| table.table()).into_iter().chain(["camera.noise"]);
+        own.chain(settings.tables().iter().map(|table| table.table())).collect()
+    }
+
     fn known_tables(&self, settings: &Settings) -> String {
-        let names: Vec<_> = self.tables().iter().map(|t| t.table()).chain(["camera.noise"]).collect();
-        names.into_iter().chain(settings.tables().iter().map(|t| t.table())).collect::<Vec<_>>().join(", ")
+        self.table_names(settings).join(", ")
     }
 
     /// Reads a profile over what the rig and the settings hold.
     pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
+        let text = file::read_text(path, MOST_DOCUMENT)
+            .map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
         self.read_text(&text, path, settings)
     }
 
@@ -172,11 +183,11 @@ impl Rig {
     pub fn read_text(&mut self, text: &str, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
         let path = path.to_owned();
         let mut root: toml::Table =
-            text.parse().map_err(|source| ProfileError::Syntax { path: path.clone(), source: Box::new(source) })?;
+            text::read(text).map_err(|source| ProfileError::Syntax { path: path.clone(), source })?;
         match root.remove("version") {
             Some(toml::Value::Integer(1)) => {}
             other => {
-                let found = other.map_or_else(|| "missing".to_owned(), |v| v.to_string());
+                let found = other.map_or_else(|| "missing".to_owned(), |v| quoted(&v.to_string()));
                 return Err(ProfileError::Version { path, found });
             }
         }
@@ -201,12 +212,15 @@ impl Rig {
     ) -> Result<(), ProfileError> {
         let unknown = |rig: &Self, settings: &Settings| ProfileError::UnknownTable {
             path: path.to_owned(),
-            table: table.to_owned(),
+            table: quoted(table),
             known: rig.known_tables(settings),
         };
         let toml::Value::Table(entries) = value else { return Err(unknown(self, settings)) };
+        if !self.table_names(settings).contains(&table) {
+            return Err(unknown(self, settings));
+        }
         if table == "camera.noise" {
-            let noise = profile_noise::noise_profile_from_toml(&entries)
+            let noise = noise::from_toml(&entries)
                 .map_err(|e| ProfileError::Noise { path: path.to_owned(), message: e.to_string() })?;
             self.noise = Some(noise);
             return Ok(());
@@ -228,8 +242,8 @@ impl Rig {
                     return Err(ProfileError::Type {
                         path: path.to_owned(),
                         table: table.to_owned(),
-                        key,
-                        found: other.to_string(),
+                        key: quoted(&key),
+                        found: quoted(&other.to_string()),
                     });
                 }
             };
@@ -328,6 +342,10 @@ mod tests {
         assert!(e.contains("noise.scael") && e.contains("magnification"), "{e}");
         let e = error("version = 1\n[nosie]\nscale = 1\n");
         assert!(e.contains("[nosie]") && e.contains("motion_blur"), "{e}");
+        let e = error("version = 1\n[camera]\nfx_px = = 1\n");
+        assert!(e.starts_with("p.toml: line 3, camera.fx_px: ") && !e.contains('\n'), "{e}");
+        let e = error(&format!("version = 1\n[{}]\n", "x".repeat(100_000)));
+        assert!(e.len() < 1000, "{} bytes", e.len());
         assert!(error("version = 2\n").contains("version"));
         assert!(error("[camera]\n").contains("missing"));
         let e = error("version = 1\n[camera.distortion]\nmodel = \"fov\"\n");

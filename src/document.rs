@@ -1,0 +1,342 @@
+//! TOML that people write: what is wrong with it on one line, and edits that keep what they wrote.
+
+use std::fmt;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml_edit::visit_mut::{VisitMut, visit_table_mut};
+use toml_edit::{ArrayOfTables, DocumentMut, Formatted, Item, Table, TableLike, Value};
+
+use crate::params::{self, Params};
+
+/// What is wrong with a text: where, and what was expected. One line.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub struct Problem {
+    /// From 1.
+    pub line: Option<usize>,
+    /// With its table, as in `frames.fps`; empty where no key is to blame.
+    pub key: String,
+    pub message: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let line = self.line.map(|line| format!("line {line}"));
+        let key = Some(self.key.clone()).filter(|key| !key.is_empty());
+        let place = line.into_iter().chain(key).collect::<Vec<_>>().join(", ");
+        write!(f, "{place}{}{}", if place.is_empty() { "" } else { ": " }, self.message)
+    }
+}
+
+impl Problem {
+    fn of(text: &str, error: &toml::de::Error) -> Self {
+        let place = error.span().map(|span| place(text, span.start));
+        let message = error.message().trim().replace('\n', "; ");
+        Self { line: place.as_ref().map(|p| p.0), key: place.map(|p| p.1).unwrap_or_default(), message }
+    }
+}
+
+/// Reads a text as what `T` accepts.
+pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Problem> {
+    toml::from_str(text).map_err(|error| Problem::of(text, &error))
+}
+
+/// The line, from 1, of a byte of a text, and the key that it belongs to: the table above it, and the last name before `=`.
+fn place(text: &str, at: usize) -> (usize, String) {
+    let before = text.get(..at).unwrap_or(text);
+    let line = 1 + before.matches('\n').count();
+    let (mut table, mut key) = ("", "");
+    for text in text.lines().take(line) {
+        let bare = text.trim();
+        match bare.strip_prefix('[').map(|header| header.trim_start_matches('[')) {
+            // An array that goes on over lines may begin one with a bracket as well.
+            Some(header) if header.starts_with(|c: char| c.is_alphabetic() || c == '"') => {
+                (table, key) = (header.split(']').next().unwrap_or_default().trim(), "");
+            }
+            _ if bare.starts_with('#') => {}
+            _ => key = bare.split_once('=').map_or(key, |(name, _)| name.trim()),
+        }
+    }
+    let parts = [table, key].into_iter().filter(|part| !part.is_empty());
+    (line, parts.collect::<Vec<_>>().join("."))
+}
+
+/// A value and the text that it was read from. When the value changes, the text changes where it must: comments, order and
+/// keys that the value does not know stay.
+#[derive(Clone, Debug)]
+pub struct Document<T> {
+    text: DocumentMut,
+    value: T,
+}
+
+impl<T: PartialEq + Serialize + DeserializeOwned> Document<T> {
+    /// A text for a value that has none yet; an error where TOML has no form for it.
+    pub fn new(value: T) -> Result<Self, Problem> {
+        Ok(Self { text: text_of(&value)?, value })
+    }
+
+    pub fn parse(text: &str) -> Result<Self, Problem> {
+        let value = read(text)?;
+        Ok(Self { text: edited(text)?, value })
+    }
+
+    pub fn value(&self) -> &T {
+        &self.value
+    }
+
+    /// Puts a value in place of the one before; on an error nothing has changed.
+    pub fn set(&mut self, value: T) -> Result<(), Problem> {
+        let mut text = self.text.clone();
+        merge(text.as_table_mut(), Some(text_of(&self.value)?.as_table()), text_of(&value)?.as_table());
+        if read::<T>(&text.to_string())? != value {
+            let message = "the text cannot be edited to say this; write it anew".to_owned();
+            return Err(Problem { line: None, key: String::new(), message });
+        }
+        (self.text, self.value) = (text, value);
+        Ok(())
+    }
+}
+
+impl<T> fmt::Display for Document<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.text.fmt(f)
+    }
+}
+
+/// A text that is about to be edited.
+pub fn edited(text: &str) -> Result<DocumentMut, Problem> {
+    // toml_edit's own errors have no message without the lines around.
+    let _: toml::Table = read(text)?;
+    text.parse().map_err(|_| Problem { line: None, key: String::new(), message: "is no TOML".to_owned() })
+}
+
+fn text_of(value: &impl Serialize) -> Result<DocumentMut, Problem> {
+    let failed = |error: toml::ser::Error| Problem { line: None, key: String::new(), message: error.to_string() };
+    let mut text = edited(&toml::to_string(value).map_err(failed)?)?;
+    Shortest.visit_document_mut(&mut text);
+    Ok(text)
+}
+
+/// Numbers in their shortest form that reads back to the same bits: 1e300, not 301 digits.
+struct Shortest;
+
+impl VisitMut for Shortest {
+    fn visit_float_mut(&mut self, node: &mut Formatted<f64>) {
+        let decor = node.decor().clone();
+        *node = float(*node.value());
+        *node.decor_mut() = decor;
+    }
+
+    fn visit_table_mut(&mut self, node: &mut Table) {
+        // Where it stands is up to the text that it goes into.
+        node.set_position(None);
+        visit_table_mut(self, node);
+    }
+}
+
+/// Rust's own shortest form is TOML's too, with an exponent where there are many zeros.
+fn float(number: f64) -> Formatted<f64> {
+    match format!("{number:?}").parse() {
+        Ok(Value::Float(float)) => float,
+        _ => Formatted::new(number),
+    }
+}
+
+/// A number as TOML's float.
+pub fn number(number: f64) -> Value {
+    Value::Float(float(number))
+}
+
+/// Numbers as a list of floats.
+pub fn numbers(values: impl IntoIterator<Item = f64>) -> Value {
+    Value::Array(values.into_iter().map(number).collect())
+}
+
+/// A table of parameters; those without a value are left out.
+pub fn table_of(params: &dyn Params) -> Table {
+    let mut table = Table::new();
+    for spec in params.specs() {
+        let value = match (params.get(spec.name), &spec.kind) {
+            (Some(params::Value::Number(n)), params::Kind::Integer { .. }) => Value::from(n as i64),
+            (Some(params::Value::Number(n)), _) => number(n),
+            (Some(params::Value::Bool(b)), _) => Value::from(b),
+            (Some(params::Value::Text(text)), _) => Value::from(text),
+            (Some(params::Value::None) | None, _) => continue,
+        };
+        table.insert(spec.name, Item::Value(value));
+    }
+    table
+}
+
+/// Makes `old` say what `after` says. `before` is what it said so far; what stands in `old` beyond that nobody asked about, and it
+/// stays. Without `before` all of it goes that `after` does not have.
+pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dyn TableLike) {
+    let is_gone = |key: &str| !after.contains_key(key) && before.is_none_or(|before| before.contains_key(key));
+    let gone: Vec<String> = old.iter().map(|(key, _)| key.to_owned()).filter(|key| is_gone(key)).collect();
+    for key in gone {
+        old.remove(&key);
+    }
+    for (key, item) in after.iter() {
+        let before = before.and_then(|before| before.get(key));
+        match old.get_mut(key) {
+            Some(old) => merge_item(old, before, item),
+            None => _ = old.insert(key, item.clone()),
+        }
+    }
+}
+
+/// All that an item says; a table's own text leaves out the tables in it.
+fn whole(item: Item) -> String {
+    DocumentMut::from(Table::from_iter([("item", item)])).to_string()
+}
+
+fn merge_item(old: &mut Item, before: Option<&Item>, after: &Item) {
+    if before.is_some_and(|before| whole(before.clone()) == whole(after.clone())) {
+        return;
+    }
+    if let (Some(old), Some(after)) = (old.as_array_of_tables_mut(), after.as_array_of_tables()) {
+        return merge_tables(old, before.and_then(Item::as_array_of_tables), after);
+    }
+    if let (Some(old), Some(after)) = (old.as_table_like_mut(), after.as_table_like()) {
+        return merge(old, before.and_then(Item::as_table_like), after);
+    }
+    match (old.as_value_mut(), after.clone().into_value()) {
+        (Some(old), Ok(mut value)) => {
+            *value.decor_mut() = old.decor().clone();
+            *old = value;
+        }
+        _ => *old = after.clone(),
+    }
+}
+
+/// Those at both ends that say what they said stay as they are, whatever was put in or taken out between.
+fn merge_tables(old: &mut ArrayOfTables, before: Option<&ArrayOfTables>, after: &ArrayOfTables) {
+    let text =
+        |tables: &ArrayOfTables| tables.iter().map(|table| whole(Item::Table(table.clone()))).collect::<Vec<_>>();
+    let (was, is) = (before.map(text).unwrap_or_default(), text(after));
+    if was.len() != old.len() {
+        *old = after.clone();
+        return;
+    }
+    let first = was.iter().zip(&is).take_while(|(a, b)| a == b).count();
+    let same_last = was.iter().rev().zip(is.iter().rev()).take_while(|(a, b)| a == b).count();
+    let last = same_last.min(was.len().min(is.len()) - first);
+    let mut tables: Vec<Table> = old.iter().take(first).cloned().collect();
+    for i in first..is.len() - last {
+        let (before, after) = (before.and_then(|before| before.get(i)), after.get(i));
+        let (kept, after) = (old.get(i).filter(|_| i < was.len() - last).cloned(), after.cloned().unwrap_or_default());
+        tables.push(match kept {
+            Some(mut kept) => {
+                merge(&mut kept, before.map(|table| table as &dyn TableLike), &after);
+                kept
+            }
+            None => after,
+        });
+    }
+    tables.extend(old.iter().skip(was.len() - last).cloned());
+    *old = tables.into_iter().collect();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use serde::Deserialize;
+
+    #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+    struct Thing {
+        name: String,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        at: Option<[f64; 3]>,
+    }
+
+    #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+    struct Site {
+        version: u32,
+        size: f64,
+        #[serde(default)]
+        things: Vec<Thing>,
+    }
+
+    const TEXT: &str = "# mine\nsize = 2.50 # m\nversion = 1\nowner = 'me'\n\n# the first\n[[things]]\nname = 'a' # A\n\n\
+        # the second\n[[things]]\nat = [1, 2, 3]\nname = 'b'\ncolour = 'red'\n";
+
+    #[test]
+    fn an_edit_keeps_what_a_person_wrote() {
+        let mut document = Document::<Site>::parse(TEXT).unwrap();
+        let mut site = document.value().clone();
+        document.set(site.clone()).unwrap();
+        assert_eq!(document.to_string(), TEXT);
+
+        site.size = 3.0;
+        site.things[1].at = Some([1.0, 2.0, 3.5]);
+        document.set(site.clone()).unwrap();
+        let expected = TEXT.replace("2.50", "3.0").replace("[1, 2, 3]", "[1.0, 2.0, 3.5]");
+        assert_eq!(document.to_string(), expected);
+
+        site.things[1].at = None;
+        document.set(site.clone()).unwrap();
+        assert_eq!(document.to_string(), expected.replace("at = [1.0, 2.0, 3.5]\n", ""));
+
+        let first = site.things.remove(0);
+        document.set(site.clone()).unwrap();
+        let text = document.to_string();
+        assert!(text.contains("# the second\n[[things]]\nname = 'b'\ncolour = 'red'") && !text.contains("the first"));
+
+        site.things.push(first);
+        document.set(site).unwrap();
+        let text = document.to_string();
+        assert!(
+            text.ends_with("colour = 'red'\n\n[[things]]\nname = \"a\"\n") && text.contains("owner = 'me'"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_problem_names_line_and_key() {
+        let problem = |text: &str| read::<Site>(text).unwrap_err().to_string();
+        let told = problem("version = 1\nsize = 1\n[[things]]\nname = 'a'\nat = [1,\n[2], 3]\n");
+        assert!(told.starts_with("line 6, things.at: invalid type") && !told.contains('\n'), "{told}");
+        assert!(
+            problem("version = 1\nsize = = 2\n").starts_with("line 2, size: "),
+            "{}",
+            problem("version = 1\nsize = = 2\n")
+        );
+        assert!(problem("version = 1\n").contains("missing field `size`"));
+    }
+
+    #[test]
+    fn large_and_small_numbers_have_exponents() {
+        let text = Document::new(Site { size: 1e300, ..Site::default() }).unwrap().to_string();
+        assert!(text.contains("size = 1e300\n"), "{text}");
+        assert_eq!(number(0.1).to_string() + &number(-1e-7).to_string() + &number(3.0).to_string(), "0.1-1e-73.0");
+    }
+
+    fn things() -> impl Strategy<Value = Vec<Thing>> {
+        let number = || prop_oneof![any::<f64>().prop_filter("finite", |n| n.is_finite()), -9.0..9.0f64];
+        let thing = ("\\PC{0,5}", prop::option::of([number(), number(), number()]));
+        prop::collection::vec(thing.prop_map(|(name, at)| Thing { name, at }), 0..5)
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back(size in any::<f64>(), before in things(), after in things()) {
+            prop_assume!(size.is_finite());
+            let site = |things| Site { version: 1, size, things };
+            let mut document = Document::new(site(before)).unwrap();
+            prop_assert_eq!(&read::<Site>(&document.to_string()).unwrap(), document.value());
+            document.set(site(after.clone())).unwrap();
+            let read = read::<Site>(&document.to_string()).unwrap();
+            prop_assert_eq!(read.size.to_bits(), size.to_bits());
+            prop_assert_eq!(read.things, after);
+        }
+
+        #[test]
+        fn no_text_panics(text in "[ -~\n]{0,60}") {
+            let _ = Document::<Site>::parse(&text);
+            for at in 0..text.len() + 2 {
+                let _ = place(&text, at);
+            }
+        }
+    }
+}

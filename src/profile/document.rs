@@ -1,0 +1,197 @@
+//! A profile as a text that is edited: what a person wrote beside it stays.
+
+use std::fmt;
+use std::path::Path;
+
+use toml_edit::{DocumentMut, Item, Table, TableLike};
+
+use super::{ProfileError, Rig, noise};
+use crate::camera::NoiseProfile;
+use crate::compositor::Settings;
+use crate::document::{self, Problem, merge, table_of};
+use crate::params::Params;
+
+/// How the line over a table of noise begins that says where it came from.
+const SIGNATURE: &str = "# By `locard calibrate noise";
+
+/// A profile, and every comment, blank and order of its text.
+#[derive(Clone, Debug)]
+pub struct Document {
+    text: DocumentMut,
+}
+
+impl Document {
+    /// A profile that says nothing yet; `heading` stands over it as a comment.
+    pub fn new(heading: &str) -> Self {
+        let mut text = DocumentMut::new();
+        text.insert("version", toml_edit::value(1));
+        if let (Some(mut key), false) = (text.key_mut("version"), heading.is_empty()) {
+            key.leaf_decor_mut().set_prefix(heading.lines().map(|line| format!("# {line}\n")).collect::<String>());
+        }
+        Self { text }
+    }
+
+    /// A text that reads as a profile; `path` is named in errors. Another file, a recording's or a scene's, is refused.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ProfileError> {
+        Rig::default().read_text(text, path, &mut Settings::default())?;
+        let failed = |source: Problem| ProfileError::Syntax { path: path.to_owned(), source };
+        Ok(Self { text: document::edited(text).map_err(failed)? })
+    }
+
+    /// Whether it has a table of noise.
+    pub fn has_noise(&self) -> bool {
+        self.text.get("camera").and_then(|camera| camera.get("noise")).is_some()
+    }
+
+    /// Puts a camera's noise in place of what was there. `origin` goes into a comment over it, in place of one that was put
+    /// there so before, as in "by `locard calibrate noise`, from 20 frames"; empty for none.
+    pub fn set_noise(&mut self, profile: &NoiseProfile, origin: &str) {
+        self.put("camera.noise", &noise::to_toml(profile));
+        let noise = self.text.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
+        let Some(decor) = noise.and_then(Item::as_table_mut).map(Table::decor_mut) else { return };
+        let before = decor.prefix().and_then(|prefix| prefix.as_str()).unwrap_or("\n");
+        let kept: String = before.split_inclusive('\n').filter(|line| !line.starts_with(SIGNATURE)).collect();
+        let says = if origin.is_empty() { String::new() } else { format!("{SIGNATURE}{origin}\n") };
+        decor.set_prefix(kept + &says);
+    }
+
+    /// Puts a table of parameters in place of what was there; those without a value are left out.
+    pub fn set_params(&mut self, params: &dyn Params) {
+        self.put(params.table(), &table_of(params));
+    }
+
+    /// Makes the table of a name, as in `camera.noise`, hold these keys and no others but tables.
+    fn put(&mut self, name: &str, table: &Table) {
+        let mut at: &mut dyn TableLike = self.text.as_table_mut();
+        for part in name.split('.') {
+            let mut new = Table::new();
+            new.set_implicit(true);
+            let item = at.entry(part).or_insert(Item::Table(new));
+            if !item.is_table_like() {
+                *item = Item::Table(Table::new());
+            }
+            let Some(inner) = item.as_table_like_mut() else { return };
+            at = inner;
+        }
+        // Tables within are others' business.
+        let mine: Table = at.iter().filter(|(_, item)| !item.is_table_like()).map(|(k, v)| (k, v.clone())).collect();
+        merge(at, Some(&mine), table);
+        if let Some(table) = table_at(&mut self.text, name) {
+            table.set_implicit(false);
+        }
+    }
+}
+
+fn table_at<'a>(text: &'a mut DocumentMut, name: &str) -> Option<&'a mut Table> {
+    name.split('.').try_fold(text.as_table_mut(), |table, part| table.get_mut(part)?.as_table_mut())
+}
+
+impl fmt::Display for Document {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.text.fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Exposure, Intrinsics, NoiseBin};
+    use proptest::prelude::*;
+
+    const PROFILE: &str = "# mine\nversion = 1 # the only one\n\n[camera]   # a Kinect\nfx_px = 5.250e2\n\n\
+        # measured in May\n[camera.noise]\ncode = [0.0] # old\nsigma_r = [1]\nsigma_g = [1]\nsigma_b = [1]\n\
+        channel_correlation = [0, 0, 0]\nneighbour_correlation = [0, 0] # none\n\n[noise]\nscale = 1.50  # more\n";
+
+    fn noise() -> NoiseProfile {
+        let bins = [8.0, 24.5].map(|code| NoiseBin { code, sigma: 2.25 }).to_vec();
+        let bins = [bins.clone(), bins.clone(), bins];
+        NoiseProfile { bins, channel_correlation: [0.5, 0.25, 0.5], neighbour_correlation: [0.0, 0.125] }
+    }
+
+    fn parse(text: &str) -> Document {
+        Document::parse(text, Path::new("p.toml")).unwrap()
+    }
+
+    #[test]
+    fn only_the_noise_is_replaced() {
+        let mut profile = parse(PROFILE);
+        assert!(profile.has_noise());
+        profile.set_noise(&noise(), "`, from 3 frames.");
+        let expected = PROFILE
+            .replace("# measured in May\n", "# measured in May\n# By `locard calibrate noise`, from 3 frames.\n")
+            .replace("[0.0] # old", "[8.0, 24.5] # old")
+            .replace("= [1]", "= [2.25, 2.25]")
+            .replace("[0, 0, 0]", "[0.5, 0.25, 0.5]")
+            .replace("[0, 0] # none", "[0.0, 0.125] # none");
+        assert_eq!(profile.to_string(), expected);
+        profile.set_noise(&noise(), "`, from 4 frames.");
+        assert_eq!(profile.to_string(), expected.replace("3 frames", "4 frames"));
+
+        let from = PROFILE.find("# measured").unwrap();
+        let without = [&PROFILE[..from], &PROFILE[PROFILE.find("[noise]").unwrap()..]].concat();
+        let mut profile = parse(&without);
+        assert!(!profile.has_noise());
+        profile.set_noise(&noise(), "");
+        let added = profile.to_string();
+        assert!(added.contains("\n[camera.noise]\ncode = [8.0, 24.5]\nsigma_r = [2.25, 2.25]\n"), "{added}");
+        for line in without.lines() {
+            assert!(added.lines().any(|l| l == line), "{line} is gone:\n{added}");
+        }
+        assert_eq!(parse(&added).to_string(), added);
+    }
+
+    #[test]
+    fn a_new_profile_has_a_heading_a_version_and_what_is_put_into_it() {
+        let mut profile = Document::new("The first.\nThe second.");
+        profile.set_noise(&noise(), "");
+        let text = profile.to_string();
+        let start = "# The first.\n# The second.\nversion = 1\n\n[camera.noise]\ncode = [8.0, 24.5]\n";
+        assert!(text.starts_with(start), "{text}");
+        profile.set_params(&Intrinsics { fx_px: 1e-9f64.max(0.1), ..Intrinsics::default() });
+        let text = profile.to_string();
+        assert!(text.contains("\n[camera]\nwidth_px = ") && text.contains("\nfx_px = 0.1\n"), "{text}");
+        assert!(parse(&text).has_noise());
+    }
+
+    #[test]
+    fn what_is_no_profile_is_refused() {
+        for (text, told) in [
+            ("version = 1\n[frames]\nlist = 'rgb.txt'\n", "there is no table [frames]"),
+            ("version = 1\n[[objects]]\nmodel = 'a.glb'\n", "there is no table [objects]"),
+            ("fx_px = 1\n", "`version` is missing"),
+            ("version = 1\ncamera = 3\n", "there is no table [camera]"),
+            ("version = 1\n[camera]\nfx_px = 1 1\n", "p.toml: line 3, camera.fx_px: "),
+        ] {
+            let error = Document::parse(text, Path::new("p.toml")).unwrap_err().to_string();
+            assert!(error.contains(told) && !error.contains('\n'), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back(
+            codes in prop::collection::btree_set(0u32..2_000_000_000, 1..6),
+            sigmas in prop::collection::vec(prop::array::uniform3(0.0..1e300f64), 6),
+            correlation in -0.3..1.0f64,
+            below in 0.0..1.0f64,
+            time_s in 0.0..1.0f64,
+            fx_px in 1.0..1e4f64,
+        ) {
+            let codes: Vec<f64> = codes.into_iter().map(|code| f64::from(code) * 255.0 / 2e9).collect();
+            let bins = [0, 1, 2].map(|c| codes.iter().zip(&sigmas).map(|(&code, s)| NoiseBin { code, sigma: s[c] }).collect());
+            let noise = NoiseProfile { bins, channel_correlation: [correlation; 3], neighbour_correlation: [0.0, below] };
+            let intrinsics = Intrinsics { fx_px, ..Intrinsics::default() };
+            let exposure = Exposure { time_s: Some(time_s), ..Exposure::default() };
+            let mut profile = Document::new("");
+            profile.set_params(&intrinsics);
+            profile.set_params(&exposure);
+            profile.set_noise(&noise, "");
+            let mut rig = Rig::default();
+            rig.read_text(&profile.to_string(), Path::new("p.toml"), &mut Settings::default()).unwrap();
+            // The shortest text of a number tells every bit of it.
+            prop_assert_eq!(format!("{:?}", rig.noise.unwrap()), format!("{noise:?}"));
+            prop_assert_eq!(format!("{:?}", rig.intrinsics), format!("{intrinsics:?}"));
+            prop_assert_eq!(rig.exposure, exposure);
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Recordings as text: what is written here is what the reader of our own folder takes, number for number.
+
+use std::path::Path;
+
+pub use super::listing::{write_exposures as exposures, write_pictures as pictures};
+pub use super::own::{CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, PoseFile};
+pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
+
+use super::{RecordingError, own};
+use crate::document::Document;
+
+/// A description as the text of a `recording.toml`. What would be refused there is refused here.
+pub fn description(description: Description) -> Result<Document<Description>, RecordingError> {
+    let file = Path::new(FILE_NAME);
+    let document = Document::new(description).map_err(|problem| RecordingError::content(file, problem))?;
+    own::parse(&document.to_string(), file)?;
+    Ok(document)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::video::{ColorMatrix, ColorRange};
+    use proptest::prelude::*;
+
+    fn number() -> impl Strategy<Value = f64> {
+        any::<f64>().prop_map(f64::abs).prop_filter("finite and above 0", |n| n.is_finite() && *n > 0.0)
+    }
+
+    fn frames() -> impl Strategy<Value = FrameFiles> {
+        let none = FrameFiles::default;
+        prop_oneof![
+            "\\PC{1,9}".prop_map(move |list| FrameFiles { list: Some(list.into()), ..none() }),
+            ("\\PC{1,9}", number()).prop_map(move |(images, fps)| FrameFiles {
+                images: Some(images.into()),
+                fps: Some(fps),
+                ..none()
+            }),
+            ("\\PC{1,9}", any::<bool>()).prop_map(move |(video, limited)| FrameFiles {
+                video: Some(video.into()),
+                range: limited.then_some(ColorRange::Limited),
+                matrix: (!limited).then_some(ColorMatrix::Bt2020),
+                ..none()
+            }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn a_description_reads_back(
+            frames in frames(),
+            name in prop::option::of("\\PC{0,9}"),
+            trajectory in prop::option::of("[ -~]{1,9}"),
+            (offset, gap, scale) in (prop::option::of(number()), prop::option::of(number()), prop::option::of(number())),
+            round in any::<bool>(),
+        ) {
+            let written = Description {
+                version: 1,
+                name,
+                up: offset.map(|x| [x.min(1e100), -1e-100, 0.1]),
+                frames,
+                poses: PoseFile { trajectory: trajectory.map(Into::into), time_offset_s: offset, max_gap_s: gap },
+                depth: scale.map(|scale| DepthList { list: "depth.txt".into(), scale }),
+                exposure: scale.map(|_| ExposureList { list: "exposure.txt".into() }),
+                camera: round.then_some(CameraFile { profile: None, kind: Some(CameraKind::Equirectangular) }),
+            };
+            let text = description(written.clone()).unwrap().to_string();
+            prop_assert_eq!(own::parse(&text, Path::new(FILE_NAME)).unwrap(), written);
+        }
+    }
+
+    #[test]
+    fn what_would_not_open_is_not_written() {
+        let nothing = Description {
+            version: 1,
+            name: None,
+            up: None,
+            frames: FrameFiles::default(),
+            poses: PoseFile::default(),
+            depth: None,
+            exposure: None,
+            camera: None,
+        };
+        assert!(description(nothing).unwrap_err().to_string().contains("exactly one of list, images, video"));
+    }
+}

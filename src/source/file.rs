@@ -1,0 +1,77 @@
+//! Files opened so that nothing hangs and nothing fills the memory: plain ones alone, and never more than so many bytes.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// What people and programs write as text: ten hours of poses at 200 a second.
+pub const MOST_TEXT: u64 = 1 << 30;
+/// A description, a scene, a profile: what is written by hand.
+pub const MOST_DOCUMENT: u64 = 1 << 24;
+
+/// Opens a plain file. A named pipe, which would wait for a writer, and a device, which may have no end, are refused.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Looked at before it is opened: opening a pipe waits. And after, since it may be another by then.
+    plain(&std::fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    plain(&file.metadata()?)?;
+    Ok(file)
+}
+
+fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
+    match (metadata.is_file(), metadata.is_dir()) {
+        (true, _) => Ok(()),
+        (_, true) => Err(io::ErrorKind::IsADirectory.into()),
+        _ => Err(io::Error::other("it is a pipe or a device; a plain file is needed")),
+    }
+}
+
+/// The whole of a plain file of at most so many bytes.
+pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let file = open(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::with_capacity(length.min(most) as usize);
+    // It may grow while it is read.
+    file.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return Err(io::Error::other(format!("it holds {} bytes; at most {most} are read", length.max(most + 1))));
+    }
+    Ok(bytes)
+}
+
+/// As [`read`], of UTF-8.
+pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
+    String::from_utf8(read(path, most)?).map_err(|_| io::ErrorKind::InvalidData.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn so_many_bytes_and_no_more() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a");
+        std::fs::write(&file, "12345").unwrap();
+        assert_eq!(read(&file, 5).unwrap(), b"12345");
+        assert!(read(&file, 4).unwrap_err().to_string().contains("holds 5 bytes; at most 4"));
+        // A file of 6 GB that takes no room on the disk; nothing of it is held.
+        std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(6 << 30).unwrap();
+        assert!(read(&file, 1 << 20).unwrap_err().to_string().contains("6442450944 bytes"));
+        std::fs::write(&file, [0xff]).unwrap();
+        assert_eq!(read_text(&file, 9).unwrap_err().kind(), io::ErrorKind::InvalidData);
+        assert_eq!(read(folder.path(), 9).unwrap_err().kind(), io::ErrorKind::IsADirectory);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn pipes_and_devices_are_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let (pipe, zero) = (folder.path().join("pipe"), folder.path().join("zero"));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        std::os::unix::fs::symlink("/dev/zero", &zero).unwrap();
+        for path in [pipe, zero] {
+            assert!(read(&path, 9).unwrap_err().to_string().contains("a pipe or a device"), "{}", path.display());
+        }
+    }
+}
