@@ -15,6 +15,14 @@ pub struct Frame {
     pub exposure: FrameExposure,
 }
 
+/// How long it is from a frame to the next, seconds: by their times where the next one's is known; else, at a recording's end or
+/// in a stream whose next frame is still to come, as usual.
+pub fn interval_s(timestamps_s: &[f64], index: usize, usual_s: f64) -> f64 {
+    let time_s = |i: usize| timestamps_s.get(i).copied();
+    let next = index.checked_add(1).and_then(time_s);
+    next.zip(time_s(index)).map_or(usual_s, |(next, this)| next - this)
+}
+
 /// What the camera said of this frame's exposure; `None` where it said nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameExposure {
@@ -40,4 +48,13 @@ pub struct PhotoSettings {
     pub focal_length_m: Option<f64>,
     /// When, by the camera's clock, whose time zone nobody tells: seconds since 1970-01-01 0:00 of that clock.
     pub taken_s: Option<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_newest_frames_interval_is_the_usual_one() {
+        let interval = |index| super::interval_s(&[1.0, 1.5, 1.75], index, 0.04);
+        assert_eq!([0, 1, 2, 3, usize::MAX].map(interval), [0.5, 0.25, 0.04, 0.04, 0.04]);
+    }
 }

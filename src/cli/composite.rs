@@ -404,8 +404,7 @@ fn run_stream(
     }
     let times = &recording.timestamps_s;
     let about = |frame: usize| {
-        let next = times.get(frame + 1).map_or(recording.frame_interval_s, |t| t - times[frame]);
-        (&cameras[frame - range.start], next)
+        (&cameras[frame - range.start], crate::frame::interval_s(times, frame, recording.frame_interval_s))
     };
     let frames = recording.frames(range.clone())?.map(|frame| frame.map_err(Stop::from));
     std::thread::scope(|scope| {

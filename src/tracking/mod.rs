@@ -10,12 +10,14 @@ use crate::pose::Pose;
 /// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose so near stands at the very time.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Timestamped poses, ascending in time.
-#[derive(Clone, Debug, Default)]
+/// Timestamped poses, ascending in time. A track is whole, or it grows: then its end is only its end so far.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseTrack {
     poses: Vec<(f64, Pose)>,
     /// The longest interval, seconds, across which [`PoseTrack::at`] interpolates.
     max_gap_s: f64,
+    /// Whether poses are still to come.
+    grows: bool,
 }
 
 /// Why there is no pose.
@@ -27,6 +29,9 @@ pub enum NoPose {
     Before { time_s: f64, first_s: f64 },
     #[error("{time_s:.6} s lies after the last pose at {last_s:.6} s")]
     After { time_s: f64, last_s: f64 },
+    /// Of a track that grows: asked later, there may be one.
+    #[error("the pose at {time_s:.6} s is not there yet")]
+    NotYet { time_s: f64 },
     #[error("{time_s:.6} s lies in a gap of {gap_s:.3} s between poses")]
     Gap { time_s: f64, gap_s: f64 },
 }
@@ -63,7 +68,46 @@ impl PoseTrack {
                 return Err(NotAscending { index: i + 1, time_s: pair[1].0, before_s: pair[0].0 });
             }
         }
-        Ok(Self { poses, max_gap_s })
+        Ok(Self { poses, max_gap_s, grows: false })
+    }
+
+    /// An empty track whose poses come by [`PoseTrack::push`].
+    pub fn growing(max_gap_s: f64) -> Self {
+        Self { poses: Vec::new(), max_gap_s, grows: true }
+    }
+
+    /// Adds the newest pose. One that does not come after the others is refused, and nothing has changed.
+    pub fn push(&mut self, time_s: f64, pose: Pose) -> Result<(), NotAscending> {
+        let before_s = self.poses.last().map_or(f64::NEG_INFINITY, |last| last.0);
+        if time_s.is_nan() || time_s <= before_s {
+            return Err(NotAscending { index: self.poses.len(), time_s, before_s });
+        }
+        self.poses.push((time_s, pose));
+        Ok(())
+    }
+
+    /// Forgets what no time from `from_s` on needs: the poses before it but the last one.
+    pub fn trim(&mut self, from_s: f64) {
+        let after = self.poses.partition_point(|pose| pose.0 <= from_s);
+        self.poses.drain(..after.saturating_sub(1));
+    }
+
+    /// No more poses come: from here on what lies after the last one never gets one.
+    pub fn finish(&mut self) {
+        self.grows = false;
+    }
+
+    /// Whether every time from one to another, both included, has a pose; else why the first that has none has none.
+    pub fn covers(&self, from_s: f64, to_s: f64) -> Result<(), NoPose> {
+        self.at(from_s)?;
+        let first = self.poses.partition_point(|pose| pose.0 <= from_s).saturating_sub(1);
+        for pair in self.poses[first..].windows(2).take_while(|pair| pair[0].0 + ROUNDING_S < to_s) {
+            let gap_s = pair[1].0 - pair[0].0;
+            if gap_s > self.max_gap_s && pair[1].0 - ROUNDING_S > from_s {
+                return Err(NoPose::Gap { time_s: pair[0].0.max(from_s), gap_s });
+            }
+        }
+        self.at(to_s).map(drop)
     }
 
     pub fn poses(&self) -> &[(f64, Pose)] {
@@ -73,7 +117,7 @@ impl PoseTrack {
     /// The same way of a camera that is turned where it stands; `turn` takes its axes to the turned one's.
     pub fn turned(&self, turn: DQuat) -> Self {
         let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);
-        Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), max_gap_s: self.max_gap_s }
+        Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), ..*self }
     }
 
     /// The pose at a time: one that stands there, else between its two neighbours. Where there are no two to go
@@ -91,6 +135,7 @@ impl PoseTrack {
             (_, Some((t1, b))) if t1 - time_s < ROUNDING_S => Ok(b),
             (Some((t0, _)), Some((t1, _))) => Err(NoPose::Gap { time_s, gap_s: t1 - t0 }),
             (None, Some((first_s, _))) => Err(NoPose::Before { time_s, first_s }),
+            (_, None) if self.grows && !time_s.is_nan() => Err(NoPose::NotYet { time_s }),
             (Some((last_s, _)), None) => Err(NoPose::After { time_s, last_s }),
             (None, None) => Err(NoPose::Empty),
         }
@@ -145,6 +190,63 @@ mod tests {
         for wrong in [1.0 - 2e-6, 9.0 + 2e-6, 2.0 + 2e-6, 9.0 - 2e-6] {
             assert!(t.at(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_track_that_grows_says_not_yet() {
+        let whole = track();
+        let mut growing = PoseTrack::growing(1.5);
+        assert_eq!(growing.at(1.0), Err(NoPose::NotYet { time_s: 1.0 }));
+        for (time_s, pose) in whole.poses() {
+            growing.push(*time_s, *pose).unwrap();
+        }
+        assert_eq!(growing.at(9.5), Err(NoPose::NotYet { time_s: 9.5 }));
+        for time_s in [0.5, 1.0, 1.25, 3.0, 9.0, f64::NAN] {
+            assert_eq!(format!("{:?}", growing.at(time_s)), format!("{:?}", whole.at(time_s)), "{time_s}");
+        }
+        let newest = growing.poses()[2].1;
+        for wrong in [9.0, 8.0, f64::NAN] {
+            assert!(growing.push(wrong, newest).is_err());
+        }
+        growing.finish();
+        assert_eq!(growing, whole);
+        assert_eq!(growing.at(9.5), Err(NoPose::After { time_s: 9.5, last_s: 9.0 }));
+    }
+
+    #[test]
+    fn what_is_trimmed_is_not_missed_by_later_times() {
+        let mut t = track();
+        t.trim(1.5);
+        assert_eq!(t, track());
+        t.trim(2.0);
+        assert_eq!(t.poses().len(), 2);
+        assert_eq!(t.at(2.0), track().at(2.0));
+        assert!(matches!(t.at(1.5), Err(NoPose::Before { .. })));
+        t.trim(100.0);
+        assert_eq!((t.poses().len(), t.at(9.0)), (1, track().at(9.0)));
+        // A stream that runs for hours keeps what its exposures need.
+        let mut long = PoseTrack::growing(0.1);
+        for i in 0..10_000 {
+            let time_s = 0.005 * f64::from(i);
+            long.push(time_s, Pose::IDENTITY).unwrap();
+            long.trim(time_s - 0.1);
+            assert!(long.poses().len() <= 22);
+        }
+    }
+
+    #[test]
+    fn an_interval_is_covered_or_says_where_it_is_not() {
+        let mut t = track();
+        for (from_s, to_s) in [(1.0, 2.0), (1.2, 1.3), (2.0, 2.0), (9.0, 9.0), (1.0 - 5e-7, 2.0 + 5e-7)] {
+            assert_eq!(t.covers(from_s, to_s), Ok(()), "{from_s} to {to_s}");
+        }
+        assert!(matches!(t.covers(0.5, 1.5), Err(NoPose::Before { .. })));
+        for (from_s, to_s) in [(1.5, 3.0), (1.5, 9.0), (2.0, 9.0), (3.0, 9.0)] {
+            assert!(matches!(t.covers(from_s, to_s), Err(NoPose::Gap { gap_s: 7.0, .. })), "{from_s} to {to_s}");
+        }
+        t.push(10.0, Pose::IDENTITY).unwrap();
+        assert_eq!(t.covers(9.0, 10.0), Ok(()));
+        assert!(matches!(t.covers(9.5, 10.5), Err(NoPose::After { .. })));
     }
 
     #[test]
