@@ -18,8 +18,8 @@ pub fn gltf(bytes: &[u8]) {
 }
 
 /// The files that the formats of recordings are told by. The input is split at zero bytes, one piece a file; the first
-/// byte of a piece says which (2 is the first, 3 the next).
-const FILES: [&str; 10] = [
+/// byte of a piece says which (a is the first, b the next).
+const FILES: [&str; 13] = [
     "recording.toml",
     "trajectory.txt",
     "rgb.txt",
@@ -30,28 +30,35 @@ const FILES: [&str; 10] = [
     "images.txt",
     "points3D.txt",
     "exposure.txt",
+    "mav0/cam0/data.csv",
+    "mav0/cam0/sensor.yaml",
+    "mav0/state_groundtruth_estimate0/data.csv",
 ];
 
 /// What the files may name: pictures of 4×3 px and a depth map.
-const PICTURES: [(&str, &[u8]); 5] = [
+const PICTURES: [(&str, &[u8]); 7] = [
     ("a.png", include_bytes!("picture.png")),
     ("b.png", include_bytes!("picture.png")),
     ("d.png", include_bytes!("depth.png")),
     ("images/a.png", include_bytes!("picture.png")),
     ("images/b.png", include_bytes!("picture.png")),
+    ("mav0/cam0/data/a.png", include_bytes!("picture.png")),
+    ("mav0/cam0/data/b.png", include_bytes!("picture.png")),
 ];
 
 /// The bytes as each of the files that describe a recording; how many of its frames could be read.
 #[allow(dead_code, reason = "each target uses one")]
 pub fn recording(bytes: &[u8]) -> usize {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    std::fs::create_dir(folder.path().join("images")).expect("a temporary folder");
+    for inner in ["images", "mav0/cam0/data", "mav0/state_groundtruth_estimate0"] {
+        std::fs::create_dir_all(folder.path().join(inner)).expect("a temporary folder");
+    }
     for (name, content) in PICTURES {
         std::fs::write(folder.path().join(name), content).expect("a temporary file");
     }
     for piece in bytes.split(|&byte| byte == 0) {
         if let Some((&which, content)) = piece.split_first() {
-            let path = folder.path().join(FILES[usize::from(which) % FILES.len()]);
+            let path = folder.path().join(FILES[usize::from(which.wrapping_sub(b'a')) % FILES.len()]);
             std::fs::write(path, content).expect("a temporary file");
         }
     }

@@ -10,7 +10,7 @@ use std::process::Command;
 use glam::{DVec2, DVec3};
 use locard::frame::Frame;
 use locard::image::{Codes, Pixels};
-use locard::recording::{Kind, OpenOptions, Recording};
+use locard::recording::{OpenOptions, Recording};
 use locard::sink::{self, OutPath, SinkOptions};
 use locard::source::still;
 use locard::tracking::tum;
@@ -64,7 +64,7 @@ fn three_frames(folder: &Path) {
 fn tum_fr1_rpy_opens() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let r = open(&folder);
-    assert_eq!((r.kind, r.name.as_str(), r.frame_count()), (Kind::Tum, "tum-fr1-rpy", 90));
+    assert_eq!((r.kind.name(), r.name.as_str(), r.frame_count()), ("TUM RGB-D", "tum-fr1-rpy", 90));
     assert_eq!((r.width, r.height, r.bits, r.up), (640, 480, 8, Some(DVec3::Z)));
     assert!((r.frame_interval_s - 1.0 / 30.0).abs() < 0.002, "{}", r.frame_interval_s);
     assert!(r.has_depth() && r.geometry.is_none());
@@ -95,7 +95,7 @@ fn tum_fr1_rpy_opens() {
 fn lund_door_reprojects() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let r = open(&folder);
-    assert_eq!((r.kind, r.frame_count(), r.width, r.height, r.up), (Kind::Colmap, 12, 1296, 1936, None));
+    assert_eq!((r.kind.name(), r.frame_count(), r.width, r.height, r.up), ("COLMAP", 12, 1296, 1936, None));
     let geometry = r.geometry.clone().unwrap();
     assert_eq!(open(&folder.join("colmap")).frame_count(), 12);
 
@@ -364,7 +364,7 @@ fn our_own_folder_with_everything() {
          list = \"exposure.txt\"\n[camera]\nprofile = \"camera.toml\"\n",
     );
     let r = open(&folder.path().join("recording.toml"));
-    assert_eq!((r.name.as_str(), r.up, r.kind), ("site", Some(DVec3::Y), Kind::Own));
+    assert_eq!((r.name.as_str(), r.up, r.kind.name()), ("site", Some(DVec3::Y), "recording.toml"));
     assert_eq!(r.camera_profile, Some(at("camera.toml")));
     assert!((r.pose_at_frame(1).unwrap().position_in_world_m().x - 1.0).abs() < 1e-6);
     let all = frames(&r, 0..3);
@@ -384,6 +384,57 @@ fn our_own_folder_with_everything() {
     assert!((later.time_offset_s + 9.85).abs() < 1e-12);
 }
 
+/// Grey pictures, a camera on a body, nanoseconds: from the folder, from `mav0`, from the list.
+#[test]
+fn euroc_opens() {
+    let folder = tempfile::tempdir().unwrap();
+    let cam = folder.path().join("mav0/cam0");
+    let truth = folder.path().join("mav0/state_groundtruth_estimate0");
+    std::fs::create_dir_all(cam.join("data")).unwrap();
+    std::fs::create_dir_all(&truth).unwrap();
+    let start_ns = 1_403_636_579_763_555_584u64;
+    let (mut list, mut poses) = ("#timestamp [ns],filename\r\n".to_owned(), "#timestamp, p, q, v, b\n".to_owned());
+    for i in 0..3u64 {
+        let time = start_ns + i * 50_000_000;
+        let grey = image::GrayImage::from_fn(8, 6, |x, y| image::Luma([(x * 20 + y) as u8 + i as u8]));
+        grey.save(cam.join(format!("data/{time}.png"))).unwrap();
+        list += &format!("{time},{time}.png\r\n");
+        poses += &format!("{time},{i},2,3,0.70710678,0,0,0.70710678,0,0,0,0,0,0,0,0,0\n");
+    }
+    std::fs::write(cam.join("data.csv"), &list).unwrap();
+    std::fs::write(truth.join("data.csv"), poses).unwrap();
+    let sensor = |shift: f64| {
+        format!(
+            "T_BS:\n  cols: 4\n  rows: 4\n  data: [0.0, 0.0, 1.0, {shift},\n         -1.0, 0.0, 0.0, 0.0,\n         0.0, -1.0, \
+             0.0, 0.0,\n         0.0, 0.0, 0.0, 1.0]\nresolution: [8, 6]\ncamera_model: pinhole\nintrinsics: [9.0, 9.0, 3.5, \
+             2.5]\ndistortion_model: radial-tangential\ndistortion_coefficients: [0, 0, 0, 0]\n"
+        )
+    };
+    std::fs::write(cam.join("sensor.yaml"), sensor(0.1)).unwrap();
+    for path in [folder.path(), &folder.path().join("mav0"), &cam.join("data.csv")] {
+        let r = open(path);
+        assert_eq!((r.kind.name(), r.frame_count(), r.bits, r.up), ("EuRoC MAV", 3, 8, Some(DVec3::Z)));
+        assert_eq!(r.name, folder.path().file_name().unwrap().to_string_lossy());
+        assert!((r.frame_interval_s - 0.05).abs() < 1e-6 && r.warnings.is_empty(), "{:?}", r.warnings);
+        assert!(r.kind.has_times() && r.kind.is_metric());
+        // The body at (2, 2, 3) looks along the world's y; 2 m before its camera, in the middle of the picture.
+        let pose = r.pose_at_frame(2).unwrap();
+        let at = r.geometry.as_ref().unwrap().project(pose.transform_point(DVec3::new(2.0, 4.1, 3.0))).unwrap();
+        assert!((at - DVec2::new(4.0, 3.0)).length() < 1e-5, "{at}");
+        let all = frames(&r, 0..3);
+        assert_eq!(all[1].pixels.at(2, 1), [42, 42, 42]);
+        assert_eq!(r.files().count(), 6);
+    }
+    // What the truth was estimated of is the camera itself: its place is then the camera's.
+    std::fs::write(truth.join("sensor.yaml"), sensor(0.1)).unwrap();
+    let pose = open(folder.path()).pose_at_frame(1).unwrap();
+    assert!((pose.position_in_world_m() - DVec3::new(1.0, 2.0, 3.0)).length() < 1e-9);
+    std::fs::remove_file(cam.join(format!("data/{start_ns}.png"))).unwrap();
+    let error = refused(folder.path());
+    assert!(error.contains("data.csv, line 2: ") && error.contains("there is no such file"), "{error}");
+    assert!(error.ends_with("(1 of 3 pictures is missing)"), "{error}");
+}
+
 #[test]
 fn nerfstudio_opens() {
     let folder = tempfile::tempdir().unwrap();
@@ -398,7 +449,7 @@ fn nerfstudio_opens() {
     let all = [entry(2, 2.0, ""), entry(0, 0.0, ""), entry(1, 1.0, "")].join(",");
     std::fs::write(folder.path().join("transforms.json"), format!("{{{common}, \"frames\": [{all}]}}")).unwrap();
     let r = Recording::open(folder.path(), &OpenOptions { metres_per_unit: 3.0, ..Default::default() }).unwrap();
-    assert_eq!((r.kind, r.frame_count(), r.up), (Kind::Nerfstudio, 3, Some(DVec3::Z)));
+    assert_eq!((r.kind.name(), r.frame_count(), r.up), ("nerfstudio", 3, Some(DVec3::Z)));
     assert_eq!(r.pose_at_frame(2).unwrap().position_in_world_m(), DVec3::new(6.0, 0.0, 0.0));
     let g = r.geometry.as_ref().unwrap();
     assert_eq!((g.intrinsics.fy_px, g.distortion.p1), (6.0, 0.001));
@@ -427,7 +478,7 @@ fn an_unregistered_colmap_image_is_a_frame_without_a_pose() {
     std::fs::write(model.join("images.txt"), line(2) + &line(0)).unwrap();
     for path in [folder.path(), &model, &model.join("cameras.txt"), &model.join("images.txt")] {
         let r = open(path);
-        assert_eq!((r.frame_count(), r.kind), (3, Kind::Colmap));
+        assert_eq!((r.frame_count(), r.kind.name()), (3, "COLMAP"));
         assert!(r.pose_at_frame(0).is_ok() && r.pose_at_frame(1).is_err());
         assert_eq!(r.pose_at_frame(2).unwrap().position_in_world_m(), DVec3::new(-2.0, 0.0, 0.0));
         let missing = r.missing_poses(0..3).unwrap();
@@ -523,7 +574,7 @@ fn bad_recordings_are_one_clear_line() {
     assert!(refused(folder.path()).contains("groundtruth.txt: cannot be read"), "{}", refused(folder.path()));
     std::fs::write(at("groundtruth.txt"), "1 0 0 0 0 0 0 1\n").unwrap();
     assert!(open(folder.path()).missing_poses(0..2).unwrap().contains("no pose for 1 of 2 frames"));
-    assert_eq!((open(&at("rgb.txt")).frame_count(), open(&at("rgb.txt")).kind), (2, Kind::Tum));
+    assert_eq!((open(&at("rgb.txt")).frame_count(), open(&at("rgb.txt")).kind.name()), (2, "TUM RGB-D"));
 
     list("1 rgb/frame_000000.png\n2 rgb/not_there.png\n");
     let error = refused(folder.path());
@@ -531,6 +582,9 @@ fn bad_recordings_are_one_clear_line() {
         error.contains("rgb.txt, line 2: ") && error.contains("not_there.png: cannot be read: there is no"),
         "{error}"
     );
+    assert!(error.ends_with("(1 of 2 pictures is missing)"), "{error}");
+    list("1 rgb/frame_000000.png\n2 rgb/not_there.png\n3 rgb/nor_this.png\n");
+    assert!(refused(folder.path()).ends_with("(2 of 3 pictures are missing)"), "{}", refused(folder.path()));
     list("");
     assert!(refused(folder.path()).contains("no frames"));
     write(&at("other"), &options(5, 2, 8), &[picture(0, 5, 2, 8)]);
@@ -552,6 +606,48 @@ fn bad_recordings_are_one_clear_line() {
     assert!(r.frames(1..4).err().unwrap().to_string().contains("1..4 are asked for; the recording has 0..3"));
     let bad = OpenOptions { metres_per_unit: 0.0, ..Default::default() };
     assert!(Recording::open(folder.path(), &bad).unwrap_err().to_string().contains("metres_per_unit = 0"));
+}
+
+/// Opening a pipe waits for a writer, for ever; a device has no end.
+#[cfg(unix)]
+#[test]
+fn a_pipe_or_a_device_in_place_of_any_file_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    three_frames(folder.path());
+    let depth = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 2, vec![7u16; 8]).unwrap();
+    depth.save(folder.path().join("d.png")).unwrap();
+    let files = [
+        ("rgb.txt", "1 rgb/frame_000000.png\n"),
+        ("depth.txt", "1 d.png\n"),
+        ("groundtruth.txt", "1 0 0 0 0 0 0 1\n"),
+        ("exposure.txt", "1 0.01\n"),
+        (
+            "recording.toml",
+            "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"groundtruth.txt\"\n[depth]\nlist = \
+             \"depth.txt\"\nscale = 1.0\n[exposure]\nlist = \"exposure.txt\"\n",
+        ),
+    ];
+    for (name, text) in files {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    assert_eq!(open(folder.path()).frame_count(), 1);
+    for name in
+        ["rgb.txt", "depth.txt", "groundtruth.txt", "exposure.txt", "recording.toml", "d.png", "rgb/frame_000000.png"]
+    {
+        let (file, kept) = (folder.path().join(name), folder.path().join("kept"));
+        std::fs::rename(&file, &kept).unwrap();
+        assert!(Command::new("mkfifo").arg(&file).status().unwrap().success());
+        assert!(refused(folder.path()).contains("a pipe or a device"), "{name}: {}", refused(folder.path()));
+        std::fs::remove_file(&file).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
+        assert!(refused(folder.path()).contains("a pipe or a device"), "{name}: {}", refused(folder.path()));
+        std::fs::remove_file(&file).unwrap();
+        std::fs::rename(&kept, &file).unwrap();
+    }
+    let list = folder.path().join("groundtruth.txt");
+    std::fs::write(&list, format!("1 0 0 {} 0 0 0 1\n", "\x1b[2J".repeat(1_000_000))).unwrap();
+    let error = refused(folder.path());
+    assert!(error.len() < 500 && error.contains("tz is `\\u{1b}[2J\\u{1b}"), "{} bytes: {error:.300}", error.len());
 }
 
 /// The iterator owns all it needs and may go to another thread.

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 
-use super::parts::{NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
-use super::{Kind, OpenOptions, RecordingError, listing};
+use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, folder_of, geometry_from, track_from};
+use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::tracking::text::{self, TextError};
@@ -21,8 +21,23 @@ use crate::words::quoted;
 const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
 
-pub const CAMERAS: &str = "cameras.txt";
-pub const IMAGES: &str = "images.txt";
+const CAMERAS: &str = "cameras.txt";
+const IMAGES: &str = "images.txt";
+
+/// Where in a folder a model may lie.
+pub const MODELS_AT: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
+
+pub static FORMAT: Format = Format {
+    name: "COLMAP",
+    marker: "a COLMAP text model (cameras.txt, images.txt, here, in colmap/ or in sparse/0/)",
+    has_times: false,
+    is_metric: false,
+    find: |path| match path.is_file() {
+        true => (path.ends_with(CAMERAS) || path.ends_with(IMAGES)).then(|| folder_of(path)),
+        false => MODELS_AT.iter().map(|at| path.join(at)).find(|at| at.join(IMAGES).exists()),
+    },
+    open,
+};
 
 /// A registered image.
 #[derive(Debug)]
@@ -34,7 +49,7 @@ struct Image {
 }
 
 /// Opens the model in the folder `model`; `path` is what the person named, that folder, one around it or one of its files.
-pub fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let path = if path.is_dir() { path } else { model };
     let cameras_file = model.join(CAMERAS);
     let cameras = parse_cameras(&text::read(&cameras_file)?, &cameras_file)?;
@@ -60,7 +75,7 @@ pub fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, R
         geometries.push(Some(camera.clone()));
     }
     let files = names.iter().map(|name| folder.join(name)).collect();
-    let mut parts = Parts::new(Kind::Colmap, path, Pictures::Stills(files), timestamps_s);
+    let mut parts = Parts::new(path, Pictures::Stills(files), timestamps_s);
     // An image that was not registered stays without a pose: its neighbours say nothing of it.
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
     parts.geometries = geometries;

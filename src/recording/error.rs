@@ -12,12 +12,10 @@ pub enum RecordingError {
     #[error(transparent)]
     Source(#[from] SourceError),
     #[error(
-        "{}: is no recording: {found}; accepted are a folder with recording.toml, a TUM RGB-D folder (rgb.txt, \
-         groundtruth.txt), a nerfstudio transforms.json, a COLMAP text model (cameras.txt, images.txt, here, in colmap/ \
-         or in sparse/0/)",
+        "{}: is no recording: {found}; accepted are {accepted}",
         path.display()
     )]
-    NotARecording { path: PathBuf, found: String },
+    NotARecording { path: PathBuf, found: String, accepted: String },
     /// A file of a recording that does not hold what it should.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },

@@ -8,7 +8,7 @@ use crate::camera::exposure::LONGEST_S;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
 use crate::tracking::text::{self, TextError};
-use crate::words::{number, quoted, reason};
+use crate::words::{self, number, quoted, reason};
 
 /// Reads a list of `timestamp filename` lines: times in seconds, files beside the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
@@ -113,18 +113,31 @@ pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(files)
 }
 
-/// A missing picture's error with the line of the list that names it, where one does.
-pub fn named_in(lists: &[PathBuf], error: SourceError) -> RecordingError {
+/// A missing picture's error: with the line of the list that names it, where one does, and how many of `all` are missing.
+pub fn named_in<'a>(
+    lists: &[PathBuf],
+    error: SourceError,
+    all: impl ExactSizeIterator<Item = &'a PathBuf>,
+) -> RecordingError {
     let SourceError::Read { file, source } = &error else { return error.into() };
+    let (count, is_missing) = (all.len(), source.kind() == std::io::ErrorKind::NotFound);
+    let missing = if is_missing { all.filter(|file| !file.exists()).count() } else { 0 };
+    let counted = match missing {
+        0 => String::new(),
+        1 => format!(" (1 of {} is missing)", words::count(count, "picture")),
+        _ => format!(" ({missing} of {} are missing)", words::count(count, "picture")),
+    };
+    let problem = format!("cannot be read: {}{counted}", reason(source));
     for list in lists {
-        let (text, folder) = (text::read(list).unwrap_or_default(), list.parent().unwrap_or(Path::new("")));
-        let names = |record: &str| record.split_once(char::is_whitespace).map(|(_, name)| folder.join(name.trim()));
-        if let Some((line, _)) = text::records(&text).find(|(_, record)| names(record).as_ref() == Some(file)) {
-            let problem = format!("{}: cannot be read: {}", file.display(), reason(source));
-            return TextError::line(list, line, problem).into();
+        let text = text::read(list).unwrap_or_default();
+        // A name stands behind a time.
+        let name = |record: &str| Some(record.split_once([' ', '\t', ','])?.1.trim().to_owned());
+        let names = |record: &str| name(record).is_some_and(|name| !name.is_empty() && file.ends_with(name));
+        if let Some((line, _)) = text::records(&text).find(|(_, record)| names(record)) {
+            return TextError::line(list, line, format!("{}: {problem}", file.display())).into();
         }
     }
-    error.into()
+    RecordingError::content(file, problem)
 }
 
 /// What is odd about the numbers in the names of pictures in order: that some are left out.
@@ -146,7 +159,7 @@ pub fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     Some(format!(
         "pictures are missing by their numbers, in {} (first: {} is followed by {}): those behind come too early by \
          what is missing",
-        crate::words::count(count, "place"),
+        words::count(count, "place"),
         name(first),
         name(first + 1)
     ))

@@ -5,11 +5,13 @@
 
 mod colmap;
 mod error;
+mod euroc;
 mod frames;
 mod listing;
 mod nerfstudio;
 mod own;
 mod parts;
+mod rigid;
 mod tum;
 pub mod write;
 
@@ -28,6 +30,7 @@ use crate::frame::FrameExposure;
 use crate::pose::Pose;
 use crate::source::{SourceError, still};
 use crate::tracking::{NoPose, PoseTrack};
+pub use parts::Format;
 use parts::Pictures;
 
 /// What a recording cannot know of itself.
@@ -48,43 +51,8 @@ impl Default for OpenOptions {
     }
 }
 
-/// The format that a recording was opened from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    Own,
-    Tum,
-    Nerfstudio,
-    Colmap,
-}
-
-impl Kind {
-    /// Whether the format says when a picture was taken; else times are nominal.
-    pub fn has_times(self) -> bool {
-        match self {
-            Self::Own | Self::Tum => true,
-            Self::Nerfstudio | Self::Colmap => false,
-        }
-    }
-
-    /// Whether the format's unit is the metre; else it is arbitrary.
-    pub fn is_metric(self) -> bool {
-        match self {
-            Self::Own | Self::Tum => true,
-            Self::Nerfstudio | Self::Colmap => false,
-        }
-    }
-}
-
-impl std::fmt::Display for Kind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Own => "recording.toml",
-            Self::Tum => "TUM RGB-D",
-            Self::Nerfstudio => "nerfstudio",
-            Self::Colmap => "COLMAP",
-        })
-    }
-}
+/// The formats, in the order in which they are looked for. A new one is a file of this room and a line here.
+static FORMATS: [&Format; 5] = [&own::FORMAT, &nerfstudio::FORMAT, &tum::FORMAT, &euroc::FORMAT, &colmap::FORMAT];
 
 /// When a depth picture was measured, seconds, and its file.
 type DepthFile = (f64, PathBuf);
@@ -94,7 +62,7 @@ type DepthFile = (f64, PathBuf);
 pub struct Recording {
     pub name: String,
     pub path: PathBuf,
-    pub kind: Kind,
+    pub kind: &'static Format,
     /// The world's up, unit length; `None` where the format does not say.
     pub up: Option<DVec3>,
     /// Size of every frame, px.
@@ -131,16 +99,12 @@ impl Recording {
     /// read, pixels are not. Poses that do not cover the frames are a warning, not an error.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, RecordingError> {
         check(options)?;
-        let mut parts = match find(path)? {
-            Found::Own(file) => own::open(&file, options)?,
-            Found::Tum(folder) => tum::open(&folder, options)?,
-            Found::Nerfstudio(file) => nerfstudio::open(&file, options)?,
-            Found::Colmap(model) => colmap::open(&model, path, options)?,
-        };
-        if options.metres_per_unit != 1.0 && parts.kind.is_metric() {
-            parts.warnings.push(format!("a {} recording is in metres; metres_per_unit is left out", parts.kind));
+        let (format, at) = find(path)?;
+        let mut parts = (format.open)(&at, path, options)?;
+        if options.metres_per_unit != 1.0 && format.is_metric() {
+            parts.warnings.push(format!("a {format} recording is in metres; metres_per_unit is left out"));
         }
-        parts.assemble(options)
+        parts.assemble(format, options)
     }
 
     pub fn frame_count(&self) -> usize {
@@ -180,7 +144,8 @@ impl Recording {
         self.stills().chain(self.depth_files()).filter_map(Path::parent).collect()
     }
 
-    fn stills(&self) -> impl Iterator<Item = &Path> {
+    /// The frames' pictures; none where they are a video's.
+    pub fn stills(&self) -> impl Iterator<Item = &Path> {
         let files = match &*self.pictures {
             Pictures::Stills(files) => files.as_slice(),
             Pictures::Video(_) => &[],
@@ -229,52 +194,21 @@ fn check(options: &OpenOptions) -> Result<(), RecordingError> {
     }
 }
 
-/// Which format, and its main file or folder.
-enum Found {
-    Own(PathBuf),
-    Tum(PathBuf),
-    Nerfstudio(PathBuf),
-    Colmap(PathBuf),
-}
-
-fn folder_of(file: &Path) -> PathBuf {
-    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
-}
-
-fn find(path: &Path) -> Result<Found, RecordingError> {
-    let refuse = |found: &str| RecordingError::NotARecording { path: path.to_owned(), found: found.to_owned() };
-    if path.is_file() {
-        return match path.extension().and_then(|e| e.to_str()) {
-            Some("toml") => Ok(Found::Own(path.to_owned())),
-            Some("json") => Ok(Found::Nerfstudio(path.to_owned())),
-            _ if path.ends_with(tum::FRAME_LIST) => Ok(Found::Tum(folder_of(path))),
-            _ if path.ends_with(colmap::CAMERAS) || path.ends_with(colmap::IMAGES) => {
-                Ok(Found::Colmap(folder_of(path)))
-            }
-            _ => Err(refuse("it is a file of another kind (frames or a video alone: name them in a recording.toml)")),
-        };
+/// Which format a path is of, and the file or folder that holds it.
+fn find(path: &Path) -> Result<(&'static Format, PathBuf), RecordingError> {
+    if let Some(found) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
+        return Ok(found);
     }
-    if !path.is_dir() {
-        return Err(refuse("there is nothing at this path"));
-    }
-    let has = |name: &str| path.join(name).exists();
-    if has(own::FILE_NAME) {
-        return Ok(Found::Own(path.join(own::FILE_NAME)));
-    }
-    if has(nerfstudio::FILE_NAME) {
-        return Ok(Found::Nerfstudio(path.join(nerfstudio::FILE_NAME)));
-    }
-    if has(tum::FRAME_LIST) {
-        return Ok(Found::Tum(path.to_owned()));
-    }
-    let models = ["", "colmap", "sparse/0", "sparse"];
-    if let Some(model) = models.iter().map(|at| path.join(at)).find(|at| at.join(colmap::IMAGES).exists()) {
-        return Ok(Found::Colmap(model));
-    }
-    if models.iter().any(|at| path.join(at).join("images.bin").exists()) {
-        return Err(refuse(
-            "it holds a binary COLMAP model (`colmap model_converter --output_type TXT` makes a text model of it)",
-        ));
-    }
-    Err(refuse("the folder holds none of the files that tell one"))
+    let binary = colmap::MODELS_AT.iter().any(|at| path.join(at).join("images.bin").exists());
+    let found = match path {
+        _ if path.is_file() => "it is a file of another kind (frames or a video alone: name them in a recording.toml)",
+        _ if binary => {
+            "it holds a binary COLMAP model (`colmap model_converter --output_type TXT` makes a text model of it)"
+        }
+        _ if path.is_dir() => "the folder holds none of the files that tell one",
+        _ if path.exists() => "it is a pipe or a device",
+        _ => "there is nothing at this path",
+    };
+    let accepted = FORMATS.map(|format| format.marker).join(", ");
+    Err(RecordingError::NotARecording { path: path.to_owned(), found: found.to_owned(), accepted })
 }

@@ -7,16 +7,30 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
 
-use super::parts::{DepthFiles, NOMINAL_FPS, Parts, Pictures, equirectangular, geometry_from, track_from};
-use super::{Kind, OpenOptions, RecordingError, listing};
+use super::parts::{
+    DepthFiles, Format, NOMINAL_FPS, Parts, Pictures, equirectangular, file_or_in_folder, geometry_from, track_from,
+};
+use super::rigid::{NOT_RIGID, rigid};
+use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::source::still;
 use crate::tracking::text;
-use crate::tracking::tum::LARGEST_NORM_ERROR;
 use crate::words::quoted;
 
-pub const FILE_NAME: &str = "transforms.json";
+const FILE_NAME: &str = "transforms.json";
+
+pub static FORMAT: Format = Format {
+    name: "nerfstudio",
+    marker: "a nerfstudio transforms.json",
+    has_times: false,
+    is_metric: false,
+    find: |path| match path.is_file() && path.extension().is_some_and(|ending| ending == "json") {
+        true => Some(path.to_owned()),
+        false => file_or_in_folder(path, FILE_NAME),
+    },
+    open: |file, _, options| open(file, options),
+};
 
 /// Keys that we do not use are left alone: programs add their own.
 #[derive(Deserialize)]
@@ -139,7 +153,7 @@ fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
     serde_json::from_str(json.trim_start_matches('\u{feff}')).map_err(|e| RecordingError::content(file, e))
 }
 
-pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&text::read(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
     // The file's order is whatever its writer found convenient; the names tell the camera's.
@@ -160,7 +174,7 @@ pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError>
         files.push(picture);
     }
     let timestamps_s = poses.iter().map(|p| p.0).collect();
-    let mut parts = Parts::new(Kind::Nerfstudio, folder, Pictures::Stills(files), timestamps_s);
+    let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
     parts.described_by.push(file.to_owned());
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), file)?;
@@ -192,17 +206,10 @@ fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Pose, String> {
         [a, b, c] | [a, b, c, [0.0, 0.0, 0.0, 1.0]] => (a, b, c),
         _ => return Err(wrong()),
     };
-    let column = |i: usize| DVec3::new(a[i], b[i], c[i]);
-    let turn = DMat3::from_cols(column(0), column(1), column(2));
-    let off = turn.transpose() * turn - DMat3::IDENTITY;
-    let worst = off.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
-    // Twice, since a length enters its own square. The determinant is NaN where anything is.
-    if !(worst <= 2.0 * LARGEST_NORM_ERROR && turn.determinant() > 0.0 && column(3).is_finite()) {
-        return Err("transform_matrix is not a turn and a shift (unit axes at right angles, right-handed)".to_owned());
-    }
+    let (turn, shift) = rigid([*a, *b, *c]).ok_or_else(|| format!("transform_matrix {NOT_RIGID}"))?;
     // OpenCV's y and z axes are OpenGL's, reversed.
     let world_from_camera = DMat3::from_cols(turn.x_axis, -turn.y_axis, -turn.z_axis);
-    Ok(Pose::from_camera_in_world(column(3) * metres_per_unit, DQuat::from_mat3(&world_from_camera)))
+    Ok(Pose::from_camera_in_world(shift * metres_per_unit, DQuat::from_mat3(&world_from_camera)))
 }
 
 #[cfg(test)]

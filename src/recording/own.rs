@@ -5,14 +5,26 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::parts::{DepthFiles, Parts, Pictures, track_from};
-use super::{Kind, OpenOptions, RecordingError, listing};
+use super::parts::{DepthFiles, Format, Parts, Pictures, file_or_in_folder, track_from};
+use super::{OpenOptions, RecordingError, listing};
 use crate::document;
 use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
 use crate::tracking::text;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
 
 pub const FILE_NAME: &str = "recording.toml";
+
+pub static FORMAT: Format = Format {
+    name: FILE_NAME,
+    marker: "a folder with recording.toml",
+    has_times: true,
+    is_metric: true,
+    find: |path| match path.is_file() && path.extension().is_some_and(|ending| ending == "toml") {
+        true => Some(path.to_owned()),
+        false => file_or_in_folder(path, FILE_NAME),
+    },
+    open: |file, _, options| open(file, options),
+};
 
 /// What stands in `recording.toml`. Paths are relative to its folder.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -126,11 +138,11 @@ fn above_zero(name: &str, value: Option<f64>) -> Result<(), String> {
     }
 }
 
-pub fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let description = parse(&text::read(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
     let (pictures, timestamps_s) = open_frames(&description.frames, folder, file)?;
-    let mut parts = Parts::new(Kind::Own, folder, pictures, timestamps_s);
+    let mut parts = Parts::new(folder, pictures, timestamps_s);
     if let Pictures::Video(video) = &parts.pictures {
         parts.warnings.extend(video.warnings.iter().cloned());
     }

@@ -1,11 +1,13 @@
 //! What every format delivers, and what is checked of all of them alike.
 
+use std::collections::BTreeSet;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::{Kind, OpenOptions, Recording, RecordingError, listing};
+use super::{OpenOptions, Recording, RecordingError, listing};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use crate::frame::{FrameExposure, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
@@ -22,6 +24,53 @@ pub const NOMINAL_FPS: f64 = 30.0;
 /// half of it, and some for jitter. At 30 a second, where a Kinect's median interval is 0.032 s,
 /// this is the 0.02 s that the TUM benchmark's own association allows.
 const ASSOCIATION_REACH: f64 = 0.65;
+
+/// A format of recordings.
+#[derive(Debug)]
+pub struct Format {
+    pub(super) name: &'static str,
+    /// What one is told by, for people.
+    pub(super) marker: &'static str,
+    pub(super) has_times: bool,
+    pub(super) is_metric: bool,
+    /// The file or folder that holds a recording of this format, where a path, a folder or a file in it, is of one.
+    pub(super) find: fn(&Path) -> Option<PathBuf>,
+    /// Opens what was found; the second path is the one that a person named.
+    pub(super) open: fn(&Path, &Path, &OpenOptions) -> Result<Parts, RecordingError>,
+}
+
+impl Format {
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Whether the format says when a picture was taken; else times are nominal.
+    pub fn has_times(&self) -> bool {
+        self.has_times
+    }
+
+    /// Whether the format's unit is the metre; else it is arbitrary.
+    pub fn is_metric(&self) -> bool {
+        self.is_metric
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+/// A file of a name, or the one in a folder.
+pub fn file_or_in_folder(path: &Path, name: &str) -> Option<PathBuf> {
+    let inside = path.join(name);
+    if path.is_dir() { inside.exists().then_some(inside) } else { path.ends_with(name).then(|| path.to_owned()) }
+}
+
+/// The folder that a file lies in.
+pub fn folder_of(file: &Path) -> PathBuf {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
+}
 
 /// Where the pixels are.
 #[derive(Debug)]
@@ -42,7 +91,6 @@ pub struct DepthFiles {
 pub struct Parts {
     pub name: String,
     pub path: PathBuf,
-    pub kind: Kind,
     pub up: Option<DVec3>,
     pub pictures: Pictures,
     /// One a frame.
@@ -63,12 +111,11 @@ pub struct Parts {
 }
 
 impl Parts {
-    pub fn new(kind: Kind, folder: &Path, pictures: Pictures, timestamps_s: Vec<f64>) -> Self {
+    pub fn new(folder: &Path, pictures: Pictures, timestamps_s: Vec<f64>) -> Self {
         let absolute = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         Self {
             name: absolute.file_name().map_or_else(|| "recording".into(), |n| n.to_string_lossy().into_owned()),
             path: folder.to_owned(),
-            kind,
             up: None,
             pictures,
             timestamps_s,
@@ -85,7 +132,7 @@ impl Parts {
     }
 
     /// Checks what holds for every format and notes what is odd.
-    pub fn assemble(self, options: &OpenOptions) -> Result<Recording, RecordingError> {
+    pub fn assemble(self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
         let mut warnings = self.warnings;
         if self.timestamps_s.is_empty() {
             return Err(RecordingError::content(&self.path, "the recording has no frames"));
@@ -123,21 +170,19 @@ impl Parts {
         if let Some(depth) = &depth {
             associated("depth picture", depth.iter().filter(|d| d.is_none()).count());
         }
-        if let Some(warning) = depth_size_warning(depth.iter().flatten().flatten(), width, height, &self.described_by)?
-        {
-            warnings.push(warning);
-        }
+        let of_depth = depth.as_deref().unwrap_or_default();
+        warnings.extend(depth_size_warning(of_depth, width, height, &self.described_by)?);
         let photos = photo_settings(&self.pictures, &mut warnings);
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
         let exposure = exposures.map(|(listed, photo)| {
             // Seconds of the shutter are no seconds of a nominal clock.
-            let time_s = listed.time_s.or(photo.time_s.filter(|_| self.kind.has_times()));
+            let time_s = listed.time_s.or(photo.time_s.filter(|_| kind.has_times()));
             FrameExposure { time_s, photo, ..listed }
         });
         Ok(Recording {
             name: self.name,
             path: self.path,
-            kind: self.kind,
+            kind,
             up: self.up,
             width,
             height,
@@ -199,7 +244,7 @@ fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, Recor
     };
     let mut first: Option<(&PathBuf, Header)> = None;
     for file in files {
-        let header = still::read_header(file).map_err(|error| listing::named_in(lists, error))?;
+        let header = still::read_header(file).map_err(|error| listing::named_in(lists, error, files.iter()))?;
         let (first_file, first_header) = *first.get_or_insert((file, header));
         if header != first_header {
             let text = |h: Header| format!("{}x{} with {} bits", h.width, h.height, h.bits);
@@ -244,15 +289,18 @@ fn common_geometry(geometries: &[Option<Geometry>]) -> Option<Geometry> {
 
 /// Depth need not have the picture's size, but it covers the same view, so it is worth a word.
 /// Every depth picture's header is read, so that a missing one is known before the first frame.
-fn depth_size_warning<'a>(
-    files: impl Iterator<Item = &'a (f64, PathBuf)>,
+fn depth_size_warning(
+    depth: &[Option<(f64, PathBuf)>],
     width: u32,
     height: u32,
     lists: &[PathBuf],
 ) -> Result<Option<String>, RecordingError> {
     let mut warning = None;
-    for (_, file) in files {
-        let header = still::read_header(file).map_err(|error| listing::named_in(lists, error))?;
+    // One may serve several frames.
+    let files: BTreeSet<&PathBuf> = depth.iter().flatten().map(|(_, file)| file).collect();
+    for file in &files {
+        let named = |error| listing::named_in(lists, error, files.iter().copied());
+        let header = still::read_header(file).map_err(named)?;
         if (header.width, header.height) != (width, height) && warning.is_none() {
             let Header { width: w, height: h, .. } = header;
             warning = Some(format!("{}: depth is {w}x{h}, the frames are {width}x{height}", file.display()));

@@ -5,19 +5,29 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::parts::{DepthFiles, Parts, Pictures, track_from};
-use super::{Kind, OpenOptions, RecordingError, listing};
+use super::parts::{DepthFiles, Format, Parts, Pictures, file_or_in_folder, folder_of, track_from};
+use super::{OpenOptions, RecordingError, listing};
 use crate::tracking::text;
 use crate::tracking::tum::parse_trajectory;
 
-pub const FRAME_LIST: &str = "rgb.txt";
+const FRAME_LIST: &str = "rgb.txt";
+
+pub static FORMAT: Format = Format {
+    name: "TUM RGB-D",
+    marker: "a TUM RGB-D folder (rgb.txt, groundtruth.txt)",
+    has_times: true,
+    is_metric: true,
+    find: |path| file_or_in_folder(path, FRAME_LIST).map(|list| folder_of(&list)),
+    open: |folder, _, options| open(folder, options),
+};
+
 /// The benchmark's depth: value / 5000 is metres.
 const CODES_PER_METRE: f64 = 5000.0;
 
-pub fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let frame_list = folder.join(FRAME_LIST);
     let (timestamps_s, files) = listing::read_pictures(&frame_list)?.into_iter().unzip();
-    let mut parts = Parts::new(Kind::Tum, folder, Pictures::Stills(files), timestamps_s);
+    let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
     let file = folder.join("groundtruth.txt");
     let trajectory = parse_trajectory(&text::read(&file)?, &file)?;
