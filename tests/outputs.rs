@@ -224,35 +224,42 @@ fn an_interrupted_simulation_leaves_nothing() {
     }
 }
 
-/// A pipe in the place of what is read tells when the program is at work, and keeps it there.
+/// An ffprobe that waits for a writer tells when the program is at work, and keeps it there.
 #[cfg(unix)]
 #[test]
 fn every_command_ends_with_2_when_it_is_asked_to() {
+    use std::os::unix::fs::PermissionsExt;
     let temp = tempfile::tempdir().unwrap();
-    let pipe = temp.path().join("recording.toml");
+    let (pipe, ffprobe) = (temp.path().join("pipe"), temp.path().join("ffprobe"));
     assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    let (folder, pipe) = (temp.path().to_str().unwrap(), pipe.to_str().unwrap());
+    std::fs::write(&ffprobe, format!("#!/bin/sh\nread said < '{}'\n", pipe.display())).unwrap();
+    std::fs::set_permissions(&ffprobe, std::fs::Permissions::from_mode(0o755)).unwrap();
+    std::fs::write(temp.path().join("v.mkv"), "").unwrap();
+    std::fs::write(temp.path().join("recording.toml"), "version = 1\n[frames]\nvideo = \"v.mkv\"\n").unwrap();
+    let path = format!("{}:{}", temp.path().display(), std::env::var("PATH").unwrap());
+    let folder = temp.path().to_str().unwrap();
     let out = temp.path().join("out.png");
     let out = out.to_str().unwrap();
     let scene = ["--scene", "scenes/marker-1.glb", "-o", out];
     let commands = [
         [&["composite", folder][..], &scene].concat(),
         [&["photo", folder, "--frame", "0"][..], &scene].concat(),
-        vec!["calibrate", "noise", pipe, pipe, "-o", out],
+        vec!["calibrate", "noise", "--moving", folder, "-o", out],
         vec!["meter", folder, "--frame", "0"],
         vec!["inspect", folder],
     ];
     for (command, signal) in commands.iter().zip(["-TERM", "-INT", "-HUP", "-TERM", "-INT"]) {
-        let running = program().args(command).stderr(std::process::Stdio::piped()).spawn().unwrap();
-        // Opens when the program does.
-        let _writer = std::fs::File::options().write(true).open(pipe).unwrap();
+        let mut program = program();
+        let running = program.args(command).env("PATH", &path).stderr(std::process::Stdio::piped()).spawn().unwrap();
+        // Opens when ffprobe does.
+        let _writer = std::fs::File::options().write(true).open(&pipe).unwrap();
         Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
         let output = running.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{command:?}: {text}");
         assert!(text.starts_with("locard: interrupted; "), "{command:?}: {text}");
     }
-    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 1);
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 4);
 }
 
 /// One rule for all outputs.

@@ -189,7 +189,12 @@ pub fn run(args: Args) -> Result<()> {
     if camera.noise.is_none() && !args.plain {
         let text =
             "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it";
-        warn(args.quiet, &format!("{text}; `locard calibrate noise` measures it from pictures of a scene at rest"));
+        warn(
+            args.quiet,
+            &format!(
+                "{text}; `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the recording itself"
+            ),
+        );
     }
     for text in settings.idle(&camera) {
         warn(args.quiet, text);

@@ -8,10 +8,12 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::Geometry;
 use crate::compositor::Settings;
+use crate::document;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
-use crate::words::{count, exact, fixed, reason, short, shown_unit};
+use crate::source::file::{self, MOST_DOCUMENT};
+use crate::words::{count, fixed, number, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -56,9 +58,10 @@ fn kind(path: &Path) -> Result<Found> {
         _ if path.is_dir() => Found::Recording,
         "glb" | "gltf" => Found::Scene,
         "toml" => {
-            let text = std::fs::read_to_string(path)
+            let text = file::read_text(path, MOST_DOCUMENT)
                 .map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
-            let table: toml::Table = text.parse().with_context(|| format!("{}: not TOML", path.display()))?;
+            let table: toml::Table =
+                document::read(&text).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
             if table.contains_key("frames") {
                 Found::Recording
             } else if table.contains_key("objects") || table.contains_key("light") {
@@ -123,7 +126,10 @@ fn profile(path: &Path) -> Result<()> {
                 noise.neighbour_correlation
             )?;
         }
-        None => writeln!(out, "noise      not calibrated: virtual pixels will have none (`locard calibrate noise`)")?,
+        None => writeln!(
+            out,
+            "noise      not calibrated: virtual pixels will have none (`locard calibrate noise`, --moving from a recording)"
+        )?,
     }
     match rig.missing_keys() {
         missing if missing.is_empty() => {}
@@ -146,7 +152,7 @@ fn recording(args: &Args) -> Result<()> {
     let times = &recording.timestamps_s;
     let duration = times.last().zip(times.first()).map_or(0.0, |(b, a)| b - a);
     let posed = (0..recording.frame_count()).filter(|&i| recording.pose_at_frame(i).is_ok()).count();
-    writeln!(out, "recording  {} ({})", recording.name, recording.kind)?;
+    writeln!(out, "recording  {} ({})", shown(&recording.name), recording.kind)?;
     writeln!(
         out,
         "frames     {} of {}x{} px, {} bits; {duration:.3} s, one every {:.4} s",
@@ -188,10 +194,10 @@ fn recording(args: &Args) -> Result<()> {
         }
     }
     for text in recording.warnings.iter().chain(&recording.missing_poses(0..frames)) {
-        writeln!(out, "odd        {text}")?;
+        writeln!(out, "odd        {}", shown(&text.to_string()))?;
     }
     for problem in damaged.iter().take(MOST_DAMAGED) {
-        writeln!(out, "odd        {problem}")?;
+        writeln!(out, "odd        {}", shown(&problem.to_string()))?;
     }
     Ok(())
 }

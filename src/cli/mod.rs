@@ -124,7 +124,7 @@ fn message(error: &anyhow::Error) -> String {
 
 /// A line on stderr; that it may be closed is no reason to fail.
 fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "locard: {text}");
+    let _ = writeln!(std::io::stderr(), "locard: {}", crate::words::shown(text));
 }
 
 /// The number of a frame, as an option's value.

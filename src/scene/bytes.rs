@@ -1,8 +1,6 @@
 //! Bytes from files, GLB containers and URIs, never more than is stated.
 
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use super::SceneError;
@@ -13,23 +11,7 @@ pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
 /// A whole file; `needed_by` is the file that names it.
 pub(super) fn read(file: &Path, needed_by: Option<&Path>) -> Result<Vec<u8>, SceneError> {
     let failed = |source| SceneError::Read { file: file.to_owned(), needed_by: needed_by.map(Path::to_owned), source };
-    // Looked at before it is opened: opening a pipe would wait for a writer.
-    let metadata = std::fs::metadata(file).map_err(failed)?;
-    if !metadata.is_file() {
-        return Err(failed(io::Error::other("it is a folder or a device, not a plain file")));
-    }
-    let handle = File::open(file).map_err(failed)?;
-    let mut bytes = Vec::new();
-    handle.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(SceneError::bad(
-            file,
-            "the file's length",
-            format!("{} bytes", metadata.len()),
-            format!("up to {MAX_FILE_BYTES}"),
-        ));
-    }
-    Ok(bytes)
+    crate::source::file::read(file, MAX_FILE_BYTES).map_err(failed)
 }
 
 /// The JSON and the binary chunk of a GLB container (glTF 2.0, section 4.4), or the bytes

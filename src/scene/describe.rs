@@ -6,7 +6,7 @@ use glam::{DAffine3, Vec3};
 use serde::Serialize;
 
 use super::{Environment, Object, Scene, place};
-use crate::words::count;
+use crate::words::{count, shown};
 
 /// Beyond these extents a model is probably not in metres.
 const LARGE_M: f64 = 10.0;
@@ -100,7 +100,7 @@ fn metres(value: f64) -> String {
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for object in &self.objects {
-            write!(f, "object     {}: {}", object.name, count(object.triangles, "triangle"))?;
+            write!(f, "object     {}: {}", shown(&object.name), count(object.triangles, "triangle"))?;
             if let Some([low, high]) = object.bounds_in_world_m {
                 let extent = [0, 1, 2].map(|i| metres(high[i] - low[i])).join(" x ");
                 let [low, high] = [low, high].map(|corner| corner.map(metres).join(" "));
@@ -114,6 +114,6 @@ impl fmt::Display for Description {
             writeln!(f, "texture {i:<2} {}x{} px, {kind}", texture.width, texture.height)?;
         }
         writeln!(f, "light      {}, {}, {}", count(self.suns, "sun"), count(self.points, "lamp"), self.environment)?;
-        self.warnings.iter().try_for_each(|warning| writeln!(f, "odd        {warning}"))
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "odd        {}", shown(warning)))
     }
 }

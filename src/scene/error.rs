@@ -3,12 +3,14 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use crate::words::{reason, shown};
+
 /// Why a scene cannot be used. Each names the file, the place in it, what was found and what
 /// is accepted.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The file is missing or cannot be read.
-    #[error("{}: cannot be read: {source}; check the path{}", file.display(), named_in(needed_by))]
+    #[error("{}: cannot be read: {}{}", file.display(), reason(source), named_in(needed_by))]
     Read {
         file: PathBuf,
         /// The file that names this one.
@@ -38,7 +40,8 @@ impl SceneError {
         Self::Bad {
             file: file.to_owned(),
             what: what.to_string(),
-            found: found.to_string(),
+            // It may be anything that stands in a file.
+            found: shown(&found.to_string()),
             accepted: accepted.to_string(),
         }
     }

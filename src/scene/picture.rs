@@ -9,6 +9,7 @@ use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::SceneError;
 use super::bytes;
+use crate::source::still;
 
 /// Longest side of a texture.
 pub(super) const MAX_SIDE_PX: u32 = 16384;
@@ -33,9 +34,10 @@ pub(super) fn decode(file: &Path, what: &str, bytes: &[u8], pixels_left: u64) ->
         Ok(other) => return Err(bad(format!("a picture of format {other:?}"), "PNG or JPEG")),
         Err(_) => return Err(bad("bytes that start like no picture".to_owned(), "PNG or JPEG")),
     };
+    let bare = still::bare_png(bytes);
     let failed = |e: image::ImageError| bad(format!("a damaged picture ({e})"), "a whole PNG or JPEG");
     let limited = || {
-        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+        let mut reader = ImageReader::with_format(Cursor::new(&*bare), format);
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(16 * MAX_PIXELS);
         reader.limits(limits);

@@ -1,12 +1,11 @@
 //! What a camera wrote into a JPEG about its settings. Source: CIPA DC-008 (Exif 2.32).
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 use exif::{DateTime, In, Tag, Value};
 
-use super::SourceError;
+use super::{SourceError, file as plain};
 use crate::camera::exposure::LONGEST_S;
 use crate::frame::PhotoSettings;
 
@@ -17,7 +16,7 @@ const SEE_ELSEWHERE: f64 = 65535.0;
 /// The settings in a JPEG's EXIF; empty for a file without it and for one that is no JPEG.
 /// An error where the file cannot be read or its EXIF is damaged.
 pub fn read_settings(file: &Path) -> Result<PhotoSettings, SourceError> {
-    let reader = File::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     match segment(&mut BufReader::new(reader)) {
         Some(segment) => parse(segment).map_err(|problem| SourceError::content(file, problem)),
         None => Ok(PhotoSettings::default()),

@@ -19,6 +19,8 @@ pub enum Ending {
 const MOST_BLOCKS: usize = 1 << 24;
 /// A Huffman code's first bits, by which most codes are found at once.
 const QUICK_BITS: u32 = 9;
+/// More scans than these are refused, since each goes over all blocks, however few bits it has: encoders make about ten.
+const MOST_SCANS: usize = 100;
 
 enum Stop {
     /// The data ended, or a marker stands where data should.
@@ -30,7 +32,7 @@ enum Stop {
 /// Walks through a JPEG's codes; the message says how it is truncated or damaged.
 pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     let mut file = File { bytes, ..File::default() };
-    let mut at = 2;
+    let (mut at, mut scans) = (2, 0);
     while let Some(marker) = next_marker(bytes, &mut at) {
         match marker {
             0xd9 => return file.end(Ending::Marked),
@@ -48,7 +50,13 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
             0xc4 => file.tables(segment).ok_or_else(|| DAMAGED.to_owned())?,
             0xc0..=0xcf if marker != 0xc8 => return Ok(Ending::Marked),
             0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
-            0xda => at = file.scan(segment, at)?,
+            0xda if scans == MOST_SCANS => {
+                return Err(format!("the JPEG has more than {MOST_SCANS} scans; save it anew"));
+            }
+            0xda => {
+                at = file.scan(segment, at)?;
+                scans += 1;
+            }
             _ => {}
         }
     }

@@ -3,14 +3,13 @@
 //! transparency is dropped.
 
 use std::borrow::Cow;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder};
 
-use super::SourceError;
 use super::jpeg::{self, Ending};
+use super::{SourceError, file as plain};
 use crate::image::{Codes, DepthMap, Pixels};
 
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -25,9 +24,17 @@ pub struct Header {
     pub bits: u32,
 }
 
+/// Whether a file is a JPEG picture, by its content.
+pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
+    let failed = |source| SourceError::Read { file: file.to_owned(), source };
+    let mut start = Vec::new();
+    plain::open(file).map_err(failed)?.take(JPEG_SIGNATURE.len() as u64).read_to_end(&mut start).map_err(failed)?;
+    Ok(start == JPEG_SIGNATURE)
+}
+
 /// Reads as little of the file as its header needs.
 pub fn read_header(file: &Path) -> Result<Header, SourceError> {
-    let reader = File::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     header(&mut BufReader::new(reader)).map_err(|problem| SourceError::content(file, problem))
 }
 
@@ -79,14 +86,50 @@ fn png_end(bytes: &[u8]) -> Result<(), String> {
     Err("the PNG is truncated: its last chunk is missing".to_owned())
 }
 
+/// The most that a picture may take when it is decoded, bytes: what the decoders are given, too.
+const MOST_DECODED: u64 = 512 << 20;
+/// What a file may hold beside its pixels, bytes: previews, a film that a phone has put behind.
+const MOST_BESIDE: u64 = 64 << 20;
+
+/// A picture's file, of no more bytes than a picture of its size can have.
 fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
-    std::fs::read(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })
+    let Header { width, height, bits } = read_header(file)?;
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels.saturating_mul(3 * u64::from(bits / 8)) > MOST_DECODED {
+        let problem = format!("is {width}x{height} with {bits} bits; at most {MOST_DECODED} bytes are decoded");
+        return Err(SourceError::content(file, problem));
+    }
+    // Four channels of 16 bits, twice: what was not compressed at all, and an unwise compressor's loss.
+    plain::read(file, 16 * pixels + MOST_BESIDE).map_err(|source| SourceError::Read { file: file.to_owned(), source })
+}
+
+/// A PNG without what its pixels do not need: texts and colour profiles may unpack to a thousand times their length, and what
+/// stands behind the end is nobody's.
+pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let Some(mut rest) = bytes.strip_prefix(PNG_SIGNATURE) else { return Cow::Borrowed(bytes) };
+    let mut bare = PNG_SIGNATURE.to_vec();
+    while let Some((length, after)) = rest.split_first_chunk() {
+        let Some(end) = (u32::from_be_bytes(*length) as usize).checked_add(12).filter(|end| *end <= rest.len()) else {
+            break;
+        };
+        let (chunk, behind) = rest.split_at(end);
+        if [b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"].iter().any(|name| after.starts_with(*name)) {
+            bare.extend(chunk);
+        }
+        rest = if after.starts_with(b"IEND") { &[] } else { behind };
+    }
+    // What is cut off stays so, for the decoder to say.
+    bare.extend(rest);
+    Cow::Owned(bare)
 }
 
 fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     let damaged = |e: image::ImageError| format!("the picture is damaged or truncated: {e}");
     if bytes.starts_with(PNG_SIGNATURE) {
-        return from_decoder(image::codecs::png::PngDecoder::new(Cursor::new(bytes)).map_err(damaged)?);
+        let bare = bare_png(bytes);
+        return from_decoder(
+            image::codecs::png::PngDecoder::with_limits(Cursor::new(&*bare), limits()).map_err(damaged)?,
+        );
     }
     if bytes.starts_with(JPEG_SIGNATURE) {
         // The decoder paints over what is missing, and takes a missing end marker for missing pixels.
@@ -99,8 +142,14 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     Err(NEITHER.to_owned())
 }
 
+fn limits() -> image::Limits {
+    let mut limits = image::Limits::no_limits();
+    limits.max_alloc = Some(MOST_DECODED);
+    limits
+}
+
 fn from_decoder(mut decoder: impl ImageDecoder) -> Result<DynamicImage, String> {
-    decoder.set_limits(image::Limits::default()).map_err(|e| e.to_string())?;
+    decoder.set_limits(limits()).map_err(|e| e.to_string())?;
     DynamicImage::from_decoder(decoder).map_err(|e| format!("the picture is damaged or truncated: {e}"))
 }
 
@@ -256,6 +305,62 @@ mod tests {
             [body, b"\xff"].concat(),
         ] {
             assert_eq!(decode(&odd).unwrap(), pixels);
+        }
+    }
+
+    /// A colour profile of 32 MB that packs into some KB, and 100 GB behind the end of a picture of 3 pixels.
+    #[test]
+    fn what_is_not_pixels_is_not_unpacked_and_not_read() {
+        let plain = png(&[1, 2, 3, 4, 5, 6, 7, 8, 9], 3, 1, Color::Rgb8);
+        let mut heavy = Vec::new();
+        let mut encoder = image::codecs::png::PngEncoder::new(&mut heavy);
+        encoder.set_icc_profile(vec![0; 32 << 20]).unwrap();
+        encoder.write_image(&[1, 2, 3, 4, 5, 6, 7, 8, 9], 3, 1, Color::Rgb8).unwrap();
+        let contains = |bytes: &[u8], name: &[u8]| bytes.windows(4).any(|at| at == name);
+        assert!(contains(&heavy, b"iCCP") && !contains(&bare_png(&heavy), b"iCCP"));
+        assert_eq!(*bare_png(&heavy), *bare_png(&plain));
+        assert_eq!(*bare_png(&plain), *plain);
+        assert_eq!(*bare_png(&[&plain[..], &[7; 99]].concat()), *plain);
+        let (_folder, file) = saved(&heavy);
+        assert_eq!(read_pixels(&file).unwrap().at(2, 0), [7, 8, 9]);
+
+        let (_folder, file) = saved(&plain);
+        std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(100 << 30).unwrap();
+        assert_eq!(read_header(&file).unwrap().width, 3);
+        for error in [read_pixels(&file).map(drop), check_end(&file)] {
+            let error = error.unwrap_err().to_string();
+            assert!(error.contains("it holds 107374182400 bytes; at most 67108912 are read"), "{error}");
+        }
+        // A header that promises more than fits.
+        let mut vast = plain;
+        vast[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+        let (_folder, file) = saved(&vast);
+        assert!(read_pixels(&file).unwrap_err().to_string().contains("is 65536x65536 with 8 bits; at most"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_pipe_is_no_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("a.png");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        assert!(read_header(&pipe).unwrap_err().to_string().contains("a pipe or a device"));
+        assert!(read_pixels(&pipe).is_err() && read_depth(&pipe, 1.0, 0.0).is_err() && check_end(&pipe).is_err());
+        assert!(crate::source::exif::read_settings(&pipe).is_err());
+        assert!(crate::source::video::probe(&pipe, &Default::default()).unwrap_err().to_string().contains("a pipe"));
+    }
+
+    #[test]
+    fn scans_without_end_are_refused_soon() {
+        let whole = std::fs::read("tests/jpeg/progressive-420.jpg").unwrap();
+        let scans: Vec<usize> = (0..whole.len() - 1).filter(|at| whole[*at..*at + 2] == [0xff, 0xda]).collect();
+        // The second scan holds coefficients of one component; said again it changes nothing.
+        let second = &whole[scans[1]..scans[2]];
+        let many = [&whole[..scans[2]], &second.repeat(100), &whole[scans[2]..]].concat();
+        let (_folder, file) = saved(&many);
+        for error in [read_pixels(&file).map(drop), check_end(&file)] {
+            let error = error.unwrap_err().to_string();
+            assert!(error.contains("more than 100 scans"), "{error}");
         }
     }
 

@@ -10,8 +10,8 @@ use std::sync::mpsc::{Receiver, sync_channel};
 
 use serde::{Deserialize, Serialize};
 
-use super::SourceError;
 use super::ffmpeg::{self, FfmpegError, Running};
+use super::{SourceError, file as plain};
 use crate::image::{Codes, Pixels};
 
 /// What to do about a damaged file.
@@ -126,8 +126,8 @@ struct Packet {
 /// Looks into a video file with `ffprobe`: size, colour, and the time of every frame. Packets
 /// are listed, not decoded, so this is fast.
 pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
-    // ffprobe's own words for a missing file are less clear.
-    std::fs::metadata(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    // ffprobe's own words for a missing file are less clear, and it would wait for a pipe.
+    plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,field_order,nb_frames:\
                    stream_tags=DURATION:stream_side_data=rotation:packet=pts_time,flags";
     let mut arguments: Vec<OsString> =

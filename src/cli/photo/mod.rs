@@ -187,7 +187,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     if camera.noise.is_none() {
         let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; `locard \
-                    calibrate noise` measures it from pictures of a scene at rest";
+                    calibrate noise` measures it from pictures of a scene at rest, with --moving from the recording itself";
         warn(args.quiet, text);
     }
     let acts_on_real = effects.acts_on_real();
