@@ -1,332 +1,277 @@
-//! A glTF file opened and its buffers read; every look-up in it is checked.
+//! Scene files: `scene.toml` as plain values, read and written. docs/scenes.md describes every key.
 
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::bytes::{self, MAX_FILE_BYTES};
-use super::schema::{Accessor, Root};
-use super::{SceneError, schema};
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
-/// The extensions that are understood.
-pub(super) const EXTENSIONS: [&str; 5] = [
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_unlit",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-];
+use super::SceneError;
+use crate::document;
+use crate::source::file as plain;
 
-/// An accessor without a buffer view costs the file nothing, so it may not be long.
-const MAX_COUNT_WITHOUT_BYTES: usize = 1 << 20;
+/// A scene file and its text, whose comments and order stay when the values are changed.
+pub type Document = document::Document<SceneFile>;
 
-/// A glTF file: its JSON and its buffers.
-pub(super) struct Document {
-    pub file: PathBuf,
-    pub json: Root,
-    buffers: Vec<Vec<u8>>,
+/// Reads a scene file; what it names is not looked at.
+pub fn read(file: &Path) -> Result<Document, SceneError> {
+    let failed = |source| SceneError::Read { file: file.to_owned(), needed_by: None, source };
+    let bytes = plain::read(file, plain::MOST_DOCUMENT).map_err(failed)?;
+    let text =
+        str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
+    let accepted = "the keys and values in docs/scenes.md";
+    let document = Document::parse(text).map_err(|problem| {
+        let line = problem.line.map_or_else(|| "the text".to_owned(), |line| format!("line {line}"));
+        let key = if problem.key.is_empty() { String::new() } else { format!(", {}", problem.key) };
+        SceneError::bad(file, line + &key, problem.message, accepted)
+    })?;
+    document.value().check(file)?;
+    Ok(document)
 }
 
-impl Document {
-    pub fn open(file: &Path, needed_by: Option<&Path>) -> Result<Self, SceneError> {
-        let bytes = bytes::read(file, needed_by)?;
-        let (json, binary) = bytes::split_glb(file, &bytes)?;
-        let json: Root = serde_json::from_slice(json)
-            .map_err(|e| SceneError::bad(file, "the glTF JSON", e, "glTF 2.0 as its specification has it"))?;
-        let mut document = Self { file: file.to_owned(), json, buffers: Vec::new() };
-        document.check_version()?;
-        document.read_buffers(binary)?;
-        Ok(document)
-    }
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// 1.
+    pub version: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub up: Option<Up>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<PlacedModel>,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub light: LightTable,
+}
 
-    /// The file itself and those that it names.
-    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
-        let images = self.json.images.iter().filter_map(|image| image.uri.as_deref());
-        let uris = self.json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).chain(images);
-        let named = uris.filter(|uri| !uri.starts_with("data:")).map(|uri| bytes::beside(&self.file, uri));
-        std::iter::once(self.file.clone()).chain(named)
-    }
+/// A model and where it stands, once or, by `instances`, several times.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlacedModel {
+    /// A `.glb` or `.gltf` file, relative to the scene file.
+    pub model: String,
+    pub name: Option<String>,
+    pub up: Option<Up>,
+    /// Whether the position is where the model's lowest point stands.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub ground: bool,
+    pub position_m: Option<[f64; 3]>,
+    /// About the world's x, then y, then z; or `quaternion`.
+    pub rotation_deg: Option<[f64; 3]>,
+    /// x, y, z, w.
+    pub quaternion: Option<[f64; 4]>,
+    /// Or `size_m`.
+    pub scale: Option<Scale>,
+    /// The largest extent.
+    pub size_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub instances: Vec<Instance>,
+}
 
-    pub fn bad(&self, what: impl Display, found: impl Display, accepted: impl Display) -> SceneError {
-        SceneError::bad(&self.file, what, found, accepted)
-    }
+/// What it does not say is as its object has it.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Instance {
+    pub name: Option<String>,
+    pub position_m: Option<[f64; 3]>,
+    pub rotation_deg: Option<[f64; 3]>,
+    pub quaternion: Option<[f64; 4]>,
+    pub scale: Option<Scale>,
+    pub size_m: Option<f64>,
+}
 
-    /// `list[index]`, where `what` is the place that holds the index.
-    pub fn get<'a, T>(
-        &self,
-        list: &'a [T],
-        list_name: &str,
-        index: usize,
-        what: impl Display,
-    ) -> Result<&'a T, SceneError> {
-        list.get(index).ok_or_else(|| self.bad(what, index, format!("an index into {} {list_name}", list.len())))
-    }
+/// A factor for all axes or one for each.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(untagged, expecting = "expected a number or [x, y, z]")]
+pub enum Scale {
+    All(f64),
+    Each([f64; 3]),
+}
 
-    fn check_version(&self) -> Result<(), SceneError> {
-        let version = &self.json.asset.version;
-        if version.split('.').next() != Some("2") {
-            return Err(self.bad("asset.version", format!("{version:?}"), "2.0"));
-        }
-        match self.json.extensions_required.iter().find(|name| !EXTENSIONS.contains(&name.as_str())) {
-            Some(name) => Err(self.bad("extensionsRequired", name, EXTENSIONS.join(", "))),
-            None => Ok(()),
-        }
-    }
+/// A grey or a linear colour.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(untagged, expecting = "expected a number or [r, g, b]")]
+pub enum Color {
+    Grey(f64),
+    Rgb([f64; 3]),
+}
 
-    fn read_buffers(&mut self, mut binary: Option<&[u8]>) -> Result<(), SceneError> {
-        let mut total = 0u64;
-        for (i, buffer) in self.json.buffers.iter().enumerate() {
-            let what = format!("buffers[{i}]");
-            let mut bytes = match (&buffer.uri, binary.take()) {
-                (Some(uri), _) => bytes::resolve(&self.file, &format!("{what}.uri"), uri)?,
-                (None, Some(chunk)) => chunk.to_vec(),
-                (None, None) => {
-                    return Err(self.bad(what, "neither a uri nor a binary chunk", "one of them"));
-                }
-            };
-            if bytes.len() < buffer.byte_length {
-                let found = format!("{} bytes", bytes.len());
-                return Err(self.bad(what, found, format!("{} bytes, its byteLength", buffer.byte_length)));
-            }
-            bytes.truncate(buffer.byte_length);
-            total += bytes.len() as u64;
-            if total > MAX_FILE_BYTES {
-                return Err(self.bad(what, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
-            }
-            self.buffers.push(bytes);
+impl From<Color> for Vec3 {
+    fn from(color: Color) -> Self {
+        match color {
+            Color::Grey(v) => Vec3::splat(v as f32),
+            Color::Rgb(c) => DVec3::from(c).as_vec3(),
         }
-        Ok(())
-    }
-
-    /// All bytes of a buffer view and its stride, 0 where its elements follow each other.
-    pub fn view(&self, index: usize, what: &str) -> Result<(&[u8], usize), SceneError> {
-        let view = self.get(&self.json.buffer_views, "bufferViews", index, what)?;
-        let what = format!("bufferViews[{index}]");
-        let buffer = self.get(&self.buffers, "buffers", view.buffer, format!("{what}.buffer"))?;
-        let bytes = view.byte_offset.checked_add(view.byte_length).and_then(|end| buffer.get(view.byte_offset..end));
-        let bytes = bytes.ok_or_else(|| {
-            let found = format!("{} bytes from byte {}", view.byte_length, view.byte_offset);
-            self.bad(&what, found, format!("a part of the {} bytes of buffers[{}]", buffer.len(), view.buffer))
-        })?;
-        match view.byte_stride {
-            Some(stride) if !(4..=252).contains(&stride) => {
-                Err(self.bad(format!("{what}.byteStride"), stride, "4 to 252"))
-            }
-            stride => Ok((bytes, stride.unwrap_or(0))),
-        }
-    }
-
-    /// The accessor's elements as numbers; `what` is the place that names it. Elements with
-    /// fewer than N components are filled up with `fill`. Normalized integers become -1 to 1
-    /// (glTF 2.0, section 3.6.2.2); a number that is not finite is an error.
-    pub fn floats<const N: usize>(
-        &self,
-        index: usize,
-        what: &str,
-        shapes: &[&str],
-        fill: f32,
-    ) -> Result<Vec<[f32; N]>, SceneError> {
-        let accessor = self.accessor(index, what, shapes)?;
-        let elements = self.elements(index, accessor, what)?;
-        let component = elements.component;
-        if accessor.normalized && matches!(component, Component::F32 | Component::U32) {
-            return Err(self.bad(what, "normalized 32-bit numbers", "normalized numbers of 8 or 16 bits"));
-        }
-        let mut rows = Vec::with_capacity(elements.count);
-        for (row, element) in elements.bytes.chunks_exact(elements.size).enumerate() {
-            let mut values = [fill; N];
-            for (value, bytes) in values.iter_mut().zip(element.chunks_exact(component.size())) {
-                *value = component.number(bytes, accessor.normalized);
-            }
-            if let Some(bad) = values.iter().find(|v| !v.is_finite()) {
-                return Err(self.bad(format!("{what} (accessors[{index}], element {row})"), bad, "finite numbers"));
-            }
-            rows.push(values);
-        }
-        Ok(rows)
-    }
-
-    /// An accessor of vertex indices, each below `vertices`.
-    pub fn indices(&self, index: usize, what: &str, vertices: usize) -> Result<Vec<u32>, SceneError> {
-        let accessor = self.accessor(index, what, &["SCALAR"])?;
-        let elements = self.elements(index, accessor, what)?;
-        if !elements.component.is_unsigned() {
-            return Err(self.bad(what, accessor.component_type, "componentType 5121, 5123 or 5125 (unsigned)"));
-        }
-        let mut indices = Vec::with_capacity(elements.count);
-        for (row, bytes) in elements.bytes.chunks_exact(elements.size).enumerate() {
-            let value = elements.component.unsigned(bytes);
-            if value as usize >= vertices {
-                let place = format!("{what} (accessors[{index}], element {row})");
-                return Err(self.bad(place, value, format!("an index into {vertices} vertices")));
-            }
-            indices.push(value);
-        }
-        Ok(indices)
-    }
-
-    /// How many elements an accessor says it has; nothing is read.
-    pub fn count(&self, index: usize, what: &str) -> Result<usize, SceneError> {
-        Ok(self.get(&self.json.accessors, "accessors", index, what)?.count)
-    }
-
-    fn accessor(&self, index: usize, what: &str, shapes: &[&str]) -> Result<&Accessor, SceneError> {
-        let accessor = self.get(&self.json.accessors, "accessors", index, what)?;
-        if !shapes.contains(&accessor.shape.as_str()) {
-            let place = format!("{what} (accessors[{index}].type)");
-            return Err(self.bad(place, format!("{:?}", accessor.shape), shapes.join(" or ")));
-        }
-        Ok(accessor)
-    }
-
-    /// The accessor's bytes without gaps, sparse elements put in.
-    fn elements(&self, index: usize, accessor: &Accessor, what: &str) -> Result<Elements, SceneError> {
-        let what = format!("{what} (accessors[{index}])");
-        let component = Component::from_code(accessor.component_type)
-            .ok_or_else(|| self.bad(&what, accessor.component_type, "componentType 5120 to 5123, 5125 or 5126"))?;
-        let size = component.size() * components(&accessor.shape);
-        let count = accessor.count;
-        let mut bytes = match accessor.buffer_view {
-            Some(view) => self.packed(view, accessor.byte_offset, count, size, &what)?,
-            None if count <= MAX_COUNT_WITHOUT_BYTES => vec![0; count * size],
-            None => {
-                let accepted = format!("up to {MAX_COUNT_WITHOUT_BYTES} where there is no bufferView");
-                return Err(self.bad(format!("{what}.count"), count, accepted));
-            }
-        };
-        if let Some(sparse) = &accessor.sparse {
-            self.put_sparse(sparse, &mut bytes, size, &what)?;
-        }
-        Ok(Elements { bytes, component, size, count })
-    }
-
-    fn put_sparse(&self, sparse: &schema::Sparse, bytes: &mut [u8], size: usize, what: &str) -> Result<(), SceneError> {
-        let what = format!("{what}.sparse");
-        let code = sparse.indices.component_type.unwrap_or(0);
-        let component = Component::from_code(code)
-            .filter(|c| c.is_unsigned())
-            .ok_or_else(|| self.bad(format!("{what}.indices.componentType"), code, "5121, 5123 or 5125 (unsigned)"))?;
-        let part = &sparse.indices;
-        let places = self.packed(part.buffer_view, part.byte_offset, sparse.count, component.size(), &what)?;
-        let part = &sparse.values;
-        let values = self.packed(part.buffer_view, part.byte_offset, sparse.count, size, &what)?;
-        let count = bytes.len() / size;
-        for (place, value) in places.chunks_exact(component.size()).zip(values.chunks_exact(size)) {
-            let place = component.unsigned(place) as usize;
-            let element = place
-                .checked_mul(size)
-                .and_then(|at| bytes.get_mut(at..at + size))
-                .ok_or_else(|| self.bad(format!("{what}.indices"), place, format!("an index into {count} elements")))?;
-            element.copy_from_slice(value);
-        }
-        Ok(())
-    }
-
-    /// `count` elements of `size` bytes, `offset` bytes into a view, without the gaps between them.
-    fn packed(&self, view: usize, offset: usize, count: usize, size: usize, what: &str) -> Result<Vec<u8>, SceneError> {
-        let (bytes, stride) = self.view(view, what)?;
-        let stride = if stride == 0 { size } else { stride };
-        if stride < size {
-            return Err(self.bad(what, format!("a byteStride of {stride}"), format!("{size} or more")));
-        }
-        if count == 0 {
-            return Ok(Vec::new());
-        }
-        // The last element need not be followed by a whole stride.
-        let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
-        let part = end.and_then(|end| bytes.get(offset..end)).ok_or_else(|| {
-            let found = format!("{count} elements of {size} bytes, {stride} apart, from byte {offset}");
-            self.bad(what, found, format!("elements within the {} bytes of bufferViews[{view}]", bytes.len()))
-        })?;
-        if stride == size {
-            return Ok(part.to_vec());
-        }
-        Ok(part.chunks(stride).flat_map(|element| element.iter().take(size)).copied().collect())
     }
 }
 
-struct Elements {
-    bytes: Vec<u8>,
-    component: Component,
-    /// Bytes an element, 1 to 64.
-    size: usize,
-    count: usize,
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LightTable {
+    /// A panorama, relative to the scene file.
+    pub environment: Option<String>,
+    pub environment_intensity: Option<f64>,
+    pub environment_rotation_deg: Option<f64>,
+    pub ambient: Option<Color>,
+    pub white_lx: Option<f64>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sun: Vec<SunTable>,
 }
 
-/// Components of an element; 1 for a type that is not known, which `shapes` has refused before.
-fn components(shape: &str) -> usize {
-    match shape {
-        "VEC2" => 2,
-        "VEC3" => 3,
-        "VEC4" => 4,
-        _ => 1,
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SunTable {
+    /// Any length but 0.
+    pub towards: [f64; 3],
+    pub color: Option<Color>,
+    pub intensity: Option<f64>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+impl SceneFile {
+    /// What can be told without other files; the keys' own rules are looked at when it is loaded.
+    pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {
+        if let Some((key, found)) = toml::Value::try_from(self).ok().as_ref().and_then(not_finite) {
+            return Err(SceneError::bad(file, key, found, "finite numbers"));
+        }
+        match self.version {
+            1 => Ok(()),
+            found => Err(SceneError::bad(file, "version", found, "1")),
+        }
     }
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    U32,
-    F32,
+/// The first number that is not finite, with its key, as in `objects[0].position_m[2]`.
+fn not_finite(value: &toml::Value) -> Option<(String, f64)> {
+    match value {
+        toml::Value::Float(number) if !number.is_finite() => Some((String::new(), *number)),
+        toml::Value::Table(table) => table.iter().find_map(|(key, value)| {
+            let (inner, number) = not_finite(value)?;
+            let dot = if inner.is_empty() || inner.starts_with('[') { "" } else { "." };
+            Some((format!("{key}{dot}{inner}"), number))
+        }),
+        toml::Value::Array(list) => list.iter().enumerate().find_map(|(i, value)| {
+            let (inner, number) = not_finite(value)?;
+            let dot = if inner.is_empty() || inner.starts_with('[') { "" } else { "." };
+            Some((format!("[{i}]{dot}{inner}"), number))
+        }),
+        _ => None,
+    }
 }
 
-impl Component {
-    fn from_code(code: u32) -> Option<Self> {
-        Some(match code {
-            5120 => Self::I8,
-            5121 => Self::U8,
-            5122 => Self::I16,
-            5123 => Self::U16,
-            5125 => Self::U32,
-            5126 => Self::F32,
-            _ => return None,
+/// Which way is up: an axis by its name or any direction.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(untagged, expecting = r#"expected "x", "y", "z", "-x", "-y", "-z" or [x, y, z]"#)]
+pub enum Up {
+    Named(Axis),
+    Direction([f64; 3]),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+pub enum Axis {
+    #[serde(rename = "x")]
+    X,
+    #[serde(rename = "y")]
+    Y,
+    #[serde(rename = "z")]
+    Z,
+    #[serde(rename = "-x")]
+    NegX,
+    #[serde(rename = "-y")]
+    NegY,
+    #[serde(rename = "-z")]
+    NegZ,
+}
+
+impl Up {
+    /// The unit vector; `what` is the key that holds it.
+    pub fn axis(self, file: &Path, what: &str) -> Result<DVec3, SceneError> {
+        Ok(match self {
+            Self::Named(Axis::X) => DVec3::X,
+            Self::Named(Axis::Y) => DVec3::Y,
+            Self::Named(Axis::Z) => DVec3::Z,
+            Self::Named(Axis::NegX) => DVec3::NEG_X,
+            Self::Named(Axis::NegY) => DVec3::NEG_Y,
+            Self::Named(Axis::NegZ) => DVec3::NEG_Z,
+            Self::Direction(v) => DVec3::from(v)
+                .try_normalize()
+                .ok_or_else(|| SceneError::bad(file, what, DVec3::from(v), "a vector with a length"))?,
         })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::U32 | Self::F32 => 4,
-        }
-    }
-
-    fn is_unsigned(self) -> bool {
-        matches!(self, Self::U8 | Self::U16 | Self::U32)
-    }
-
-    /// The number in `bytes`, little-endian, `size` of them.
-    fn unsigned(self, bytes: &[u8]) -> u32 {
-        bytes.iter().rev().fold(0, |n, &byte| (n << 8) | u32::from(byte))
-    }
-
-    fn number(self, bytes: &[u8], normalized: bool) -> f32 {
-        let n = self.unsigned(bytes);
-        let (value, largest) = match self {
-            Self::F32 => return f32::from_bits(n),
-            Self::I8 => (f32::from(n as u8 as i8), 127.0),
-            Self::U8 => (n as f32, 255.0),
-            Self::I16 => (f32::from(n as u16 as i16), 32767.0),
-            Self::U16 => (n as f32, 65535.0),
-            Self::U32 => (n as f32, 1.0),
-        };
-        if normalized { (value / largest).max(-1.0) } else { value }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Component;
+    use super::*;
+    use proptest::prelude::*;
+
+    const SCENE: &str = "# the desk\nversion = 1\nup = \"z\"\n\n# a marker\n[[objects]]\nmodel = \"a.glb\" # yellow\n\
+        position_m = [0.1, 2, 0]\n\n[[objects]]\nmodel = \"b.glb\"\nscale = 2\n\n# by the window\n[[objects.instances]]\n\
+        position_m = [1, 1, 0]\n\n[light]\nambient = 0.5\n";
 
     #[test]
-    fn integers_become_numbers_as_gltf_says() {
-        assert_eq!(Component::U8.number(&[255], true), 1.0);
-        assert_eq!(Component::I8.number(&[0x80], true), -1.0);
-        assert_eq!(Component::I8.number(&[0x80], false), -128.0);
-        assert_eq!(Component::I16.number(&[0xff, 0x7f], true), 1.0);
-        assert_eq!(Component::U16.number(&[1, 2], false), 513.0);
-        assert_eq!(Component::F32.number(&1.5f32.to_le_bytes(), false), 1.5);
+    fn a_placement_is_moved_and_the_rest_stays() {
+        let mut document = Document::parse(SCENE).unwrap();
+        let mut scene = document.value().clone();
+        assert_eq!((scene.up, scene.objects[1].scale), (Some(Up::Named(Axis::Z)), Some(Scale::All(2.0))));
+        scene.objects[0].position_m = Some([0.1, 2.0, 0.25]);
+        scene.objects[1].instances[0].rotation_deg = Some([0.0, 0.0, 12.0]);
+        document.set(scene.clone()).unwrap();
+        let expected = SCENE
+            .replace("[0.1, 2, 0]", "[0.1, 2.0, 0.25]")
+            .replace("[1, 1, 0]\n", "[1, 1, 0]\nrotation_deg = [0.0, 0.0, 12.0]\n");
+        assert_eq!(document.to_string(), expected);
+        scene.objects.push(PlacedModel { model: "c.glb".to_owned(), ..PlacedModel::default() });
+        document.set(scene.clone()).unwrap();
+        assert!(document.to_string().contains("\n[[objects]]\nmodel = \"c.glb\"\n"), "{document}");
+        assert_eq!(Document::parse(&document.to_string()).unwrap().value(), &scene);
+    }
+
+    fn number() -> impl Strategy<Value = f64> {
+        prop_oneof![any::<f64>().prop_filter("finite", |n| n.is_finite()), -9.0..9.0f64]
+    }
+
+    fn placed() -> impl Strategy<Value = PlacedModel> {
+        let numbers = || prop::option::of([number(), number(), number()]);
+        let scale = prop_oneof![number().prop_map(Scale::All), [number(), number(), number()].prop_map(Scale::Each)];
+        let instance = (numbers(), prop::option::of(number())).prop_map(|(position_m, size_m)| Instance {
+            position_m,
+            size_m,
+            ..Instance::default()
+        });
+        let instances = prop::collection::vec(instance, 0..3);
+        ("\\PC{0,6}", any::<bool>(), numbers(), numbers(), prop::option::of(scale), instances).prop_map(
+            |(model, ground, position_m, rotation_deg, scale, instances)| PlacedModel {
+                model: model.clone(),
+                name: ground.then_some(model),
+                up: ground.then_some(Up::Named(Axis::NegY)),
+                ground,
+                position_m,
+                rotation_deg,
+                scale,
+                instances,
+                ..PlacedModel::default()
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back(
+            before in prop::collection::vec(placed(), 0..4),
+            after in prop::collection::vec(placed(), 0..4),
+            sun in prop::option::of([number(), number(), number()]),
+        ) {
+            let suns = sun.map(|towards| SunTable { towards, color: Some(Color::Rgb(towards)), intensity: Some(towards[0]) });
+            let light = LightTable { ambient: sun.map(|s| Color::Grey(s[1])), sun: suns.into_iter().collect(), ..LightTable::default() };
+            let scene = |objects| SceneFile { version: 1, up: sun.map(Up::Direction), objects, light: light.clone() };
+            let mut document = Document::new(scene(before)).unwrap();
+            let read = Document::parse(&document.to_string()).unwrap();
+            prop_assert_eq!(read.value(), document.value());
+            document.set(scene(after)).unwrap();
+            let read = Document::parse(&document.to_string()).unwrap();
+            // The shortest text of a number tells every bit of it.
+            prop_assert_eq!(format!("{:?}", read.value()), format!("{:?}", document.value()));
+        }
     }
 }

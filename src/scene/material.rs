@@ -1,12 +1,9 @@
 //! glTF materials and textures to ours.
 
-use super::model::Reader;
 use super::picture::{self, MAX_PIXELS, Rgba};
+use super::reader::Reader;
 use super::schema::{self, TextureInfo};
 use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
-
-/// What makes two uses of an image one [`Texture`].
-pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 
 impl Reader<'_> {
     /// The index of a material in the scene, read at its first use; none is glTF's default.
@@ -17,8 +14,8 @@ impl Reader<'_> {
         let material = match index {
             None => Material::default(),
             Some(i) => {
-                let document = self.document;
-                let json = document.get(&document.json.materials, "materials", i, what)?;
+                let gltf = self.gltf;
+                let json = gltf.get(&gltf.json.materials, "materials", i, what)?;
                 self.read_material(json, &format!("materials[{i}]"))?
             }
         };
@@ -44,7 +41,7 @@ impl Reader<'_> {
         }
         let normal_scale = json.normal_texture.as_ref().and_then(|t| t.scale).unwrap_or(1.0);
         if !normal_scale.is_finite() {
-            return Err(self.document.bad(place("normalTexture.scale"), normal_scale, "a finite number"));
+            return Err(self.gltf.bad(place("normalTexture.scale"), normal_scale, "a finite number"));
         }
         let occlusion = json.occlusion_texture.as_ref().and_then(|t| t.strength).unwrap_or(1.0);
         Ok(Material {
@@ -73,7 +70,7 @@ impl Reader<'_> {
     /// A factor from 0 to `max`; one outside is set to the nearer end, and that is said.
     fn factor(&mut self, value: f32, max: f32, what: &str) -> Result<f32, SceneError> {
         if !value.is_finite() {
-            return Err(self.document.bad(what, value, "a finite number"));
+            return Err(self.gltf.bad(what, value, "a finite number"));
         }
         let clamped = value.clamp(0.0, max);
         if clamped != value {
@@ -91,7 +88,7 @@ impl Reader<'_> {
                 // Above 1 all is cut off, which is what the file says.
                 Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{what}.alphaCutoff"))?))
             }
-            Some(other) => Err(self.document.bad(format!("{what}.alphaMode"), other, "OPAQUE, MASK or BLEND")),
+            Some(other) => Err(self.gltf.bad(format!("{what}.alphaMode"), other, "OPAQUE, MASK or BLEND")),
         }
     }
 
@@ -102,9 +99,9 @@ impl Reader<'_> {
         what: &str,
     ) -> Result<Option<TextureUse>, SceneError> {
         let Some(info) = info else { return Ok(None) };
-        let document = self.document;
+        let gltf = self.gltf;
         let place = format!("textures[{}]", info.index);
-        let texture = document.get(&document.json.textures, "textures", info.index, format!("{what}.index"))?;
+        let texture = gltf.get(&gltf.json.textures, "textures", info.index, format!("{what}.index"))?;
         let Some(image) = texture.source else {
             self.warn(format!("{place} has no PNG or JPEG source: ignored"));
             return Ok(None);
@@ -118,11 +115,11 @@ impl Reader<'_> {
         let rows = transform.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], transform_rows);
         if !rows.as_flattened().iter().all(|v| v.is_finite()) {
             let what = format!("{what}.extensions.KHR_texture_transform");
-            return Err(document.bad(what, "a number that is not finite", "finite numbers"));
+            return Err(gltf.bad(what, "a number that is not finite", "finite numbers"));
         }
         let default = schema::Sampler::default();
         let sampler = match texture.sampler {
-            Some(i) => document.get(&document.json.samplers, "samplers", i, format!("{place}.sampler"))?,
+            Some(i) => gltf.get(&gltf.json.samplers, "samplers", i, format!("{place}.sampler"))?,
             None => &default,
         };
         let (wrap, smooth, mipmaps) = self.sampling(sampler, &format!("{place}.sampler"))?;
@@ -147,19 +144,19 @@ impl Reader<'_> {
             Some(33648) => Ok(Wrap::Mirror),
             Some(33071) => Ok(Wrap::Clamp),
             Some(other) => {
-                Err(self.document.bad(format!("{what}.wrap"), other, "10497 (repeat), 33648 (mirror) or 33071 (clamp)"))
+                Err(self.gltf.bad(format!("{what}.wrap"), other, "10497 (repeat), 33648 (mirror) or 33071 (clamp)"))
             }
         };
         let smooth = match sampler.mag_filter {
             None | Some(9729) => true,
             Some(9728) => false,
-            Some(other) => return Err(self.document.bad(format!("{what}.magFilter"), other, "9728 or 9729")),
+            Some(other) => return Err(self.gltf.bad(format!("{what}.magFilter"), other, "9728 or 9729")),
         };
         let mipmaps = match sampler.min_filter {
             None | Some(9984..=9987) => true,
             Some(9728 | 9729) => false,
             Some(other) => {
-                return Err(self.document.bad(format!("{what}.minFilter"), other, "9728, 9729 or 9984 to 9987"));
+                return Err(self.gltf.bad(format!("{what}.minFilter"), other, "9728, 9729 or 9984 to 9987"));
             }
         };
         Ok(([wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?], smooth, mipmaps))
@@ -169,19 +166,19 @@ impl Reader<'_> {
         if let Some(known) = self.images.get(&index) {
             return Ok(known.clone());
         }
-        let document = self.document;
-        let image = document.get(&document.json.images, "images", index, what)?;
+        let gltf = self.gltf;
+        let image = gltf.get(&gltf.json.images, "images", index, what)?;
         let what = format!("images[{index}]");
         let outside;
         let bytes = match (&image.uri, image.buffer_view) {
             (Some(uri), _) => {
-                outside = bytes::resolve(&document.file, &format!("{what}.uri"), uri)?;
+                outside = bytes::resolve(&gltf.file, &format!("{what}.uri"), uri)?;
                 &outside[..]
             }
-            (None, Some(view)) => document.view(view, &format!("{what}.bufferView"))?.0,
-            (None, None) => return Err(document.bad(what, "neither a uri nor a bufferView", "one of them")),
+            (None, Some(view)) => gltf.view(view, &format!("{what}.bufferView"))?.0,
+            (None, None) => return Err(gltf.bad(what, "neither a uri nor a bufferView", "one of them")),
         };
-        let decoded = picture::decode(&document.file, &what, bytes, MAX_PIXELS - self.loader.pixels)?;
+        let decoded = picture::decode(&gltf.file, &what, bytes, MAX_PIXELS - self.loader.pixels)?;
         self.loader.pixels += u64::from(decoded.width) * u64::from(decoded.height);
         self.images.insert(index, decoded.clone());
         Ok(decoded)

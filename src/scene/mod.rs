@@ -5,15 +5,19 @@
 
 mod bytes;
 mod describe;
-mod document;
+pub mod document;
 mod error;
 mod geometry;
+mod gltf;
+mod light;
 mod load;
+mod loader;
 mod material;
 mod model;
 mod nodes;
 mod picture;
 mod place;
+mod reader;
 mod scene_file;
 mod schema;
 
@@ -23,8 +27,9 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 pub use describe::{Description, ObjectDescription, TextureDescription, describe};
+pub use document::{Document, SceneFile};
 pub use error::SceneError;
-pub use load::load;
+pub use load::{load, load_file};
 
 /// Everything that the renderer draws.
 #[derive(Clone, Debug, Default, PartialEq)]

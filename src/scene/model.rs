@@ -2,59 +2,36 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::rc::Rc;
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::document::{Document, EXTENSIONS};
 use super::geometry::{self, Assembly};
-use super::load::{Loader, MAX_PARTS};
-use super::material::TextureKey;
-use super::picture::Rgba;
+use super::gltf::{EXTENSIONS, Gltf};
+use super::loader::{LightKind, Loader, MAX_PARTS, Model, ModelLight};
+use super::reader::Reader;
 use super::schema::{Light, Primitive};
 use super::{Mesh, Part, SceneError, Vertex, nodes};
 
-/// A model, read once however often it is placed.
-pub(super) struct Model {
-    /// Meshes of the scene at their places in the model.
-    pub parts: Vec<Part>,
-    pub lights: Vec<ModelLight>,
-}
-
-/// A light of KHR_lights_punctual, in photometric units.
-#[derive(Clone, Copy)]
-pub(super) struct ModelLight {
-    pub model_from_light: DAffine3,
-    /// Lux for a directional light, candela for the others.
-    pub color: Vec3,
-    pub kind: LightKind,
-}
-
-#[derive(Clone, Copy)]
-pub(super) enum LightKind {
-    Directional,
-    Point {
-        range_m: f32,
-        /// Inner and outer angle from the axis, radians.
-        spot: Option<[f32; 2]>,
-    },
-}
-
-/// Reads one file into the scene; remembers what of the file is there already.
-pub(super) struct Reader<'a> {
-    pub document: &'a Document,
-    pub loader: &'a mut Loader,
-    pub materials: HashMap<Option<usize>, usize>,
-    pub textures: HashMap<TextureKey, usize>,
-    pub images: HashMap<usize, Rgba>,
-    meshes: HashMap<usize, Vec<usize>>,
+/// A model, read at its first use; `needed_by` is the scene file that names it.
+pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Rc<Model>, SceneError> {
+    if let Some(known) = loader.models.get(file) {
+        return Ok(Rc::clone(known));
+    }
+    let model = Rc::new(read(loader, file, needed_by)?);
+    if model.parts.is_empty() {
+        loader.warn(file, "there is nothing in it to see".to_owned());
+    }
+    loader.models.insert(file.to_owned(), Rc::clone(&model));
+    Ok(model)
 }
 
 /// Reads a model; `needed_by` is the scene file that names it.
-pub(super) fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Model, SceneError> {
-    let document = &Document::open(file, needed_by)?;
-    loader.scene.files.extend(document.files());
+fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Model, SceneError> {
+    let gltf = &Gltf::open(file, needed_by)?;
+    loader.scene.files.extend(gltf.files());
     let mut reader = Reader {
-        document,
+        gltf,
         loader,
         materials: HashMap::new(),
         textures: HashMap::new(),
@@ -68,11 +45,11 @@ pub(super) fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -
 impl Reader<'_> {
     /// Says something once, with the file's name.
     pub fn warn(&mut self, text: String) {
-        self.loader.warn(&self.document.file, text);
+        self.loader.warn(&self.gltf.file, text);
     }
 
     fn say_what_is_ignored(&mut self) {
-        let json = &self.document.json;
+        let json = &self.gltf.json;
         for (kind, count) in
             [("animation", json.animations.len()), ("skinning", json.skins.len()), ("a camera", json.cameras.len())]
         {
@@ -86,24 +63,24 @@ impl Reader<'_> {
     }
 
     fn read(mut self) -> Result<Model, SceneError> {
-        let document = self.document;
+        let gltf = self.gltf;
         let (mut parts, mut lights) = (Vec::new(), Vec::new());
-        for (index, model_from_node) in nodes::placed(document)? {
-            let node = &document.json.nodes[index];
+        for (index, model_from_node) in nodes::placed(gltf)? {
+            let node = &gltf.json.nodes[index];
             if let Some(mesh) = node.mesh {
                 if model_from_node.matrix3.determinant() == 0.0 {
                     self.warn(format!("nodes[{index}] is scaled to nothing along an axis: its mesh is left out"));
                 } else {
                     let meshes = self.mesh(mesh, &format!("nodes[{index}].mesh"))?;
                     if parts.len() + meshes.len() > MAX_PARTS {
-                        return Err(document.bad("nodes", "more placed meshes", format!("up to {MAX_PARTS}")));
+                        return Err(gltf.bad("nodes", "more placed meshes", format!("up to {MAX_PARTS}")));
                     }
                     parts.extend(meshes.into_iter().map(|mesh| Part { mesh, world_from_mesh: model_from_node }));
                 }
             }
             if let Some(light) = &node.extensions.light {
                 let what = format!("nodes[{index}].extensions.KHR_lights_punctual.light");
-                let light = document.get(&document.json.extensions.lights.lights, "lights", light.light, &what)?;
+                let light = gltf.get(&gltf.json.extensions.lights.lights, "lights", light.light, &what)?;
                 lights.push(self.light(light, model_from_node, &what)?);
             }
         }
@@ -115,10 +92,9 @@ impl Reader<'_> {
         if let Some(known) = self.meshes.get(&index) {
             return Ok(known.clone());
         }
-        let document = self.document;
+        let gltf = self.gltf;
         let mut meshes = Vec::new();
-        for (i, primitive) in document.get(&document.json.meshes, "meshes", index, what)?.primitives.iter().enumerate()
-        {
+        for (i, primitive) in gltf.get(&gltf.json.meshes, "meshes", index, what)?.primitives.iter().enumerate() {
             if let Some(mesh) = self.primitive(primitive, &format!("meshes[{index}].primitives[{i}]"))? {
                 self.loader.scene.meshes.push(mesh);
                 meshes.push(self.loader.scene.meshes.len() - 1);
@@ -129,7 +105,7 @@ impl Reader<'_> {
     }
 
     fn primitive(&mut self, primitive: &Primitive, what: &str) -> Result<Option<Mesh>, SceneError> {
-        let document = self.document;
+        let gltf = self.gltf;
         if !primitive.targets.is_empty() {
             self.warn("morphing is not supported: ignored".to_owned());
         }
@@ -141,19 +117,19 @@ impl Reader<'_> {
                 self.warn("points and lines are not supported: ignored".to_owned());
                 return Ok(None);
             }
-            other => return Err(document.bad(format!("{what}.mode"), other, "0 to 6")),
+            other => return Err(gltf.bad(format!("{what}.mode"), other, "0 to 6")),
         };
         let Some(position) = primitive.attributes.position else {
             self.warn(format!("{what} has no POSITION: ignored"));
             return Ok(None);
         };
-        let vertices = document.count(position, &format!("{what}.attributes.POSITION"))?;
+        let vertices = gltf.count(position, &format!("{what}.attributes.POSITION"))?;
         let corners = match primitive.indices {
-            Some(index) => document.count(index, &format!("{what}.indices"))?,
+            Some(index) => gltf.count(index, &format!("{what}.indices"))?,
             None => vertices,
         };
         if assembly == Assembly::List && corners % 3 != 0 {
-            return Err(document.bad(format!("{what}.indices"), format!("{corners} corners"), "three a triangle"));
+            return Err(gltf.bad(format!("{what}.indices"), format!("{corners} corners"), "three a triangle"));
         }
         let material = self.material(primitive.material, &format!("{what}.material"))?;
         let unlit = self.loader.scene.materials[material].unlit;
@@ -161,11 +137,11 @@ impl Reader<'_> {
         let flat = primitive.attributes.normal.is_none() && !unlit;
         let triangles = if assembly == Assembly::List { corners } else { corners.saturating_mul(3) };
         let made = vertices.max(if flat { triangles } else { 0 });
-        self.loader.count_geometry(&document.file, what, made, triangles)?;
+        self.loader.count_geometry(&gltf.file, what, made, triangles)?;
 
         let mut vertices = self.vertices(primitive, position, what)?;
         let indices = match primitive.indices {
-            Some(index) => document.indices(index, &format!("{what}.indices"), vertices.len())?,
+            Some(index) => gltf.indices(index, &format!("{what}.indices"), vertices.len())?,
             None => (0..vertices.len() as u32).collect(),
         };
         let mut indices = geometry::triangles(assembly, indices);
@@ -192,7 +168,7 @@ impl Reader<'_> {
     /// The attributes of all vertices; normals of unit length or zero.
     fn vertices(&self, primitive: &Primitive, position: usize, what: &str) -> Result<Vec<Vertex>, SceneError> {
         let attributes = &primitive.attributes;
-        let positions = self.document.floats::<3>(position, &place(what, "POSITION"), &["VEC3"], 0.0)?;
+        let positions = self.gltf.floats::<3>(position, &place(what, "POSITION"), &["VEC3"], 0.0)?;
         let count = positions.len();
         let normals = self.attribute::<3>(attributes.normal, what, "NORMAL", &["VEC3"], count)?;
         // glTF 2.0, section 3.7.2.1: without normals, tangents are to be ignored.
@@ -222,11 +198,11 @@ impl Reader<'_> {
     ) -> Result<Option<Vec<[f32; N]>>, SceneError> {
         let Some(index) = index else { return Ok(None) };
         let what = place(what, name);
-        let found = self.document.count(index, &what)?;
+        let found = self.gltf.count(index, &what)?;
         if found != count {
-            return Err(self.document.bad(what, format!("{found} elements"), format!("{count}, as POSITION")));
+            return Err(self.gltf.bad(what, format!("{found} elements"), format!("{count}, as POSITION")));
         }
-        Ok(Some(self.document.floats(index, &what, shapes, 1.0)?))
+        Ok(Some(self.gltf.floats(index, &what, shapes, 1.0)?))
     }
 
     /// Tangents where the material has a normal map, none elsewhere.
@@ -269,7 +245,7 @@ impl Reader<'_> {
 
     fn light(&self, light: &Light, model_from_light: DAffine3, what: &str) -> Result<ModelLight, SceneError> {
         let bad = |key: &str, found: &dyn std::fmt::Display, accepted: &str| {
-            self.document.bad(format!("{what} → {key}"), found, accepted)
+            self.gltf.bad(format!("{what} → {key}"), found, accepted)
         };
         let color = Vec3::from(light.color.unwrap_or([1.0; 3])) * light.intensity.unwrap_or(1.0);
         if !color.is_finite() || color.min_element() < 0.0 {

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat4, Quat, Vec3};
 
 use super::SceneError;
-use super::document::Document;
+use super::gltf::Gltf;
 use super::schema::Node;
 
 /// Nodes below one another.
@@ -11,19 +11,19 @@ const MAX_DEPTH: usize = 512;
 
 /// The nodes of the file's scene, each with its place in the model. A node with two parents,
 /// a cycle or more than 512 levels is an error.
-pub(super) fn placed(document: &Document) -> Result<Vec<(usize, DAffine3)>, SceneError> {
-    let nodes = &document.json.nodes;
-    let parents = parents(document)?;
-    let (roots, place) = roots(document, &parents)?;
+pub(super) fn placed(gltf: &Gltf) -> Result<Vec<(usize, DAffine3)>, SceneError> {
+    let nodes = &gltf.json.nodes;
+    let parents = parents(gltf)?;
+    let (roots, place) = roots(gltf, &parents)?;
     let mut open: Vec<(usize, DAffine3)> = Vec::with_capacity(roots.len());
     let mut is_root = vec![false; nodes.len()];
     for index in roots {
-        document.get(nodes, "nodes", index, &place)?;
+        gltf.get(nodes, "nodes", index, &place)?;
         if let Some(parent) = parents[index] {
-            return Err(document.bad(place, format!("{index}, a child of nodes[{parent}]"), "nodes without a parent"));
+            return Err(gltf.bad(place, format!("{index}, a child of nodes[{parent}]"), "nodes without a parent"));
         }
         if std::mem::replace(&mut is_root[index], true) {
-            return Err(document.bad(place, format!("{index} twice"), "each node once"));
+            return Err(gltf.bad(place, format!("{index} twice"), "each node once"));
         }
         open.push((index, DAffine3::IDENTITY));
     }
@@ -31,9 +31,9 @@ pub(super) fn placed(document: &Document) -> Result<Vec<(usize, DAffine3)>, Scen
     let mut placed = Vec::new();
     while let Some((index, model_from_parent)) = open.pop() {
         let node = &nodes[index];
-        let model_from_node = model_from_parent * local(document, node, index)?;
+        let model_from_node = model_from_parent * local(gltf, node, index)?;
         if !model_from_node.is_finite() {
-            return Err(document.bad(format!("nodes[{index}]"), "a place that is not finite", "finite numbers"));
+            return Err(gltf.bad(format!("nodes[{index}]"), "a place that is not finite", "finite numbers"));
         }
         placed.push((index, model_from_node));
         open.extend(node.children.iter().rev().map(|&child| (child, model_from_node)));
@@ -42,16 +42,16 @@ pub(super) fn placed(document: &Document) -> Result<Vec<(usize, DAffine3)>, Scen
 }
 
 /// Each node's parent, after a look at all of them.
-fn parents(document: &Document) -> Result<Vec<Option<usize>>, SceneError> {
-    let nodes = &document.json.nodes;
+fn parents(gltf: &Gltf) -> Result<Vec<Option<usize>>, SceneError> {
+    let nodes = &gltf.json.nodes;
     let mut parents = vec![None; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
         for &child in &node.children {
             let what = format!("nodes[{i}].children");
-            document.get(nodes, "nodes", child, &what)?;
+            gltf.get(nodes, "nodes", child, &what)?;
             if let Some(other) = parents[child] {
                 let found = format!("{child}, which is a child of nodes[{other}] already");
-                return Err(document.bad(what, found, "one parent for each node"));
+                return Err(gltf.bad(what, found, "one parent for each node"));
             }
             parents[child] = Some(i);
         }
@@ -60,11 +60,11 @@ fn parents(document: &Document) -> Result<Vec<Option<usize>>, SceneError> {
         let (mut at, mut depth) = (start, 1);
         while let Some(parent) = parents[at] {
             if parent == start {
-                return Err(document.bad(format!("nodes[{start}]"), "a node below itself", "a tree"));
+                return Err(gltf.bad(format!("nodes[{start}]"), "a node below itself", "a tree"));
             }
             if depth == MAX_DEPTH {
                 let found = format!("more than {MAX_DEPTH} nodes above it");
-                return Err(document.bad(format!("nodes[{start}]"), found, format!("up to {MAX_DEPTH} levels")));
+                return Err(gltf.bad(format!("nodes[{start}]"), found, format!("up to {MAX_DEPTH} levels")));
             }
             (at, depth) = (parent, depth + 1);
         }
@@ -73,8 +73,8 @@ fn parents(document: &Document) -> Result<Vec<Option<usize>>, SceneError> {
 }
 
 /// The roots of the scene to show, and the name of the list that they are from.
-fn roots(document: &Document, parents: &[Option<usize>]) -> Result<(Vec<usize>, String), SceneError> {
-    let json = &document.json;
+fn roots(gltf: &Gltf, parents: &[Option<usize>]) -> Result<(Vec<usize>, String), SceneError> {
+    let json = &gltf.json;
     let index = match json.scene {
         Some(index) => index,
         None if json.scenes.is_empty() => {
@@ -82,13 +82,13 @@ fn roots(document: &Document, parents: &[Option<usize>]) -> Result<(Vec<usize>, 
         }
         None => 0,
     };
-    let scene = document.get(&json.scenes, "scenes", index, "scene")?;
+    let scene = gltf.get(&json.scenes, "scenes", index, "scene")?;
     Ok((scene.nodes.clone(), format!("scenes[{index}].nodes")))
 }
 
 /// A node's own transform: its matrix, or translation · rotation · scale.
-fn local(document: &Document, node: &Node, index: usize) -> Result<DAffine3, SceneError> {
-    let not_finite = |key: &str| document.bad(format!("nodes[{index}].{key}"), "a number that is not finite", "finite");
+fn local(gltf: &Gltf, node: &Node, index: usize) -> Result<DAffine3, SceneError> {
+    let not_finite = |key: &str| gltf.bad(format!("nodes[{index}].{key}"), "a number that is not finite", "finite");
     if let Some(columns) = &node.matrix {
         let matrix: DMat4 = Mat4::from_cols_array(columns).as_dmat4();
         if !matrix.is_finite() {
@@ -96,7 +96,7 @@ fn local(document: &Document, node: &Node, index: usize) -> Result<DAffine3, Sce
         }
         let last = matrix.row(3);
         if !last.abs_diff_eq(glam::DVec4::W, 1e-6) {
-            return Err(document.bad(format!("nodes[{index}].matrix"), format!("last row {last}"), "0, 0, 0, 1"));
+            return Err(gltf.bad(format!("nodes[{index}].matrix"), format!("last row {last}"), "0, 0, 0, 1"));
         }
         return Ok(DAffine3::from_mat4(matrix));
     }
@@ -113,7 +113,7 @@ fn local(document: &Document, node: &Node, index: usize) -> Result<DAffine3, Sce
     let length = rotation.length();
     if length.is_nan() || (length - 1.0).abs() >= 0.01 {
         let found = format!("a quaternion of length {length}");
-        return Err(document.bad(format!("nodes[{index}].rotation"), found, "length 1"));
+        return Err(gltf.bad(format!("nodes[{index}].rotation"), found, "length 1"));
     }
     let matrix3 = DMat3::from_quat(rotation.normalize()) * DMat3::from_diagonal(scale);
     Ok(DAffine3 { matrix3, translation })

@@ -1,52 +1,16 @@
 //! Where a model stands in the world.
 
-use std::path::Path;
-
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
-use serde::Deserialize;
 
-use super::scene_file::Size;
-use super::{Part, Scene, SceneError};
+use super::{Part, Scene};
 
-/// Which way is up: an axis by its name or any direction.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(untagged, expecting = r#"expected "x", "y", "z", "-x", "-y", "-z" or [x, y, z]"#)]
-pub(super) enum Up {
-    Named(Axis),
-    Direction([f64; 3]),
-}
-
-#[derive(Clone, Copy, Debug, Deserialize)]
-pub(super) enum Axis {
-    #[serde(rename = "x")]
-    X,
-    #[serde(rename = "y")]
-    Y,
-    #[serde(rename = "z")]
-    Z,
-    #[serde(rename = "-x")]
-    NegX,
-    #[serde(rename = "-y")]
-    NegY,
-    #[serde(rename = "-z")]
-    NegZ,
-}
-
-impl Up {
-    /// The unit vector; `what` is the key that holds it.
-    pub fn axis(self, file: &Path, what: &str) -> Result<DVec3, SceneError> {
-        Ok(match self {
-            Self::Named(Axis::X) => DVec3::X,
-            Self::Named(Axis::Y) => DVec3::Y,
-            Self::Named(Axis::Z) => DVec3::Z,
-            Self::Named(Axis::NegX) => DVec3::NEG_X,
-            Self::Named(Axis::NegY) => DVec3::NEG_Y,
-            Self::Named(Axis::NegZ) => DVec3::NEG_Z,
-            Self::Direction(v) => DVec3::from(v)
-                .try_normalize()
-                .ok_or_else(|| SceneError::bad(file, what, DVec3::from(v), "a vector with a length"))?,
-        })
-    }
+/// How large a model becomes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Size {
+    /// Factors along the model's own axes.
+    Scale(DVec3),
+    /// The model's largest extent, metres.
+    LargestM(f64),
 }
 
 /// The shortest turn that takes one unit vector to another; between opposite ones, half a turn

@@ -1,101 +1,24 @@
-//! Our scene files: `scene.toml`. docs/scenes.md describes every key.
+//! What a scene file says, put into a scene.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use serde::Deserialize;
 
-use super::load::{DEFAULT_WHITE_LX, Loader, default_lighting};
-use super::place::{Placement, Up};
-use super::{Environment, EnvironmentMap, SceneError, Sun, bytes, picture};
+use super::document::{Instance, LightTable, PlacedModel, Scale, SceneFile, SunTable};
+use super::light::{DEFAULT_WHITE_LX, default_lighting};
+use super::loader::Loader;
+use super::place::{Placement, Size, turn_up};
+use super::{Environment, EnvironmentMap, SceneError, Sun, model, picture};
 
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    version: u32,
-    up: Option<Up>,
-    #[serde(default)]
-    objects: Vec<Object>,
-    #[serde(default)]
-    light: Light,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Object {
-    model: String,
-    name: Option<String>,
-    up: Option<Up>,
-    #[serde(default)]
-    ground: bool,
-    position_m: Option<[f64; 3]>,
-    rotation_deg: Option<[f64; 3]>,
-    quaternion: Option<[f64; 4]>,
-    scale: Option<Scale>,
-    size_m: Option<f64>,
-    #[serde(default)]
-    instances: Vec<Instance>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Instance {
-    name: Option<String>,
-    position_m: Option<[f64; 3]>,
-    rotation_deg: Option<[f64; 3]>,
-    quaternion: Option<[f64; 4]>,
-    scale: Option<Scale>,
-    size_m: Option<f64>,
-}
-
-/// A factor for all axes or one for each.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(untagged, expecting = "expected a number or [x, y, z]")]
-enum Scale {
-    All(f64),
-    Each([f64; 3]),
-}
-
-/// A grey or a linear colour.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(untagged, expecting = "expected a number or [r, g, b]")]
-enum Color {
-    Grey(f32),
-    Rgb([f32; 3]),
-}
-
-impl From<Color> for Vec3 {
-    fn from(color: Color) -> Self {
-        match color {
-            Color::Grey(v) => Vec3::splat(v),
-            Color::Rgb(c) => c.into(),
-        }
-    }
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Light {
-    environment: Option<String>,
-    environment_intensity: Option<f32>,
-    environment_rotation_deg: Option<f64>,
-    ambient: Option<Color>,
-    white_lx: Option<f64>,
-    sun: Vec<SunTable>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SunTable {
-    towards: [f64; 3],
-    color: Option<Color>,
-    intensity: Option<f32>,
-}
-
-/// Reads a scene file into the loader.
-pub(super) fn read(loader: &mut Loader, file: &Path, recording_up: Option<DVec3>) -> Result<(), SceneError> {
-    let scene = parse(file)?;
+/// Puts what a scene file says into the loader; `file` is named in errors, and models are looked for from there.
+pub(super) fn read(
+    loader: &mut Loader,
+    scene: &SceneFile,
+    file: &Path,
+    recording_up: Option<DVec3>,
+) -> Result<(), SceneError> {
+    scene.check(file)?;
     loader.scene.files.push(file.to_owned());
     let world_up = match scene.up {
         Some(up) => up.axis(file, "up")?,
@@ -124,46 +47,10 @@ pub(super) fn read(loader: &mut Loader, file: &Path, recording_up: Option<DVec3>
     Ok(())
 }
 
-fn parse(file: &Path) -> Result<File, SceneError> {
-    let bytes = bytes::read(file, None)?;
-    let text =
-        str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
-    if let Some((key, found)) = text.parse().ok().and_then(|table| not_finite(&toml::Value::Table(table))) {
-        return Err(SceneError::bad(file, key, found, "finite numbers"));
-    }
-    let scene: File = toml::from_str(text).map_err(|e| {
-        let before = e.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
-        let what = format!("line {}", before.matches('\n').count() + 1);
-        SceneError::bad(file, what, e.message().replace('\n', " "), "the keys and values in docs/scenes.md")
-    })?;
-    if scene.version != 1 {
-        return Err(SceneError::bad(file, "version", scene.version, "1"));
-    }
-    Ok(scene)
-}
-
-/// The first number that is not finite, with its key, as in `objects[0].position_m[2]`.
-fn not_finite(value: &toml::Value) -> Option<(String, f64)> {
-    match value {
-        toml::Value::Float(number) if !number.is_finite() => Some((String::new(), *number)),
-        toml::Value::Table(table) => table.iter().find_map(|(key, value)| {
-            let (inner, number) = not_finite(value)?;
-            let dot = if inner.is_empty() || inner.starts_with('[') { "" } else { "." };
-            Some((format!("{key}{dot}{inner}"), number))
-        }),
-        toml::Value::Array(list) => list.iter().enumerate().find_map(|(i, value)| {
-            let (inner, number) = not_finite(value)?;
-            let dot = if inner.is_empty() || inner.starts_with('[') { "" } else { "." };
-            Some((format!("[{i}]{dot}{inner}"), number))
-        }),
-        _ => None,
-    }
-}
-
 fn place(
     loader: &mut Loader,
     file: &Path,
-    object: &Object,
+    object: &PlacedModel,
     what: &str,
     world_up: DVec3,
     white_lx: f64,
@@ -172,7 +59,7 @@ fn place(
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
         return Err(SceneError::bad(file, format!("{what}.model"), &object.model, "a .glb or .gltf file"));
     }
-    let model = loader.model(&path, Some(file))?;
+    let model = model::load(loader, &path, Some(file))?;
     let model_up = match object.up {
         Some(up) => up.axis(file, &format!("{what}.up"))?,
         None => DVec3::Y,
@@ -213,15 +100,6 @@ fn place(
         loader.place(&path, &model, name, world_from_model, white_lx)?;
     }
     Ok(())
-}
-
-/// How large a model becomes.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Size {
-    /// Factors along the model's own axes.
-    Scale(DVec3),
-    /// The model's largest extent, metres.
-    LargestM(f64),
 }
 
 fn size(file: &Path, what: &str, scale: Option<Scale>, size_m: Option<f64>) -> Result<Option<Size>, SceneError> {
@@ -272,7 +150,7 @@ fn read_sun(file: &Path, sun: &SunTable, what: &str) -> Result<Sun, SceneError> 
         .try_normalize()
         .ok_or_else(|| SceneError::bad(file, format!("{what}.towards"), towards, "a vector with a length"))?
         .as_vec3();
-    let color = sun.color.map_or(Vec3::ONE, Vec3::from) * sun.intensity.unwrap_or(1.0);
+    let color = sun.color.map_or(Vec3::ONE, Vec3::from) * sun.intensity.unwrap_or(1.0) as f32;
     Ok(Sun { towards_light_in_world, color: positive(file, &format!("{what}.color · intensity"), color)? })
 }
 
@@ -287,7 +165,7 @@ fn positive(file: &Path, what: &str, color: Vec3) -> Result<Vec3, SceneError> {
 fn environment(
     loader: &mut Loader,
     file: &Path,
-    light: &Light,
+    light: &LightTable,
     world_up: DVec3,
 ) -> Result<Option<Environment>, SceneError> {
     let Some(name) = &light.environment else {
@@ -304,7 +182,7 @@ fn environment(
     if light.ambient.is_some() {
         return Err(SceneError::bad(file, "light", "environment and ambient", "one of them"));
     }
-    let intensity = light.environment_intensity.unwrap_or(1.0);
+    let intensity = light.environment_intensity.unwrap_or(1.0) as f32;
     positive(file, "light.environment_intensity", Vec3::splat(intensity))?;
     let degrees = light.environment_rotation_deg.unwrap_or(0.0);
     if !degrees.is_finite() {
@@ -316,8 +194,7 @@ fn environment(
     if width != 2 * height {
         loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
     }
-    let world_from_map =
-        DQuat::from_axis_angle(world_up, degrees.to_radians()) * super::place::turn_up(DVec3::Y, world_up);
+    let world_from_map = DQuat::from_axis_angle(world_up, degrees.to_radians()) * turn_up(DVec3::Y, world_up);
     let map_from_world = world_from_map.conjugate().as_quat().normalize();
     Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb: Arc::new(rgb), map_from_world, intensity })))
 }

@@ -1,0 +1,332 @@
+//! A glTF file opened and its buffers read; every look-up in it is checked.
+
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+
+use super::bytes::{self, MAX_FILE_BYTES};
+use super::schema::{Accessor, Root};
+use super::{SceneError, schema};
+
+/// The extensions that are understood.
+pub(super) const EXTENSIONS: [&str; 5] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+];
+
+/// An accessor without a buffer view costs the file nothing, so it may not be long.
+const MAX_COUNT_WITHOUT_BYTES: usize = 1 << 20;
+
+/// A glTF file: its JSON and its buffers.
+pub(super) struct Gltf {
+    pub file: PathBuf,
+    pub json: Root,
+    buffers: Vec<Vec<u8>>,
+}
+
+impl Gltf {
+    pub fn open(file: &Path, needed_by: Option<&Path>) -> Result<Self, SceneError> {
+        let bytes = bytes::read(file, needed_by)?;
+        let (json, binary) = bytes::split_glb(file, &bytes)?;
+        let json: Root = serde_json::from_slice(json)
+            .map_err(|e| SceneError::bad(file, "the glTF JSON", e, "glTF 2.0 as its specification has it"))?;
+        let mut gltf = Self { file: file.to_owned(), json, buffers: Vec::new() };
+        gltf.check_version()?;
+        gltf.read_buffers(binary)?;
+        Ok(gltf)
+    }
+
+    /// The file itself and those that it names.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let images = self.json.images.iter().filter_map(|image| image.uri.as_deref());
+        let uris = self.json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).chain(images);
+        let named = uris.filter(|uri| !uri.starts_with("data:")).map(|uri| bytes::beside(&self.file, uri));
+        std::iter::once(self.file.clone()).chain(named)
+    }
+
+    pub fn bad(&self, what: impl Display, found: impl Display, accepted: impl Display) -> SceneError {
+        SceneError::bad(&self.file, what, found, accepted)
+    }
+
+    /// `list[index]`, where `what` is the place that holds the index.
+    pub fn get<'a, T>(
+        &self,
+        list: &'a [T],
+        list_name: &str,
+        index: usize,
+        what: impl Display,
+    ) -> Result<&'a T, SceneError> {
+        list.get(index).ok_or_else(|| self.bad(what, index, format!("an index into {} {list_name}", list.len())))
+    }
+
+    fn check_version(&self) -> Result<(), SceneError> {
+        let version = &self.json.asset.version;
+        if version.split('.').next() != Some("2") {
+            return Err(self.bad("asset.version", format!("{version:?}"), "2.0"));
+        }
+        match self.json.extensions_required.iter().find(|name| !EXTENSIONS.contains(&name.as_str())) {
+            Some(name) => Err(self.bad("extensionsRequired", name, EXTENSIONS.join(", "))),
+            None => Ok(()),
+        }
+    }
+
+    fn read_buffers(&mut self, mut binary: Option<&[u8]>) -> Result<(), SceneError> {
+        let mut total = 0u64;
+        for (i, buffer) in self.json.buffers.iter().enumerate() {
+            let what = format!("buffers[{i}]");
+            let mut bytes = match (&buffer.uri, binary.take()) {
+                (Some(uri), _) => bytes::resolve(&self.file, &format!("{what}.uri"), uri)?,
+                (None, Some(chunk)) => chunk.to_vec(),
+                (None, None) => {
+                    return Err(self.bad(what, "neither a uri nor a binary chunk", "one of them"));
+                }
+            };
+            if bytes.len() < buffer.byte_length {
+                let found = format!("{} bytes", bytes.len());
+                return Err(self.bad(what, found, format!("{} bytes, its byteLength", buffer.byte_length)));
+            }
+            bytes.truncate(buffer.byte_length);
+            total += bytes.len() as u64;
+            if total > MAX_FILE_BYTES {
+                return Err(self.bad(what, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
+            }
+            self.buffers.push(bytes);
+        }
+        Ok(())
+    }
+
+    /// All bytes of a buffer view and its stride, 0 where its elements follow each other.
+    pub fn view(&self, index: usize, what: &str) -> Result<(&[u8], usize), SceneError> {
+        let view = self.get(&self.json.buffer_views, "bufferViews", index, what)?;
+        let what = format!("bufferViews[{index}]");
+        let buffer = self.get(&self.buffers, "buffers", view.buffer, format!("{what}.buffer"))?;
+        let bytes = view.byte_offset.checked_add(view.byte_length).and_then(|end| buffer.get(view.byte_offset..end));
+        let bytes = bytes.ok_or_else(|| {
+            let found = format!("{} bytes from byte {}", view.byte_length, view.byte_offset);
+            self.bad(&what, found, format!("a part of the {} bytes of buffers[{}]", buffer.len(), view.buffer))
+        })?;
+        match view.byte_stride {
+            Some(stride) if !(4..=252).contains(&stride) => {
+                Err(self.bad(format!("{what}.byteStride"), stride, "4 to 252"))
+            }
+            stride => Ok((bytes, stride.unwrap_or(0))),
+        }
+    }
+
+    /// The accessor's elements as numbers; `what` is the place that names it. Elements with
+    /// fewer than N components are filled up with `fill`. Normalized integers become -1 to 1
+    /// (glTF 2.0, section 3.6.2.2); a number that is not finite is an error.
+    pub fn floats<const N: usize>(
+        &self,
+        index: usize,
+        what: &str,
+        shapes: &[&str],
+        fill: f32,
+    ) -> Result<Vec<[f32; N]>, SceneError> {
+        let accessor = self.accessor(index, what, shapes)?;
+        let elements = self.elements(index, accessor, what)?;
+        let component = elements.component;
+        if accessor.normalized && matches!(component, Component::F32 | Component::U32) {
+            return Err(self.bad(what, "normalized 32-bit numbers", "normalized numbers of 8 or 16 bits"));
+        }
+        let mut rows = Vec::with_capacity(elements.count);
+        for (row, element) in elements.bytes.chunks_exact(elements.size).enumerate() {
+            let mut values = [fill; N];
+            for (value, bytes) in values.iter_mut().zip(element.chunks_exact(component.size())) {
+                *value = component.number(bytes, accessor.normalized);
+            }
+            if let Some(bad) = values.iter().find(|v| !v.is_finite()) {
+                return Err(self.bad(format!("{what} (accessors[{index}], element {row})"), bad, "finite numbers"));
+            }
+            rows.push(values);
+        }
+        Ok(rows)
+    }
+
+    /// An accessor of vertex indices, each below `vertices`.
+    pub fn indices(&self, index: usize, what: &str, vertices: usize) -> Result<Vec<u32>, SceneError> {
+        let accessor = self.accessor(index, what, &["SCALAR"])?;
+        let elements = self.elements(index, accessor, what)?;
+        if !elements.component.is_unsigned() {
+            return Err(self.bad(what, accessor.component_type, "componentType 5121, 5123 or 5125 (unsigned)"));
+        }
+        let mut indices = Vec::with_capacity(elements.count);
+        for (row, bytes) in elements.bytes.chunks_exact(elements.size).enumerate() {
+            let value = elements.component.unsigned(bytes);
+            if value as usize >= vertices {
+                let place = format!("{what} (accessors[{index}], element {row})");
+                return Err(self.bad(place, value, format!("an index into {vertices} vertices")));
+            }
+            indices.push(value);
+        }
+        Ok(indices)
+    }
+
+    /// How many elements an accessor says it has; nothing is read.
+    pub fn count(&self, index: usize, what: &str) -> Result<usize, SceneError> {
+        Ok(self.get(&self.json.accessors, "accessors", index, what)?.count)
+    }
+
+    fn accessor(&self, index: usize, what: &str, shapes: &[&str]) -> Result<&Accessor, SceneError> {
+        let accessor = self.get(&self.json.accessors, "accessors", index, what)?;
+        if !shapes.contains(&accessor.shape.as_str()) {
+            let place = format!("{what} (accessors[{index}].type)");
+            return Err(self.bad(place, format!("{:?}", accessor.shape), shapes.join(" or ")));
+        }
+        Ok(accessor)
+    }
+
+    /// The accessor's bytes without gaps, sparse elements put in.
+    fn elements(&self, index: usize, accessor: &Accessor, what: &str) -> Result<Elements, SceneError> {
+        let what = format!("{what} (accessors[{index}])");
+        let component = Component::from_code(accessor.component_type)
+            .ok_or_else(|| self.bad(&what, accessor.component_type, "componentType 5120 to 5123, 5125 or 5126"))?;
+        let size = component.size() * components(&accessor.shape);
+        let count = accessor.count;
+        let mut bytes = match accessor.buffer_view {
+            Some(view) => self.packed(view, accessor.byte_offset, count, size, &what)?,
+            None if count <= MAX_COUNT_WITHOUT_BYTES => vec![0; count * size],
+            None => {
+                let accepted = format!("up to {MAX_COUNT_WITHOUT_BYTES} where there is no bufferView");
+                return Err(self.bad(format!("{what}.count"), count, accepted));
+            }
+        };
+        if let Some(sparse) = &accessor.sparse {
+            self.put_sparse(sparse, &mut bytes, size, &what)?;
+        }
+        Ok(Elements { bytes, component, size, count })
+    }
+
+    fn put_sparse(&self, sparse: &schema::Sparse, bytes: &mut [u8], size: usize, what: &str) -> Result<(), SceneError> {
+        let what = format!("{what}.sparse");
+        let code = sparse.indices.component_type.unwrap_or(0);
+        let component = Component::from_code(code)
+            .filter(|c| c.is_unsigned())
+            .ok_or_else(|| self.bad(format!("{what}.indices.componentType"), code, "5121, 5123 or 5125 (unsigned)"))?;
+        let part = &sparse.indices;
+        let places = self.packed(part.buffer_view, part.byte_offset, sparse.count, component.size(), &what)?;
+        let part = &sparse.values;
+        let values = self.packed(part.buffer_view, part.byte_offset, sparse.count, size, &what)?;
+        let count = bytes.len() / size;
+        for (place, value) in places.chunks_exact(component.size()).zip(values.chunks_exact(size)) {
+            let place = component.unsigned(place) as usize;
+            let element = place
+                .checked_mul(size)
+                .and_then(|at| bytes.get_mut(at..at + size))
+                .ok_or_else(|| self.bad(format!("{what}.indices"), place, format!("an index into {count} elements")))?;
+            element.copy_from_slice(value);
+        }
+        Ok(())
+    }
+
+    /// `count` elements of `size` bytes, `offset` bytes into a view, without the gaps between them.
+    fn packed(&self, view: usize, offset: usize, count: usize, size: usize, what: &str) -> Result<Vec<u8>, SceneError> {
+        let (bytes, stride) = self.view(view, what)?;
+        let stride = if stride == 0 { size } else { stride };
+        if stride < size {
+            return Err(self.bad(what, format!("a byteStride of {stride}"), format!("{size} or more")));
+        }
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        // The last element need not be followed by a whole stride.
+        let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
+        let part = end.and_then(|end| bytes.get(offset..end)).ok_or_else(|| {
+            let found = format!("{count} elements of {size} bytes, {stride} apart, from byte {offset}");
+            self.bad(what, found, format!("elements within the {} bytes of bufferViews[{view}]", bytes.len()))
+        })?;
+        if stride == size {
+            return Ok(part.to_vec());
+        }
+        Ok(part.chunks(stride).flat_map(|element| element.iter().take(size)).copied().collect())
+    }
+}
+
+struct Elements {
+    bytes: Vec<u8>,
+    component: Component,
+    /// Bytes an element, 1 to 64.
+    size: usize,
+    count: usize,
+}
+
+/// Components of an element; 1 for a type that is not known, which `shapes` has refused before.
+fn components(shape: &str) -> usize {
+    match shape {
+        "VEC2" => 2,
+        "VEC3" => 3,
+        "VEC4" => 4,
+        _ => 1,
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn from_code(code: u32) -> Option<Self> {
+        Some(match code {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    fn is_unsigned(self) -> bool {
+        matches!(self, Self::U8 | Self::U16 | Self::U32)
+    }
+
+    /// The number in `bytes`, little-endian, `size` of them.
+    fn unsigned(self, bytes: &[u8]) -> u32 {
+        bytes.iter().rev().fold(0, |n, &byte| (n << 8) | u32::from(byte))
+    }
+
+    fn number(self, bytes: &[u8], normalized: bool) -> f32 {
+        let n = self.unsigned(bytes);
+        let (value, largest) = match self {
+            Self::F32 => return f32::from_bits(n),
+            Self::I8 => (f32::from(n as u8 as i8), 127.0),
+            Self::U8 => (n as f32, 255.0),
+            Self::I16 => (f32::from(n as u16 as i16), 32767.0),
+            Self::U16 => (n as f32, 65535.0),
+            Self::U32 => (n as f32, 1.0),
+        };
+        if normalized { (value / largest).max(-1.0) } else { value }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Component;
+
+    #[test]
+    fn integers_become_numbers_as_gltf_says() {
+        assert_eq!(Component::U8.number(&[255], true), 1.0);
+        assert_eq!(Component::I8.number(&[0x80], true), -1.0);
+        assert_eq!(Component::I8.number(&[0x80], false), -128.0);
+        assert_eq!(Component::I16.number(&[0xff, 0x7f], true), 1.0);
+        assert_eq!(Component::U16.number(&[1, 2], false), 513.0);
+        assert_eq!(Component::F32.number(&1.5f32.to_le_bytes(), false), 1.5);
+    }
+}

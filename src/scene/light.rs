@@ -1,0 +1,34 @@
+//! The light where nobody gives any, and how bright light in lux is.
+
+use glam::{DVec2, DVec3, Vec3};
+
+use super::{Environment, Lighting, Sun};
+
+/// Illuminance under which a white matt surface is the camera's white: an office.
+pub(super) const DEFAULT_WHITE_LX: f64 = 500.0;
+
+/// The light where nobody gives any.
+pub(super) fn default_lighting(world_up: DVec3) -> Lighting {
+    // 35° off towards the world's axis that is least along up, the first of equals.
+    let axis = [DVec3::X, DVec3::Y, DVec3::Z]
+        .into_iter()
+        .reduce(|best, axis| if axis.dot(world_up).abs() < best.dot(world_up).abs() { axis } else { best })
+        .unwrap_or(DVec3::X);
+    let sideways = axis.reject_from_normalized(world_up).normalize();
+    let DVec2 { x: up_part, y: side_part } = DVec2::from_angle(35f64.to_radians());
+    let towards_light_in_world = (world_up * up_part + sideways * side_part).as_vec3();
+    Lighting {
+        suns: vec![Sun { towards_light_in_world, color: Vec3::splat(0.6) }],
+        points: Vec::new(),
+        environment: Environment::Uniform(Vec3::splat(0.55)),
+    }
+}
+
+impl Lighting {
+    /// Whether there is no light at all.
+    pub(super) fn is_dark(&self) -> bool {
+        self.suns.is_empty()
+            && self.points.is_empty()
+            && matches!(self.environment, Environment::Uniform(color) if color == Vec3::ZERO)
+    }
+}

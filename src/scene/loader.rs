@@ -1,0 +1,139 @@
+//! The scene that grows while it is read, and what it may still take.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
+
+/// Vertices and indices of a scene together, 1.6 GB.
+const MAX_VERTICES: usize = 1 << 24;
+const MAX_INDICES: usize = 1 << 26;
+pub(super) const MAX_PARTS: usize = 1 << 20;
+const MAX_WARNINGS: usize = 100;
+
+/// A model, read once however often it is placed.
+pub(super) struct Model {
+    /// Meshes of the scene at their places in the model.
+    pub parts: Vec<Part>,
+    pub lights: Vec<ModelLight>,
+}
+
+/// A light of KHR_lights_punctual, in photometric units.
+#[derive(Clone, Copy)]
+pub(super) struct ModelLight {
+    pub model_from_light: DAffine3,
+    /// Lux for a directional light, candela for the others.
+    pub color: Vec3,
+    pub kind: LightKind,
+}
+
+#[derive(Clone, Copy)]
+pub(super) enum LightKind {
+    Directional,
+    Point {
+        range_m: f32,
+        /// Inner and outer angle from the axis, radians.
+        spot: Option<[f32; 2]>,
+    },
+}
+
+/// The scene that grows, and what it may still take.
+pub(super) struct Loader {
+    pub scene: Scene,
+    pub pixels: u64,
+    vertices: usize,
+    indices: usize,
+    parts: usize,
+    /// Those that were read, by their files.
+    pub models: HashMap<PathBuf, Rc<Model>>,
+}
+
+impl Default for Loader {
+    /// No object and no light.
+    fn default() -> Self {
+        let lighting = Lighting { suns: Vec::new(), points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
+        let scene = Scene { lighting, ..Scene::default() };
+        Self { scene, pixels: 0, vertices: 0, indices: 0, parts: 0, models: HashMap::new() }
+    }
+}
+
+impl Loader {
+    /// Adds a warning once, with the name of the file that it is about.
+    pub fn warn(&mut self, file: &Path, text: String) {
+        let warnings = &mut self.scene.warnings;
+        let text = format!("{}: {text}", file.display());
+        if warnings.len() < MAX_WARNINGS && !warnings.contains(&text) {
+            warnings.push(text);
+            if warnings.len() == MAX_WARNINGS {
+                warnings.push("there is more like this, not said".to_owned());
+            }
+        }
+    }
+
+    pub fn say_dark_ambient(&mut self, file: &Path) {
+        if matches!(self.scene.lighting.environment, Environment::Uniform(color) if color == Vec3::ZERO) {
+            self.warn(file, "there is no light from around: what lamps and suns do not reach is black".to_owned());
+        }
+    }
+
+    /// Puts a model into the world as an object, with its lights.
+    pub fn place(
+        &mut self,
+        file: &Path,
+        model: &Model,
+        name: String,
+        world_from_model: DAffine3,
+        white_lx: f64,
+    ) -> Result<(), SceneError> {
+        self.parts += model.parts.len();
+        if self.parts > MAX_PARTS {
+            let found = format!("{} placed meshes so far", self.parts);
+            return Err(SceneError::bad(file, "the objects", found, format!("up to {MAX_PARTS}")));
+        }
+        let place = |part: &Part| Part { world_from_mesh: world_from_model * part.world_from_mesh, ..*part };
+        let parts: Vec<_> = model.parts.iter().map(place).collect();
+        if !parts.iter().all(|part| part.world_from_mesh.is_finite()) {
+            return Err(SceneError::bad(file, &name, "a place that is not finite", "finite numbers"));
+        }
+        self.scene.objects.push(Object { name, parts });
+        for light in &model.lights {
+            let world_from_light = world_from_model * light.model_from_light;
+            let towards = world_from_light.transform_vector3(DVec3::Z).normalize().as_vec3();
+            // A white matt surface reflects what it receives: E lux show as E / white_lx.
+            let color = light.color / white_lx as f32;
+            if !(world_from_light.is_finite() && towards.is_finite() && color.is_finite()) {
+                return Err(SceneError::bad(file, "a light", "numbers too large", "a finite place and brightness"));
+            }
+            let lighting = &mut self.scene.lighting;
+            match light.kind {
+                LightKind::Directional => lighting.suns.push(Sun { towards_light_in_world: towards, color }),
+                LightKind::Point { range_m, spot } => lighting.points.push(PointLight {
+                    position_in_world_m: world_from_light.translation,
+                    color,
+                    range_m,
+                    spot: spot.map(|angles| (-towards, Vec2::from(angles))),
+                }),
+            }
+        }
+        Ok(())
+    }
+
+    pub fn count_geometry(
+        &mut self,
+        file: &Path,
+        what: &str,
+        vertices: usize,
+        indices: usize,
+    ) -> Result<(), SceneError> {
+        self.vertices = self.vertices.saturating_add(vertices);
+        self.indices = self.indices.saturating_add(indices);
+        if self.vertices > MAX_VERTICES || self.indices > MAX_INDICES {
+            let found = format!("{} vertices and {} indices so far", self.vertices, self.indices);
+            return Err(SceneError::bad(file, what, found, format!("up to {MAX_VERTICES} and {MAX_INDICES} in all")));
+        }
+        Ok(())
+    }
+}

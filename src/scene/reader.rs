@@ -1,0 +1,21 @@
+//! What is known while one glTF file is read into a scene.
+
+use std::collections::HashMap;
+
+use super::Wrap;
+use super::gltf::Gltf;
+use super::loader::Loader;
+use super::picture::Rgba;
+
+/// What makes two uses of an image one [`super::Texture`].
+pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
+
+/// Reads one file into the scene; remembers what of the file is there already.
+pub(super) struct Reader<'a> {
+    pub gltf: &'a Gltf,
+    pub loader: &'a mut Loader,
+    pub materials: HashMap<Option<usize>, usize>,
+    pub textures: HashMap<TextureKey, usize>,
+    pub images: HashMap<usize, Rgba>,
+    pub meshes: HashMap<usize, Vec<usize>>,
+}
