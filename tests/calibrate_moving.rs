@@ -132,7 +132,11 @@ fn stripes_over_three_quarters_of_the_picture_are_not_noise() {
 #[test]
 fn where_all_is_texture_it_says_so() {
     let error = from_frames(&frames(16, 3.0, 0.3, 20), &NoiseOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("no bin with 1000 independent samples"), "{error}");
+    assert!(error.contains("texture is almost everywhere in 16 pictures") && !error.contains("larger"), "{error}");
+    // Where there is too little of everything it is that.
+    let small = Pixels::from_u8(40, 40, vec![100; 4800]).unwrap();
+    let error = from_frames(&[small], &NoiseOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("no bin with 1000 independent samples") && error.contains("larger pictures"), "{error}");
     assert!(from_frames(&[], &NoiseOptions::default()).is_err());
 }
 
@@ -195,6 +199,27 @@ fn a_simulated_hand() {
         "# By `locard calibrate noise --moving`, from textureless places of 12 frames of a moving camera.\n";
     assert!(text.contains(&format!("{signature}[camera.noise]\n")), "{text}");
     assert_eq!(text.matches("# By `locard").count(), 1, "{text}");
+
+    // Into the recording's own profile, whose other tables stay; and into nothing that is no profile.
+    let own = folder.join("camera.toml");
+    let before = std::fs::read_to_string(&own).unwrap();
+    said(&["calibrate", "noise", "--moving", &out, "-o", &path(&own), "--force"]);
+    let (noise, text) = read(&path(&own));
+    assert_eq!(noise, found.profile);
+    assert_eq!(
+        text.split("[camera.noise]").next().unwrap().replace(signature, ""),
+        before.split("[camera.noise]").next().unwrap()
+    );
+    let scene = temp.path().join("scene.toml");
+    std::fs::write(&scene, "version = 1\n[[objects]]\nmodel = 'a.glb'\n").unwrap();
+    for other in [folder.join("recording.toml"), scene] {
+        let before = std::fs::read(&other).unwrap();
+        for force in [&[][..], &["--force"]] {
+            let text = refused(&[&["calibrate", "noise", "--moving", &out, "-o", &path(&other)], force].concat());
+            assert!(text.contains("no profile that could be added to") && text.contains("there is no "), "{text}");
+        }
+        assert_eq!(std::fs::read(&other).unwrap(), before);
+    }
 
     let text = refused(&["calibrate", "noise", &path(&folder.join("rgb")), "-o", &profile, "--force"]);
     assert!(text.contains("not at rest") && text.contains("--moving"), "{text}");
@@ -288,6 +313,24 @@ fn the_kinects_profile_is_what_its_frames_say() {
     // A colour mosaic, interpolated: neighbours hang together, blue is the noisiest.
     assert!(found.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{found}");
     assert!(noise.sigma(2, 128.0) > 1.5 * noise.sigma(1, 128.0));
+}
+
+/// What a file is its content says, not its name.
+#[test]
+fn pngs_are_not_called_jpegs() {
+    use image::ImageFormat::{Jpeg, Png};
+    let temp = tempfile::tempdir().unwrap();
+    let told = |formats: [image::ImageFormat; 3]| {
+        for (i, (frame, format)) in frames(3, 3.0, 0.3, 0).iter().zip(formats).enumerate() {
+            let locard::image::Codes::U8(codes) = &frame.codes else { unreachable!() };
+            let image = image::RgbImage::from_raw(frame.width, frame.height, codes.clone()).unwrap();
+            image.save_with_format(temp.path().join(format!("{i}.jpg")), format).unwrap();
+        }
+        let found = moving_noise_from_paths(&[temp.path().to_owned()], &NoiseOptions::default()).unwrap();
+        found.warnings.iter().any(|w| w.contains("JPEG"))
+    };
+    assert!(!told([Png; 3]));
+    assert!(told([Png, Jpeg, Png]));
 }
 
 #[test]

@@ -1,9 +1,8 @@
 //! From sums at each code to σ in each bin, and correlations from the blocks that stood still.
 
 use super::censoring::{NEAREST_USABLE, clipped_variance};
-use super::noise::BinReport;
-use super::rounding::Rounding;
-use super::scene_sums::{PixelSums, SceneSums, UNIT};
+use super::rounding::{Rounding, UNIT};
+use super::scene_sums::{PixelSums, SceneSums};
 
 /// Variances are kept apart at every quarter of an 8-bit code, so that clipping can be told by the mean.
 const PER_CODE: f64 = 4.0;
@@ -17,6 +16,29 @@ const Z95: f64 = 1.959_964;
 const TELLING: f64 = 100.0;
 /// Below this variance (8-bit codes squared, times the frames' step squared) a block tells nothing of correlation.
 const TOO_QUIET: f64 = 0.1;
+
+/// What was measured in one intensity bin of one channel. Code values are on the 8-bit scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BinReport {
+    /// Means from the first to just below the second fall into this bin.
+    pub code_range: [f64; 2],
+    /// The bin's middle.
+    pub code: f64,
+    /// Samples: pixels times frames.
+    pub count: u64,
+    /// Share of the samples in pixels that touched an end of the code range, 0 to 1.
+    pub clipped_share: f64,
+    /// Independent samples among the usable ones: degrees of freedom, less what correlated neighbours repeat.
+    pub independent_count: f64,
+    /// Mean variation; 0 by construction unless the mean was given.
+    pub mu: f64,
+    /// Standard deviation of the noise at the bin's middle.
+    pub sigma: f64,
+    /// 95 % confidence interval of `sigma` (χ²); `None` where it was not measured.
+    pub sigma_ci95: Option<[f64; 2]>,
+    /// Too few samples: `sigma` comes from the nearest good bins.
+    pub filled_from_neighbours: bool,
+}
 
 /// All pixels whose mean rounds to one quarter of a code.
 #[derive(Clone, Copy, Debug, Default)]

@@ -9,7 +9,8 @@
 //! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance
 //!   that consecutive frames do not show. Finds what creeps. Four frames or more.
 
-use super::scene_sums::{BLOCK, SceneSums, UNIT};
+use super::rounding::UNIT;
+use super::scene_sums::{BLOCK, SceneSums};
 
 /// Blocks whose statistic lies this many standard deviations above the median: one in a million by chance.
 const SIGNIFICANT_Z: f64 = 4.75;

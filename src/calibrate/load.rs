@@ -28,7 +28,7 @@ pub fn noise_from_paths(
         calibrator.begin_scene(mean.as_deref().map(read).transpose()?)?;
         for file in files {
             calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
-            jpeg |= is_jpeg(file);
+            jpeg |= still::is_jpeg(file)?;
         }
         let first = files.first().map_or(Path::new(""), PathBuf::as_path);
         let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -61,14 +61,16 @@ pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Re
     let mut jpeg = false;
     for file in pictures.iter().step_by(every) {
         calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
-        jpeg |= is_jpeg(file);
+        jpeg |= still::is_jpeg(file)?;
     }
     for recording in &recordings {
         let failed = |e: crate::recording::RecordingError| CalibrateError::Read {
             path: recording.path.clone(),
             reason: e.to_string(),
         };
-        jpeg |= recording.files().any(is_jpeg);
+        for file in recording.stills() {
+            jpeg |= still::is_jpeg(file)?;
+        }
         for frame in recording.frames(0..recording.frame_count()).map_err(failed)?.step_by(every) {
             calibrator.add_frame(&frame.map_err(failed)?.pixels).map_err(in_file(&recording.path))?;
         }
@@ -84,10 +86,6 @@ const JPEG: &str = "some frames are JPEG: compression has changed their noise; u
 pub fn is_picture(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     path.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
-}
-
-fn is_jpeg(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.to_string_lossy().to_lowercase().starts_with('j'))
 }
 
 fn in_file(path: &Path) -> impl Fn(CalibrateError) -> CalibrateError {

@@ -5,6 +5,7 @@
 mod bins;
 mod blocks;
 mod censoring;
+mod common_motion;
 mod load;
 pub mod moving;
 pub mod noise;
@@ -14,5 +15,6 @@ mod rounding;
 mod scene_sums;
 mod unsteady;
 
+pub use bins::BinReport;
 pub use load::{is_picture, moving_noise_from_paths, noise_from_paths};
-pub use noise::{BinReport, CalibrateError, Method, NoiseCalibration, NoiseCalibrator, NoiseOptions};
+pub use noise::{CalibrateError, Method, NoiseCalibration, NoiseCalibrator, NoiseOptions};

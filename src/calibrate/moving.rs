@@ -10,14 +10,11 @@
 
 use statrs::function::gamma::gamma_lr;
 
-use super::bins::{chi_square_interval, fill};
+use super::bins::{BinReport, chi_square_interval, fill};
 use super::censoring::{NEAREST_USABLE, kept_variance};
-use super::noise::{
-    BinReport, CHANNELS, CalibrateError, Method, NoiseCalibration, NoiseOptions, check, round4, told_correlation,
-};
+use super::noise::{CHANNELS, CalibrateError, Method, NoiseCalibration, NoiseOptions, check, round4, told_correlation};
 use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE, WHITE};
-use super::rounding::Rounding;
-use super::scene_sums::UNIT;
+use super::rounding::{Rounding, UNIT};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::image::{Codes, Pixels};
 
@@ -33,6 +30,8 @@ const NEEDED_BLOCKS: usize = 40;
 const WIDEST: f64 = 1.25;
 /// Nor are they where so many times as many lie between the cut and 1.5 times the cut as below it: flat ones would be a crowd.
 const CROWDED: f64 = 1.5;
+/// Pictures with so many times the samples that one intensity needs have enough of them somewhere, unless they have texture.
+const TEXTURED: f64 = 10.0;
 /// σ and correlation depend on each other; they settle within three rounds.
 const ROUNDS: usize = 4;
 /// A block with more than this share of any channel's pixels at an end of the code range is of no use: cameras mix channels
@@ -185,7 +184,7 @@ impl MovingCalibrator {
         let mut warnings = Vec::new();
         let bins = [0, 1, 2].map(|c| self.reports(c, &found, &rounding));
         for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
-            check(channel, bins, self.options.min_independent, &mut warnings)?;
+            check(channel, bins, self.options.min_independent, &mut warnings).map_err(|error| self.cause(error))?;
         }
         warnings.push(
             "the intervals are those of chance; texture that is everywhere counts as noise, so sigma may be too large"
@@ -208,6 +207,18 @@ impl MovingCalibrator {
         let excluded_share = 1.0 - found.flat as f64 / kept * came / self.blocks.max(1) as f64;
         let (scenes, frames, method) = (1, self.frames, Method::Moving);
         Ok(NoiseCalibration { profile, bins, method, scenes, frames, excluded_share, warnings })
+    }
+
+    /// Where there would have been samples enough it is texture that left too few.
+    fn cause(&self, error: CalibrateError) -> CalibrateError {
+        match error {
+            CalibrateError::TooFew { channel, needed, best }
+                if self.blocks as f64 * (SIDE * SIDE) as f64 > TEXTURED * needed =>
+            {
+                CalibrateError::Textured { channel, needed, best, frames: self.frames }
+            }
+            other => other,
+        }
     }
 
     fn reports(&self, channel: usize, found: &Found, rounding: &Rounding) -> Vec<BinReport> {

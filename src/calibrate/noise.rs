@@ -9,10 +9,10 @@
 //! Not modelled: noise that hangs together over time, patterns fixed in place (they belong to the
 //! mean), noise whose shape is not normal, correlation beyond what the nearest neighbour tells.
 
-use super::bins::{BinRules, Pool};
+use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;
-use super::rounding::Rounding;
-use super::scene_sums::{MAX_FRAMES, SceneSums, UNIT};
+use super::rounding::{Rounding, UNIT};
+use super::scene_sums::{MAX_FRAMES, SceneSums};
 use super::unsteady::{Unsteady, unsteady};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::image::Pixels;
@@ -35,29 +35,6 @@ impl Default for NoiseOptions {
     fn default() -> Self {
         Self { bins: 16, min_independent: 1000.0, leave_out_motion: true }
     }
-}
-
-/// What was measured in one intensity bin of one channel. Code values are on the 8-bit scale.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BinReport {
-    /// Means from the first to just below the second fall into this bin.
-    pub code_range: [f64; 2],
-    /// The bin's middle.
-    pub code: f64,
-    /// Samples: pixels times frames.
-    pub count: u64,
-    /// Share of the samples in pixels that touched an end of the code range, 0 to 1.
-    pub clipped_share: f64,
-    /// Independent samples among the usable ones: degrees of freedom, less what correlated neighbours repeat.
-    pub independent_count: f64,
-    /// Mean variation; 0 by construction unless the mean was given.
-    pub mu: f64,
-    /// Standard deviation of the noise at the bin's middle.
-    pub sigma: f64,
-    /// 95 % confidence interval of `sigma` (χ²); `None` where it was not measured.
-    pub sigma_ci95: Option<[f64; 2]>,
-    /// Too few samples: `sigma` comes from the nearest good bins.
-    pub filled_from_neighbours: bool,
 }
 
 /// What the frames showed.
@@ -118,6 +95,13 @@ pub enum CalibrateError {
         "channel {channel} has no bin with {needed} independent samples (the fullest has {best:.0}); give more frames, larger pictures or more scenes"
     )]
     TooFew { channel: &'static str, needed: f64, best: f64 },
+    #[error(
+        "channel {channel}: texture is almost everywhere in {} (of plain places the fullest intensity has {best:.0} \
+         independent samples, {needed} are needed); give pictures with plain, evenly lit places (a wall, the sky, something \
+         out of focus) and leave the others out: fewer pictures may tell more. Scenes at rest need no plain places",
+        count(*frames, "picture")
+    )]
+    Textured { channel: &'static str, needed: f64, best: f64, frames: usize },
     #[error(
         "scene {scene} is not at rest: the whole picture moves from frame to frame (one common motion explains {percent:.0} % of what changes; of noise it explains none); put the camera on a stand and give frames in which nothing moves, or give --moving, which takes the noise from textureless places"
     )]

@@ -1,6 +1,7 @@
 //! The table that a person reads after a calibration.
 
-use super::noise::{BinReport, Method, NoiseCalibration};
+use super::bins::BinReport;
+use super::noise::{Method, NoiseCalibration};
 use crate::words::count;
 use std::fmt;
 

@@ -2,11 +2,10 @@
 //!
 //! All sums are whole numbers in 16-bit codes (8-bit codes times 257), so nothing is lost on the way.
 
-use super::unsteady::CommonMotion;
+use super::common_motion::CommonMotion;
+use super::rounding::UNIT;
 use crate::image::{Codes, Pixels};
 
-/// 16-bit codes in one 8-bit code.
-pub(crate) const UNIT: i64 = 257;
 /// Side of the blocks in which motion is looked for and correlations are summed, pixels.
 pub(crate) const BLOCK: usize = 8;
 /// More frames than this could overflow the sums of a pixel.

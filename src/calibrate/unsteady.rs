@@ -7,7 +7,8 @@
 //! - *patches*: the share of a block's energy in its mean, the whole picture's mean taken off; the median over blocks.
 //!   Finds frames that show too different a view for any motion to be followed.
 
-use super::scene_sums::{BLOCK, SceneSums, UNIT};
+use super::rounding::UNIT;
+use super::scene_sums::{BLOCK, SceneSums};
 
 /// Noise alone, also of cameras and video codecs that smear it, has a common share below 0.03 and patches below 0.25;
 /// cameras that pan, turn or are held by hand have one above 0.23 or the other above 0.5.
@@ -15,11 +16,6 @@ const MOVES: f64 = 0.2;
 const IN_PATCHES: f64 = 0.45;
 /// From here on σ is too large by 6 %.
 const DOUBTFUL: f64 = 0.12;
-const REDUCED_BY: [usize; 3] = [1, 4, 16];
-/// Fewer pixels than this cannot tell a motion from chance.
-const NEEDED: usize = 500;
-/// A constant, and an affine motion's six numbers.
-const UNKNOWNS: usize = 7;
 
 /// What unsteady frames look like.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,98 +26,6 @@ pub(crate) enum Unsteady {
     Patches(f64),
     /// The picture may move a little: the share of the changes that this explains.
     Doubtful(f64),
-}
-
-/// Energies of the differences so far: of all, and what a motion explains in the picture reduced by each factor.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct CommonMotion {
-    all: f64,
-    explained: [f64; REDUCED_BY.len()],
-}
-
-impl CommonMotion {
-    /// Takes two pictures' interleaved R, G, B into account; green stands for all.
-    pub fn add(&mut self, width: usize, height: usize, before: &[u16], after: &[u16]) {
-        let green = |codes: &[u16]| codes.iter().skip(1).step_by(3).map(|&c| f64::from(c) / UNIT as f64).collect();
-        let mut pictures: [Vec<f64>; 2] = [green(before), green(after)];
-        let (mut width, mut height, mut factor) = (width, height, 1);
-        let n = (width * height) as f64;
-        let differences = || pictures[1].iter().zip(&pictures[0]).map(|(b, a)| b - a);
-        let mean = differences().sum::<f64>() / n;
-        self.all += differences().map(|d| (d - mean).powi(2)).sum::<f64>();
-        for (explained, reduced_by) in self.explained.iter_mut().zip(REDUCED_BY) {
-            let by = reduced_by / factor;
-            pictures = pictures.map(|picture| reduce(&picture, width, height, by));
-            (width, height, factor) = (width / by, height / by, reduced_by);
-            if width < 3 || height < 3 || width * height < NEEDED {
-                break;
-            }
-            *explained += explained_by_motion(&pictures, width, height) * (reduced_by * reduced_by) as f64;
-        }
-    }
-
-    fn share(&self) -> f64 {
-        let most = self.explained.iter().copied().fold(0.0, f64::max);
-        // less than one 16-bit step in one pixel is rounding
-        if self.all > 1e-6 { most / self.all } else { 0.0 }
-    }
-}
-
-/// Means of squares of `by` times `by` pixels; what does not fill one is left out.
-fn reduce(picture: &[f64], width: usize, height: usize, by: usize) -> Vec<f64> {
-    if by == 1 {
-        return picture.to_vec();
-    }
-    let (columns, rows) = (width / by, height / by);
-    let mut reduced = vec![0.0; columns * rows];
-    for (row, line) in picture.chunks_exact(width).take(rows * by).enumerate() {
-        for (cell, values) in reduced[row / by * columns..].iter_mut().zip(line.chunks_exact(by)) {
-            *cell += values.iter().sum::<f64>() / (by * by) as f64;
-        }
-    }
-    reduced
-}
-
-/// How much of Σ(b − a)² the motion takes off, beyond what a constant does. The normal equations are eliminated in
-/// order; each unknown takes off its right side squared over its pivot.
-fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f64 {
-    let mut matrix = [[0.0; UNKNOWNS]; UNKNOWNS];
-    let mut right = [0.0; UNKNOWNS];
-    for y in 1..height - 1 {
-        let v = y as f64 / height as f64 - 0.5;
-        for x in 1..width - 1 {
-            let (i, u) = (y * width + x, x as f64 / width as f64 - 0.5);
-            let middle = |i: usize| a[i] + b[i];
-            let across = middle(i + 1) - middle(i - 1);
-            let down = middle(i + width) - middle(i - width);
-            let row = [1.0, across, down, across * u, across * v, down * u, down * v];
-            for (j, p) in row.into_iter().enumerate() {
-                right[j] += p * (b[i] - a[i]);
-                for (sum, q) in matrix[j].iter_mut().zip(row).skip(j) {
-                    *sum += p * q;
-                }
-            }
-        }
-    }
-    let diagonal: [f64; UNKNOWNS] = std::array::from_fn(|i| matrix[i][i]);
-    let mut explained = 0.0;
-    for i in 0..UNKNOWNS {
-        let eliminating = matrix[i];
-        let pivot = eliminating[i];
-        // nothing of its own: a picture without gradients that way
-        if pivot <= 1e-9 * diagonal[i] || pivot <= 0.0 {
-            continue;
-        }
-        explained += if i > 0 { right[i] * right[i] / pivot } else { 0.0 };
-        for j in i + 1..UNKNOWNS {
-            let factor = eliminating[j] / pivot;
-            for (value, above) in matrix[j].iter_mut().zip(eliminating).skip(j) {
-                *value -= factor * above;
-            }
-            right[j] -= factor * right[i];
-        }
-    }
-    explained
 }
 
 /// What speaks against a scene at rest, if anything does.
@@ -140,46 +44,5 @@ pub(crate) fn unsteady(scene: &SceneSums) -> Option<Unsteady> {
         Some(Unsteady::Patches(patches))
     } else {
         (common >= DOUBTFUL).then_some(Unsteady::Doubtful(common))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A smooth picture seen from (x, y), green only, and what it changes by from frame to frame.
-    fn picture(x: f64, y: f64, noise: f64, seed: u64) -> Vec<u16> {
-        let mut state = seed;
-        (0..64 * 48)
-            .flat_map(|i| {
-                let (px, py) = ((i % 64) as f64 + x, (i / 64) as f64 + y);
-                state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                let random = (state >> 33) as f64 / f64::from(1 << 30) - 1.0;
-                let value = 120.0 + 40.0 * (px / 9.0).sin() * (py / 7.0).cos() + noise * random;
-                [0, (value * UNIT as f64) as u16, 0]
-            })
-            .collect()
-    }
-
-    fn share(from: &[u16], to: &[u16]) -> f64 {
-        let mut motion = CommonMotion::default();
-        motion.add(64, 48, from, to);
-        motion.share()
-    }
-
-    #[test]
-    fn a_shift_explains_all_and_noise_and_light_nothing() {
-        let still = picture(0.0, 0.0, 1.0, 1);
-        assert!(share(&picture(0.0, 0.0, 0.0, 1), &picture(0.4, -0.3, 0.0, 2)) > 0.9);
-        assert!(share(&still, &picture(0.4, -0.3, 1.0, 2)) > 0.2);
-        assert!(share(&still, &picture(0.0, 0.0, 1.0, 2)) < 0.02);
-        let brighter: Vec<u16> = still.iter().map(|c| c.saturating_add(2570)).collect();
-        assert!(share(&still, &brighter) < 1e-6);
-    }
-
-    #[test]
-    fn pictures_without_gradients_say_nothing() {
-        assert_eq!(share(&[7; 64 * 48 * 3], &[9; 64 * 48 * 3]), 0.0);
-        assert_eq!(share(&[7; 64 * 48 * 3], &[7; 64 * 48 * 3]), 0.0);
     }
 }
