@@ -28,7 +28,11 @@ pub fn shown_unit(unit: &str) -> String {
 
 /// The shortest text that reads back to the same bits, with an exponent where there would be many zeros: 1e300.
 pub fn number(number: f64) -> String {
-    if number == 0.0 || (1e-6..1e16).contains(&number.abs()) { number.to_string() } else { format!("{number:e}") }
+    if is_plain(number) { number.to_string() } else { format!("{number:e}") }
+}
+
+fn is_plain(number: f64) -> bool {
+    number == 0.0 || !number.is_finite() || (1e-6..1e16).contains(&number.abs())
 }
 
 /// The most that a message quotes of a word that somebody else wrote, characters.
@@ -143,7 +147,7 @@ mod tests {
         for (number, text) in
             cases.into_iter().chain([(f64::INFINITY, "inf"), (9007199254740991.0, "9007199254740991")])
         {
-            assert_eq!(super::exact(number), text);
+            assert_eq!(super::number(number), text);
         }
         assert_eq!([1e300, -0.25, -0.04].map(|n| super::fixed(n, 1)), ["1.00000e300", "-0.2", "0.0"]);
     }

@@ -218,7 +218,7 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
         Err(reason) => writeln!(out, "no pose    {reason}")?,
     }
     let Some([x, y]) = args.pick else { return Ok(()) };
-    let place = [x, y].map(exact).join(",");
+    let place = [x, y].map(number).join(",");
     let pose = pose?;
     let geometry = geometry(args, recording, frame)?;
     let ray = geometry
@@ -228,7 +228,7 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
     if let Some([a, b, c, d]) = args.plane {
         let normal = DVec3::new(a, b, c);
         if normal == DVec3::ZERO {
-            bail!("--plane {} is no plane: the normal A,B,C has no length", [a, b, c, d].map(exact).join(","));
+            bail!("--plane {} is no plane: the normal A,B,C has no length", [a, b, c, d].map(number).join(","));
         }
         let eye = pose.position_in_world_m();
         let along = pose.world_from_camera_rotation() * ray;
