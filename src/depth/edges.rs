@@ -12,11 +12,10 @@
 //! Not modelled: edges farther off than is doubted; edges between things of one colour (they stay where they were measured); slits
 //! that lie in the shade of their own sides.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use super::apart::{JUMP, apart};
 
+/// How far the map's edges may lie beside the picture's, as a share of its width: those of a Kinect do by up to 8 of 640 px.
+pub const MOST_OFF: f64 = 8.0 / 640.0;
 /// Colours (square roots of light) that are less apart from pixel to pixel are one: noise and fine texture.
 const NOISE: f32 = 0.02;
 /// What it costs to believe the map at an edge, in the same unit; less by straight line to nothing where it is trusted.
@@ -67,48 +66,115 @@ pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: u
         if *guessed { GUESS } else { DOUBT * (1.0 - d / reach_px).max(0.0) }
     };
     let mut cost: Vec<f32> = from_edge.iter().zip(guessed).map(doubt).collect();
-    // No cost is negative, so their bits are in their order.
-    let place = |cost: f32, i: usize| Reverse((cost.to_bits(), i));
-    let mut next: BinaryHeap<_> =
-        (0..cost.len()).filter(|&i| guessed[i] || from_edge[i] < reach_px + 2.0).map(|i| place(cost[i], i)).collect();
-    while let Some(Reverse((bits, i))) = next.pop() {
-        let so_far = f32::from_bits(bits);
-        if so_far > cost[i] {
-            continue;
-        }
-        for (n, length) in around(i, width, depth_m.len()) {
-            let all = so_far + WAY / reach_px * length + (apart(&looks[i], &looks[n]) - NOISE).max(0.0);
-            if all < cost[n] {
-                cost[n] = all;
-                // What was measured there, as long as it is of the surface that comes.
-                out[n] = if is_edge(depth_m[n], out[i]) { out[i] } else { depth_m[n] };
-                next.push(place(all, n));
+    let around = Around::new(width, depth_m.len());
+    let mut queue = Queue::new(WAY / reach_px);
+    for i in (0..cost.len()).filter(|&i| guessed[i] || from_edge[i] < reach_px + 2.0) {
+        queue.push(cost[i], i);
+    }
+    let mut level = Vec::new();
+    while queue.next_level(&mut level) {
+        level.retain(|&(bits, i): &(u32, u32)| f32::from_bits(bits) <= cost[i as usize]);
+        level.sort_unstable();
+        for &(bits, i) in &level {
+            let (so_far, i) = (f32::from_bits(bits), i as usize);
+            for (n, length) in around.of(i) {
+                let way = so_far + WAY / reach_px * length;
+                // Colours only add to it.
+                if way >= cost[n] {
+                    continue;
+                }
+                let all = way + (apart(&looks[i], &looks[n]) - NOISE).max(0.0);
+                if all < cost[n] {
+                    cost[n] = all;
+                    // What was measured there, as long as it is of the surface that comes.
+                    out[n] = if is_edge(depth_m[n], out[i]) { out[i] } else { depth_m[n] };
+                    queue.push(all, n);
+                }
             }
         }
     }
     out
 }
 
-/// The eight pixels around, and how far they are, px.
-fn around(i: usize, width: usize, count: usize) -> impl Iterator<Item = (usize, f32)> {
-    let (x, y) = ((i % width) as i32, (i / width) as i32);
-    let height = count / width;
-    (-1..=1).flat_map(move |dy| (-1..=1).map(move |dx| (dx, dy))).filter_map(move |(dx, dy): (i32, i32)| {
-        let (px, py) = (x + dx, y + dy);
-        let inside = px >= 0 && py >= 0 && px < width as i32 && py < height as i32 && (dx, dy) != (0, 0);
-        let length = if dx == 0 || dy == 0 { 1.0 } else { std::f32::consts::SQRT_2 };
-        inside.then(|| (py as usize * width + px as usize, length))
-    })
+/// Pixels by what it costs to reach them, in levels (Dial 1969). A step costs more than a level is high, so that none of a
+/// level's pixels is on the way to another of them.
+struct Queue {
+    per_cost: f32,
+    levels: Vec<Vec<(u32, u32)>>,
+    next: usize,
+}
+
+impl Queue {
+    fn new(least_step: f32) -> Self {
+        Self { per_cost: 1.01 / least_step, levels: Vec::new(), next: 0 }
+    }
+
+    /// No cost is negative, so their bits are in their order.
+    fn push(&mut self, cost: f32, i: usize) {
+        let level = (cost * self.per_cost) as usize;
+        if level >= self.levels.len() {
+            self.levels.resize_with(level + 1, Vec::new);
+        }
+        self.levels[level].push((cost.to_bits(), i as u32));
+    }
+
+    /// Puts the cheapest level in the place of what is there; false where none is left.
+    fn next_level(&mut self, level: &mut Vec<(u32, u32)>) -> bool {
+        level.clear();
+        let Some(next) = self.levels.get_mut(self.next) else { return false };
+        std::mem::swap(level, next);
+        self.next += 1;
+        true
+    }
+}
+
+/// The pixels around each.
+struct Around {
+    width: usize,
+    height: usize,
+}
+
+impl Around {
+    fn new(width: usize, count: usize) -> Self {
+        Self { width, height: count / width.max(1) }
+    }
+
+    /// The eight around a pixel, row by row, and how far they are, px; fewer at the rim.
+    fn of(&self, i: usize) -> impl Iterator<Item = (usize, f32)> + use<> {
+        const FAR: f32 = std::f32::consts::SQRT_2;
+        const STEPS: [(isize, isize, f32); 8] = [
+            (-1, -1, FAR),
+            (0, -1, 1.0),
+            (1, -1, FAR),
+            (-1, 0, 1.0),
+            (1, 0, 1.0),
+            (-1, 1, FAR),
+            (0, 1, 1.0),
+            (1, 1, FAR),
+        ];
+        let (x, y, width) = (i % self.width, i / self.width, self.width as isize);
+        // Whether there is something left, right, above and below.
+        let (left, right, above, below) = (x > 0, x + 1 < self.width, y > 0, y + 1 < self.height);
+        STEPS.into_iter().filter_map(move |(dx, dy, length)| {
+            let inside = (dx >= 0 || left) && (dx <= 0 || right) && (dy >= 0 || above) && (dy <= 0 || below);
+            inside.then(|| ((i as isize + dy * width + dx) as usize, length))
+        })
+    }
 }
 
 /// From each pixel's middle to the nearest edge of the map, by straight and diagonal steps, px.
 fn from_edges_px(depth_m: &[f32], width: usize) -> Vec<f32> {
-    let beside = |i: usize| around(i, width, depth_m.len()).filter(|(_, length)| *length == 1.0);
-    let mut far: Vec<f32> = (0..depth_m.len())
-        .map(|i| if beside(i).any(|(n, _)| is_edge(depth_m[i], depth_m[n])) { 0.5 } else { f32::INFINITY })
-        .collect();
+    let around = Around::new(width, depth_m.len());
+    let mut far = vec![f32::INFINITY; depth_m.len()];
+    for i in 0..depth_m.len() {
+        for beside in [(i % width + 1 < width).then_some(i + 1), Some(i + width)].into_iter().flatten() {
+            if depth_m.get(beside).is_some_and(|z| is_edge(depth_m[i], *z)) {
+                (far[i], far[beside]) = (0.5, 0.5);
+            }
+        }
+    }
     let mut step = |i: usize, before: fn(usize, usize) -> bool| {
-        let nearest = around(i, width, depth_m.len()).filter(|(n, _)| before(*n, i)).map(|(n, length)| far[n] + length);
+        let nearest = around.of(i).filter(|(n, _)| before(*n, i)).map(|(n, length)| far[n] + length);
         far[i] = nearest.fold(far[i], f32::min);
     };
     (0..depth_m.len()).for_each(|i| step(i, |n, i| n < i));

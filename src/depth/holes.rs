@@ -104,41 +104,7 @@ impl Grid {
                 .fold((0.0, 0.0f32), |(sum, count), i| (sum + self.values[i], count + 1.0));
             open.iter().for_each(|&i| self.values[i] = sum / count.max(1.0));
         }
-        let beside: Vec<[(usize, f32); 4]> = open
-            .iter()
-            .map(|&i| {
-                let (x, y) = (i % width, i / width);
-                let link = |is_there: bool, n: usize| {
-                    if !is_there {
-                        return (i, 0.0);
-                    }
-                    let apart = apart(&self.looks[i], &self.looks[n]) / COLOR_SIGMA;
-                    (n, BETWEEN_THINGS + (-0.5 * apart * apart).exp())
-                };
-                [
-                    link(x > 0, i.wrapping_sub(1)),
-                    link(x + 1 < width, i + 1),
-                    link(y > 0, i.wrapping_sub(width)),
-                    link(y + 1 < height, i + width),
-                ]
-            })
-            .collect();
-        for round in 0..ROUNDS {
-            // The last rounds settle what over-relaxing leaves.
-            let over = if round + 8 < ROUNDS { OVER } else { 1.0 };
-            let mut settle = |(&i, beside): (&usize, &[(usize, f32); 4])| {
-                let (sum, all) = beside.iter().fold((0.0, 0.0), |(s, a), (n, w)| (s + w * self.values[*n], a + w));
-                if all > 0.0 {
-                    self.values[i] += over * (sum / all - self.values[i]);
-                }
-            };
-            // There and back.
-            if round.is_multiple_of(2) {
-                open.iter().zip(&beside).for_each(&mut settle);
-            } else {
-                open.iter().zip(&beside).rev().for_each(&mut settle);
-            }
-        }
+        Links::new(&self, &open).settle(&mut self.values);
         self
     }
 
@@ -168,6 +134,74 @@ impl Grid {
             }
         }
         half
+    }
+}
+
+/// Open pixels and what they are tied to, from diagonal to diagonal: of one diagonal none is beside another, so that a
+/// processor works on several at a time, and what comes out is what it is row by row.
+struct Links {
+    /// Pixels: the open ones, then those beside them.
+    pixels: Vec<u32>,
+    /// For each open one those beside it, by their places in `pixels`, and how firmly.
+    beside: Vec<[(u32, f32); 4]>,
+}
+
+impl Links {
+    fn new(grid: &Grid, open: &[usize]) -> Self {
+        let (width, height) = (grid.width, grid.values.len() / grid.width);
+        let mut pixels: Vec<u32> = open.iter().map(|&i| i as u32).collect();
+        pixels.sort_by_key(|&i| i as usize % width + i as usize / width);
+        let mut place = vec![u32::MAX; grid.values.len()];
+        for (n, &i) in pixels.iter().enumerate() {
+            place[i as usize] = n as u32;
+        }
+        let mut beside = Vec::with_capacity(open.len());
+        for n in 0..open.len() {
+            let i = pixels[n] as usize;
+            let (x, y) = (i % width, i / width);
+            let mut link = |is_there: bool, other: usize| {
+                if !is_there {
+                    return (n as u32, 0.0);
+                }
+                if place[other] == u32::MAX {
+                    place[other] = pixels.len() as u32;
+                    pixels.push(other as u32);
+                }
+                let apart = apart(&grid.looks[i], &grid.looks[other]) / COLOR_SIGMA;
+                (place[other], BETWEEN_THINGS + (-0.5 * apart * apart).exp())
+            };
+            beside.push([
+                link(x > 0, i.wrapping_sub(1)),
+                link(x + 1 < width, i + 1),
+                link(y > 0, i.wrapping_sub(width)),
+                link(y + 1 < height, i + width),
+            ]);
+        }
+        Self { pixels, beside }
+    }
+
+    /// Relaxes the open ones.
+    fn settle(&self, values: &mut [f32]) {
+        let mut held: Vec<f32> = self.pixels.iter().map(|&i| values[i as usize]).collect();
+        for round in 0..ROUNDS {
+            // The last rounds settle what over-relaxing leaves.
+            let over = if round + 8 < ROUNDS { OVER } else { 1.0 };
+            let mut settle = |(n, beside): (usize, &[(u32, f32); 4])| {
+                let (sum, all) = beside.iter().fold((0.0, 0.0), |(s, a), (n, w)| (s + w * held[*n as usize], a + w));
+                if all > 0.0 {
+                    held[n] += over * (sum / all - held[n]);
+                }
+            };
+            // There and back.
+            if round.is_multiple_of(2) {
+                self.beside.iter().enumerate().for_each(&mut settle);
+            } else {
+                self.beside.iter().enumerate().rev().for_each(&mut settle);
+            }
+        }
+        for (&i, value) in self.pixels.iter().zip(held).take(self.beside.len()) {
+            values[i as usize] = value;
+        }
     }
 }
 

@@ -8,8 +8,6 @@ use crate::image::{Pixels, Rect};
 
 /// What is made up behind a surface reaches at most so far, pixels of the grid.
 const MOST_BEHIND_PX: f64 = 96.0;
-/// How far the depth's edges may lie beside the picture's, as a share of its width: those of a Kinect do by up to 8 of 640 px.
-const MOST_OFF: f64 = 8.0 / 640.0;
 /// The grid has no more pixels.
 const MOST_PIXELS: f64 = 2.0e6;
 
@@ -69,7 +67,7 @@ impl Surfaces {
         let columns = width as usize;
         let of_recorded = framed.step * enlargement;
         let guessed = holes::fill(&mut depth_m, &looks, columns, (recorded.fx_px / of_recorded) as f32)?;
-        let off_px = (f64::from(recorded.width_px) * MOST_OFF / of_recorded).round() as usize;
+        let off_px = (f64::from(recorded.width_px) * edges::MOST_OFF / of_recorded).round() as usize;
         let depth_m = if edges::are_off(&depth_m, &looks, columns, off_px) {
             let on_colors = edges::on_colors(&depth_m, &guessed, &looks, columns, off_px);
             edges::widened(&on_colors, Some(&looks), columns)
