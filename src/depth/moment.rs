@@ -3,7 +3,7 @@
 //! Depth and colour have different timestamps: at 1000 px/s 10 ms are 10 px. So each measured
 //! point is carried to the frame's moment by the poses (which are those of a static room).
 //! Not modelled: the sensor's own readout; what came into view between the two moments stays
-//! unknown, and hides nothing.
+//! unknown here (`repaired` fills it).
 
 use glam::{DVec2, DVec3};
 
@@ -86,6 +86,11 @@ impl Rays {
             .map(|at| geometry.depth_ray(at).map_or([f32::NAN; 3], |r| r.as_vec3().to_array()))
             .collect();
         Self { geometry: geometry.clone(), rays }
+    }
+
+    /// Of which camera.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
     }
 
     /// Depth over `rect` at the frame's moment, metres; 0 where nothing is known. Distance from the camera where a plane

@@ -1,0 +1,152 @@
+//! A sensor's map at a frame's moment, with what the sensor did not see made good by the frame's own picture.
+//!
+//! What hides an object must have no gaps: of a black screen the sensor sees a few places, others in each frame, and between
+//! them the object behind it would show. So gaps are filled (`holes`) and edges put on the picture's (`edges`), as for a
+//! photograph, but around the objects alone.
+//!
+//! Not modelled: gaps go by what was measured within a twentieth of the picture's width around the objects.
+
+use super::{Rays, edges, holes};
+use crate::camera::Response;
+use crate::image::{Codes, DepthMap, Pixels, Rect};
+use crate::pose::Pose;
+
+/// How far around the objects it is looked, as a share of the picture's width; and in what steps, so that as an object moves
+/// from frame to frame the same is looked at.
+const AROUND: f64 = 1.0 / 20.0;
+/// Codes are decoded by the first bits alone: finer ones are noise to what compares looks.
+const BITS: u32 = 10;
+
+/// What a frame's depth is repaired by.
+#[derive(Clone, Copy, Debug)]
+pub struct Repair<'a> {
+    pub rays: &'a Rays,
+    pub depth: &'a DepthMap,
+    /// From where the map was measured, and from where the frame was taken.
+    pub measured: &'a Pose,
+    pub frame: &'a Pose,
+    pub pixels: &'a Pixels,
+    pub response: &'a Response,
+}
+
+impl Repair<'_> {
+    /// Depth over `rect` at the frame's moment, as [`Rays::reproject`] gives it, but 0 nowhere, unless nothing was measured
+    /// around at all. It depends on `rect` too: on what was measured near it.
+    pub fn over(&self, rect: Rect) -> Vec<f32> {
+        let region = self.region(rect);
+        let width = region.width() as usize;
+        let mut depth_m = self.rays.reproject(self.depth, self.measured, self.frame, region);
+        let looks = self.looks(region);
+        let focal_px = self.rays.geometry().intrinsics.fx_px as f32;
+        if let Some(guessed) = holes::fill(&mut depth_m, &looks, width, focal_px) {
+            let off_px = (f64::from(self.depth.width) * edges::MOST_OFF).round() as usize;
+            // A map whose edges are on the picture's hides to the pixel; it needs nothing wider.
+            if edges::are_off(&depth_m, &looks, width, off_px) {
+                let on_colors = edges::on_colors(&depth_m, &guessed, &looks, width, off_px);
+                depth_m = edges::widened(&on_colors, Some(&looks), width);
+            }
+        }
+        let columns = (rect.x0 - region.x0) as usize..(rect.x1 - region.x0) as usize;
+        let rows = depth_m.chunks_exact(width.max(1)).skip((rect.y0 - region.y0) as usize);
+        rows.take(rect.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
+    }
+
+    /// The rectangle and what lies around it, as far as there is a picture.
+    fn region(&self, rect: Rect) -> Rect {
+        let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
+        let step = ((f64::from(width) * AROUND) as i32).max(1);
+        let [x0, y0] = [rect.x0, rect.y0].map(|at| (at - step).div_euclid(step) * step);
+        let [x1, y1] = [rect.x1, rect.y1].map(|at| (at + 2 * step - 1).div_euclid(step) * step);
+        // All around there is one at either rim.
+        let beyond = if self.rays.geometry().is_round() { width } else { 0 };
+        Rect::new(x0, y0, x1, y1).intersection(&Rect::new(-beyond, 0, width + beyond, height)).union(&rect)
+    }
+
+    /// Square roots of light, row by row; beyond the picture as at its rim.
+    fn looks(&self, region: Rect) -> Vec<[f32; 3]> {
+        let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
+        let (bits, over) = match self.pixels.codes {
+            Codes::U8(_) => (8, 0),
+            Codes::U16(_) => (BITS, 16 - BITS),
+        };
+        let most = f64::from((1u32 << bits) - 1);
+        let look = |code: u32| self.response.decode(f64::from(code) / most).max(0.0).sqrt() as f32;
+        let looks: Vec<f32> = (0..1u32 << bits).map(look).collect();
+        let round = self.rays.geometry().is_round();
+        let column = |x: i32| if round { x.rem_euclid(width) } else { x.clamp(0, width - 1) };
+        let places = (region.y0..region.y1)
+            .map(|y| y.clamp(0, height - 1))
+            .flat_map(|y| (region.x0..region.x1).map(move |x| (column(x), y)));
+        places.map(|(x, y)| self.pixels.at(x as u32, y as u32).map(|code| looks[(code >> over) as usize])).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Curve, Distortion, Geometry, Intrinsics};
+
+    const WIDTH: usize = 160;
+    const HEIGHT: usize = 120;
+
+    /// A black screen at 1 m, columns 40 to 119 and rows 30 to 89, before a bright wall at 2 m. Of the screen the sensor sees
+    /// its rim, and one pixel in fifty.
+    fn screen() -> (Pixels, DepthMap, impl Fn(usize) -> bool) {
+        let inside = |i: usize| (40..120).contains(&(i % WIDTH)) && (30..90).contains(&(i / WIDTH));
+        let codes = (0..WIDTH * HEIGHT).flat_map(|i| [if inside(i) { 10 } else { 200 }; 3]).collect();
+        let depth_m = (0..WIDTH * HEIGHT)
+            .map(|i| match inside(i) {
+                false => 2.0,
+                true if i % 10 == 0 && i / WIDTH % 5 == 0 => 1.0,
+                true if [i - 1, i + 1, i - WIDTH, i + WIDTH].iter().any(|&n| !inside(n)) => 1.0,
+                true => 0.0,
+            })
+            .collect();
+        let depth = DepthMap { width: WIDTH as u32, height: HEIGHT as u32, depth_m, timestamp_s: 0.0 };
+        (Pixels::from_u8(WIDTH as u32, HEIGHT as u32, codes).unwrap(), depth, inside)
+    }
+
+    fn camera() -> Rays {
+        let intrinsics = Intrinsics {
+            width_px: WIDTH as u32,
+            height_px: HEIGHT as u32,
+            fx_px: 130.0,
+            fy_px: 130.0,
+            cx_px: 80.0,
+            cy_px: 60.0,
+            ..Default::default()
+        };
+        Rays::new(&Geometry::new(intrinsics, Distortion::default()))
+    }
+
+    fn repaired(pixels: &Pixels, depth: &DepthMap, rect: Rect) -> Vec<f32> {
+        let (rays, pose) = (camera(), Pose::IDENTITY);
+        let response = Response { curve: Curve::Srgb, ..Default::default() };
+        Repair { rays: &rays, depth, measured: &pose, frame: &pose, pixels, response: &response }.over(rect)
+    }
+
+    #[test]
+    fn a_screen_of_which_little_was_seen_is_whole() {
+        let (pixels, depth, inside) = screen();
+        for rect in [Rect::full(160, 120), Rect::new(60, 20, 140, 100), Rect::new(20, 50, 50, 60)] {
+            let found = repaired(&pixels, &depth, rect);
+            assert_eq!(found.len(), (rect.width() * rect.height()) as usize);
+            for (n, z) in found.iter().enumerate() {
+                let (x, y) =
+                    (rect.x0 as usize + n % rect.width() as usize, rect.y0 as usize + n / rect.width() as usize);
+                let wanted = if inside(y * WIDTH + x) { 1.0 } else { 2.0 };
+                assert!((z / wanted - 1.0).abs() < 0.1, "{x} {y} of {rect:?}: {z}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_whole_map_stays_as_it_was_measured() {
+        let (pixels, mut depth, inside) = screen();
+        depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
+        assert_eq!(repaired(&pixels, &depth, Rect::full(160, 120)), depth.depth_m);
+        // And of nothing nothing is made.
+        depth.depth_m.fill(0.0);
+        assert!(repaired(&pixels, &depth, Rect::new(-3, 5, 30, 50)).iter().all(|z| *z == 0.0));
+    }
+}
