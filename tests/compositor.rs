@@ -11,7 +11,7 @@ use board::{FOCAL_PX, board, sideways};
 use locard::camera::{Capture, FilmUsed};
 use locard::compositor::{Composited, Compositor, Job, Settings, SubmitError, Target};
 use locard::frame::Frame;
-use locard::image::DepthMap;
+use locard::image::{DepthMap, Pixels};
 use locard::params::Value;
 use locard::scene::{Alpha, Scene};
 use locard::tracking::PoseTrack;
@@ -105,6 +105,30 @@ fn depth_that_hides_nothing_says_why() {
     // Nobody asked for it.
     let off = gpu::settings(&[("depth", "occlusion", Value::Bool(false))]);
     assert_eq!(done(off, depth(320, 240, 0.6)), (false, None));
+}
+
+#[test]
+fn a_screen_of_which_the_sensor_sees_little_hides_what_is_behind_it() {
+    // Black, before the left half of a board and before a bright wall; its rim was measured, and one pixel in fifty.
+    let inside = |x: usize, y: usize| (90..160).contains(&x) && (60..180).contains(&y);
+    let places = || (0..240).flat_map(|y| (0..320).map(move |x| (x, y)));
+    let codes = places().flat_map(|(x, y)| [if inside(x, y) { 10 } else { 200 }; 3]).collect();
+    let depth_m = places()
+        .map(|(x, y)| match inside(x, y) {
+            false => 2.0 * board::DEPTH_M as f32,
+            true if x == 159 || (x % 10 == 0 && y % 5 == 0) => 0.5 * board::DEPTH_M as f32,
+            true => 0.0,
+        })
+        .collect();
+    let depth = DepthMap { width: 320, height: 240, depth_m, timestamp_s: 0.0 };
+    let frame = gpu::frame(0, 0.0, Pixels::from_u8(320, 240, codes).unwrap());
+    let frame = Frame { depth: Some(depth), ..frame };
+    let still = sideways([0.0, 0.0]);
+    let done = submitted(Settings::default(), board([60.0, 50.0], 0.5), &still, 0.0, frame.clone()).unwrap();
+    for (x, y) in (100..140).flat_map(|y| (135..185).map(move |x| (x, y))).filter(|(x, _)| !(156..164).contains(x)) {
+        let shown = done.pixels.at(x, y) != frame.pixels.at(x, y);
+        assert_eq!(shown, x >= 160, "{x} {y}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::behind_real::deep_within;
 use super::plan::{Plan, Sight};
 use super::{Job, RealDepth, Settings};
 use crate::camera::Intrinsics;
-use crate::depth::{RayCache, enlarged, measured_from};
+use crate::depth::{RayCache, Repair, enlarged, measured_from};
 use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture};
 use crate::image::Rect;
@@ -37,9 +37,10 @@ impl Hidden {
         let measured = depth.map(|depth| measured_from(depth, recorded, job.track, job.time_offset_s));
         let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
         let texels = match job.real {
-            RealDepth::OfFrame => depth
-                .zip(measured.and_then(Result::ok))
-                .map(|(depth, measured)| rays.of(job.picture).reproject(depth, &measured, &sight.keys.middle(), drawn)),
+            RealDepth::OfFrame => depth.zip(measured.and_then(Result::ok)).map(|(depth, measured)| {
+                let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
+                Repair { rays, depth, measured: &measured, frame: &sight.keys.middle(), pixels, response }.over(drawn)
+            }),
             RealDepth::Known { depth_m, .. } => depth_m.filter(|_| !plan.hides_itself()).map(|depth_m| {
                 let Intrinsics { width_px, height_px, .. } = recorded.intrinsics;
                 enlarged(depth_m, (width_px, height_px), &job.capture.framed, drawn)
