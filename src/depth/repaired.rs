@@ -97,7 +97,7 @@ mod tests {
         let depth_m = (0..WIDTH * HEIGHT)
             .map(|i| match inside(i) {
                 false => 2.0,
-                true if i % 10 == 0 && i / WIDTH % 5 == 0 => 1.0,
+                true if i % 10 == 0 && (i / WIDTH).is_multiple_of(5) => 1.0,
                 true if [i - 1, i + 1, i - WIDTH, i + WIDTH].iter().any(|&n| !inside(n)) => 1.0,
                 true => 0.0,
             })
