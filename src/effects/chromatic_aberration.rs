@@ -121,9 +121,6 @@ impl Effect for ChromaticAberration {
         let radius_px = self.shift_px(run.moment).ceil() as u32;
         run.followed(Layer { color, coverage: Some(coverage), ..layer }, radius_px)
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// Where the light of a colour comes from that lands at a place, px: the inverse of [`Lateral::displaced_px`].

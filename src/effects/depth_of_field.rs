@@ -183,9 +183,6 @@ impl Effect for DepthOfField {
             Method::Reference => layer,
         }
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// A layer of one depth through an opening: each pixel's light spread evenly over the image of the aperture, `circle_px`

@@ -37,9 +37,6 @@ impl Effect for EdgeBlend {
         let uniform = Uniform { impact: self.impact, unused: [0.0; 3] };
         Some(MixedPart::new(Shader::EdgeBlend, "edge_blend", &uniform))
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// The paper's rule on one channel: `neighbours` are the camera pixels among the eight.

@@ -93,9 +93,6 @@ impl Effect for Exposure {
         let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);
         Layer { color, ..layer }
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// One premultiplied pixel of the layer, exposed.

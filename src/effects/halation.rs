@@ -54,9 +54,6 @@ impl Effect for Halation {
         let [color] = pass.texture("layer", &layer.color).texture("around", &around).draw([COLOR], layer.size);
         Layer { color, light_alone: true, ..layer }
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// A layer as film shows it: `rgba` holds `width * height` premultiplied pixels; outside is empty. By the Gaussian itself, sampled.

@@ -215,9 +215,6 @@ impl Effect for MotionBlur {
         let geometry = pass("passing", GEOMETRY);
         Layer { color, geometry, ..layer }
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// A layer blurred by one motion for all of it: the mean of the layer over the shutter, each

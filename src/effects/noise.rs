@@ -165,9 +165,6 @@ impl Effect for Noise {
         let shader = if as_calibrated && same_film { Shader::Noise } else { Shader::NoiseGrain };
         Some(MixedPart::new(shader, "noise", &uniform).texture("noise_pattern", pattern))
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// The pattern's values (R, G, B; mean 0, variance 1) at a pixel of the picture, from the

@@ -44,9 +44,6 @@ impl Effect for PointSpread {
         let color = run.blurred(&layer.color, layer.size, sigma_px);
         run.followed(Layer { color, ..layer }, blur::reach_px(sigma_px))
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// A layer spread: `rgba` holds `width * height` premultiplied pixels; outside is empty.

@@ -139,7 +139,7 @@ pub fn response_constants(response: &Response) -> [(&'static str, f64); 2] {
 ///
 /// One that works on the virtual layer, in linear light, records passes in `run`; it may have the renderer draw more, by `plan`. One that works on
 /// the mixed picture's code values gives its part of the composite in `mix`.
-pub trait Effect: Params + std::fmt::Debug + Send + Sync {
+pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     /// One line: what it does.
     fn summary(&self) -> &'static str;
     /// Whether it would change no pixel; then it does not run.
@@ -185,7 +185,17 @@ pub trait Effect: Params + std::fmt::Debug + Send + Sync {
     fn mix(&self, _: &mut LayerRun<'_>, _shown: Rect) -> Option<MixedPart> {
         None
     }
+}
+
+/// A copy of an effect whose type is forgotten; every effect that can be cloned has it.
+pub trait Boxed {
     fn boxed(&self) -> Box<dyn Effect>;
+}
+
+impl<E: Effect + Clone + 'static> Boxed for E {
+    fn boxed(&self) -> Box<dyn Effect> {
+        Box::new(self.clone())
+    }
 }
 
 impl Clone for Box<dyn Effect> {

@@ -137,9 +137,6 @@ impl Effect for Vignetting {
         let [color] = pass.texture("layer", &layer.color).texture("gains", &grid.gains).draw([COLOR], layer.size);
         Layer { color, ..layer }
     }
-    fn boxed(&self) -> Box<dyn Effect> {
-        Box::new(self.clone())
-    }
 }
 
 /// The gain on light at a place in the picture (px), 0 to 1; 0 where the lens has no ray.

@@ -1,14 +1,13 @@
 //! A camera that sees all around, drawn as views around it: the sides of a cube, each as far as objects reach, put together
 //! by shaders/around.wgsl into one layer, on which effects and composite work as on any other.
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 use super::around_bounds::most_px_per_s;
-use super::draw::View;
 use super::pipeline::{COLOR, GEOMETRY};
 use super::plan::Layer;
 use super::resample::{Face, square_view};
-use super::view::{NEAR_M, ViewKeys};
+use super::view::{NEAR_M, Outer, View, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::image::Rect;
@@ -18,13 +17,6 @@ use crate::pose::Pose;
 const FINER: f64 = 2.0;
 /// Of a view's 90°, px: bounds its memory.
 const LARGEST_VIEW_PX: f64 = 4096.0;
-
-/// The camera that a view is a part of.
-#[derive(Clone, Copy, Debug)]
-pub struct Outer<'a> {
-    pub geometry: &'a Geometry,
-    pub camera_from_view: DQuat,
-}
 
 /// One side of the cube as far as objects are in it.
 #[derive(Debug)]

@@ -6,7 +6,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::accumulate::Sum;
-use super::around::{Outer, SideView, gather, out_of_view};
+use super::around::{SideView, gather, out_of_view};
 use super::around_bounds::footprint_around;
 use super::bounds::{Bounds, Footprint, footprint, outline};
 use super::dice::{Bend, dice, longest_edge};
@@ -15,7 +15,7 @@ use super::material::bind_groups;
 use super::motion::Motion;
 use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
 use super::plan::{Layer, Sample, SamplePlan};
-use super::view::{NEAR_M, Shutter, ViewKeys, ViewUniform};
+use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
 use crate::image::Rect;
@@ -48,25 +48,6 @@ pub struct Renderer {
     environment: EnvironmentLight,
     pipelines: Pipelines,
     no_depth: Texture,
-}
-
-/// What one frame's drawing needs.
-#[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
-    pub geometry: &'a Geometry,
-    pub keys: &'a ViewKeys,
-    pub shutter: Shutter,
-    /// Of the objects' nearest and farthest points, metres.
-    pub depths_m: [f64; 2],
-    /// What is drawn, in raster axes; may reach beyond the picture.
-    pub rect: Rect,
-    /// The real scene's depth over the frame's rectangle (metres, 0 unknown), and how much nearer it must be.
-    pub occlusion: Option<(&'a Texture, f32)>,
-    /// Rays are parallel, up to this distance (m) from the camera's plane: `geometry` has no distortion, and its focal
-    /// lengths are px a metre.
-    pub parallel_to_m: Option<f64>,
-    /// The camera whose picture this is a view out of.
-    pub outer: Option<Outer<'a>>,
 }
 
 /// One draw call.

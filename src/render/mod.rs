@@ -20,9 +20,9 @@ mod view;
 
 pub use accumulate::largest_area_px as largest_sum_px;
 pub use bounds::Footprint;
-pub use draw::{Renderer, View};
+pub use draw::Renderer;
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, RealLayer, Sample, SamplePlan};
 pub use projected::{Projection, Shot, take};
 pub use resample::{limits, over_rows};
-pub use view::{Shutter, ViewKeys};
+pub use view::{Shutter, View, ViewKeys};

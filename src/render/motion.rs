@@ -13,8 +13,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 
-use super::draw::View;
-use super::view::NEAR_M;
+use super::view::{NEAR_M, View};
 use crate::gpu::Gpu;
 use crate::image::Rect;
 

@@ -6,11 +6,11 @@
 
 use glam::{DQuat, DVec2, DVec3};
 
-use super::draw::{Renderer, View};
+use super::draw::Renderer;
 use super::panorama;
 use super::plan::SamplePlan;
-use super::resample::{Face, Resampler, over_rows};
-use super::view::{NEAR_M, Shutter, ViewKeys};
+use super::resample::{Drawn, Face, Resampler, over_rows};
+use super::view::{NEAR_M, Shutter, View, ViewKeys};
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
 use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
@@ -161,32 +161,6 @@ fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Le
             }
         }
     });
-}
-
-/// What is drawn, 16-bit floats as they come from the GPU.
-pub struct Drawn {
-    pub width: u32,
-    /// Outside of it nothing is.
-    pub rect: Rect,
-    pub rgba: Vec<[half::f16; 4]>,
-}
-
-impl Drawn {
-    /// Means of squares of pixels.
-    fn shrunk(&self, finer: u32) -> LinearImage {
-        let (finer, wide) = (finer as usize, self.width as usize);
-        let (width, height) = (wide / finer, self.rgba.len() / wide.max(1) / finer);
-        let mean = |i: usize| {
-            let (x, y) = (i % width * finer, i / width * finer);
-            let mut sum = [0.0; 4];
-            for (dy, dx) in (0..finer).flat_map(|dy| (0..finer).map(move |dx| (dy, dx))) {
-                let texel = self.rgba[(y + dy) * wide + x + dx];
-                (0..4).for_each(|c| sum[c] += texel[c].to_f32());
-            }
-            sum.map(|v| v / (finer * finer) as f32)
-        };
-        LinearImage { width: width as u32, height: height as u32, rgba: (0..width * height).map(mean).collect() }
-    }
 }
 
 /// What is needed to draw.

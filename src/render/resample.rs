@@ -5,7 +5,6 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-use super::projected::Drawn;
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
 use crate::image::{LinearImage, Rect};
@@ -250,6 +249,32 @@ pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, fill: impl Fn(usi
         }
         work();
     });
+}
+
+/// What is drawn, 16-bit floats as they come from the GPU.
+pub struct Drawn {
+    pub width: u32,
+    /// Outside of it nothing is.
+    pub rect: Rect,
+    pub rgba: Vec<[half::f16; 4]>,
+}
+
+impl Drawn {
+    /// Means of squares of pixels.
+    pub fn shrunk(&self, finer: u32) -> LinearImage {
+        let (finer, wide) = (finer as usize, self.width as usize);
+        let (width, height) = (wide / finer, self.rgba.len() / wide.max(1) / finer);
+        let mean = |i: usize| {
+            let (x, y) = (i % width * finer, i / width * finer);
+            let mut sum = [0.0; 4];
+            for (dy, dx) in (0..finer).flat_map(|dy| (0..finer).map(move |dx| (dy, dx))) {
+                let texel = self.rgba[(y + dy) * wide + x + dx];
+                (0..4).for_each(|c| sum[c] += texel[c].to_f32());
+            }
+            sum.map(|v| v / (finer * finer) as f32)
+        };
+        LinearImage { width: width as u32, height: height as u32, rgba: (0..width * height).map(mean).collect() }
+    }
 }
 
 #[cfg(test)]

@@ -2,9 +2,9 @@
 
 use glam::{DQuat, DVec3};
 
-use super::draw::View;
 use super::plan::Sample;
-use crate::camera::LensModel;
+use crate::camera::{Geometry, LensModel};
+use crate::gpu::Texture;
 use crate::image::Rect;
 use crate::pose::Pose;
 
@@ -96,6 +96,32 @@ impl ViewKeys {
     pub fn middle(&self) -> Pose {
         self.poses[self.poses.len() / 2]
     }
+}
+
+/// What one frame's drawing needs.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    pub geometry: &'a Geometry,
+    pub keys: &'a ViewKeys,
+    pub shutter: Shutter,
+    /// Of the objects' nearest and farthest points, metres.
+    pub depths_m: [f64; 2],
+    /// What is drawn, in raster axes; may reach beyond the picture.
+    pub rect: Rect,
+    /// The real scene's depth over the frame's rectangle (metres, 0 unknown), and how much nearer it must be.
+    pub occlusion: Option<(&'a Texture, f32)>,
+    /// Rays are parallel, up to this distance (m) from the camera's plane: `geometry` has no distortion, and its focal
+    /// lengths are px a metre.
+    pub parallel_to_m: Option<f64>,
+    /// The camera whose picture this is a view out of.
+    pub outer: Option<Outer<'a>>,
+}
+
+/// The camera that a view is a part of.
+#[derive(Clone, Copy, Debug)]
+pub struct Outer<'a> {
+    pub geometry: &'a Geometry,
+    pub camera_from_view: DQuat,
 }
 
 crate::uniform! {
