@@ -9,7 +9,8 @@ use std::fmt;
 
 use crate::words::{number, quoted};
 
-/// A parameter's value on its way from text to a field and back. In files `none` is a word, for some of them cannot hold nothing.
+/// A parameter's value on its way from text to a field and back. In files `none` is a word, for some of them cannot
+/// hold nothing.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(untagged)]
 pub enum Value {

@@ -308,7 +308,8 @@ fn edge_blend_is_the_papers_rule_whatever_softens_the_edge() {
         };
         let track = sideways([0.0, 0.0]);
         let frame = || gpu::frame(0, 0.0, gpu::grey(320, 240, 40));
-        let drawn = |settings| gpu::composite(&gpu::gpu(), &camera, settings, board([60.0, 50.0], 0.5), &track, frame());
+        let drawn =
+            |settings| gpu::composite(&gpu::gpu(), &camera, settings, board([60.0, 50.0], 0.5), &track, frame());
         let (plain, done) = (drawn(settings(0.0)), drawn(settings(0.75)));
         let layer = plain.layer.as_ref().unwrap();
         let (mut edges, mut most) = (0, 0.0f64);

@@ -241,7 +241,8 @@ fn into_a_view_goes_what_would_be_written() {
                 let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
                 let codes = expected.at(i as u32 % SIZE.0, i as u32 / SIZE.0);
                 let eight = codes.map(|code| (code * 255 + most / 2) / most);
-                // Drivers round what lies halfway between two codes to either of them, and light between 16 bits' codes near there.
+                // Drivers round what lies halfway between two codes to either of them, and light between 16 bits' codes
+                // near there.
                 let most_off = if most == 255 { 0 } else { 1 };
                 let off = shown.iter().zip(eight).map(|(a, b)| a.abs_diff(b)).max().unwrap();
                 assert!(off <= most_off && alpha == 255, "{format:?}, {what}, pixel {i}: {shown:?}, not {eight:?}");

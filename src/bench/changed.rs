@@ -40,7 +40,7 @@ pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(
     Ok(())
 }
 
-/// Medians of both, milliseconds; none where there is nothing between two values.
+/// The least of both, milliseconds, for what else a machine does only adds; none where there is nothing between two values.
 fn of_parameter(
     table: &Table<'_>,
     load: &Load,
@@ -74,11 +74,7 @@ fn of_parameter(
             }
         }
     }
-    let median = |times: &mut Vec<f64>| {
-        times.sort_by(f64::total_cmp);
-        times.get(times.len() / 2).copied()
-    };
-    let [changed, same] = times.each_mut().map(median);
+    let [changed, same] = times.map(|times| times.into_iter().reduce(f64::min));
     Ok(changed.zip(same).map(|(changed, same)| [changed, same]))
 }
 

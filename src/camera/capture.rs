@@ -26,8 +26,8 @@ pub struct FilmUsed {
 pub struct Capture<'a> {
     /// Which columns and rows of the picture are made; the others stay as they are.
     pub region: Rect,
-    /// Whether every pixel of the region is made, as of a photograph; else those alone in which something virtual is, and the others stay the
-    /// camera's integers.
+    /// Whether every pixel of the region is made, as of a photograph; else those alone in which something virtual is,
+    /// and the others stay the camera's integers.
     pub whole: bool,
     /// How long each row gathers light, seconds.
     pub exposure_time_s: f64,

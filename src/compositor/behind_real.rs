@@ -1,10 +1,11 @@
 //! What real things hide of a layer that is blurred where they are sharp.
 //!
-//! A thing in focus hides whole pixels: through each of them all points of the lens see it. A blurred object behind it is hidden
-//! there, and beside it is as blurred as if nothing stood before it. So it is drawn as far as its blur reaches
-//! behind the edge, blurred, and cut off then.
+//! A thing in focus hides whole pixels: through each of them all points of the lens see it. A blurred object behind it
+//! is hidden there, and beside it is as blurred as if nothing stood before it. So it is drawn as far as its blur
+//! reaches behind the edge, blurred, and cut off then.
 //!
-//! Not modelled: real things that are blurred themselves (the recording shows them as it saw them; a pixel is theirs or not).
+//! Not modelled: real things that are blurred themselves (the recording shows them as it saw them; a pixel is theirs or
+//! not).
 
 use crate::gpu::{Recorder, Shader, Texture};
 use crate::render::{COLOR, GEOMETRY, Layer};

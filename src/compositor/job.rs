@@ -32,8 +32,8 @@ pub struct Job<'a> {
 pub enum RealDepth<'a> {
     /// As the frame's own depth map says, where it has one.
     OfFrame,
-    /// In the recorded camera's picture at the frame's moment, metres, 0 where nothing is known; it hides virtual things. With the
-    /// surfaces that were made of it, effects act on the real part too.
+    /// In the recorded camera's picture at the frame's moment, metres, 0 where nothing is known; it hides virtual
+    /// things. With the surfaces that were made of it, effects act on the real part too.
     Known { depth_m: Option<&'a [f32]>, surfaces: Option<&'a Surfaces> },
 }
 
@@ -42,13 +42,13 @@ pub enum RealDepth<'a> {
 pub enum Target<'a> {
     /// Back to the processor: [`Composited::pixels`].
     Pixels,
-    /// Into a view of the picture's size, ready to be shown: the whole picture, the camera's pixels too. It holds encoded code values; of a
-    /// format that encodes by itself, the light that comes out as them.
+    /// Into a view of the picture's size, ready to be shown: the whole picture, the camera's pixels too. It holds
+    /// encoded code values; of a format that encodes by itself, the light that comes out as them.
     View(&'a wgpu::TextureView, wgpu::TextureFormat),
 }
 
-/// The exposure of a frame, seconds: the camera's shutter angle, what the recording says of the frame (unless the settings overrule it), the
-/// camera's time, half the interval.
+/// The exposure of a frame, seconds: the camera's shutter angle, what the recording says of the frame (unless the
+/// settings overrule it), the camera's time, half the interval.
 pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;

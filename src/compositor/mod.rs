@@ -1,6 +1,7 @@
 //! The per-frame loop: a pure function of a frame, the poses around it, the scene, the camera and the settings.
 //!
-//! [`Compositor::submit`] reads as its phases: plan (plan.rs), hide (hide.rs), draw (the renderer), affect (the effects), mix (mix.rs).
+//! [`Compositor::submit`] reads as its phases: plan (plan.rs), hide (hide.rs), draw (the renderer), affect (the
+//! effects), mix (mix.rs).
 
 mod behind_real;
 mod hide;
@@ -32,7 +33,8 @@ use mix::{Piece, Sent, mix};
 use paste::{paste, paste_layer};
 use plan::{Plan, Sight, moment};
 
-/// Draws a scene into frames. Holds nothing of a frame but what makes the next one faster: each call gives what a new one would.
+/// Draws a scene into frames. Holds nothing of a frame but what makes the next one faster: each call gives what a new
+/// one would.
 #[derive(Debug)]
 pub struct Compositor {
     renderer: Renderer,

@@ -1,12 +1,12 @@
 //! A Gaussian over a layer, for effects that spread light: along rows and then along columns.
 //!
-//! Its taps are the discrete Gaussian exp(−σ²)·Iₙ(σ²) (Lindeberg 1990), whose variance is exactly σ² however small σ is (a
-//! sampled or integrated Gaussian misses σ below a pixel). They sum to 1, so that light is kept; what is left out at the ends is less than
-//! 1e-4.
+//! Its taps are the discrete Gaussian exp(−σ²)·Iₙ(σ²) (Lindeberg 1990), whose variance is exactly σ² however small σ is
+//! (a sampled or integrated Gaussian misses σ below a pixel). They sum to 1, so that light is kept; what is left out at
+//! the ends is less than 1e-4.
 //!
-//! Where it is wider than [`WIDE_PX`] it is made at half the resolution, and there again. Means of 2×2 pixels and straight lines between
-//! them blur besides: together by a variance of 1 px² (a mean of two by 1/4; a line between texels that lie two pixels apart by 3/4), which is
-//! taken off σ².
+//! Where it is wider than [`WIDE_PX`] it is made at half the resolution, and there again. Means of 2×2 pixels and
+//! straight lines between them blur besides: together by a variance of 1 px² (a mean of two by 1/4; a line between
+//! texels that lie two pixels apart by 3/4), which is taken off σ².
 
 use super::LayerRun;
 use crate::gpu::{Entry, Shader, Texture};

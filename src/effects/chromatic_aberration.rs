@@ -2,10 +2,10 @@
 //!
 //! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of the picture; green
 //! stays, as calibrations of geometry go by it or by all three. Objects part as the real scene did, so at a silhouette
-//! each colour has a coverage of its own. One alpha cannot tell that: the layer carries three ([`Layer::coverage`]), and the composite
-//! puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c, exactly. The layer's own alpha is their mean by luminance: above
-//! 0 where any colour is covered, so that untouched pixels stay the camera's, and for whoever composites the exported
-//! layer with it, right in luminance over grey.
+//! each colour has a coverage of its own. One alpha cannot tell that: the layer carries three ([`Layer::coverage`]),
+//! and the composite puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c, exactly. The layer's own
+//! alpha is their mean by luminance: above 0 where any colour is covered, so that untouched pixels stay the camera's,
+//! and for whoever composites the exported layer with it, right in luminance over grey.
 //!
 //! It comes last on the layer, as no other effect has to carry three coverages then. What stands before it treats all
 //! colours alike and changes slowly across the picture, so the order matters by the shift's share of that only.

@@ -14,12 +14,12 @@
 //! - `diffusion`: Wang's, each pixel's light spread over the opening's picture, from the most blurred to the sharpest; the
 //!   only one that knows stars and hearts (depth_of_field/diffusion.rs).
 //!
-//! Of a photograph whose real surfaces are known the real part is blurred too, slice by slice, by `layered` together with the
-//! virtual one (depth_of_field/slices.rs).
+//! Of a photograph whose real surfaces are known the real part is blurred too, slice by slice, by `layered` together
+//! with the virtual one (depth_of_field/slices.rs).
 //!
 //! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
-//! `layered`: more than two surfaces behind each other within one circle, and circles wider than a quarter of the picture and
-//! than 400 px (drawn that wide).
+//! `layered`: more than two surfaces behind each other within one circle, and circles wider than a quarter of the
+//! picture and than 400 px (drawn that wide).
 
 pub mod diffusion;
 mod highlights;

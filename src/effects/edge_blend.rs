@@ -3,9 +3,9 @@
 //! result = (current + Σ cameraᵢ) / (n + 1) over the n camera pixels in the 3×3 neighbourhood,
 //! and `impact` between current (0) and result (1). Works on code values, as in the paper.
 //!
-//! The paper's pixels are an object's or the camera's. Where edges are soft, by samples or by blur, a pixel is partly either: of
-//! a neighbour with coverage Aᵢ counts (1 − Aᵢ), and a pixel with coverage A moves by A of the way. Of hard edges that is the paper's rule.
-//! Off by default: edges are multisampled, and both together would eat the edge.
+//! The paper's pixels are an object's or the camera's. Where edges are soft, by samples or by blur, a pixel is partly
+//! either: of a neighbour with coverage Aᵢ counts (1 − Aᵢ), and a pixel with coverage A moves by A of the way. Of hard
+//! edges that is the paper's rule. Off by default: edges are multisampled, and both together would eat the edge.
 //!
 //! Not modelled: the edge's direction; a pixel in a corner is softened as one on an edge.
 
@@ -42,8 +42,8 @@ impl Effect for EdgeBlend {
     }
 }
 
-/// The rule on one channel: `neighbours` are the camera's code values among the eight, each with the part of the pixel that is the
-/// camera's; `covered` is the pixel's own coverage.
+/// The rule on one channel: `neighbours` are the camera's code values among the eight, each with the part of the pixel
+/// that is the camera's; `covered` is the pixel's own coverage.
 pub fn twin(current: f64, covered: f64, neighbours: &[(f64, f64)], impact: f64) -> f64 {
     let weight: f64 = neighbours.iter().map(|(_, w)| w).sum();
     let blended = (current + neighbours.iter().map(|(code, w)| w * code).sum::<f64>()) / (weight + 1.0);

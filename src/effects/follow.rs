@@ -4,6 +4,10 @@ use super::LayerRun;
 use crate::gpu::{Entry, Shader};
 use crate::render::{GEOMETRY, Layer};
 
+crate::uniform! {
+    struct Follow { size: [i32; 2], radius: i32, unused: i32 }
+}
+
 impl LayerRun<'_> {
     /// A layer whose light has been spread by up to `radius_px`, with its geometry, where that is read still.
     pub fn followed(&mut self, layer: Layer, radius_px: u32) -> Layer {
@@ -11,12 +15,11 @@ impl LayerRun<'_> {
             return layer;
         }
         let size = layer.size;
-        let follow = [size.0 as i32, size.1 as i32, radius_px as i32, 0];
-        let follow = self.recorder.storage(bytemuck::cast_slice(&follow));
-        let [mut geometry] = [layer.geometry];
+        let follow = Follow { size: [size.0 as i32, size.1 as i32], radius: radius_px as i32, unused: 0 };
+        let mut geometry = layer.geometry;
         for down in [0.0, 1.0] {
             let pass = self.recorder.pass(Shader::Follow, Entry::from("main").choose("down", down));
-            [geometry] = pass.buffer("follow", follow.clone()).texture("geometry", &geometry).draw([GEOMETRY], size);
+            [geometry] = pass.storage("follow", &follow).texture("geometry", &geometry).draw([GEOMETRY], size);
         }
         Layer { geometry, ..layer }
     }

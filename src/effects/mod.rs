@@ -17,7 +17,8 @@ pub use stage::{
     Boxed, Case, Effect, EffectError, LayerRun, MixedPart, Moment, ObjectMotion, OnReal, Reach, response_constants,
 };
 
-/// Every effect at its defaults, in the order in which they work: that of the light, but for chromatic_aberration, which says why it comes last.
+/// Every effect at its defaults, in the order in which they work: that of the light, but for chromatic_aberration,
+/// which says why it comes last.
 pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
         Box::new(motion_blur::MotionBlur::default()),

@@ -75,7 +75,8 @@ impl Reach {
     }
 }
 
-/// What an effect has to do with real things. Virtual things are cut off where real ones hide them: before an effect works, unless it says more.
+/// What an effect has to do with real things. Virtual things are cut off where real ones hide them: before an effect
+/// works, unless it says more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnReal {
     /// Works on virtual things alone.
@@ -114,8 +115,8 @@ pub struct LayerRun<'a> {
     pub geometry_is_read: bool,
 }
 
-/// An effect's part of the composite: `apply_<name>` of a shader, and what it reads. Its globals stand in a group of their own, and their names
-/// begin with the effect's.
+/// An effect's part of the composite: `apply_<name>` of a shader, and what it reads. Its globals stand in a group of
+/// their own, and their names begin with the effect's.
 #[derive(Debug)]
 pub struct MixedPart {
     pub shader: Shader,
@@ -137,8 +138,8 @@ pub fn response_constants(response: &Response) -> [(&'static str, f64); 2] {
 
 /// An effect: a table of parameters, whose name is the effect's, with what they do. It keeps nothing between two calls.
 ///
-/// One that works on the virtual layer, in linear light, records passes in `run`; it may have the renderer draw more, by `plan`. One that works on
-/// the mixed picture's code values gives its part of the composite in `mix`.
+/// One that works on the virtual layer, in linear light, records passes in `run`; it may have the renderer draw more,
+/// by `plan`. One that works on the mixed picture's code values gives its part of the composite in `mix`.
 pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     /// One line: what it does.
     fn summary(&self) -> &'static str;
@@ -161,7 +162,8 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn reach(&self, _: &Moment<'_>) -> Reach {
         Reach::default()
     }
-    /// How far before and behind the exposure lie moments of its plan, seconds. Asked before it is known what is in view, which hangs on it.
+    /// How far before and behind the exposure lie moments of its plan, seconds. Asked before it is known what is in
+    /// view, which hangs on it.
     fn beyond_s(&self, _exposure_time_s: f64) -> f64 {
         0.0
     }
@@ -180,8 +182,8 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn run(&self, _: &mut LayerRun<'_>, layer: Layer) -> Layer {
         layer
     }
-    /// Its part of the composite, for the rectangle `shown` of the picture: called for every pixel where the whole picture is made, else for
-    /// those that the layer touches.
+    /// Its part of the composite, for the rectangle `shown` of the picture: called for every pixel where the whole
+    /// picture is made, else for those that the layer touches.
     fn mix(&self, _: &mut LayerRun<'_>, _shown: Rect) -> Option<MixedPart> {
         None
     }

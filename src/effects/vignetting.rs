@@ -2,9 +2,9 @@
 //!
 //! gain = cos⁴θ to the power `natural`, times the part of the opening that a rim leaves free. Multiplies the layer's
 //! light; what it covers stays covered, but for what lies beyond a circular fisheye's image circle: there is no picture
-//! there, and the camera's black pixels stay as they are. The rim takes the opening from `camera.lens`: stopping down makes it go away.
-//! The gain is worked out at the corners of 128 cells across the picture and interpolated: within 1e-4 for the natural
-//! part of a lens that sees 90°.
+//! there, and the camera's black pixels stay as they are. The rim takes the opening from `camera.lens`: stopping down
+//! makes it go away. The gain is worked out at the corners of 128 cells across the picture and interpolated: within
+//! 1e-4 for the natural part of a lens that sees 90°.
 //!
 //! Not modelled: pixel vignetting, colour shading, and what a rim does to the shape of blurred highlights (cat's eyes).
 

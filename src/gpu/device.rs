@@ -141,8 +141,8 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// A device that somebody else made, a window say, with at least the limits of [`Gpu::wanted`]. What is drawn with it can be shown without
-    /// leaving it.
+    /// A device that somebody else made, a window say, with at least the limits of [`Gpu::wanted`]. What is drawn with
+    /// it can be shown without leaving it.
     pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure: Arc::default() }

@@ -40,8 +40,8 @@ enum Shape {
 /// A name may be given that the entry does not read, so that entries of a module share what they are given.
 ///
 /// # Panics
-/// On slips of ours: a name that the module does not have, one that it reads and nobody gave, a uniform that is laid out otherwise than the
-/// shader's.
+/// On slips of ours: a name that the module does not have, one that it reads and nobody gave, a uniform that is laid
+/// out otherwise than the shader's.
 #[derive(Debug)]
 #[must_use = "a pass is recorded by draw, draw_into or dispatch"]
 pub struct Pass<'a> {
@@ -87,6 +87,13 @@ impl<'a> Pass<'a> {
 
     pub fn uniform<U: Uniform>(mut self, name: &'static str, value: &U) -> Self {
         let bytes = self.recorder.uniform(bytemuck::bytes_of(value));
+        self.layouts.push((name, size_of::<U>(), U::MEMBERS));
+        self.bind(name, Bound::Buffer(bytes))
+    }
+
+    /// The same for a `var<storage, read>`: for values that end loops (see [`constants`](super::constants)).
+    pub fn storage<U: Uniform>(mut self, name: &'static str, value: &U) -> Self {
+        let bytes = self.recorder.storage(bytemuck::bytes_of(value));
         self.layouts.push((name, size_of::<U>(), U::MEMBERS));
         self.bind(name, Bound::Buffer(bytes))
     }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::interface::{Global, Interface, layouts};
 use super::{Gpu, Shader, shader};
 
-/// What of a module is run: its entries, and what is chosen among what its `override`s offer. A choice is what a pipeline is made for: a
-/// method, a feature. Numbers that change are uniforms.
+/// What of a module is run: its entries, and what is chosen among what its `override`s offer. A choice is what a
+/// pipeline is made for: a method, a feature. Numbers that change are uniforms.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
     pub vertex: &'static str,
@@ -71,7 +71,8 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// The module of some files, the first of which names it; `tail` is added where it is not known yet, and must follow from them.
+    /// The module of some files, the first of which names it; `tail` is added where it is not known yet, and must
+    /// follow from them.
     pub fn module(&mut self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
         if let Some(known) = self.modules.get(shaders) {
             return known.clone();

@@ -6,7 +6,8 @@ use super::pipelines::{Entry, Pipelines};
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, Shader, TexturePool};
 
-/// Records passes, and has what they need for longer than a frame: pipelines, textures, uniforms, what was worked out from values.
+/// Records passes, and has what they need for longer than a frame: pipelines, textures, uniforms, what was worked out
+/// from values.
 #[derive(Debug)]
 pub struct Recorder {
     pub gpu: Gpu,
@@ -49,7 +50,8 @@ impl Recorder {
         self.pass_of(&[shader], String::new, entry)
     }
 
-    /// A pass with a module of several files; `tail` is added to their texts where the module is made, and must follow from them.
+    /// A pass with a module of several files; `tail` is added to their texts where the module is made, and must follow
+    /// from them.
     pub fn pass_of(&mut self, shaders: &[Shader], tail: impl FnOnce() -> String, entry: impl Into<Entry>) -> Pass<'_> {
         let module = self.pipelines.module(&self.gpu, shaders, tail);
         Pass::new(self, shaders, module, entry.into())

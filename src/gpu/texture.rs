@@ -6,7 +6,8 @@ use bytemuck::Pod;
 
 use super::Gpu;
 
-/// A 2-D texture with its view. Cheap to clone: handles only. One that a [`TexturePool`] lent goes back to it with the last of its clones.
+/// A 2-D texture with its view. Cheap to clone: handles only. One that a [`TexturePool`] lent goes back to it with the
+/// last of its clones.
 #[derive(Clone, Debug)]
 pub struct Texture {
     pub texture: wgpu::Texture,
@@ -63,8 +64,8 @@ impl Texture {
         Spec { width: self.width, height: self.height, format: self.format, samples, levels }
     }
 
-    /// Writes rows of texels into the upper left corner, before anything of what is submitted next. So it must be one that nothing recorded
-    /// since the last submission uses: of one's own, or from [`TexturePool::lend_to_write`].
+    /// Writes rows of texels into the upper left corner, before anything of what is submitted next. So it must be one
+    /// that nothing recorded since the last submission uses: of one's own, or from [`TexturePool::lend_to_write`].
     pub fn write<T: Pod>(&self, gpu: &Gpu, width: u32, height: u32, texels: &[T]) {
         if width == 0 || height == 0 {
             return;
@@ -93,8 +94,8 @@ const MARGIN_PX: u32 = 16;
 /// Of the largest texture: multisampled colour.
 const BYTES_PER_PX: u64 = 32;
 
-/// Lends textures, and takes them back when the last clone of one is dropped. What is recorded later may then be lent it: the GPU works in
-/// the order of recording.
+/// Lends textures, and takes them back when the last clone of one is dropped. What is recorded later may then be lent
+/// it: the GPU works in the order of recording.
 ///
 /// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
 /// textures each frame; what lies beyond the asked size is empty once it is drawn into, for passes clear all of

@@ -8,9 +8,9 @@ pub trait Uniform: bytemuck::Pod {
     const MEMBERS: &'static [(&'static str, usize)];
 }
 
-/// Declares a uniform: members of scalars, `[T; 2]`, `[T; 4]` and arrays of `[T; 4]`, by the names that the shader's struct has. Their
-/// offsets are WGSL's where pairs begin at multiples of 8 bytes and fours at multiples of 16; a slip is found when
-/// it is bound ([`Pass::uniform`](super::Pass::uniform)).
+/// Declares a uniform: members of scalars, `[T; 2]`, `[T; 4]` and arrays of `[T; 4]`, by the names that the shader's
+/// struct has. Their offsets are WGSL's where pairs begin at multiples of 8 bytes and fours at multiples of 16; a slip
+/// is found when it is bound ([`Pass::uniform`](super::Pass::uniform)).
 #[macro_export]
 macro_rules! uniform {
     ($(#[$meta:meta])* $vis:vis struct $name:ident { $($(#[$fmeta:meta])* $field:ident : $type:ty),* $(,)? }) => {
@@ -114,9 +114,9 @@ impl Uniforms {
 
 /// A buffer of its own that holds `bytes`, padded to 16, for `var<uniform>` of what lasts.
 ///
-/// No value in a uniform may decide a branch or a loop by itself: a software driver (lavapipe) writes such values into the shader and compiles
-/// it anew for each, up to a second each time. What is chosen is an `override` of the pipeline; a count is read from a storage
-/// buffer, or is its length.
+/// No value in a uniform may decide a branch or a loop by itself: a software driver (lavapipe) writes such values into
+/// the shader and compiles it anew for each, up to a second each time. What is chosen is an `override` of the pipeline;
+/// a count is read from a storage buffer, or is its length.
 pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     use wgpu::util::DeviceExt;
     let mut padded = bytes.to_vec();

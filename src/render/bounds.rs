@@ -89,8 +89,8 @@ fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> 
 /// A mesh's outline of so many points is clipped by them; of more, by the box around them.
 const CLIPPED: usize = 16;
 
-/// Normalised coordinates of what of some points' convex hull lies before the near plane: its corners are the points that do, and where
-/// lines from those to the others meet the plane.
+/// Normalised coordinates of what of some points' convex hull lies before the near plane: its corners are the points
+/// that do, and where lines from those to the others meet the plane.
 fn before_the_camera(points: &[DVec3], pose: &crate::pose::Pose) -> Vec<DVec2> {
     let near = 2.0 * NEAR_M;
     let seen: Vec<DVec3> = points.iter().map(|&p| pose.transform_point(p)).collect();
@@ -100,7 +100,8 @@ fn before_the_camera(points: &[DVec3], pose: &crate::pose::Pose) -> Vec<DVec2> {
     front.iter().copied().chain(crossing).map(|p| p.truncate() / p.z).collect()
 }
 
-/// The rectangle in the picture that holds those of normalised coordinates, with a pixel for what is curved between the border's samples.
+/// The rectangle in the picture that holds those of normalised coordinates, with a pixel for what is curved between the
+/// border's samples.
 fn extent_px(low: DVec2, high: DVec2, geometry: &Geometry) -> Rect {
     let (mut px_low, mut px_high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for p in border(low, high, geometry.distortion.model == LensModel::OpencvFisheye) {
@@ -128,8 +129,9 @@ fn few(points: &[DVec3]) -> Vec<DVec3> {
     Bounds { low, high }.corners().to_vec()
 }
 
-/// The footprint of all parts, by their meshes' outlines. A part that lies partly at or behind the camera's plane, and comes near to the picture
-/// before it, counts as everywhere; one that stays farther from the picture than that is wide, farther than anything is blurred, as nowhere.
+/// The footprint of all parts, by their meshes' outlines. A part that lies partly at or behind the camera's plane, and
+/// comes near to the picture before it, counts as everywhere; one that stays farther from the picture than that is
+/// wide, farther than anything is blurred, as nowhere.
 ///
 /// Conservative: a part's picture without distortion lies in the rectangle around its outline's, distortion takes that
 /// rectangle's inside to the inside of its border's image, and poses within the shutter are looked at from key to key
@@ -268,8 +270,8 @@ mod tests {
                 |points: &mut dyn Iterator<Item = DVec3>| points.map(|p| p.dot(towards)).fold(f64::MIN, f64::max);
             let exact = farthest(&mut points.iter().map(|p| DVec3::from(p.map(f64::from))));
             let told = farthest(&mut outline.iter().copied());
-            // Each side of a cell's box holds a point; the corner beyond it is farther by the other two sides' share at most,
-            // 2/√3 of a cell.
+            // Each side of a cell's box holds a point; the corner beyond it is farther by the other two sides' share at
+            // most, 2/√3 of a cell.
             assert!(told >= exact && told < exact + 1.155 * 2.5 / CELLS, "{towards}: {told}, exact {exact}");
         }
     }

@@ -39,10 +39,10 @@ impl SamplePlan {
 /// The virtual layer on the GPU: premultiplied linear colour, and the geometry (depth and
 /// velocity, packed as in shaders/shared/layer.wgsl) of the nearest sample. Only the upper left `size` is in use.
 ///
-/// What a pixel's colour says: A is how much of it is covered; where A is 0 there is no geometry, and no light either but where
-/// [`Layer::light_alone`] says that there may be some. A pixel of which neither is there is untouched: the composite leaves it to the camera.
-/// What light rounding leaves where nothing is covered is dropped. An effect that spreads light spreads coverage with it, and the geometry where that is
-/// read.
+/// What a pixel's colour says: A is how much of it is covered; where A is 0 there is no geometry, and no light either
+/// but where [`Layer::light_alone`] says that there may be some. A pixel of which neither is there is untouched: the
+/// composite leaves it to the camera. What light rounding leaves where nothing is covered is dropped. An effect that
+/// spreads light spreads coverage with it, and the geometry where that is read.
 #[derive(Clone, Debug)]
 pub struct Layer {
     pub color: Texture,

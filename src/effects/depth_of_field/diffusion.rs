@@ -52,7 +52,8 @@ fn make(params: &DepthOfField) -> Make {
     }
 }
 
-/// What is told in pixels of the camera's, in those of the picture that is made; within the same ranges, which is what operators hold.
+/// What is told in pixels of the camera's, in those of the picture that is made; within the same ranges, which is what
+/// operators hold.
 fn enlarged(params: &DepthOfField, moment: &Moment<'_>) -> DepthOfField {
     let times = moment.capture.enlargement as f32;
     DepthOfField {
@@ -115,11 +116,9 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
         margin: make(params).margin() as i32,
         half_side: make(params).half_side() as i32,
     };
-    // In a storage buffer: what decides where a loop ends in a uniform is compiled into the shader by software drivers.
-    let wang = run.recorder.storage(bytemuck::bytes_of(&wang));
     let printed = f64::from(u8::from(params.mix == Mix::Printed));
     let entry = Entry::from("spread").choose("printed", printed);
-    let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, entry).uniform("lens", &lens).buffer("wang", wang);
+    let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, entry).uniform("lens", &lens).storage("wang", &wang);
     let pass = pass.texture("factors", &factors).texture("color", &layer.color);
     let pass = pass.texture("operators", &operators).texture("around_tiles", &around);
     let [out] = pass.draw([COLOR], layer.size);
@@ -136,8 +135,8 @@ pub fn mixed(a: f64, b: f64, ratio: f64) -> f64 {
     if f > ratio { ratio * a + ratio * b } else { high + low * f }
 }
 
-/// A layer by the paper: its pixels stamped one by one with the operators of their circles (signed, px; NaN where nothing was
-/// drawn), the largest first. `rgba` holds `width * height` premultiplied pixels; outside is empty.
+/// A layer by the paper: its pixels stamped one by one with the operators of their circles (signed, px; NaN where
+/// nothing was drawn), the largest first. `rgba` holds `width * height` premultiplied pixels; outside is empty.
 pub fn twin(
     rgba: &[[f64; 4]],
     width: usize,

@@ -1,17 +1,18 @@
 //! Lights that stand out, for `layered`: their images drawn one by one.
 //!
-//! Gathering at a quarter of the resolution draws an image of the opening in steps of four pixels. Where the image is brighter
-//! than the picture shows, its rim is seen, and the steps with it. So blocks of 4×4 px whose mean is brighter than twice white
-//! and eight times brighter than the 48×48 px around, with those beside them that are not as dark as all around, are taken out
-//! of the pyramid before anything is gathered. Their images are drawn over the result as they are: the opening's outline around
-//! the middle of the block's light, its rim across each side as wide as that light is (a square's variance is its side² / 12),
-//! the whole as bright as what was taken out. Coverage is gathered as ever: what is so bright covers next to nothing.
+//! Gathering at a quarter of the resolution draws an image of the opening in steps of four pixels. Where the image is
+//! brighter than the picture shows, its rim is seen, and the steps with it. So blocks of 4×4 px whose mean is brighter
+//! than twice white and eight times brighter than the 48×48 px around, with those beside them that are not as dark as
+//! all around, are taken out of the pyramid before anything is gathered. Their images are drawn over the result as they
+//! are: the opening's outline around the middle of the block's light, its rim across each side as wide as that light is
+//! (a square's variance is its side² / 12), the whole as bright as what was taken out. Coverage is gathered as ever:
+//! what is so bright covers next to nothing.
 //!
-//! Where a block holds two surfaces the pyramid has the nearer one's light alone. There the farther one's is looked for in the
-//! layer itself, so that a light at an edge, or half behind it, is not lost.
+//! Where a block holds two surfaces the pyramid has the nearer one's light alone. There the farther one's is looked for
+//! in the layer itself, so that a light at an edge, or half behind it, is not lost.
 //!
-//! Not modelled: a farther light is hidden by the nearer one of two surfaces alone, as all else is; of lights that make up large
-//! areas only those that stand out are drawn so, the rest is gathered.
+//! Not modelled: a farther light is hidden by the nearer one of two surfaces alone, as all else is; of lights that make
+//! up large areas only those that stand out are drawn so, the rest is gathered.
 
 use super::surroundings::Lens;
 use crate::gpu::{Entry, Recorder, Shader, Texture};

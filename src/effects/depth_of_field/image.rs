@@ -1,9 +1,9 @@
 //! The image of the opening on the texels of a picture, for `layered`.
 //!
-//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d). Of an image of radius r its
-//! share is about what of its width lies inside: r·a − g·a + ½ between 0 and 1, a being how far the rim's straight parts are
-//! from the middle (the apothem; 1 for a circle). The table holds g·a of each texel, and of each radius the rim (about r·a + ½)
-//! with which edges are as wide as the opening's.
+//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d). Of an image of
+//! radius r its share is about what of its width lies inside: r·a − g·a + ½ between 0 and 1, a being how far the rim's
+//! straight parts are from the middle (the apothem; 1 for a circle). The table holds g·a of each texel, and of each
+//! radius the rim (about r·a + ½) with which edges are as wide as the opening's.
 
 use std::f64::consts::{PI, TAU};
 
@@ -78,7 +78,8 @@ fn square(reach: i32) -> impl Iterator<Item = (f64, f64)> {
     (-reach..=reach).flat_map(move |y| (-reach..=reach).map(move |x| (f64::from(x), f64::from(y))))
 }
 
-/// Light that comes from a texel at d went through the opening at −d where it is focused behind the picture, at d where it is before.
+/// Light that comes from a texel at d went through the opening at −d where it is focused behind the picture, at d where
+/// it is before.
 fn places(aperture: &Aperture) -> impl Iterator<Item = [[f64; 2]; 2]> {
     let both = |(x, y): (f64, f64)| [place(aperture, -x, -y), place(aperture, x, y)];
     square(REACH).map(move |(x, y)| [both((x, y)), both((x + 0.5, y + 0.5))])
@@ -143,8 +144,8 @@ impl Counted {
     }
 }
 
-/// How wide an edge is from 10 to 90 % that light at these places (with their weights) makes, in pixels, the mean over places
-/// of the edge between pixels.
+/// How wide an edge is from 10 to 90 % that light at these places (with their weights) makes, in pixels, the mean over
+/// places of the edge between pixels.
 fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
     const PLACES: usize = 5;
     let light: Vec<_> = light.filter(|(_, weight)| *weight > 0.0).collect();

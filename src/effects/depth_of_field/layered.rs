@@ -1,16 +1,16 @@
 //! The method `layered` on the GPU.
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
-//! 2. Tiles, a third as wide as circles reach or wider (in photographs 16 px): from the circles that reach into a tile, and all that is seen
-//!    through them, follows what is to be done there. Nothing; copying; one surface with small circles (4 or 12 points of the
-//!    opening at full resolution) or with large ones (all texels of the opening's image at a half, a quarter and so on); two
-//!    surfaces behind each other, kept apart until the end.
+//! 2. Tiles, a third as wide as circles reach or wider (in photographs 16 px): from the circles that reach into a tile,
+//!    and all that is seen through them, follows what is to be done there. Nothing; copying; one surface with small
+//!    circles (4 or 12 points of the opening at full resolution) or with large ones (all texels of the opening's image
+//!    at a half, a quarter and so on); two surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own, which picks up 3.
 //!
-//! Texels weigh by their share of the opening's image (`image`), and straight lines between them share out each one's light in whole:
-//! energy is kept. All that these steps blur besides is taken off the image's size, so that the width of edges is the
-//! opening's.
+//! Texels weigh by their share of the opening's image (`image`), and straight lines between them share out each one's
+//! light in whole: energy is kept. All that these steps blur besides is taken off the image's size, so that the width
+//! of edges is the opening's.
 
 use crate::camera::Opening;
 use crate::effects::{LayerRun, Moment};
@@ -93,8 +93,8 @@ struct Gathering {
 }
 
 impl Gathering {
-    /// A pass over its tiles; `lower` is what lower resolutions have gathered: the picture, and where two surfaces are, the nearer and the
-    /// farther one.
+    /// A pass over its tiles; `lower` is what lower resolutions have gathered: the picture, and where two surfaces are,
+    /// the nearer and the farther one.
     fn pass<'a>(&self, recorder: &'a mut Recorder, entry: Entry, lower: [&Texture; 3]) -> Pass<'a> {
         recorder
             .pass(Shader::DepthOfField, entry)
@@ -126,8 +126,8 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     let count = tiles.0 * tiles.1;
 
     let recorder = &run.recorder;
-    // With a texel beside the layer at the lowest resolution, empty as all that is not drawn: where a driver takes the outermost
-    // texel for those beyond it.
+    // With a texel beside the layer at the lowest resolution, empty as all that is not drawn: where a driver takes the
+    // outermost texel for those beyond it.
     let more = (width + (1 << LEVELS), height + (1 << LEVELS));
     let colors = recorder.pool.lend_pyramid(&recorder.gpu, more, COLOR, LEVELS);
     let circles = recorder.pool.lend_pyramid(&recorder.gpu, more, CIRCLES, LEVELS);

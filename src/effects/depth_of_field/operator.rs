@@ -201,7 +201,8 @@ mod tests {
         assert!((at(&MAKE, &operator, 5, 0) - 0.005).abs() < 1e-9);
         assert!((at(&MAKE, &operator, -5, -5) - 0.0025).abs() < 1e-9);
         assert!(at(&MAKE, &operator, 6, 0).abs() < 1e-12);
-        // With λ = 0.1 and r = 5√2 the outline adds 0.7071 along 40 px, on the middles of the texels that it crosses: sum 128.28.
+        // With λ = 0.1 and r = 5√2 the outline adds 0.7071 along 40 px, on the middles of the texels that it crosses:
+        // sum 128.28.
         let make = Make { rim: 0.1, ..MAKE };
         let rimmed = make.operator(&outline, 5.0 * 2f64.sqrt());
         let sum = 100.0 + 0.1 * 50f64.sqrt() * 40.0;

@@ -1,8 +1,9 @@
 //! The whole picture of a photograph, real and virtual, through one lens.
 //!
-//! A filter that parts what it finds into a nearer and a farther surface does for an object before the camera's picture;
-//! the picture itself is floors that recede and many things behind each other. So it is cut into slices by the size
-//! of circles (Kraus and Strengert 2007; Wadhwa et al. 2018), each is blurred as a whole, and they are put together from the nearest.
+//! A filter that parts what it finds into a nearer and a farther surface does for an object before the camera's
+//! picture; the picture itself is floors that recede and many things behind each other. So it is cut into slices by the
+//! size of circles (Kraus and Strengert 2007; Wadhwa et al. 2018), each is blurred as a whole, and they are put
+//! together from the nearest.
 //!
 //! 1. Each pixel's place among the slices: of the real surface, of what stands behind it, of the virtual one.
 //! 2. For each slice, from the nearest: what belongs to it, shared with the next one so that a surface passes from one

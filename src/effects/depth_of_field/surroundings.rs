@@ -86,7 +86,8 @@ impl Lens {
     }
 }
 
-/// The circles that can reach into each tile: nearest circle (signed) and largest radius of each tile and those around it, px.
+/// The circles that can reach into each tile: nearest circle (signed) and largest radius of each tile and those around
+/// it, px.
 pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: Tiling) -> Texture {
     let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "own").uniform("lens", lens);
     let [own] = pass.texture("geometry", &layer.geometry).draw([COLOR], tiling.tiles);
