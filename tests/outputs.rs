@@ -230,9 +230,8 @@ fn an_interrupted_simulation_leaves_nothing() {
 fn every_command_ends_with_2_when_it_is_asked_to() {
     use std::os::unix::fs::PermissionsExt;
     let temp = tempfile::tempdir().unwrap();
-    let (pipe, ffprobe) = (temp.path().join("pipe"), temp.path().join("ffprobe"));
-    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    std::fs::write(&ffprobe, format!("#!/bin/sh\nread said < '{}'\n", pipe.display())).unwrap();
+    let ffprobe = temp.path().join("ffprobe");
+    std::fs::write(&ffprobe, "#!/bin/sh\nread said < \"$WAITS_FOR\"\n").unwrap();
     std::fs::set_permissions(&ffprobe, std::fs::Permissions::from_mode(0o755)).unwrap();
     std::fs::write(temp.path().join("v.mkv"), "").unwrap();
     std::fs::write(temp.path().join("recording.toml"), "version = 1\n[frames]\nvideo = \"v.mkv\"\n").unwrap();
@@ -249,8 +248,12 @@ fn every_command_ends_with_2_when_it_is_asked_to() {
         vec!["inspect", folder],
     ];
     for (command, signal) in commands.iter().zip(["-TERM", "-INT", "-HUP", "-TERM", "-INT"]) {
+        // One for each: the ffprobe before may not have ended yet, and would open it before the program is at work.
+        let pipe = temp.path().join(format!("pipe{signal}-{}", command[0]));
+        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         let mut program = program();
-        let running = program.args(command).env("PATH", &path).stderr(std::process::Stdio::piped()).spawn().unwrap();
+        program.args(command).env("PATH", &path).env("WAITS_FOR", &pipe);
+        let running = program.stderr(std::process::Stdio::piped()).spawn().unwrap();
         // Opens when ffprobe does.
         let _writer = std::fs::File::options().write(true).open(&pipe).unwrap();
         Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
@@ -259,7 +262,7 @@ fn every_command_ends_with_2_when_it_is_asked_to() {
         assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{command:?}: {text}");
         assert!(text.starts_with("locard: interrupted; "), "{command:?}: {text}");
     }
-    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 4);
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 3 + commands.len());
 }
 
 /// One rule for all outputs.
