@@ -10,11 +10,13 @@ pub struct Kept {
 }
 
 /// Of a kind no more are kept: those asked for least lately go.
-const MOST: usize = 64;
+pub const MANY: usize = 64;
+/// The same for what takes megabytes.
+pub const FEW: usize = 4;
 
 impl Kept {
     /// What belongs to a key; made where it is not known.
-    pub fn get<K, V>(&mut self, key: K, make: impl FnOnce(&K) -> V) -> V
+    pub fn get<K, V>(&mut self, most: usize, key: K, make: impl FnOnce(&K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
         V: Clone + Send + Sync + 'static,
@@ -29,7 +31,7 @@ impl Kept {
             }
             None => {
                 let made = make(&key);
-                if all.len() == MOST {
+                if all.len() == most {
                     all.remove(0);
                 }
                 all.push((key, made));
@@ -49,7 +51,7 @@ mod tests {
         let mut made = Vec::new();
         for key in [1u32, 2, 1, 3, 2] {
             assert_eq!(
-                kept.get(key, |k| {
+                kept.get(MANY, key, |k| {
                     made.push(*k);
                     10 * k
                 }),
@@ -58,12 +60,12 @@ mod tests {
         }
         assert_eq!(made, [1, 2, 3]);
         // Another type is another kind.
-        assert_eq!(kept.get(1u64, |_| 7u32), 7);
-        for key in 100..100 + MOST as u32 - 1 {
-            kept.get(key, |k| 10 * k);
+        assert_eq!(kept.get(MANY, 1u64, |_| 7u32), 7);
+        for key in 100..100 + MANY as u32 - 1 {
+            kept.get(MANY, key, |k| 10 * k);
         }
         // 2 was asked for last and is still there, 1 and 3 are not.
-        assert_eq!(kept.get(2u32, |_| 0u32), 20);
-        assert_eq!(kept.get(3u32, |_| 0u32), 0);
+        assert_eq!(kept.get(MANY, 2u32, |_| 0u32), 20);
+        assert_eq!(kept.get(MANY, 3u32, |_| 0u32), 0);
     }
 }

@@ -1,6 +1,6 @@
 //! What the work of a frame is recorded with.
 
-use super::kept::Kept;
+use super::kept::{FEW, Kept, MANY};
 use super::pass::Pass;
 use super::pipelines::{Entry, Pipelines};
 use super::uniform::{Bytes, Uniforms};
@@ -74,7 +74,17 @@ impl Recorder {
         V: Clone + Send + Sync + 'static,
     {
         let gpu = &self.gpu;
-        self.kept.get(key, |key| make(gpu, key))
+        self.kept.get(MANY, key, |key| make(gpu, key))
+    }
+
+    /// The same for what takes megabytes: of those no more than a few are kept.
+    pub fn kept_few<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
+    where
+        K: PartialEq + Send + Sync + 'static,
+        V: Clone + Send + Sync + 'static,
+    {
+        let gpu = &self.gpu;
+        self.kept.get(FEW, key, |key| make(gpu, key))
     }
 
     /// Hands what was recorded to the GPU.
