@@ -4,15 +4,17 @@
 //! demonstration's frames as PNG. Decoding, GPU work, readback and writing overlap; what of it
 //! does not is what the ratio shows.
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use locard::bench::{ALL, INTERVAL_S, Load, bench};
-use locard::compositor::{Compositor, Settings, Stream};
+use locard::compositor::{Compositor, IN_FLIGHT, Input, Settings, Stream};
+use locard::frame::Frame;
 use locard::gpu::Gpu;
-use locard::recording::{OpenOptions, Recording};
+use locard::recording::{OpenOptions, Recording, RecordingError};
 use locard::sink::raw::RawSink;
 use locard::sink::{Sink, SinkOptions};
 
@@ -61,34 +63,27 @@ fn main() -> Result<()> {
     // The load's poses last for a moment only: every frame is drawn at their middle.
     let settings = Settings::default();
     let stream = Stream {
-        camera: &load.camera,
+        camera: Cow::Borrowed(&load.camera),
         settings: &settings,
         track: &load.track,
         time_offset_s: 0.0,
         want_layers: false,
+        in_flight: IN_FLIGHT,
     };
     let frames_in = recording.frames(0..frames)?.map(|frame| {
-        frame.map(|mut f| {
-            f.timestamp_s = 0.0;
-            f
-        })
+        let frame = Frame { timestamp_s: 0.0, ..frame? };
+        Ok::<_, RecordingError>(Input { frame, geometry: load.geometry.clone(), interval_s: INTERVAL_S })
     });
     let mut start = Instant::now();
     let mut count = 0;
-    compositor.run(
-        &stream,
-        frames_in,
-        |_| (&load.geometry, INTERVAL_S),
-        |done| {
-            // A sink of nothing has no errors to tell.
-            let _ = sink.write(done.frame, &done.pixels);
-            count += 1;
-            if count == WARM_UP {
-                start = Instant::now();
-            }
-            Ok(())
-        },
-    )?;
+    for done in compositor.run(stream, frames_in) {
+        let done = done?;
+        sink.write(done.frame, &done.pixels)?;
+        count += 1;
+        if count == WARM_UP {
+            start = Instant::now();
+        }
+    }
     let ms = start.elapsed().as_secs_f64() * 1e3 / (count - WARM_UP) as f64;
     println!("a frame alone, upload to readback     {:8.2} ms {:7.2} copies", alone.ms, alone.copies);
     println!("a frame of {frames}, PNG to raw               {ms:8.2} ms {:7.2} times that", ms / alone.ms);

@@ -35,11 +35,12 @@ pub mod effects;
 pub mod compositor;
 pub mod profile;
 
-// 6: frames in; profile, photographs, figures or test footage out
+// 6: footage with what is put into it; frames in; profile, photographs, figures or test footage out
 pub mod bench;
 pub mod calibrate;
 pub mod measure;
 pub mod photo;
+pub mod shot;
 pub mod simulate;
 
 // 7: the face

@@ -5,13 +5,13 @@
 #[path = "common/gpu.rs"]
 mod gpu;
 
+use std::borrow::Cow;
 use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
-use locard::compositor::{Composited, Compositor, Settings, Stream};
-use locard::frame::Frame;
+use locard::compositor::{Composited, Compositor, IN_FLIGHT, Input, Settings, Stream};
 use locard::image::{Codes, DepthMap, LayerImage, Pixels};
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
@@ -286,24 +286,19 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
         let track = turning(1.2, DQuat::IDENTITY);
         let frame = |n: usize| gpu::frame(n, n as f64 * 0.02, speckled(&geometry));
         let settings = settings();
-        let stream =
-            Stream { camera: &camera, settings: &settings, track: &track, time_offset_s: 0.0, want_layers: true };
-        let run = |range: std::ops::Range<usize>| {
+        let stream = Stream {
+            camera: Cow::Borrowed(&camera),
+            settings: &settings,
+            track: &track,
+            time_offset_s: 0.0,
+            want_layers: true,
+            in_flight: IN_FLIGHT,
+        };
+        let run = |range: std::ops::Range<usize>| -> Vec<Composited> {
             let mut compositor = Compositor::new(gpu::gpu().clone(), scene.clone());
-            let mut done = Vec::new();
-            let frames = range.map(|n| Ok::<Frame, std::io::Error>(frame(n)));
-            compositor
-                .run(
-                    &stream,
-                    frames,
-                    |_| (&geometry, 0.02),
-                    |c| {
-                        done.push(c);
-                        Ok(())
-                    },
-                )
-                .unwrap();
-            done
+            let input = |n| Input { frame: frame(n), geometry: geometry.clone(), interval_s: 0.02 };
+            let frames = range.map(|n| Ok::<_, std::io::Error>(input(n)));
+            compositor.run(stream.clone(), frames).map(Result::unwrap).collect()
         };
         let all = run(0..4);
         for done in &all {

@@ -11,13 +11,11 @@ use anyhow::{Context, Result, bail};
 
 use super::outputs::{self, Inputs};
 use super::which::Which;
-use super::{NOTHING_SEEN, progress, tell, warn};
-use crate::camera::{Geometry, Intrinsics};
-use crate::compositor::{Composited, Compositor, FrameStats, Settings, Stream};
+use super::{progress, tell, warn};
+use crate::compositor::{Composited, FrameStats, IN_FLIGHT};
 use crate::gpu::Gpu;
-use crate::params::{Params, Value};
-use crate::profile::Rig;
-use crate::recording::{OpenOptions, Recording};
+use crate::recording::OpenOptions;
+use crate::shot::{Composites, Given, Note, Shot};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, OutPath, SinkOptions};
 use crate::words::count;
@@ -129,82 +127,28 @@ pub fn run(args: Args) -> Result<()> {
         time_offset_s: args.time_offset_s,
         ..OpenOptions::default()
     };
-    let recording = Recording::open(&args.recording, &options)?;
-    let range = frame_range(args.frames, recording.frame_count())?;
+    let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
+    let mut shot = Shot::open(&args.recording, &options, &given)?;
+    let range = frame_range(args.frames, shot.recording.frame_count())?;
     let out = OutPath::parse(&args.output)?;
-
-    let mut settings = Settings::default();
-    settings.seed = args.seed;
-    let mut rig = Rig::default();
-    // What is given stands above what the recording brings, key by key.
-    for profile in recording.camera_profile.iter().chain(&args.profile) {
-        rig.read(profile, &mut settings)?;
-    }
-    if let Some(geometry) = &recording.geometry {
-        rig.lay_over(geometry);
-    }
-    for set in &args.sets {
-        rig.set_text(set, &mut settings)?;
-    }
-    args.which.apply(&mut settings)?;
+    shot.settings.seed = args.seed;
+    args.which.apply(&mut shot.settings)?;
     if args.plain {
-        settings.plain();
+        shot.settings.plain();
     }
-    let mut camera = rig.camera();
-    // Frames without a camera have no pose either, and are passed through whatever the camera.
-    let knows = |frame: &usize| rig.geometry_over(recording.geometry_at_frame(*frame)).is_some();
-    let first = camera_of(&recording, &rig, (0..recording.frame_count()).find(knows).unwrap_or(0))?;
-    let camera_at = |frame| if knows(&frame) { camera_of(&recording, &rig, frame) } else { Ok(first.clone()) };
-    let cameras = range.clone().map(camera_at).collect::<Result<Vec<_>>>()?;
-    // A lens that cannot be is refused before anything is written.
-    camera.lens.opening(&first)?;
+    shot.check(range.clone())?;
     if args.strict {
-        for frame in range.clone() {
-            recording.pose_at_frame(frame).with_context(|| format!("frame {frame} has no pose"))?;
-        }
+        shot.check_poses(range.clone())?;
     }
-    let mut poses = (0..recording.frame_count()).map(|frame| recording.pose_at_frame(frame));
-    if let (Some(Err(first)), true) = (poses.next(), poses.all(|pose| pose.is_err())) {
-        let count = count(recording.frame_count(), "frame");
-        return Err(first).with_context(|| format!("none of the recording's {count} has a pose; its first one"));
+    check_outputs(&args, &out, &Inputs::of(&shot), &range)?;
+    for note in shot.notes(range.clone()) {
+        warn(args.quiet, &note.to_string());
     }
-    let scene = crate::scene::load(&args.scene, recording.up)?;
-    let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.profile).and(&scene.files);
-    check_outputs(&args, &out, &inputs, &range)?;
-    let missing = recording.missing_poses(range.clone());
-    for text in recording.warnings.iter().chain(&missing).chain(&scene.warnings) {
-        warn(args.quiet, text);
-    }
-    let unknown_exposure = camera.exposure.time_s.is_none() && camera.exposure.shutter_angle_deg.is_none();
-    if unknown_exposure && recording.exposure.iter().all(|e| e.time_s.is_none()) && !args.plain {
-        let text = if recording.kind.has_times() {
-            "nothing says how long the frames were exposed: half the frame interval is taken"
-        } else {
-            // Between pictures whose times mean nothing there is no motion to blur along.
-            camera.exposure.time_s = Some(0.0);
-            "the pictures bear no times, so that nothing is blurred by motion"
-        };
-        warn(args.quiet, &format!("{text}; --set camera.exposure.time_s=SECONDS sets an exposure"));
-    }
-    if camera.noise.is_none() && !args.plain {
-        let text =
-            "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it";
-        warn(
-            args.quiet,
-            &format!(
-                "{text}; `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the recording itself"
-            ),
-        );
-    }
-    for text in settings.idle(&camera) {
-        warn(args.quiet, text);
-    }
-    settings.check(&camera, &first)?;
-    let gpu = Gpu::open()?;
-    let mut compositor = Compositor::new(gpu, scene);
+    let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
     }
+    let recording = &shot.recording;
     let sink = sink::open(
         &out,
         &SinkOptions {
@@ -223,28 +167,16 @@ pub fn run(args: Args) -> Result<()> {
     let bar = progress(args.quiet, range.len());
     let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
     let adapter = compositor.gpu().info.clone();
-    let stream = Stream {
-        camera: &camera,
-        settings: &settings,
-        track: &recording.track,
-        time_offset_s: recording.time_offset_s,
-        want_layers: layers.is_some(),
-    };
     let writer = Writer { sink, layers, force: args.force };
-    let streamed = run_stream(&recording, (range, &cameras), &mut compositor, &stream, writer, |done| {
+    let frames = shot.frames(&mut compositor, range, writer.layers.is_some(), IN_FLIGHT)?;
+    let written = write(frames, writer, |done| {
         bar.inc(1);
         stats.push(done.stats.clone());
     });
     bar.finish_and_clear();
-    streamed?;
-    let mut lacking = stats.iter().filter_map(|s| Some((s.frame, s.no_occlusion.as_ref()?)));
-    if let Some((frame, why)) = lacking.next() {
-        let number = 1 + lacking.count();
-        let of = format!("{number} of {}", count(stats.len(), "frame"));
-        warn(args.quiet, &format!("nothing real hides objects in {of}, though there is depth (frame {frame}: {why})"));
-    }
-    if stats.iter().all(|s| !s.objects_in_sight && s.no_pose.is_none()) {
-        warn(args.quiet, NOTHING_SEEN);
+    written?;
+    for note in Note::of_frames(&stats) {
+        warn(args.quiet, &note.to_string());
     }
 
     if let Some(path) = &args.report {
@@ -264,64 +196,6 @@ pub fn run(args: Args) -> Result<()> {
     let place =
         if args.output.as_os_str() == "-" { "standard output".to_owned() } else { args.output.display().to_string() };
     tell(args.quiet, &format!("{} in {:.1} s: {place}", count(stats.len(), "frame"), start.elapsed().as_secs_f64()));
-    Ok(())
-}
-
-/// The camera that took a frame: what was given, over the recording's own.
-pub fn camera_of(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry> {
-    let own = recording.geometry_at_frame(frame);
-    let Some(geometry) = rig.geometry_over(own) else {
-        let path = recording.path.display();
-        if rig.gives_geometry() {
-            let missing = rig.missing_keys().iter().map(|key| format!("camera.{key}")).collect::<Vec<_>>().join(", ");
-            bail!(
-                "what is given makes no camera, and {path} has none of its own that it could lie over: {missing} must be \
-                 given too, by --profile or --set"
-            );
-        }
-        bail!(
-            "nothing says what camera took {path}: give --profile with a table [camera] (focal length, principal point); \
-             profiles/ has examples"
-        );
-    };
-    if geometry.is_round() || own.is_some_and(Geometry::is_round) {
-        check_round(&geometry)?;
-    }
-    let Intrinsics { width_px, height_px, .. } = geometry.intrinsics;
-    if (width_px, height_px) != (recording.width, recording.height) {
-        bail!(
-            "the camera's picture is {width_px}x{height_px} px, the recording's frames are {}x{}: camera.width_px and \
-             camera.height_px must say what the intrinsics belong to",
-            recording.width,
-            recording.height
-        );
-    }
-    if let Some(name) = geometry.distortion.missing() {
-        let model = geometry.distortion.get("model").unwrap_or(Value::None);
-        bail!("camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model");
-    }
-    Ok(geometry)
-}
-
-/// Of a camera that takes 360° pictures, or is said to take a recording's: that it can.
-fn check_round(geometry: &Geometry) -> Result<()> {
-    let i = &geometry.intrinsics;
-    if !geometry.is_round() {
-        bail!(
-            "the recording is of 360° pictures, the profile's table [camera] of another camera: leave that table out, or \
-             write model = \"equirectangular\" into [camera.distortion]"
-        );
-    }
-    if i.width_px != 2 * i.height_px {
-        bail!("a 360° picture (equirectangular) is twice as wide as high; found is {}x{}", i.width_px, i.height_px);
-    }
-    if i.readout_time_s > 0.0 {
-        bail!(
-            "camera.readout_time_s = {} is refused: the rows of a 360° picture, put together from several sensors, \
-             have no times of their own; accepted is 0",
-            i.readout_time_s
-        );
-    }
     Ok(())
 }
 
@@ -391,27 +265,7 @@ fn check_apart(args: &Args, out: &OutPath, range: &Range<usize>) -> Result<()> {
 }
 
 /// Decoding on the recording's threads, drawing here, writing on a thread of its own.
-fn run_stream(
-    recording: &Recording,
-    (range, cameras): (Range<usize>, &[Geometry]),
-    compositor: &mut Compositor,
-    stream: &Stream<'_>,
-    mut writer: Writer,
-    mut done: impl FnMut(&Composited),
-) -> Result<()> {
-    #[derive(Debug, thiserror::Error)]
-    enum Stop {
-        #[error(transparent)]
-        Recording(#[from] crate::recording::RecordingError),
-        /// The writer has an error of its own to tell.
-        #[error("writing stopped")]
-        Writer,
-    }
-    let times = &recording.timestamps_s;
-    let about = |frame: usize| {
-        (&cameras[frame - range.start], crate::frame::interval_s(times, frame, recording.frame_interval_s))
-    };
-    let frames = recording.frames(range.clone())?.map(|frame| frame.map_err(Stop::from));
+fn write(mut frames: Composites<'_>, mut writer: Writer, mut done: impl FnMut(&Composited)) -> Result<()> {
     std::thread::scope(|scope| {
         // The end is said: a writer whose frames only cease must not call the output finished.
         let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
@@ -426,19 +280,16 @@ fn run_stream(
         };
         let writing = std::thread::Builder::new().name("writer".to_owned());
         let writing = writing.spawn_scoped(scope, write).context("no thread can be started that writes")?;
-        let drawn = compositor.run(stream, frames, about, |frame| {
+        let stopped = || anyhow::anyhow!("the writing thread stopped early");
+        let drawn = frames.try_for_each(|frame| {
+            let frame = frame?;
             done(&frame);
-            sender.send(Some(frame)).map_err(|_| Stop::Writer)
+            sender.send(Some(frame)).map_err(|_| stopped())
         });
-        let finished = drawn.is_ok() && sender.send(None).is_ok();
+        let finished = drawn.and_then(|()| sender.send(None).map_err(|_| stopped()));
         drop(sender);
-        let written = writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?;
-        match drawn {
-            // What the writer has to say comes first: it is why the frames stopped.
-            Err(stopped) => written.and(Err(stopped.into())),
-            Ok(()) if finished => written,
-            Ok(()) => written.and_then(|()| bail!("the writing thread stopped early")),
-        }
+        // What the writer has to say comes first: it is why the frames stopped.
+        writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?.and(finished)
     })
 }
 

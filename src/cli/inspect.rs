@@ -12,6 +12,7 @@ use crate::document;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
+use crate::shot::{Given, Shot};
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::words::{count, fixed, number, reason, short, shown, shown_unit};
 
@@ -147,8 +148,17 @@ fn recording(args: &Args) -> Result<()> {
     let recording = Recording::open(&args.what, &options)?;
     let mut out = std::io::stdout().lock();
     if let Some(frame) = args.frame {
-        return one_frame(args, &recording, frame, &mut out);
+        return one_frame(args, recording, frame, &mut out);
     }
+    // What is given lies over the recording's own.
+    let (recording, given) = match &args.profile {
+        None => (recording, None),
+        Some(_) => {
+            let shot = shot(args, recording)?;
+            let geometry = shot.geometry_at(0)?;
+            (shot.recording, Some(geometry))
+        }
+    };
     let times = &recording.timestamps_s;
     let duration = times.last().zip(times.first()).map_or(0.0, |(b, a)| b - a);
     let posed = (0..recording.frame_count()).filter(|&i| recording.pose_at_frame(i).is_ok()).count();
@@ -170,8 +180,6 @@ fn recording(args: &Args) -> Result<()> {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
     }
-    // What is given lies over the recording's own.
-    let given = args.profile.as_ref().map(|_| geometry(args, &recording, 0)).transpose()?;
     match given.as_ref().or(recording.geometry_at_frame(0)) {
         Some(g) if g.is_round() => writeln!(out, "camera     360°, longitude and latitude")?,
         Some(g) => writeln!(
@@ -202,7 +210,11 @@ fn recording(args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Write) -> Result<()> {
+fn shot(args: &Args, recording: Recording) -> Result<Shot> {
+    Ok(Shot::of(recording, &Given { profile: args.profile.clone(), ..Given::default() })?)
+}
+
+fn one_frame(args: &Args, recording: Recording, frame: usize, out: &mut impl Write) -> Result<()> {
     super::check_frame(frame, recording.frame_count())?;
     let is_metric = recording.kind.is_metric() || args.metres_per_unit.is_some();
     let unit = if is_metric { "m" } else { "units" };
@@ -220,11 +232,12 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
     let Some([x, y]) = args.pick else { return Ok(()) };
     let place = [x, y].map(number).join(",");
     let pose = pose?;
-    let geometry = geometry(args, recording, frame)?;
-    let ray = geometry
+    let shot = shot(args, recording)?;
+    let ray = shot
+        .geometry_at(frame)?
         .depth_ray(DVec2::new(x, y))
         .with_context(|| format!("--pick {place}: the lens model has no ray there"))?;
-    let frames = recording.frames(frame..frame + 1)?.next().context("the frame cannot be read")??;
+    let depth = shot.read(frame)?.depth;
     if let Some([a, b, c, d]) = args.plane {
         let normal = DVec3::new(a, b, c);
         if normal == DVec3::ZERO {
@@ -240,7 +253,7 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
         writeln!(out, "world      {} (on the plane, depth {} {unit})", shown(p), fixed(t, 4))?;
         return Ok(());
     }
-    let Some(depth) = &frames.depth else {
+    let Some(depth) = depth else {
         bail!("frame {frame} has no depth: give a plane, as in --plane 0,0,1,0 for z = 0");
     };
     if x < 0.0 || y < 0.0 || x >= f64::from(depth.width) || y >= f64::from(depth.height) {
@@ -251,16 +264,9 @@ fn one_frame(args: &Args, recording: &Recording, frame: usize, out: &mut impl Wr
         bail!("the depth sensor measured nothing at {place}: pick a pixel beside it, or give a plane");
     }
     // Depth belongs to its own moment.
+    let recording = &shot.recording;
     let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s).unwrap_or(pose);
     let p = measured.inverse_transform_point(ray * z);
     writeln!(out, "world      {} (depth {} {unit})", shown(p), fixed(z, 4))?;
     Ok(())
-}
-
-fn geometry(args: &Args, recording: &Recording, frame: usize) -> Result<Geometry> {
-    let (mut rig, mut settings) = (Rig::default(), Settings::default());
-    for profile in recording.camera_profile.iter().chain(&args.profile) {
-        rig.read(profile, &mut settings)?;
-    }
-    super::composite::camera_of(recording, &rig, frame)
 }

@@ -5,10 +5,11 @@ use std::io::Write;
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::light::{Known, Opened, SceneLight, Site, USUAL_ISO, limits, scene_light};
+use super::light::Site;
 use crate::camera::exposure::{Settings, scene_ev};
 use crate::camera::metering::{Limits, Metered, Mode, iso_for, meter};
 use crate::camera::stops;
+use crate::shot::{Known, SceneLight, USUAL_ISO};
 use crate::words::short;
 
 /// From this part of clipped pixels on, the picture's mean says too little.
@@ -25,18 +26,17 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     let (json, args) = (args.json, &args.site);
-    let Opened { recording, rig, taken, .. } = args.open()?;
+    let shot = args.open(None)?;
     let frame = args.frame;
-    if let Some(geometry) = rig.geometry_over(recording.geometry_at_frame(frame)) {
-        rig.lens.opening(&geometry)?;
+    if let Some(geometry) = shot.given_geometry_at(frame) {
+        shot.rig.lens.opening(&geometry)?;
     }
-    let asked = Known { f_number: args.aperture, time_s: args.shutter, iso: args.iso }.or(taken);
-
-    let scene = scene_light(args.lux, &recording, frame, &rig, taken)?;
-    let report = Report { args, asked, scene, limits: limits(&rig, asked) };
+    let asked = Known { f_number: args.aperture, time_s: args.shutter, iso: args.iso }.or(shot.taken(frame));
+    let scene = shot.scene_light(frame, args.lux)?;
+    let report = Report { args, asked, scene, limits: shot.limits(frame, asked.f_number) };
     let mut out = std::io::stdout().lock();
     if json {
-        let json = report.json(recording.timestamps_s.get(frame).copied().unwrap_or_default());
+        let json = report.json(shot.recording.timestamps_s.get(frame).copied().unwrap_or_default());
         writeln!(out, "{}", serde_json::to_string_pretty(&json)?)?;
         return Ok(());
     }

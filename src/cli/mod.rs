@@ -146,10 +146,6 @@ fn check_frame(frame: usize, count: usize) -> anyhow::Result<()> {
     }
 }
 
-/// Said where a scene was drawn and no object came into any picture.
-const NOTHING_SEEN: &str = "no object of the scene is before the camera: `locard inspect RECORDING --frame N` says where the \
-                            camera is and looks, `locard inspect SCENE` where the objects are";
-
 /// A line on stderr that is no error.
 fn warn(quiet: bool, text: &str) {
     if !quiet {

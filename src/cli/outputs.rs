@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-use crate::recording::Recording;
+use crate::shot::Shot;
 
 /// What a run reads.
 #[derive(Debug, Default)]
@@ -17,11 +17,11 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    pub fn of(recording: &Recording) -> Self {
-        let files: Vec<_> = recording.files().map(Path::to_owned).collect();
-        let mut folders: Vec<_> = recording.folders().into_iter().map(resolved).collect();
+    pub fn of(shot: &Shot) -> Self {
+        let mut folders: Vec<_> = shot.recording.folders().into_iter().map(resolved).collect();
         folders.dedup();
-        Self { files, recording: Some(resolved(&recording.path)), folders }
+        let files = shot.files().map(Path::to_owned).collect();
+        Self { files, recording: Some(resolved(&shot.recording.path)), folders }
     }
 
     /// Reads these files too.

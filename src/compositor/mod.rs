@@ -25,7 +25,7 @@ use crate::scene::Scene;
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
-pub use run::{RunError, Stream};
+pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
 pub use settings::{Depth, Settings, SettingsError};
 
 use hide::Hidden;

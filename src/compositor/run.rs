@@ -1,6 +1,8 @@
 //! A stream of frames through the compositor: decoding, GPU work and encoding overlap.
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
+use std::iter::Fuse;
 
 use super::{Composited, Compositor, Job, Pending, Settings, SubmitError, Target};
 use crate::camera::{Camera, Geometry};
@@ -8,17 +10,28 @@ use crate::frame::Frame;
 use crate::gpu::GpuError;
 use crate::tracking::PoseTrack;
 
-/// How many frames are on the GPU before the first of them is waited for.
-const IN_FLIGHT: usize = 2;
+/// How many frames are mostly on the GPU before the first of them is waited for: one is drawn while another comes back.
+pub const IN_FLIGHT: usize = 2;
 
 /// What all frames of a stream share.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Stream<'a> {
-    pub camera: &'a Camera,
+    pub camera: Cow<'a, Camera>,
     pub settings: &'a Settings,
     pub track: &'a PoseTrack,
     pub time_offset_s: f64,
     pub want_layers: bool,
+    /// How many frames are on the GPU before the first of them is waited for; 0 is taken for 1.
+    pub in_flight: usize,
+}
+
+/// A frame with what a stream needs to know of it.
+#[derive(Clone, Debug)]
+pub struct Input {
+    pub frame: Frame,
+    pub geometry: Geometry,
+    /// To the next frame, seconds.
+    pub interval_s: f64,
 }
 
 /// Why a stream ended early.
@@ -30,54 +43,62 @@ pub enum RunError<E: std::error::Error> {
     Gpu { frame: usize, source: GpuError },
     #[error("frame {frame}: {source}")]
     Submit { frame: usize, source: SubmitError },
-    #[error(transparent)]
-    Taker(E),
+}
+
+/// Composited frames, in order; what [`Compositor::run`] gives. After an error there is nothing more.
+#[derive(Debug)]
+pub struct Run<'a, I> {
+    compositor: &'a mut Compositor,
+    stream: Stream<'a>,
+    frames: Fuse<I>,
+    pending: VecDeque<(usize, Pending)>,
+    failed: bool,
 }
 
 impl Compositor {
-    /// Composites each frame that `frames` gives and hands it to `take`, in order. `about`
-    /// gives a frame's geometry and the time to its next one. Memory does not grow with the
-    /// length of the stream.
-    pub fn run<'g, E: std::error::Error>(
-        &mut self,
-        stream: &Stream<'_>,
-        frames: impl Iterator<Item = Result<Frame, E>>,
-        about: impl Fn(usize) -> (&'g Geometry, f64),
-        mut take: impl FnMut(Composited) -> Result<(), E>,
-    ) -> Result<(), RunError<E>> {
-        let mut pending: VecDeque<(usize, Pending)> = VecDeque::new();
-        let mut finish = |compositor: &mut Self, (frame, work): (usize, Pending)| {
-            let done = compositor.collect(work).map_err(|source| RunError::Gpu { frame, source })?;
-            take(done).map_err(RunError::Taker)
-        };
-        for frame in frames {
-            let frame = frame.map_err(RunError::Source)?;
-            let index = frame.index;
-            let (geometry, interval_s) = about(index);
-            let work = self.submit_of(stream, frame, geometry, interval_s);
-            pending.push_back((index, work.map_err(|source| RunError::Submit { frame: index, source })?));
-            if pending.len() >= IN_FLIGHT
-                && let Some(oldest) = pending.pop_front()
-            {
-                finish(self, oldest)?;
-            }
-        }
-        for oldest in pending {
-            finish(self, oldest)?;
-        }
+    /// Composites each frame that `frames` gives. Memory does not grow with the length of the stream.
+    pub fn run<'a, E, I>(&'a mut self, stream: Stream<'a>, frames: I) -> Run<'a, I::IntoIter>
+    where
+        E: std::error::Error,
+        I: IntoIterator<Item = Result<Input, E>>,
+    {
+        Run { compositor: self, stream, frames: frames.into_iter().fuse(), pending: VecDeque::new(), failed: false }
+    }
+}
+
+impl<E: std::error::Error, I: Iterator<Item = Result<Input, E>>> Run<'_, I> {
+    fn submit(&mut self, input: Input) -> Result<(), RunError<E>> {
+        let Stream { camera, settings, track, time_offset_s, want_layers, .. } = &self.stream;
+        let Input { frame, geometry, interval_s } = input;
+        let index = frame.index;
+        let failed = |source| RunError::Submit { frame: index, source };
+        let job = Job::of_frame(frame, camera, settings, &geometry, track, interval_s);
+        let job = job.map_err(|lens| failed(lens.into()))?;
+        let job = Job { time_offset_s: *time_offset_s, want_layer: *want_layers, ..job };
+        let work = self.compositor.submit(job, camera, settings, Target::Pixels).map_err(failed)?;
+        self.pending.push_back((index, work));
         Ok(())
     }
 
-    fn submit_of(
-        &mut self,
-        stream: &Stream<'_>,
-        frame: Frame,
-        geometry: &Geometry,
-        interval_s: f64,
-    ) -> Result<Pending, SubmitError> {
-        let Stream { camera, settings, track, time_offset_s, want_layers } = *stream;
-        let job = Job::of_frame(frame, camera, settings, geometry, track, interval_s)?;
-        let job = Job { time_offset_s, want_layer: want_layers, ..job };
-        self.submit(job, camera, settings, Target::Pixels)
+    fn step(&mut self) -> Result<Option<Composited>, RunError<E>> {
+        while self.pending.len() < self.stream.in_flight.max(1) {
+            let Some(input) = self.frames.next() else { break };
+            self.submit(input.map_err(RunError::Source)?)?;
+        }
+        let Some((frame, work)) = self.pending.pop_front() else { return Ok(None) };
+        self.compositor.collect(work).map(Some).map_err(|source| RunError::Gpu { frame, source })
+    }
+}
+
+impl<E: std::error::Error, I: Iterator<Item = Result<Input, E>>> Iterator for Run<'_, I> {
+    type Item = Result<Composited, RunError<E>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let done = self.step().transpose();
+        self.failed = matches!(done, Some(Err(_)));
+        done
     }
 }

@@ -6,7 +6,7 @@ use super::{Args, Bracket};
 use crate::camera::exposure::Settings;
 use crate::camera::metering::{Limits, Mode, meter};
 use crate::camera::stops::{self, Step};
-use crate::cli::light::{Known, USUAL_ISO};
+use crate::shot::{Known, USUAL_ISO};
 
 /// One photograph of a series.
 pub struct Asked {

@@ -6,24 +6,24 @@ mod shoot;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 
 use dials::{Asked, Dials};
 use shoot::Shoot;
 
-use super::light::{self, Known, Opened, USUAL_ISO};
+use super::light;
 use super::outputs::Inputs;
 use super::which::Which;
-use super::{NOTHING_SEEN, progress_of, tell, warn};
+use super::{progress_of, tell, warn};
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::{Mode, PictureLight};
 use crate::camera::{Film, Geometry, Opening};
-use crate::compositor::Compositor;
 use crate::depth::measured_from;
 use crate::gpu::Gpu;
 use crate::photo::{self, Framing};
 use crate::profile::Rig;
 use crate::recording::Recording;
+use crate::shot::{Note, USUAL_ISO};
 use crate::sink::photograph;
 
 #[derive(clap::Args)]
@@ -114,37 +114,37 @@ fn focal_length(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let Opened { recording, rig, mut effects, taken } = args.site.open()?;
+    let mut shot = args.site.open(Some(args.scene.clone()))?;
     let index = args.site.frame;
-    recording.pose_at_frame(index).with_context(|| format!("frame {index} has no pose"))?;
-    effects.seed = args.seed;
-    args.which.apply(&mut effects)?;
-    let whole = super::composite::camera_of(&recording, &rig, index)?;
-    let whole = with_film(whole, &rig, recording.exposure.get(index).and_then(|e| e.photo.focal_length_m));
+    shot.check_poses(index..index + 1)?;
+    shot.settings.seed = args.seed;
+    args.which.apply(&mut shot.settings)?;
+    let taken = shot.taken(index);
+    let whole = shot.geometry_at(index)?;
+    let whole = with_film(whole, &shot.rig, shot.recording.exposure.get(index).and_then(|e| e.photo.focal_length_m));
     if whole.is_round() {
         bail!("a photograph out of a 360° picture is not made: composite into the recording, and crop that");
     }
 
     // All that can be refused is, before anything is drawn.
-    rig.lens.opening(&whole)?;
-    effects.check(&rig.camera(), &whole)?;
+    let camera = shot.camera();
+    camera.lens.opening(&whole)?;
+    shot.settings.check(&camera, &whole)?;
     let focal_length_m = args.focal.map(|mm| 1e-3 * mm);
     let (given_m, checked_m) = match args.focus {
         Focus::Metres(distance_m) => (distance_m, focal_length_m),
         // What a lens sees depends on where it is focused, which is not known yet; a series goes on to infinity.
         Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| args.bracket == Some(Bracket::Focus))),
     };
-    let scene = crate::scene::load(&args.scene, recording.up)?;
-    let aim = aim::aim(args, &recording, &whole, &scene)?;
+    let aim = aim::aim(args, &shot.recording, &whole, &shot.scene)?;
     Framing::aimed(&whole, args.film, checked_m, given_m, args.width, aim)?;
     let lux = match (args.site.lux, taken.settings()) {
         (None, None) => None,
-        _ => Some(light::scene_light(args.site.lux, &recording, index, &rig, taken)?.lux),
+        _ => Some(shot.scene_light(index, args.site.lux)?.lux),
     };
-    let asked = Known { f_number: args.site.aperture, ..Known::default() };
-    let mut limits = light::limits(&rig, asked);
+    let mut limits = shot.limits(index, args.site.aperture);
     let sums = args.hand_held && args.which.leaves_on(photo::OF_MOTION);
-    let recorded_s = if sums { recorded_s(&recording, index) } else { f64::INFINITY };
+    let recorded_s = if sums { recorded_s(&shot.recording, index) } else { f64::INFINITY };
     if let Some(time_s) = args.site.shutter.filter(|&time_s| time_s > recorded_s * 1.001) {
         bail!(
             "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
@@ -155,7 +155,7 @@ pub fn run(args: &Args) -> Result<()> {
     let mut dials = Dials::new(args, taken, lux.unwrap_or(INDOORS_LX), limits)?;
     let count = dials.series(args.bracket).len();
     let left_out = dials.left_out(args.bracket);
-    let inputs = Inputs::of(&recording).and(&recording.camera_profile).and(&args.site.profile).and(&scene.files);
+    let inputs = Inputs::of(&shot);
     for path in (1..=count).map(|n| path_of(args, &n.to_string())).chain(args.bracket.map(|_| path_of(args, "sheet"))) {
         photograph::check(&path, args.force)?;
         inputs.check_file(&path)?;
@@ -168,17 +168,17 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(text) = left_out {
         warn(args.quiet, &text);
     }
-    for text in recording.warnings.iter().chain(&scene.warnings) {
+    for text in shot.recording.warnings.iter().chain(&shot.scene.warnings) {
         warn(args.quiet, text);
     }
 
-    let frame = recording.frames(index..index + 1)?.next().context("the frame cannot be read")??;
-    let camera = rig.camera();
-    let depth = frame.depth.as_ref().filter(|_| effects.depth.occlusion);
-    if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, &recording.track, recording.time_offset_s)) {
+    let frame = shot.read(index)?;
+    let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
+    let (track, offset_s) = (&shot.recording.track, shot.recording.time_offset_s);
+    if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, track, offset_s)) {
         warn(args.quiet, &format!("nothing real hides objects: {why}"));
     }
-    let unknown_speed = rig.exposure.iso.or(taken.iso).is_none();
+    let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
     if unknown_speed && camera.noise.is_some() && (args.site.iso.is_some() || args.bracket == Some(Bracket::Iso)) {
         let text = format!(
             "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is taken"
@@ -190,13 +190,13 @@ pub fn run(args: &Args) -> Result<()> {
                     calibrate noise` measures it from pictures of a scene at rest, with --moving from the recording itself";
         warn(args.quiet, text);
     }
-    let acts_on_real = effects.acts_on_real();
-    let compositor = Compositor::new(Gpu::open()?, scene);
+    let acts_on_real = shot.settings.acts_on_real();
+    let compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
     }
-    let mean = PictureLight::of(&frame.pixels, &rig.response).mean;
-    let mut site = Shoot { args, recording, rig, whole, frame, mean, camera, effects, compositor, aim, sums };
+    let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
+    let mut site = Shoot { args, shot, whole, frame, mean, camera, compositor, aim, sums };
     dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
     if args.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
         bail!(
@@ -225,10 +225,10 @@ pub fn run(args: &Args) -> Result<()> {
         bar.set_message(format!("photograph {} of {}", n + 1, series.len()));
         bar.enable_steady_tick(std::time::Duration::from_millis(500));
         let done = |share: f64| bar.set_position((100.0 * share) as u64);
-        let photo::Taken { pixels, shows_objects } = site.take(&dials, asked, &framing, opening, taken, done)?;
+        let photo::Taken { pixels, shows_objects } = site.take(&dials, asked, &framing, opening, done)?;
         bar.finish_and_clear();
         if !shows_objects && n == 0 {
-            warn(args.quiet, NOTHING_SEEN);
+            warn(args.quiet, &Note::NothingSeen.to_string());
         }
         let path = path_of(args, &(n + 1).to_string());
         let notes = site.notes(&dials, asked, &framing);

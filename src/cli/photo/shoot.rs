@@ -11,31 +11,27 @@ use crate::camera::exposure::Settings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};
 use crate::camera::{Camera, Geometry, Lens, Opening};
-use crate::cli::light::{Known, USUAL_ISO};
 use crate::cli::warn;
-use crate::compositor::{Compositor, Job, Settings as Effects, Target, exposure_time_s};
+use crate::compositor::{Compositor, Target, exposure_time_s};
 use crate::frame::Frame;
 use crate::image::Rect;
 use crate::photo::{self, Aim, Exposed, Framing, Real, Site, Summed, Taken};
-use crate::profile::Rig;
-use crate::recording::Recording;
+use crate::shot::{Shot, USUAL_ISO};
 use crate::sink::photograph::Notes;
 use crate::words::short;
 
 /// Timestamps from here on (2001-09-09) are seconds since 1970.
 const EPOCH_S: f64 = 1e9;
 
-/// A recording, opened, with the frame that is photographed.
+/// A shot with the frame that is photographed.
 pub struct Shoot<'a> {
     pub args: &'a Args,
-    pub recording: Recording,
-    pub rig: Rig,
+    pub shot: Shot,
     pub whole: Geometry,
     pub frame: Frame,
     /// Of its linear light.
     pub mean: f64,
     pub camera: Camera,
-    pub effects: Effects,
     pub compositor: Compositor,
     pub aim: Aim,
     /// Whether the recording's frames are summed for as long as the shutter is open.
@@ -47,12 +43,8 @@ impl Shoot<'_> {
         if let Focus::Metres(distance_m) = self.args.focus {
             return Ok(distance_m);
         }
-        let Self { recording, camera, effects, whole, compositor, .. } = self;
-        let (track, interval_s) = (&recording.track, recording.frame_interval_s);
-        let job = Job::of_frame(self.frame.clone(), camera, effects, whole, track, interval_s)?;
-        let job = Job { time_offset_s: recording.time_offset_s, want_layer: true, ..job };
-        let pending = compositor.submit(job, camera, effects, Target::Pixels)?;
-        let layer = compositor.collect(pending)?.layer.unwrap_or_default();
+        let pending = self.shot.submit(&mut self.compositor, self.frame.clone(), &self.whole, Target::Pixels, true)?;
+        let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
         let framed = |f| Framing::aimed(&self.whole, self.args.film, f, f64::INFINITY, self.args.width, self.aim);
         // A lens that sees too much at infinity may see enough where it will be focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
@@ -76,7 +68,7 @@ impl Shoot<'_> {
             f_number: Some(asked.settings.f_number),
             aperture_diameter_mm: None,
             focus_distance_m: Some(asked.focus_distance_m).filter(|d| d.is_finite()),
-            ..self.rig.lens.clone()
+            ..self.shot.rig.lens.clone()
         }
     }
 
@@ -86,10 +78,9 @@ impl Shoot<'_> {
         asked: &Asked,
         framing: &Framing,
         opening: Option<Opening>,
-        taken: Known,
         done: impl FnMut(f64),
     ) -> Result<Taken> {
-        let (args, recording) = (self.args, &self.recording);
+        let (args, shot, recording) = (self.args, &self.shot, &self.shot.recording);
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times && self.sums {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
@@ -104,34 +95,34 @@ impl Shoot<'_> {
         } else {
             for (frame, weight) in recording.frames(range)?.zip(weights) {
                 let frame = frame?;
-                let exposure_s = exposure_time_s(&self.camera, &self.effects, &frame, recording.frame_interval_s);
+                let exposure_s = exposure_time_s(&self.camera, &shot.settings, &frame, recording.frame_interval_s);
                 summed.push(Summed { time_s: frame.timestamp_s - self.frame.timestamp_s, exposure_s, weight });
                 frames.push((weight, frame.pixels));
             }
         }
-        let response = &self.rig.response;
+        let response = &shot.rig.response;
         // By the frame itself: what it shows is what was metered.
         let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
         // The recording's own settings leave its light as it is, whatever roundings say.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
-        let neighbours = self.rig.camera().noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
+        let neighbours = self.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
         let real = Real::new(&frames, response, &framing.framed, framing.size(), neighbours);
         drop(frames);
-        let measured_at = self.rig.exposure.iso.or(taken.iso).unwrap_or(USUAL_ISO);
+        let measured_at = shot.rig.exposure.iso.or(shot.taken(args.site.frame).iso).unwrap_or(USUAL_ISO);
         let exposed = Exposed {
             opening,
             time_s: match (has_times, self.sums) {
                 (false, _) => 0.0,
                 (true, true) => asked.settings.time_s,
                 // On a stand the real part is the frame: virtual things are blurred as it is.
-                (true, false) => exposure_time_s(&self.camera, &self.effects, &self.frame, recording.frame_interval_s),
+                (true, false) => exposure_time_s(&self.camera, &shot.settings, &self.frame, recording.frame_interval_s),
             },
             over_ev: gain.log2(),
             iso_ratio: asked.settings.iso / measured_at,
         };
         let site = Site {
             camera: &self.camera,
-            settings: &self.effects,
+            settings: &shot.settings,
             recorded: &self.whole,
             track: &recording.track,
             time_offset_s: recording.time_offset_s,
@@ -171,7 +162,7 @@ impl Shoot<'_> {
             description: format!(
                 "frame {} of {} at {} s",
                 self.args.site.frame,
-                name(&self.recording.path),
+                name(&self.shot.recording.path),
                 short(self.frame.timestamp_s)
             ),
         }

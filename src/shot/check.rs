@@ -1,0 +1,73 @@
+//! What is checked before anything is drawn or written.
+
+use std::ops::Range;
+
+use super::{Shot, ShotError};
+use crate::camera::{Geometry, Intrinsics};
+use crate::params::{Params, Value};
+use crate::profile::Rig;
+use crate::recording::Recording;
+
+impl Shot {
+    /// That a range of frames can be composited as all is set: cameras, the lens, what effects need. That a frame has no pose
+    /// is no error, that none has one is.
+    pub fn check(&self, range: Range<usize>) -> Result<(), ShotError> {
+        let first = self.geometry_at(0)?;
+        range.into_iter().try_for_each(|frame| self.geometry_at(frame).map(drop))?;
+        let camera = self.camera();
+        // A lens that cannot be is refused.
+        camera.lens.opening(&first)?;
+        let frames = self.recording.frame_count();
+        let mut poses = (0..frames).map(|frame| self.recording.pose_at_frame(frame));
+        if let (Some(Err(source)), true) = (poses.next(), poses.all(|pose| pose.is_err())) {
+            return Err(ShotError::NoPoses { frames, source });
+        }
+        Ok(self.settings.check(&camera, &first)?)
+    }
+
+    /// That every frame of a range has a pose.
+    pub fn check_poses(&self, mut range: Range<usize>) -> Result<(), ShotError> {
+        range.try_for_each(|frame| match self.recording.pose_at_frame(frame) {
+            Ok(_) => Ok(()),
+            Err(source) => Err(ShotError::NoPose { frame, source }),
+        })
+    }
+}
+
+/// The camera that took a frame: what is given, over the recording's own.
+pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry, ShotError> {
+    let own = recording.geometry_at_frame(frame);
+    let Some(geometry) = rig.geometry_over(own) else {
+        let path = recording.path.clone();
+        return Err(match rig.gives_geometry() {
+            true => ShotError::PartOfCamera { path, missing: rig.missing_keys() },
+            false => ShotError::NoCamera { path },
+        });
+    };
+    if geometry.is_round() || own.is_some_and(Geometry::is_round) {
+        round(&geometry)?;
+    }
+    let Intrinsics { width_px, height_px, .. } = geometry.intrinsics;
+    let (camera, frames) = ((width_px, height_px), (recording.width, recording.height));
+    if camera != frames {
+        return Err(ShotError::Size { camera, frames });
+    }
+    match geometry.distortion.missing() {
+        Some(name) => {
+            let model = geometry.distortion.get("model").unwrap_or(Value::None);
+            Err(ShotError::Coefficient { name, model })
+        }
+        None => Ok(geometry),
+    }
+}
+
+/// Of a camera that takes 360° pictures, or is said to take a recording's: that it can.
+fn round(geometry: &Geometry) -> Result<(), ShotError> {
+    let Intrinsics { width_px, height_px, readout_time_s, .. } = geometry.intrinsics;
+    match () {
+        () if !geometry.is_round() => Err(ShotError::NotRound),
+        () if width_px != 2 * height_px => Err(ShotError::RoundSize { width_px, height_px }),
+        () if readout_time_s > 0.0 => Err(ShotError::RoundReadout { found: readout_time_s }),
+        () => Ok(()),
+    }
+}

@@ -1,0 +1,88 @@
+//! Why there is no shot, or no picture of it.
+
+use std::path::PathBuf;
+
+use crate::camera::LensError;
+use crate::compositor::{RunError, SubmitError};
+use crate::effects::EffectError;
+use crate::gpu::GpuError;
+use crate::params::Value;
+use crate::profile::{ProfileError, SetError};
+use crate::recording::RecordingError;
+use crate::scene::SceneError;
+use crate::tracking::NoPose;
+use crate::words::count;
+
+#[derive(Debug, thiserror::Error)]
+pub enum ShotError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    #[error(transparent)]
+    Set(#[from] SetError),
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    #[error("frame {frame}: {source}")]
+    Submit { frame: usize, source: SubmitError },
+    #[error("frame {frame}: {source}")]
+    Gpu { frame: usize, source: GpuError },
+    #[error(
+        "nothing says what camera took {}: give --profile with a table [camera] (focal length, principal point); \
+         profiles/ has examples",
+        path.display()
+    )]
+    NoCamera { path: PathBuf },
+    #[error(
+        "what is given makes no camera, and {} has none of its own that it could lie over: {} must be given too, by \
+         --profile or --set",
+        path.display(), missing.iter().map(|key| format!("camera.{key}")).collect::<Vec<_>>().join(", ")
+    )]
+    PartOfCamera { path: PathBuf, missing: Vec<&'static str> },
+    #[error(
+        "the camera's picture is {}x{} px, the recording's frames are {}x{}: camera.width_px and camera.height_px must say \
+         what the intrinsics belong to",
+        camera.0, camera.1, frames.0, frames.1
+    )]
+    Size { camera: (u32, u32), frames: (u32, u32) },
+    #[error("camera.distortion.{name} is not 0, but the model {model} has no {name}; set it to 0, or name its model")]
+    Coefficient { name: &'static str, model: Value },
+    #[error(
+        "the recording is of 360° pictures, the profile's table [camera] of another camera: leave that table out, or \
+         write model = \"equirectangular\" into [camera.distortion]"
+    )]
+    NotRound,
+    #[error("a 360° picture (equirectangular) is twice as wide as high; found is {width_px}x{height_px}")]
+    RoundSize { width_px: u32, height_px: u32 },
+    #[error(
+        "camera.readout_time_s = {found} is refused: the rows of a 360° picture, put together from several sensors, have \
+         no times of their own; accepted is 0"
+    )]
+    RoundReadout { found: f64 },
+    #[error("frame {frame} has no pose: {source}")]
+    NoPose { frame: usize, source: NoPose },
+    #[error("none of the recording's {} has a pose; its first one: {source}", count(*frames, "frame"))]
+    NoPoses { frames: usize, source: NoPose },
+    #[error(
+        "nothing says how bright the scene is: {} of frame {frame} {} not known (EXIF, a profile or --set \
+         camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…); give that, or the light by --lux",
+        missing.join(" and "), if missing.len() == 1 { "is" } else { "are" }
+    )]
+    NoLight { frame: usize, missing: Vec<&'static str> },
+    #[error("frame {frame} is black: it does not tell how bright the scene is; give the light by --lux")]
+    Black { frame: usize },
+}
+
+impl From<RunError<ShotError>> for ShotError {
+    fn from(error: RunError<ShotError>) -> Self {
+        match error {
+            RunError::Source(error) => error,
+            RunError::Gpu { frame, source } => Self::Gpu { frame, source },
+            RunError::Submit { frame, source } => Self::Submit { frame, source },
+        }
+    }
+}

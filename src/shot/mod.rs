@@ -1,0 +1,143 @@
+//! Footage with what is put into it: a recording, its camera, a scene and settings, held together.
+//!
+//! A [`Shot`] is what the program, a window and a test hold alike. Its camera (`rig`) and `settings` may change between
+//! two pictures, and the next one follows; nothing is read again. The GPU is the caller's: [`Shot::compositor`].
+
+mod check;
+mod error;
+mod light;
+mod note;
+mod stream;
+
+use std::path::{Path, PathBuf};
+
+use crate::camera::{Camera, Exposure, Geometry, Lens};
+use crate::compositor::{Compositor, Settings};
+use crate::frame::{Frame, interval_s};
+use crate::gpu::Gpu;
+use crate::profile::Rig;
+use crate::recording::{OpenOptions, Recording, RecordingError};
+use crate::scene::{self, Scene};
+
+pub use error::ShotError;
+pub use light::{Known, SceneLight, USUAL_ISO};
+pub use note::Note;
+pub use stream::Composites;
+
+/// What a person gives beside the recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Given {
+    /// The camera and the effects' parameters, above what the recording brings, key by key.
+    pub profile: Option<PathBuf>,
+    /// Above both, one after the other: `table.name=value`.
+    pub sets: Vec<String>,
+    /// What is put into the footage; without one it stays as it is.
+    pub scene: Option<PathBuf>,
+}
+
+/// A recording with its camera, what is put into it, and how.
+#[derive(Debug)]
+pub struct Shot {
+    pub recording: Recording,
+    /// The camera as profiles and settings give it; of each frame it lies over the recording's own ([`Shot::geometry_at`]).
+    pub rig: Rig,
+    pub settings: Settings,
+    /// Drawn by compositors that are made of it: [`Shot::compositor`].
+    pub scene: Scene,
+    /// The profiles that were read.
+    profiles: Vec<PathBuf>,
+    /// The camera before `Given::sets`, and these alone: which of them says how a frame was exposed has a rank.
+    by_profile: Rig,
+    by_sets: Rig,
+    /// The frame of the last picture, as it came: the next one's is mostly the same.
+    held: Option<Frame>,
+}
+
+impl Shot {
+    /// Opens a recording and what is given with it. Of the frames' files headers are read, no pixels.
+    pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+        Self::of(Recording::open(recording, options)?, given)
+    }
+
+    /// As [`Shot::open`], of a recording that is open.
+    pub fn of(recording: Recording, given: &Given) -> Result<Self, ShotError> {
+        let (mut rig, mut settings) = (Rig::default(), Settings::default());
+        let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
+        for profile in &profiles {
+            rig.read(profile, &mut settings)?;
+        }
+        if let Some(geometry) = &recording.geometry {
+            rig.lay_over(geometry);
+        }
+        let by_profile = rig.clone();
+        let mut by_sets = rig.clone();
+        (by_sets.lens, by_sets.exposure) = (Lens::default(), Exposure::default());
+        for text in &given.sets {
+            rig.set_text(text, &mut settings)?;
+            by_sets.set_text(text, &mut Settings::default())?;
+        }
+        let scene = match &given.scene {
+            Some(path) => scene::load(path, recording.up)?,
+            None => Scene::default(),
+        };
+        Ok(Self { recording, rig, settings, scene, profiles, by_profile, by_sets, held: None })
+    }
+
+    /// Draws the scene, as it is now, on a device.
+    pub fn compositor(&self, gpu: Gpu) -> Compositor {
+        Compositor::new(gpu, self.scene.clone())
+    }
+
+    /// Every file that was read, or will be.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let given = self.profiles.iter().chain(&self.scene.files).map(PathBuf::as_path);
+        self.recording.files().chain(given)
+    }
+
+    /// The camera of all frames, geometry aside. Where nothing says how long they were exposed and their times mean nothing,
+    /// for an instant: between such pictures there is no motion to blur along.
+    pub fn camera(&self) -> Camera {
+        let mut camera = self.rig.camera();
+        if self.lacks_exposure() && !self.recording.kind.has_times() {
+            camera.exposure.time_s = Some(0.0);
+        }
+        camera
+    }
+
+    /// What took a frame: what is given, over the recording's own. Of a frame whose camera nobody knows, and which therefore
+    /// has no pose either, the first one that is known.
+    pub fn geometry_at(&self, frame: usize) -> Result<Geometry, ShotError> {
+        let count = self.recording.frame_count();
+        let known = std::iter::once(frame).chain(0..count).find(|frame| self.given_geometry_at(*frame).is_some());
+        check::geometry(&self.recording, &self.rig, known.unwrap_or(frame))
+    }
+
+    /// As [`Shot::geometry_at`], unchecked; `None` where nobody says.
+    pub fn given_geometry_at(&self, frame: usize) -> Option<Geometry> {
+        self.rig.geometry_over(self.recording.geometry_at_frame(frame))
+    }
+
+    /// From a frame to the next one, seconds.
+    pub fn interval_s(&self, frame: usize) -> f64 {
+        interval_s(&self.recording.timestamps_s, frame, self.recording.frame_interval_s)
+    }
+
+    /// A frame as it was recorded.
+    pub fn read(&self, frame: usize) -> Result<Frame, ShotError> {
+        let missing = || RecordingError::Range { start: frame, end: frame, count: self.recording.frame_count() };
+        let end = frame.checked_add(1).ok_or_else(missing)?;
+        Ok(self.recording.frames(frame..end)?.next().ok_or_else(missing)??)
+    }
+
+    /// Nothing says how long frames were exposed, and there are effects to which it might matter.
+    fn lacks_exposure(&self) -> bool {
+        let exposure = &self.rig.exposure;
+        let given = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();
+        !given && self.recording.exposure.iter().all(|e| e.time_s.is_none()) && !self.is_plain()
+    }
+
+    /// Whether every effect is switched off.
+    fn is_plain(&self) -> bool {
+        self.settings.on().next().is_none()
+    }
+}

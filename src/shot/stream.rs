@@ -1,0 +1,89 @@
+//! Pictures: a single moment, or a range of frames one after the other.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use super::{Shot, ShotError};
+use crate::camera::Geometry;
+use crate::compositor::{Composited, Compositor, Input, Job, Pending, Stream, SubmitError, Target};
+use crate::frame::Frame;
+
+/// The composited frames of a range, in order; what [`Shot::frames`] gives. After an error there is nothing more.
+pub struct Composites<'a>(Box<dyn Iterator<Item = Result<Composited, ShotError>> + 'a>);
+
+impl std::fmt::Debug for Composites<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Composites")
+    }
+}
+
+impl Iterator for Composites<'_> {
+    type Item = Result<Composited, ShotError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.0.next()
+    }
+}
+
+impl Shot {
+    /// Starts a frame's picture as all is set now: for single moments, again and again. The frame is decoded when it is first
+    /// asked for, and kept until another one is.
+    pub fn picture(
+        &mut self,
+        compositor: &mut Compositor,
+        frame: usize,
+        target: Target<'_>,
+    ) -> Result<Pending, ShotError> {
+        let held = match self.held.take() {
+            Some(held) if held.index == frame => held,
+            _ => self.read(frame)?,
+        };
+        let geometry = self.geometry_at(frame);
+        let pending = geometry.and_then(|geometry| self.submit(compositor, held.clone(), &geometry, target, false));
+        self.held = Some(held);
+        pending
+    }
+
+    /// Starts a frame's picture as all is set now, with its layer where that is wanted. The frame is one of the recording's,
+    /// its pixels may be anybody's; the geometry that of [`Shot::geometry_at`], or one made of it.
+    pub fn submit(
+        &self,
+        compositor: &mut Compositor,
+        frame: Frame,
+        geometry: &Geometry,
+        target: Target<'_>,
+        want_layer: bool,
+    ) -> Result<Pending, ShotError> {
+        let index = frame.index;
+        let failed = |source: SubmitError| ShotError::Submit { frame: index, source };
+        let (camera, track, interval_s) = (self.camera(), &self.recording.track, self.interval_s(index));
+        let job = Job::of_frame(frame, &camera, &self.settings, geometry, track, interval_s)?;
+        let job = Job { time_offset_s: self.recording.time_offset_s, want_layer, ..job };
+        compositor.submit(job, &camera, &self.settings, target).map_err(failed)
+    }
+
+    /// Composites a range of frames: decoded ahead, `in_flight` of them on the GPU at a time (at least one). Memory does not grow
+    /// with the range's length.
+    pub fn frames<'a>(
+        &'a self,
+        compositor: &'a mut Compositor,
+        range: Range<usize>,
+        want_layers: bool,
+        in_flight: usize,
+    ) -> Result<Composites<'a>, ShotError> {
+        let frames = self.recording.frames(range)?.map(|frame| {
+            let frame = frame?;
+            let (geometry, interval_s) = (self.geometry_at(frame.index)?, self.interval_s(frame.index));
+            Ok(Input { frame, geometry, interval_s })
+        });
+        let stream = Stream {
+            camera: Cow::Owned(self.camera()),
+            settings: &self.settings,
+            track: &self.recording.track,
+            time_offset_s: self.recording.time_offset_s,
+            want_layers,
+            in_flight,
+        };
+        Ok(Composites(Box::new(compositor.run(stream, frames).map(|done| Ok(done?)))))
+    }
+}

@@ -1,0 +1,168 @@
+//! A shot that is held while it changes: each picture is that of one opened anew.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/gpu.rs"]
+mod gpu;
+#[path = "common/program.rs"]
+mod program;
+#[path = "common/shot.rs"]
+mod shot;
+
+use std::path::Path;
+
+use locard::compositor::{Composited, Compositor, FrameStats, Target};
+use locard::recording::OpenOptions;
+use locard::shot::{Given, Known, Note, Shot, ShotError};
+
+const SCENE: &str = "scenes/demo.toml";
+
+fn opened(sets: &[&str]) -> Result<Shot, ShotError> {
+    let sets = sets.iter().map(ToString::to_string).collect();
+    let given = Given { sets, scene: Some(SCENE.into()), ..Given::default() };
+    Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given)
+}
+
+fn picture(shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Composited {
+    let pending = shot.picture(compositor, frame, Target::Pixels).unwrap();
+    compositor.collect(pending).unwrap()
+}
+
+#[test]
+fn a_change_between_two_pictures_is_followed() {
+    let gpu = gpu::gpu();
+    let mut held = shot::demo(SCENE);
+    let mut compositor = held.compositor(gpu.clone());
+    let mut pictures = vec![picture(&mut held, &mut compositor, 31)];
+    // Of an effect, of the camera's lens, of its geometry.
+    let sets = [
+        "motion_blur.method=copies",
+        "camera.lens.f_number=1.4",
+        "camera.lens.focus_distance_m=0.8",
+        "camera.fx_px=540",
+    ];
+    for count in 1..=sets.len() {
+        held.rig.set_text(sets[count - 1], &mut held.settings).unwrap();
+        let changed = picture(&mut held, &mut compositor, 31);
+        let mut anew = opened(&sets[..count]).unwrap();
+        let expected = picture(&mut anew, &mut held.compositor(gpu.clone()), 31);
+        assert!(changed.pixels == expected.pixels, "{}", sets[count - 1]);
+        pictures.push(changed);
+    }
+    let pixels = |n: usize| &pictures[n].pixels;
+    // A distance alone is no opening, and the demonstration's camera is a pinhole until it has one.
+    assert!((1..pictures.len()).all(|n| pixels(n - 1) != pixels(n)), "each of them is seen");
+    // The frame that is kept stays as it came, and another one is another one.
+    assert!(held.read(31).unwrap().pixels != *pixels(4));
+    let other = picture(&mut held, &mut compositor, 30);
+    assert!(other.frame == 30 && picture(&mut held, &mut compositor, 31).pixels == *pixels(4));
+}
+
+#[test]
+fn a_stream_is_its_moments() {
+    let gpu = gpu::gpu();
+    let mut shot = shot::demo(SCENE);
+    let streams = [1, 2, 3].map(|in_flight| -> Vec<Composited> {
+        let mut compositor = shot.compositor(gpu.clone());
+        shot.frames(&mut compositor, 40..44, false, in_flight).unwrap().map(Result::unwrap).collect()
+    });
+    let mut compositor = shot.compositor(gpu.clone());
+    for (n, frame) in (40..44).enumerate() {
+        let alone = picture(&mut shot, &mut compositor, frame);
+        for stream in &streams {
+            assert!(stream.len() == 4 && stream[n].frame == frame && stream[n].stats == alone.stats);
+            assert!(stream[n].pixels == alone.pixels, "frame {frame}");
+        }
+        assert!(alone.pixels != shot.read(frame).unwrap().pixels);
+    }
+    let mut backwards = shot.compositor(gpu.clone());
+    assert!(shot.frames(&mut backwards, 70..73, false, 2).is_err(), "there are 72");
+}
+
+#[test]
+fn a_damaged_frame_ends_the_stream_with_its_file() {
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
+    let shot = Shot::open(temp.path(), &OpenOptions::default(), &given).unwrap();
+    shot.check(0..6).unwrap();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let all: Vec<_> = shot.frames(&mut compositor, 0..6, false, 1).unwrap().collect();
+    assert_eq!(all.len(), 4, "three frames, and what is wrong");
+    // Without a scene the footage stays as it is.
+    for (n, done) in all[..3].iter().enumerate() {
+        assert!(done.as_ref().unwrap().pixels == shot.read(n).unwrap().pixels);
+    }
+    let text = all[3].as_ref().unwrap_err().to_string();
+    assert!(text.contains("00003.jpg"), "{text}");
+}
+
+#[test]
+fn errors_say_what_is_accepted() {
+    let error = |sets: &[&str]| match opened(sets).and_then(|shot| shot.check(0..72)) {
+        Ok(()) => panic!("{sets:?} is accepted"),
+        Err(error) => error.to_string(),
+    };
+    for (set, named) in [
+        ("noise.scale=99", "0 to 8"),
+        ("nosie.scale=1", "there is no table nosie"),
+        ("camera.width_px=320", "the camera's picture is 320x480 px, the recording's frames are 640x480"),
+        ("camera.lens.blades=2", "camera.lens.blades"),
+    ] {
+        assert!(error(&[set]).contains(named), "{}", error(&[set]));
+    }
+    let at = |recording: &str, scene: &str| {
+        let given = Given { scene: Some(scene.into()), ..Given::default() };
+        Shot::open(Path::new(recording), &OpenOptions::default(), &given).unwrap_err().to_string()
+    };
+    assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: is no recording"));
+    assert!(at("recordings/demo", "scenes/nothing.toml").contains("scenes/nothing.toml: cannot be read"));
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    let bare = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    assert!(matches!(bare.check(0..1), Err(ShotError::NoCamera { .. })));
+    assert!(matches!(shot::demo(SCENE).read(72), Err(ShotError::Recording(_))));
+    assert!(matches!(shot::demo(SCENE).read(usize::MAX), Err(ShotError::Recording(_))));
+}
+
+#[test]
+fn notes_follow_what_is_set() {
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    std::fs::write(temp.path().join("poses.txt"), "0 0 0 0 0 0 0 1\n0.11 0 0 0 0 0 0 1\n").unwrap();
+    let mut shot = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    let notes = |shot: &Shot| shot.notes(0..6);
+    let unknown = Note::UnknownExposure { has_times: true };
+    assert!(matches!(&notes(&shot)[..], [Note::MissingPoses(text), exposure, Note::UnknownNoise]
+        if text.contains("no pose for 2 of 6 frames") && *exposure == unknown));
+    shot.rig.set_text("camera.exposure.time_s=0.01", &mut shot.settings).unwrap();
+    assert!(matches!(&notes(&shot)[..], [Note::MissingPoses(_), Note::UnknownNoise]));
+    assert_eq!(shot.notes(0..4), [Note::UnknownNoise]);
+    // Nothing is missed by effects that are off.
+    shot.settings.plain();
+    assert_eq!(shot.notes(0..4), []);
+    let seen = |frame, no_occlusion: Option<&str>| FrameStats {
+        frame,
+        timestamp_s: 0.0,
+        no_pose: None,
+        no_occlusion: no_occlusion.map(str::to_owned),
+        rect_px: None,
+        objects_in_sight: no_occlusion.is_some(),
+        exposure_time_s: 0.0,
+        fastest_px_per_s: 0.0,
+        effects: Vec::new(),
+    };
+    assert_eq!(Note::of_frames(&[seen(0, None), seen(1, None)]), [Note::NothingSeen]);
+    let [note] = &Note::of_frames(&[seen(0, None), seen(1, Some("why")), seen(2, Some("else"))])[..] else { panic!() };
+    assert!(note.to_string().contains("2 of 3 frames") && note.to_string().contains("(frame 1: why)"), "{note}");
+}
+
+#[test]
+fn what_is_typed_stands_above_profiles() {
+    let taken = |sets: &[&str]| opened(sets).unwrap().taken(0);
+    let by_profile = taken(&[]);
+    let typed = Known { iso: Some(1234.0), ..by_profile };
+    assert!(by_profile.iso != typed.iso && taken(&["camera.exposure.iso=1234"]) == typed);
+    // An instant is no exposure to meter by.
+    assert_eq!(taken(&["camera.exposure.time_s=0"]), by_profile);
+}
