@@ -4,26 +4,20 @@
 
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/shot.rs"]
+mod shot;
 
-use std::path::Path;
-
-use locard::compositor::{Composited, Settings};
+use locard::compositor::Composited;
 use locard::measure::flip::{PIXELS_PER_DEGREE, mean_flip};
 use locard::params::Value;
-use locard::profile::Rig;
-use locard::recording::{OpenOptions, Recording};
 
 fn demo_frame(frame: usize, method: &str) -> Composited {
-    let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
-    let mut rig = Rig::default();
-    rig.read(recording.camera_profile.as_deref().unwrap(), &mut Settings::default()).unwrap();
-    let scene = locard::scene::load(Path::new("scenes/demo.toml"), recording.up).unwrap();
-    let settings = gpu::settings(&[
+    let mut shot = shot::demo("scenes/demo.toml");
+    shot.settings = gpu::settings(&[
         ("motion_blur", "method", Value::Text(method.to_owned())),
         ("noise", "scale", Value::Number(0.0)),
     ]);
-    let frame = recording.frames(frame..frame + 1).unwrap().next().unwrap().unwrap();
-    gpu::composite(&gpu::gpu(), &rig.camera(), settings, scene, &recording.track, frame)
+    shot::composited(&gpu::gpu(), &shot, frame..frame + 1).remove(0)
 }
 
 #[test]

@@ -7,6 +7,8 @@
 
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/shot.rs"]
+mod shot;
 
 use std::path::Path;
 
@@ -14,8 +16,6 @@ use image::{Rgb, RgbImage};
 use locard::compositor::Settings;
 use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
-use locard::profile::Rig;
-use locard::recording::{OpenOptions, Recording};
 
 /// What another driver may change, of the pixels that are not the camera's: the share of codes more than 1 apart, and
 /// over the whole crop the mean difference. The same driver changes nothing. Drivers may place coverage samples, choose
@@ -32,19 +32,15 @@ struct Part {
 
 /// A part of a frame of the demo.
 fn picture(scene: &str, frame: usize, crop: Rect, settings: Settings) -> Part {
-    let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
-    let mut rig = Rig::default();
-    rig.read(recording.camera_profile.as_deref().unwrap(), &mut Settings::default()).unwrap();
-    let scene = locard::scene::load(Path::new(scene), recording.up).unwrap();
-    let frame = recording.frames(frame..frame + 1).unwrap().next().unwrap().unwrap();
+    let mut shot = shot::demo(scene);
+    shot.settings = settings;
     let cut = |pixels: &Pixels| {
         let Codes::U8(codes) = &pixels.codes else { panic!("8 bits expected") };
         let whole = RgbImage::from_raw(pixels.width, pixels.height, codes.clone()).unwrap();
         image::imageops::crop_imm(&whole, crop.x0 as u32, crop.y0 as u32, crop.width(), crop.height()).to_image()
     };
-    let camera = cut(&frame.pixels);
-    let done = gpu::composite(&gpu::gpu(), &rig.camera(), settings, scene, &recording.track, frame);
-    Part { made: cut(&done.pixels), camera }
+    let done = shot::composited(&gpu::gpu(), &shot, frame..frame + 1).remove(0);
+    Part { made: cut(&done.pixels), camera: cut(&shot.read(frame).unwrap().pixels) }
 }
 
 fn check(name: &str, Part { made, camera }: Part) {

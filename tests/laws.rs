@@ -7,21 +7,21 @@ mod board;
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/shot.rs"]
+mod shot;
 #[path = "common/site.rs"]
 mod site;
 
-use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 
 use board::{FOCAL_PX, board, both, panel, sideways};
 use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
-use locard::compositor::{Composited, Compositor, Job, Settings, Target};
+use locard::compositor::{Composited, IN_FLIGHT, Settings};
 use locard::effects;
 use locard::gpu::Gpu;
 use locard::image::{Codes, Pixels};
 use locard::params::Value;
-use locard::recording::Recording;
 use locard::scene::{Alpha, Scene, Texture, TextureUse, Wrap};
 use site::{NOISE, Site, desk, sites};
 
@@ -51,38 +51,26 @@ fn ways() -> Vec<Settings> {
 /// The frames of a range, two of them on the GPU at a time, as in the program's stream.
 fn composite(
     gpu: &Gpu,
-    site: &Site,
+    site: &mut Site,
     settings: Settings,
     range: std::ops::Range<usize>,
     layers: bool,
 ) -> Vec<Composited> {
-    in_flight(gpu, site, &settings, range, layers, 2)
+    in_flight(gpu, site, &settings, range, layers, IN_FLIGHT)
 }
 
 /// The same with so many frames on the GPU before the first of them is waited for.
 fn in_flight(
     gpu: &Gpu,
-    site: &Site,
+    site: &mut Site,
     settings: &Settings,
     range: std::ops::Range<usize>,
     layers: bool,
     most: usize,
 ) -> Vec<Composited> {
-    let camera = site.rig.camera();
-    let geometry = camera.geometry.clone().unwrap();
-    let mut compositor = Compositor::new(gpu.clone(), site.scene.clone());
-    let (mut out, mut pending) = (Vec::new(), VecDeque::new());
-    let Recording { track, time_offset_s, frame_interval_s, .. } = &site.recording;
-    for frame in site.recording.frames(range).unwrap() {
-        let job = Job::of_frame(frame.unwrap(), &camera, settings, &geometry, track, *frame_interval_s).unwrap();
-        let job = Job { time_offset_s: *time_offset_s, want_layer: layers, ..job };
-        pending.push_back(compositor.submit(job, &camera, settings, Target::Pixels).unwrap());
-        if pending.len() == most {
-            out.extend(pending.pop_front().map(|oldest| compositor.collect(oldest).unwrap()));
-        }
-    }
-    out.extend(pending.into_iter().map(|oldest| compositor.collect(oldest).unwrap()));
-    out
+    site.shot.settings = settings.clone();
+    let mut compositor = site.shot.compositor(gpu.clone());
+    site.shot.frames(&mut compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
 }
 
 fn codes(codes: &Codes) -> &[u8] {
@@ -95,7 +83,7 @@ fn codes(codes: &Codes) -> &[u8] {
 /// That the camera's pixels are its own where there is nothing virtual, and what the layer is there.
 fn camera_is_sacred(site: &Site, done: &[Composited], range: std::ops::Range<usize>, glows: bool) {
     let (mut touched, mut seen) = (0usize, 0usize);
-    for (done, frame) in done.iter().zip(site.recording.frames(range).unwrap()) {
+    for (done, frame) in done.iter().zip(site.shot.recording.frames(range).unwrap()) {
         let frame = frame.unwrap();
         let layer = done.layer.as_ref().unwrap();
         let pairs = codes(&done.pixels.codes).chunks_exact(3).zip(codes(&frame.pixels.codes).chunks_exact(3));
@@ -122,9 +110,9 @@ fn camera_is_sacred(site: &Site, done: &[Composited], range: std::ops::Range<usi
 fn law_1_the_cameras_pixels_are_sacred() {
     let gpu = gpu::gpu();
     let all: Vec<_> = effects::all().iter().map(|e| e.table()).collect();
-    for site in sites() {
+    for mut site in sites() {
         for (n, settings) in ways().into_iter().enumerate() {
-            let done = composite(&gpu, &site, settings, 30..33, true);
+            let done = composite(&gpu, &mut site, settings, 30..33, true);
             camera_is_sacred(&site, &done, 30..33, true);
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
@@ -136,31 +124,33 @@ fn law_1_the_cameras_pixels_are_sacred() {
     }
     let mut without_glow = settings();
     without_glow.without(&["halation".to_owned()]).unwrap();
-    for site in sites() {
-        camera_is_sacred(&site, &composite(&gpu, &site, without_glow.clone(), 30..33, true), 30..33, false);
+    for mut site in sites() {
+        let done = composite(&gpu, &mut site, without_glow.clone(), 30..33, true);
+        camera_is_sacred(&site, &done, 30..33, false);
     }
-    let Some(desk) = desk() else { return };
-    camera_is_sacred(&desk, &composite(&gpu, &desk, settings(), 0..90, true), 0..90, true);
+    let Some(mut desk) = desk() else { return };
+    let done = composite(&gpu, &mut desk, settings(), 0..90, true);
+    camera_is_sacred(&desk, &done, 0..90, true);
 }
 
 #[test]
 fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
     let gpu = gpu::gpu();
-    for site in sites() {
-        let whole = composite(&gpu, &site, settings(), 30..55, false);
-        let alone = composite(&gpu, &site, settings(), 40..50, false);
+    for mut site in sites() {
+        let whole = composite(&gpu, &mut site, settings(), 30..55, false);
+        let alone = composite(&gpu, &mut site, settings(), 40..50, false);
         for (a, b) in alone.iter().zip(&whole[10..20]) {
             assert_eq!(a.frame, b.frame);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
         for most in [1, 3] {
-            for (a, b) in in_flight(&gpu, &site, &settings(), 40..50, false, most).iter().zip(&whole[10..20]) {
+            for (a, b) in in_flight(&gpu, &mut site, &settings(), 40..50, false, most).iter().zip(&whole[10..20]) {
                 assert!(a.pixels == b.pixels, "{} frame {}, {most} in flight", site.name, a.frame);
             }
         }
         let mut other_seed = settings();
         other_seed.seed = 1;
-        let other = composite(&gpu, &site, other_seed, 40..41, false);
+        let other = composite(&gpu, &mut site, other_seed, 40..41, false);
         assert!(other[0].pixels != alone[0].pixels, "another seed is another pattern");
     }
 }
@@ -172,24 +162,24 @@ fn law_3_neutral_is_identity() {
     let neutral =
         || gpu::settings(&[("noise", "scale", Value::Number(0.0)), ("depth", "occlusion", Value::Bool(false))]);
     for mut site in sites() {
-        let with_lens = site.rig.clone();
-        site.rig.exposure.time_s = Some(0.0);
-        site.rig.lens = Default::default();
+        let with_lens = site.shot.rig.clone();
+        site.shot.rig.exposure.time_s = Some(0.0);
+        site.shot.rig.lens = Default::default();
         let mut plain = Settings::default();
         plain.overrule_recorded_exposure = true;
         plain.plain();
-        let plain = composite(&gpu, &site, plain, 20..24, false);
+        let plain = composite(&gpu, &mut site, plain, 20..24, false);
         let mut overruled = neutral();
         overruled.overrule_recorded_exposure = true;
-        for (a, b) in composite(&gpu, &site, overruled, 20..24, false).iter().zip(&plain) {
+        for (a, b) in composite(&gpu, &mut site, overruled, 20..24, false).iter().zip(&plain) {
             assert_eq!(a.stats.effects, [""; 0], "{}: every effect has a neutral setting, to be given here", site.name);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
         // And a scene without objects is the recording itself.
-        site.rig = with_lens;
-        site.scene.objects.clear();
-        let frames = site.recording.frames(20..24).unwrap();
-        for (a, b) in composite(&gpu, &site, settings(), 20..24, false).iter().zip(frames) {
+        site.shot.rig = with_lens;
+        site.shot.scene.objects.clear();
+        let frames = site.shot.recording.frames(20..24).unwrap();
+        for (a, b) in composite(&gpu, &mut site, settings(), 20..24, false).iter().zip(frames) {
             assert!(a.pixels == b.unwrap().pixels);
         }
     }

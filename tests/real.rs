@@ -7,20 +7,21 @@ mod board;
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/shot.rs"]
+mod shot;
 
 use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 
 use glam::{DAffine3, DVec2, DVec3};
-use locard::camera::Camera;
-use locard::compositor::{Composited, Compositor, Job, Settings, Target};
+use locard::compositor::{Composited, Settings};
 use locard::frame::Frame;
 use locard::gpu::Gpu;
 use locard::image::DepthMap;
-use locard::profile::Rig;
-use locard::recording::{OpenOptions, Recording};
+use locard::recording::OpenOptions;
 use locard::scene::{Part, Scene};
+use locard::shot::{Given, Shot};
 
 /// Behind the milk carton, behind pens, cup and screen, before everything, and under the desk.
 const DESK: &str = r#"
@@ -47,28 +48,10 @@ ambient = 0.6
 const CANDLE: usize = 2;
 const PLATE: usize = 3;
 
-/// Frames of a recording with their layers.
-fn composite(
-    gpu: &Gpu,
-    recording: &Recording,
-    range: Range<usize>,
-    camera: &Camera,
-    settings: Settings,
-    scene: Scene,
-) -> Vec<(Frame, Composited)> {
-    let mut compositor = Compositor::new(gpu.clone(), scene);
-    let frames = recording.frames(range).unwrap();
-    frames
-        .map(|frame| {
-            let frame = frame.unwrap();
-            let geometry = camera.geometry.as_ref().or_else(|| recording.geometry_at_frame(frame.index)).unwrap();
-            let (track, interval_s) = (&recording.track, recording.frame_interval_s);
-            let job = Job::of_frame(frame.clone(), camera, &settings, geometry, track, interval_s).unwrap();
-            let job = Job { want_layer: true, ..job };
-            let pending = compositor.submit(job, camera, &settings, Target::Pixels).unwrap();
-            (frame, compositor.collect(pending).unwrap())
-        })
-        .collect()
+/// Frames of a shot with their layers.
+fn composite(gpu: &Gpu, shot: &Shot, range: Range<usize>) -> Vec<(Frame, Composited)> {
+    let frames = shot.recording.frames(range.clone()).unwrap().map(Result::unwrap);
+    frames.zip(shot::composited(gpu, shot, range)).collect()
 }
 
 /// Nearest and farthest of what the sensor measured within three pixels: its picture was taken up to half an interval
@@ -96,19 +79,15 @@ fn props_stand_on_the_desk_behind_and_before_its_things_in_all_90_frames() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     std::fs::write(&file, DESK.replace("MODELS", models.to_str().unwrap())).unwrap();
-    let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
-    let mut rig = Rig::default();
-    rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
-    let camera = rig.camera();
-    let scene = locard::scene::load(&file, recording.up).unwrap();
+    let mut shot = shot::open(&folder, Some("profiles/tum-fr1.toml"), &file);
+    let scene = shot.scene.clone();
     assert_eq!(scene.objects.len(), 4);
     let gpu = gpu::gpu();
-    let drawn = |objects: &[usize], occlusion: bool, range: Range<usize>| {
-        let mut settings = Settings::default();
-        settings.plain();
-        settings.depth.occlusion = occlusion;
-        let objects = objects.iter().map(|&i| scene.objects[i].clone()).collect();
-        composite(&gpu, &recording, range, &camera, settings, Scene { objects, ..scene.clone() })
+    let mut drawn = |objects: &[usize], occlusion: bool, range: Range<usize>| {
+        shot.settings.plain();
+        shot.settings.depth.occlusion = occlusion;
+        shot.scene.objects = objects.iter().map(|&i| scene.objects[i].clone()).collect();
+        composite(&gpu, &shot, range)
     };
     let tolerance_m = Settings::default().depth.tolerance_m;
 
@@ -147,7 +126,7 @@ fn props_stand_on_the_desk_behind_and_before_its_things_in_all_90_frames() {
     assert!(judged > 1_500_000 && wrong * 100 < judged, "{wrong} of {judged}");
 
     // Nothing stands before the candle, and the desk before the plate.
-    let coverage = |objects: &[usize], occlusion: bool| -> f64 {
+    let mut coverage = |objects: &[usize], occlusion: bool| -> f64 {
         let alpha = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| f64::from(p[3])).sum::<f64>();
         drawn(objects, occlusion, 20..50).iter().map(|(_, done)| alpha(done)).sum()
     };
@@ -201,7 +180,8 @@ fn best_points(folder: &Path, count: usize) -> Vec<Seen> {
 fn marks_on_the_door_lie_where_the_reconstruction_saw_its_points() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let options = OpenOptions { metres_per_unit: DOOR_UNIT_M, ..OpenOptions::default() };
-    let recording = Recording::open(&folder, &options).unwrap();
+    let mut shot = Shot::open(&folder, &options, &Given::default()).unwrap();
+    let recording = &shot.recording;
     let points = best_points(&folder, 3);
     // An unlit square around each point, turned to the first camera, in a colour of its own.
     let facing = recording.pose_at_frame(0).unwrap().world_from_camera_rotation();
@@ -215,9 +195,9 @@ fn marks_on_the_door_lie_where_the_reconstruction_saw_its_points() {
         scene = board::both(scene, mark);
     }
     // Stills: nothing moved while they were taken.
-    let mut camera = Camera::default();
-    camera.exposure.time_s = Some(0.0);
-    let done = composite(&gpu::gpu(), &recording, 0..12, &camera, Settings::default(), scene);
+    shot.scene = scene;
+    let done = composite(&gpu::gpu(), &shot, 0..12);
+    let recording = &shot.recording;
     let (mut errors_px, mut from_projection_px) = (Vec::new(), 0.0f64);
     for (frame, done) in &done {
         let (pose, geometry) =

@@ -5,14 +5,11 @@
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/shot.rs"]
+mod shot;
 
-use std::path::Path;
-
-use locard::compositor::Settings;
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
-use locard::profile::Rig;
-use locard::recording::{OpenOptions, Recording};
 
 /// Patches must be much larger than the displacements, which reach 10 px in a few frames.
 const PATCH_PX: usize = 64;
@@ -25,21 +22,13 @@ const ROWS: (&str, f64) = ("twins/tum-fr1-rpy-020-rows.glb", 0.02);
 fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Range<usize>) -> Option<Vec<f64>> {
     let folder = common::data("tum-fr1-rpy")?;
     let twin = common::data(twin)?;
-    let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
-    let mut rig = Rig::default();
-    rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
-    rig.intrinsics.readout_time_s = readout_time_s;
-    let camera = rig.camera();
-    let scene = locard::scene::load(&twin, recording.up).unwrap();
+    let mut shot = shot::open(&folder, Some("profiles/tum-fr1.toml"), &twin);
+    shot.rig.intrinsics.readout_time_s = readout_time_s;
+    shot.settings.plain();
     let gpu = gpu::gpu();
     let mut lengths = Vec::new();
-    for frame in recording.frames(frames).unwrap() {
-        let mut frame = frame.unwrap();
-        frame.depth = None;
-        let real = frame.pixels.clone();
-        let mut settings = Settings::default();
-        settings.plain();
-        let done = gpu::composite(&gpu, &camera, settings, scene.clone(), &recording.track, frame);
+    for done in shot::composited(&gpu, &shot, frames) {
+        let real = shot.read(done.frame).unwrap().pixels;
         let layer = done.layer.unwrap();
         let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
         let found = displacements(

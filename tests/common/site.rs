@@ -3,11 +3,9 @@
 use std::path::Path;
 
 use locard::compositor::Settings;
-use locard::profile::Rig;
-use locard::recording::{OpenOptions, Recording};
-use locard::scene::Scene;
+use locard::shot::Shot;
 
-use crate::common;
+use crate::{common, shot};
 
 /// The knife and the dagger on the desk of tum-fr1-rpy, real size.
 const DESK: &str = r#"
@@ -27,23 +25,22 @@ ambient = 0.6
 
 pub struct Site {
     pub name: &'static str,
-    pub recording: Recording,
-    pub rig: Rig,
-    pub scene: Scene,
+    pub shot: Shot,
+}
+
+impl Site {
+    /// The law must hold with everything on: noise, exposure and a lens as a user would have them.
+    fn with(name: &'static str, mut shot: Shot, profiles: &[&str]) -> Self {
+        for text in profiles {
+            shot.rig.read_text(text, Path::new(name), &mut Settings::default()).unwrap();
+        }
+        Self { name, shot }
+    }
 }
 
 /// The recording that comes with the program, and a real one where there is the data.
 pub fn sites() -> Vec<Site> {
-    [Some(demo()), desk()].into_iter().flatten().collect()
-}
-
-fn demo() -> Site {
-    let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
-    let mut rig = Rig::default();
-    rig.read(&recording.camera_profile.clone().unwrap(), &mut Settings::default()).unwrap();
-    rig.read_text(LENS, Path::new("lens"), &mut Settings::default()).unwrap();
-    let scene = locard::scene::load(Path::new("scenes/demo.toml"), recording.up).unwrap();
-    Site { name: "demo", recording, rig, scene }
+    [Some(Site::with("demo", shot::demo("scenes/demo.toml"), &[LENS])), desk()].into_iter().flatten().collect()
 }
 
 pub fn desk() -> Option<Site> {
@@ -52,14 +49,8 @@ pub fn desk() -> Option<Site> {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     std::fs::write(&file, DESK.replace("MODELS", models.to_str().unwrap())).unwrap();
-    let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
-    let mut rig = Rig::default();
-    rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
-    // The law must hold with everything on: noise, exposure and a lens as a user would have them.
-    rig.read_text(NOISE, Path::new("noise"), &mut Settings::default()).unwrap();
-    rig.read_text(LENS, Path::new("lens"), &mut Settings::default()).unwrap();
-    let scene = locard::scene::load(&file, recording.up).unwrap();
-    Some(Site { name: "desk", recording, rig, scene })
+    let shot = shot::open(&folder, Some("profiles/tum-fr1.toml"), &file);
+    Some(Site::with("desk", shot, &[NOISE, LENS]))
 }
 
 const LENS: &str = "version = 1\n[camera.lens]\naperture_diameter_mm = 4\nfocus_distance_m = 0.8\n";
