@@ -50,7 +50,6 @@ fn a_change_between_two_pictures_is_followed() {
         pictures.push(changed);
     }
     let pixels = |n: usize| &pictures[n].pixels;
-    // A distance alone is no opening, and the demonstration's camera is a pinhole until it has one.
     assert!((1..pictures.len()).all(|n| pixels(n - 1) != pixels(n)), "each of them is seen");
     // The frame that is kept stays as it came, and another one is another one.
     assert!(held.read(31).unwrap().pixels != *pixels(4));
