@@ -108,18 +108,15 @@ impl MotionBlur {
 
     /// Moments evenly over the exposure, two for each pixel of the longest blur: at least 32, and at most 4096 (above
     /// 2048 px they lie farther apart), of a whole picture 1024 (above 512 px; seconds of a hand-held shutter). Where
-    /// frames are summed, over their exposures, for between them nothing was seen; no more of each than two for each
-    /// pixel of its own blur.
+    /// frames are summed, over their exposures, for between them nothing was seen. Fewer of each would show: an edge has
+    /// four samples a moment.
     fn reference(moment: &Moment<'_>) -> Vec<Sample> {
         let most = if moment.capture.whole { 1024 } else { 4096 };
         let n = ((2.0 * Self::longest_px(moment)).ceil() as u32).clamp(32, most);
         let frames = &moment.capture.summed;
-        let most_each = n.div_ceil(frames.len() as u32);
-        let least_each = 32u32.div_ceil(frames.len() as u32);
+        let each = n.div_ceil(frames.len() as u32);
         let moments = |frame: &Summed| {
             let Summed { time_s, exposure_s, weight } = *frame;
-            let own_px = moment.fastest_px_per_s * exposure_s as f32;
-            let each = ((2.0 * own_px).ceil() as u32).clamp(least_each.min(most_each), most_each);
             (0..each).map(move |i| Sample {
                 time_s: time_s + ((f64::from(i) + 0.5) / f64::from(each) - 0.5) * exposure_s,
                 ..Sample::plain((weight / f64::from(each)) as f32)
