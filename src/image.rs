@@ -71,13 +71,22 @@ pub struct LayerImage {
     pub depth_m: Vec<f32>,
     /// px/s, raster axes.
     pub velocity: Vec<[f32; 2]>,
+    /// Whether there may be light where A is 0: a glow.
+    pub light_alone: bool,
 }
 
 impl LayerImage {
     /// A layer without any object.
     pub fn empty(width: u32, height: u32) -> Self {
         let count = width as usize * height as usize;
-        Self { width, height, rgba: vec![[0.0; 4]; count], depth_m: vec![0.0; count], velocity: vec![[0.0; 2]; count] }
+        Self {
+            width,
+            height,
+            rgba: vec![[0.0; 4]; count],
+            depth_m: vec![0.0; count],
+            velocity: vec![[0.0; 2]; count],
+            light_alone: false,
+        }
     }
 }
 

@@ -11,12 +11,12 @@ use crate::gpu::{Recorder, Shader, Texture};
 use crate::render::{COLOR, GEOMETRY, Layer};
 
 crate::uniform! {
-    struct Real { size: [i32; 2], tolerance_m: f32, unused: f32 }
+    struct Real { size: [i32; 2], tolerance_m: f32 }
 }
 
 /// Cuts off what lies more than the tolerance behind the real scene's depth (metres, 0 unknown).
 pub fn cut(recorder: &mut Recorder, layer: Layer, real_depth: &Texture, tolerance_m: f32) -> Layer {
-    let real = Real { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m, unused: 0.0 };
+    let real = Real { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m };
     let pass = recorder.pass(Shader::BehindReal, "main").uniform("real", &real).texture("color", &layer.color);
     let pass = pass.texture("geometry", &layer.geometry).texture("real_depth", real_depth);
     let [color, geometry] = pass.draw([COLOR, GEOMETRY], layer.size);

@@ -57,8 +57,7 @@ impl Sent {
     /// Draws the whole picture into somebody's view of its size.
     pub fn show(&self, recorder: &mut Recorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
         let entry = Entry::from("main").choose("encodes", f64::from(u8::from(format.is_srgb())));
-        let pass =
-            recorder.pass(Shader::Show, entry).uniform("show", &Show { max_code: self.max_code, unused: [0.0; 3] });
+        let pass = recorder.pass(Shader::Show, entry).uniform("show", &Show { max_code: self.max_code });
         pass.texture("codes", &self.texture).draw_views(&[(view, format)], (self.rect.width(), self.rect.height()));
     }
 }
@@ -80,12 +79,11 @@ crate::uniform! {
         max_code: f32,
         gain: f32,
         noise_left: f32,
-        unused: [f32; 3],
     }
 }
 
 crate::uniform! {
-    struct Show { max_code: f32, unused: [f32; 3] }
+    struct Show { max_code: f32 }
 }
 
 /// σ at 256 code values, for shaders.
@@ -132,7 +130,6 @@ pub fn mix(
         max_code: sent.max_code,
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
-        unused: [0.0; 3],
     };
     let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
     let on = |on: bool| f64::from(u8::from(on));

@@ -37,6 +37,7 @@ pub fn paste_layer(
     light_alone: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
+    out.light_alone = light_alone;
     let (width, height) = (out.width as i32, out.height as i32);
     let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
     let at = |row: usize, column: usize| {

@@ -8,7 +8,7 @@ use crate::image::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
 
 crate::uniform! {
-    struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, unused: [f32; 3] }
+    struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32 }
 }
 
 /// The real part over `drawn`, which may reach beyond the picture: what lies there is as its edge.
@@ -49,7 +49,6 @@ pub fn real_layer(
         size: [grid.0 as i32, grid.1 as i32],
         in_picture: [drawn.x0, drawn.y0],
         step: surfaces.enlargement.recip() as f32,
-        unused: [0.0; 3],
     };
     let [curve, gamma] = response_constants(response);
     let entry = Entry::from("main").choose(curve.0, curve.1).choose(gamma.0, gamma.1);

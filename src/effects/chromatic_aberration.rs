@@ -44,7 +44,6 @@ crate::uniform! {
         blue: [f32; 2],
         size: [i32; 2],
         per_diagonal: f32,
-        unused: [f32; 3],
     }
 }
 
@@ -114,7 +113,6 @@ impl Effect for ChromaticAberration {
             blue: parts(self.of_blue()),
             size: [layer.size.0 as i32, layer.size.1 as i32],
             per_diagonal: half_diagonal.recip() as f32,
-            unused: [0.0; 3],
         };
         let pass = run.recorder.pass(Shader::ChromaticAberration, "main").uniform("chromatic", &uniform);
         let [color, coverage] = pass.texture("layer", &layer.color).draw([COLOR, COLOR], layer.size);

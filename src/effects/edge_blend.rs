@@ -23,7 +23,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { impact: f32, unused: [f32; 3] }
+    struct Uniform { impact: f32 }
 }
 
 impl Effect for EdgeBlend {
@@ -37,7 +37,7 @@ impl Effect for EdgeBlend {
         vec![("", vec![("impact", Value::Number(1.0))])]
     }
     fn mix(&self, _: &mut LayerRun<'_>, _: Rect) -> Option<MixedPart> {
-        let uniform = Uniform { impact: self.impact, unused: [0.0; 3] };
+        let uniform = Uniform { impact: self.impact };
         Some(MixedPart::new(Shader::EdgeBlend, "edge_blend", &uniform))
     }
 }

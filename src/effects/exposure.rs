@@ -37,7 +37,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { gain: f32, step: f32, picture: f32, unused: f32 }
+    struct Uniform { gain: f32, step: f32, picture: f32 }
 }
 
 /// How much light a frame's recording gathered of the same scene, seconds at f/1, ISO 100 and gain 1; a setting that it
@@ -87,7 +87,6 @@ impl Effect for Exposure {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
             picture: photographic_gain(of_picture_ev(run.moment)) as f32,
-            unused: 0.0,
         };
         let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
         let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);

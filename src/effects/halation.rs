@@ -23,14 +23,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { share: f32, unused: [f32; 3] }
-}
-
-impl Halation {
-    /// In the picture that is made.
-    fn drawn_px(&self, moment: &Moment<'_>) -> f64 {
-        self.sigma_px * moment.capture.enlargement
-    }
+    struct Uniform { share: f32 }
 }
 
 impl Effect for Halation {
@@ -41,15 +34,15 @@ impl Effect for Halation {
         self.share == 0.0
     }
     fn reach(&self, moment: &Moment<'_>) -> Reach {
-        Reach::both(blur::reach_px(self.drawn_px(moment)) as f32)
+        Reach::both(blur::reach_px(moment.drawn_px(self.sigma_px)) as f32)
     }
     fn cases(&self) -> Vec<Case> {
         let share = ("share", Value::Number(0.1));
         vec![("", vec![share.clone()]), ("narrow", vec![share, ("sigma_px", Value::Number(3.0))])]
     }
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let around = run.blurred(&layer.color, layer.size, self.drawn_px(run.moment));
-        let uniform = Uniform { share: self.share as f32, unused: [0.0; 3] };
+        let around = run.blurred(&layer.color, layer.size, run.moment.drawn_px(self.sigma_px));
+        let uniform = Uniform { share: self.share as f32 };
         let pass = run.recorder.pass(Shader::Halation, "main").uniform("halation", &uniform);
         let [color] = pass.texture("layer", &layer.color).texture("around", &around).draw([COLOR], layer.size);
         Layer { color, light_alone: true, ..layer }

@@ -54,7 +54,6 @@ crate::uniform! {
         side_px: i32,
         exposure_s: f32,
         threshold_px: f32,
-        unused: f32,
     }
 }
 
@@ -203,7 +202,7 @@ impl Effect for MotionBlur {
         let [near] = pass.texture("first", &fastest).texture("second", &range).draw([COLOR], tiles);
 
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
-        let blur = Blur { size, texel, side_px, exposure_s, threshold_px: self.threshold_px, unused: 0.0 };
+        let blur = Blur { size, texel, side_px, exposure_s, threshold_px: self.threshold_px };
         let mut pass = |entry, format| {
             let pass = recorder.pass(Shader::MotionBlur, entry).uniform("blur", &blur).texture("fastest", &near);
             let [out] =

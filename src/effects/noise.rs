@@ -91,7 +91,6 @@ crate::uniform! {
         speed: f32,
         recorded: f32,
         recorded_speed: f32,
-        unused: [f32; 2],
     }
 }
 
@@ -158,7 +157,6 @@ impl Effect for Noise {
             speed: (ratios.iso * if moment.capture.film.is_some() { 1.0 } else { recorded }) as f32,
             recorded: if recorded == 1.0 { 0.0 } else { 1.0 },
             recorded_speed: recorded as f32,
-            unused: [0.0; 2],
         };
         let as_calibrated = self.magnification <= 1.0 && !self.is_grain();
         let same_film = moment.capture.film.is_none() && moment.recorded_speed() == 1.0;

@@ -21,7 +21,7 @@ crate::params! {
 impl PointSpread {
     /// In the picture that is made. What is blurred in the camera's is so in an enlargement of it; at most 8 px.
     fn drawn_px(&self, moment: &Moment<'_>) -> f64 {
-        (self.sigma_px * moment.capture.enlargement).min(blur::WIDE_PX)
+        moment.drawn_px(self.sigma_px).min(blur::WIDE_PX)
     }
 }
 

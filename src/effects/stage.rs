@@ -40,6 +40,11 @@ pub struct Moment<'a> {
 }
 
 impl Moment<'_> {
+    /// A length in the recorded camera's pixels, in those of the picture that is made.
+    pub fn drawn_px(&self, recorded_px: f64) -> f64 {
+        recorded_px * self.capture.enlargement
+    }
+
     /// Film speed at which the recording's frame was taken over that of the camera's profile, at which its noise was
     /// measured: by the ISO that the frame's file tells, else by the gain that the recording lists. 1 where one of both is
     /// not known.

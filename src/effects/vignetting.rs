@@ -78,7 +78,6 @@ crate::uniform! {
         in_picture: [i32; 2],
         circle_at: [f32; 2],
         circle_radius: f32,
-        unused: [f32; 3],
     }
 }
 
@@ -131,7 +130,6 @@ impl Effect for Vignetting {
             in_picture: [run.drawn.x0, run.drawn.y0],
             circle_at: [i.cx_px as f32, i.cy_px as f32],
             circle_radius: self.circle_px(moment) as f32,
-            unused: [0.0; 3],
         };
         let pass = run.recorder.pass(Shader::Vignetting, "main").uniform("vignetting", &uniform);
         let [color] = pass.texture("layer", &layer.color).texture("gains", &grid.gains).draw([COLOR], layer.size);

@@ -8,7 +8,7 @@ pub trait Uniform: bytemuck::Pod {
     const MEMBERS: &'static [(&'static str, usize)];
 }
 
-/// Declares a uniform: members of scalars, `[T; 2]`, `[T; 4]` and arrays of `[T; 4]`, by the names that the shader's
+/// Declares a uniform, which needs no padding behind its last member: members of scalars, `[T; 2]`, `[T; 4]` and arrays of `[T; 4]`, by the names that the shader's
 /// struct has. Their offsets are WGSL's where pairs begin at multiples of 8 bytes and fours at multiples of 16; a slip
 /// is found when it is bound ([`Pass::uniform`](super::Pass::uniform)).
 #[macro_export]

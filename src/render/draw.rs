@@ -436,7 +436,6 @@ impl Renderer {
             side_px: motion.side_px as f32,
             near_m: NEAR_M as f32,
             far_m: view.parallel_to_m.unwrap_or(0.0) as f32,
-            unused: 0,
         };
         recorder
             .pass(Shader::Resolve, Entry::over("cell", "main"))
@@ -458,7 +457,6 @@ crate::uniform! {
         side_px: f32,
         near_m: f32,
         far_m: f32,
-        unused: u32,
     }
 }
 

@@ -41,8 +41,9 @@ impl SamplePlan {
 ///
 /// What a pixel's colour says: A is how much of it is covered; where A is 0 there is no geometry, and no light either
 /// but where [`Layer::light_alone`] says that there may be some. A pixel of which neither is there is untouched: the
-/// composite leaves it to the camera. What light rounding leaves where nothing is covered is dropped. An effect that
-/// spreads light spreads coverage with it, and the geometry where that is read.
+/// composite leaves it to the camera. Else what light rounding leaves where nothing is covered is dropped. An
+/// effect that spreads light spreads coverage with it, unless it is a glow, which covers nothing; where coverage is
+/// spread the geometry goes with it, if that is read.
 #[derive(Clone, Debug)]
 pub struct Layer {
     pub color: Texture,

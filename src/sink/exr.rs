@@ -56,6 +56,7 @@ mod tests {
             rgba: (0..count).map(|i| [i as f32 * 0.25, 0.5, -1.0, 1.0]).collect(),
             depth_m: (0..count).map(|i| 1.0 + i as f32 * 1e-5).collect(),
             velocity: (0..count).map(|i| [i as f32 * 1.1, -3.3e5]).collect(),
+            light_alone: false,
         };
         write_layers(&path, &layers, false).unwrap();
         let image = read_first_flat_layer_from_file(&path).unwrap();

@@ -71,7 +71,6 @@ crate::uniform! {
         noise: f32,
         texel_px: f32,
         with_layer: f32,
-        unused: [f32; 2],
     }
 }
 
@@ -121,7 +120,6 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         noise: 1.0,
         texel_px: 1.0,
         with_layer: f32::from(u8::from(with_layer)),
-        unused: [0.0; 2],
     };
     let of_texels = |slice: &Slice, level: usize| Slice { texel_px: (1u32 << level) as f32, ..*slice };
 

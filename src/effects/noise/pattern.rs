@@ -40,7 +40,7 @@ pub static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
 });
 
 crate::uniform! {
-    struct White { key: [u32; 4], origin: [i32; 2], unused: [i32; 2] }
+    struct White { key: [u32; 4], origin: [i32; 2] }
 }
 
 crate::uniform! {
@@ -116,7 +116,7 @@ impl Pattern {
 
     fn drawn(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
         let [x, y, z] = self.key;
-        let white = White { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1], unused: [0; 2] };
+        let white = White { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1] };
         let around = (lattice.width() + 2, lattice.height() + 2);
         let table = recorder.kept(Quantiles, quantiles);
         let pass = recorder.pass(Shader::NoiseWhite, "main").uniform("white", &white);
