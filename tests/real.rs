@@ -54,12 +54,17 @@ fn composite(gpu: &Gpu, shot: &Shot, range: Range<usize>) -> Vec<(Frame, Composi
     frames.zip(shot::composited(gpu, shot, range)).collect()
 }
 
-/// Nearest and farthest of what the sensor measured within three pixels: its picture was taken up to half an interval
-/// before or after the frame. `None` where a part of that was not measured.
+/// Within so many pixels a sensor's edges lie beside the picture's, onto which they are put; and its picture was taken up
+/// to half an interval before or after the frame.
+const DOUBTFUL_PX: i32 = 8;
+
+/// Nearest and farthest of what the sensor measured around a pixel, as far as that is doubtful. `None` where a part of
+/// that was not measured.
 fn measured_around(depth: &DepthMap, i: usize) -> Option<(f32, f32)> {
     let (x, y) = ((i % depth.width as usize) as i32, (i / depth.width as usize) as i32);
     let mut range = (f32::INFINITY, 0.0f32);
-    for (dx, dy) in (-3..=3).flat_map(|dy| (-3..=3).map(move |dx| (dx, dy))) {
+    let around = -DOUBTFUL_PX..=DOUBTFUL_PX;
+    for (dx, dy) in around.clone().flat_map(|dy| around.clone().map(move |dx| (dx, dy))) {
         let (x, y) = (x + dx, y + dy);
         if x < 0 || y < 0 || x >= depth.width as i32 || y >= depth.height as i32 {
             return None;
