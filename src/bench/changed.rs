@@ -40,7 +40,8 @@ pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(
     Ok(())
 }
 
-/// The least of both, milliseconds, for what else a machine does only adds; none where there is nothing between two values.
+/// Of the values that a parameter is changed to the one whose ratio is the median: the frame right after the change and the
+/// same frame again, milliseconds. None where settings do not allow the effect's way with this camera.
 fn of_parameter(
     table: &Table<'_>,
     load: &Load,
@@ -49,33 +50,34 @@ fn of_parameter(
     of: &str,
     spec: &Spec,
 ) -> Result<Option<[f64; 2]>, SubmitError> {
+    let Load { camera, geometry, track, .. } = load;
     let mut compositor = Compositor::new(table.gpu.clone(), load.scene.clone());
-    let (mut settings, mut times) = (settings.clone(), [Vec::new(), Vec::new()]);
+    let (mut settings, mut pairs) = (settings.clone(), Vec::new());
     // A choice makes pipelines once: what is timed is the changing back.
     let untimed = if let Kind::Choice(names) = spec.kind { names.len() } else { 2 };
     for (n, value) in values(spec).into_iter().enumerate() {
         if settings.set(of, spec.name, &value).is_none_or(|set| set.is_err()) {
             continue;
         }
-        // What was drawn last is not what the change costs: each value is drawn twice.
-        for times in &mut times {
+        if settings.check(camera, geometry).is_err() {
+            return Ok(None);
+        }
+        let mut time = || -> Result<f64, SubmitError> {
             let exposure = FrameExposure::default();
             let frame = Frame { index: n, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure };
             let start = Instant::now();
-            let Load { camera, geometry, track, .. } = load;
-            if settings.check(camera, geometry).is_err() {
-                return Ok(None);
-            }
             let job = Job::of_frame(frame, camera, &settings, geometry, track, INTERVAL_S)?;
             let pending = compositor.submit(job, camera, &settings, Target::Pixels)?;
             compositor.collect(pending)?;
-            if n >= untimed {
-                times.push(start.elapsed().as_secs_f64() * 1e3);
-            }
+            Ok(start.elapsed().as_secs_f64() * 1e3)
+        };
+        let pair = [time()?, time()?];
+        if n >= untimed {
+            pairs.push(pair);
         }
     }
-    let [changed, same] = times.map(|times| times.into_iter().reduce(f64::min));
-    Ok(changed.zip(same).map(|(changed, same)| [changed, same]))
+    pairs.sort_by(|a, b| (a[0] / a[1]).total_cmp(&(b[0] / b[1])));
+    Ok(pairs.get(pairs.len() / 2).copied())
 }
 
 /// Values as a slider gives them, none of them twice, in the lower part of wide ranges; choices in turn.
