@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use super::{INTERVAL_S, Load, Table};
+use crate::camera::Camera;
 use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
 use crate::image::Pixels;
@@ -10,6 +11,9 @@ use crate::params::{Kind, Spec, Value};
 
 /// Values that a parameter is changed to.
 const VALUES: usize = 8;
+/// Of the lens that effects get which do nothing behind a pinhole, focused before the load's sphere.
+const F_NUMBER: f64 = 2.8;
+const FOCUS_M: f64 = 1.5;
 
 /// Times every parameter of every effect, each in all of the effect's ways; a row for the one that costs most by comparison.
 pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
@@ -24,7 +28,13 @@ pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(
             debug_assert!(known, "{} {label}", effect.table());
             for spec in effect.specs() {
                 let name = format!("{}.{} {label}", effect.table(), spec.name);
-                let found = of_parameter(table, load, pixels, &settings, effect.table(), &spec)?;
+                let mut found = of_parameter(table, load, &load.camera, pixels, &settings, effect.table(), &spec)?;
+                if found.is_none() {
+                    let mut camera = load.camera.clone();
+                    camera.lens.f_number = Some(F_NUMBER);
+                    camera.lens.focus_distance_m = Some(FOCUS_M);
+                    found = of_parameter(table, load, &camera, pixels, &settings, effect.table(), &spec)?;
+                }
                 if let Some(found) = found
                     && worst.as_ref().is_none_or(|(_, most)| ratio(found) > ratio(*most))
                 {
@@ -41,16 +51,17 @@ pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(
 }
 
 /// Of the values that a parameter is changed to the one whose ratio is the median: the frame right after the change and the
-/// same frame again, milliseconds. None where settings do not allow the effect's way with this camera.
+/// same frame again, milliseconds; of those alone with which the effect is at work. None where it never is with this camera.
 fn of_parameter(
     table: &Table<'_>,
     load: &Load,
+    camera: &Camera,
     pixels: &Pixels,
     settings: &Settings,
     of: &str,
     spec: &Spec,
 ) -> Result<Option<[f64; 2]>, SubmitError> {
-    let Load { camera, geometry, track, .. } = load;
+    let Load { geometry, track, .. } = load;
     let mut compositor = Compositor::new(table.gpu.clone(), load.scene.clone());
     let (mut settings, mut pairs) = (settings.clone(), Vec::new());
     // A choice makes pipelines once: what is timed is the changing back.
@@ -60,19 +71,20 @@ fn of_parameter(
             continue;
         }
         if settings.check(camera, geometry).is_err() {
-            return Ok(None);
+            continue;
         }
+        let mut runs = true;
         let mut time = || -> Result<f64, SubmitError> {
             let exposure = FrameExposure::default();
             let frame = Frame { index: n, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure };
             let start = Instant::now();
             let job = Job::of_frame(frame, camera, &settings, geometry, track, INTERVAL_S)?;
             let pending = compositor.submit(job, camera, &settings, Target::Pixels)?;
-            compositor.collect(pending)?;
+            runs &= compositor.collect(pending)?.stats.effects.contains(&of);
             Ok(start.elapsed().as_secs_f64() * 1e3)
         };
         let pair = [time()?, time()?];
-        if n >= untimed {
+        if runs && n >= untimed {
             pairs.push(pair);
         }
     }
