@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-    struct Site {
+    struct Toy {
         version: u32,
         size: f64,
         #[serde(default)]
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn an_edit_keeps_what_a_person_wrote() {
-        let mut document = Document::<Site>::parse(TEXT).unwrap();
+        let mut document = Document::<Toy>::parse(TEXT).unwrap();
         let mut site = document.value().clone();
         document.set(site.clone()).unwrap();
         assert_eq!(document.to_string(), TEXT);
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn a_problem_names_line_and_key() {
-        let problem = |text: &str| read::<Site>(text).unwrap_err().to_string();
+        let problem = |text: &str| read::<Toy>(text).unwrap_err().to_string();
         let told = problem("version = 1\nsize = 1\n[[things]]\nname = 'a'\nat = [1,\n[2], 3]\n");
         assert!(told.starts_with("line 6, things.at: invalid type") && !told.contains('\n'), "{told}");
         assert!(
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn large_and_small_numbers_have_exponents() {
-        let text = Document::new(Site { size: 1e300, ..Site::default() }).unwrap().to_string();
+        let text = Document::new(Toy { size: 1e300, ..Toy::default() }).unwrap().to_string();
         assert!(text.contains("size = 1e300\n"), "{text}");
         assert_eq!(number(0.1).to_string() + &number(-1e-7).to_string() + &number(3.0).to_string(), "0.1-1e-73.0");
     }
@@ -322,18 +322,18 @@ mod tests {
         #[test]
         fn what_is_written_reads_back(size in any::<f64>(), before in things(), after in things()) {
             prop_assume!(size.is_finite());
-            let site = |things| Site { version: 1, size, things };
-            let mut document = Document::new(site(before)).unwrap();
-            prop_assert_eq!(&read::<Site>(&document.to_string()).unwrap(), document.value());
-            document.set(site(after.clone())).unwrap();
-            let read = read::<Site>(&document.to_string()).unwrap();
+            let toy = |things| Toy { version: 1, size, things };
+            let mut document = Document::new(toy(before)).unwrap();
+            prop_assert_eq!(&read::<Toy>(&document.to_string()).unwrap(), document.value());
+            document.set(toy(after.clone())).unwrap();
+            let read = read::<Toy>(&document.to_string()).unwrap();
             prop_assert_eq!(read.size.to_bits(), size.to_bits());
             prop_assert_eq!(read.things, after);
         }
 
         #[test]
         fn no_text_panics(text in "[ -~\n]{0,60}") {
-            let _ = Document::<Site>::parse(&text);
+            let _ = Document::<Toy>::parse(&text);
             for at in 0..text.len() + 2 {
                 let _ = place(&text, at);
             }

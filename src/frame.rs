@@ -1,6 +1,6 @@
 //! One moment of a recording.
 
-use crate::image::{DepthMap, Pixels};
+use crate::pixels::{DepthMap, Pixels};
 
 /// A frame as the camera delivered it. Never changed in place.
 #[derive(Clone, Debug)]

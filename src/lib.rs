@@ -7,9 +7,10 @@
 // 0: plain values
 pub mod document;
 pub mod frame;
-pub mod image;
 pub mod params;
+pub mod pixels;
 pub mod pose;
+pub mod rows;
 pub mod unfinished;
 pub mod words;
 

@@ -13,8 +13,8 @@ use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::Surfaces;
 use locard::effects::{self, Effect, LayerRun, Moment};
 use locard::gpu::{Recorder, Texture};
-use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
+use locard::pixels::{Codes, Pixels, Rect};
 use locard::render::{COLOR, GEOMETRY, Layer, RealLayer};
 
 const SIZE: (u32, u32) = (320, 240);

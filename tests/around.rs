@@ -12,13 +12,13 @@ use std::path::Path;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Compositor, IN_FLIGHT, Input, Settings, Stream};
-use locard::image::{Codes, DepthMap, LayerImage, Pixels};
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 use locard::params::Value;
+use locard::pixels::{DepthMap, LayerImage, Pixels};
 use locard::pose::Pose;
 use locard::scene::{Material, Mesh, Object, Part, Scene, Vertex};
-use locard::simulate::{Detail, Motion, Options, Shot, Simulation, board};
+use locard::simulate::{Detail, Motion, Options, Simulation, Snapshot, board};
 use locard::tracking::PoseTrack;
 
 fn round(width_px: u32) -> Geometry {
@@ -257,13 +257,6 @@ fn noisy(mut camera: Camera) -> Camera {
     camera
 }
 
-fn codes(pixels: &Pixels) -> &[u8] {
-    match &pixels.codes {
-        Codes::U8(codes) => codes,
-        Codes::U16(_) => panic!("8 bits expected"),
-    }
-}
-
 /// A picture without two equal neighbours.
 fn speckled(geometry: &Geometry) -> Pixels {
     let (w, h) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
@@ -306,7 +299,15 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
             let layer = done.layer.as_ref().unwrap();
             let (mut seen, mut changed) = (0, 0);
             let before = speckled(&geometry);
-            for (i, (out, camera)) in codes(&done.pixels).chunks(3).zip(codes(&before).chunks(3)).enumerate() {
+            for (i, (out, camera)) in done
+                .pixels
+                .codes
+                .eight_bit()
+                .unwrap()
+                .chunks(3)
+                .zip(before.codes.eight_bit().unwrap().chunks(3))
+                .enumerate()
+            {
                 if layer.rgba[i][3] == 0.0 {
                     assert_eq!(out, camera, "frame {} pixel {i}", done.frame);
                     assert_eq!(layer.depth_m[i], 0.0);
@@ -318,7 +319,7 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
         }
         for n in [3, 1] {
             let alone = run(n..n + 1).remove(0);
-            assert!(codes(&alone.pixels) == codes(&all[n].pixels), "frame {n}");
+            assert!(alone.pixels.codes.eight_bit().unwrap() == all[n].pixels.codes.eight_bit().unwrap(), "frame {n}");
             assert!(alone.layer == all[n].layer, "frame {n}");
         }
     }
@@ -410,8 +411,8 @@ fn the_virtual_board_lies_on_the_simulated_one() {
         // Turned so that the board lies there.
         let aim = simulation.track().poses()[0].1.transform_point(board().point_at_texel(DVec2::splat(32.0)));
         let simulation = simulation.turned(DQuat::from_rotation_arc(aim.normalize(), at));
-        let shot = Shot { samples: 6, ..simulation.shot(0) };
-        let real = simulation.take(&shot);
+        let snapshot = Snapshot { samples: 6, ..simulation.snapshot(0) };
+        let real = simulation.shoot(&snapshot);
         let geometry = simulation.geometry();
         let encode = |light: [f32; 3]| {
             let code =
@@ -420,14 +421,14 @@ fn the_virtual_board_lies_on_the_simulated_one() {
         };
         let pixels = Pixels::from_u8(width, height, real.light.iter().flat_map(|l| encode(*l)).collect()).unwrap();
         let camera = gpu::camera(geometry, 0.0);
-        let mut frame = gpu::frame(0, shot.timestamp_s, pixels.clone());
+        let mut frame = gpu::frame(0, snapshot.timestamp_s, pixels.clone());
         // Blanked where the board is: what is compared must be drawn.
         frame.pixels = grey(geometry);
         let done = gpu::composite(&gpu::gpu(), &camera, plain(), scene.clone(), simulation.track(), frame);
         let layer = done.layer.unwrap();
         let centre = simulation
             .track()
-            .at(shot.timestamp_s)
+            .at(snapshot.timestamp_s)
             .unwrap()
             .transform_point(board().point_at_texel(DVec2::splat(32.0)));
         let towards = centre.normalize();

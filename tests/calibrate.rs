@@ -3,57 +3,29 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 mod common;
+#[path = "common/random.rs"]
+mod random;
 
 use locard::calibrate::noise::{from_known_means, from_scenes};
 use locard::calibrate::{CalibrateError, NoiseCalibration, NoiseOptions, noise_from_paths};
 use locard::camera::NoiseProfile;
-use locard::image::{Codes, Pixels};
+use locard::pixels::{Codes, Pixels};
+use random::Random;
 use std::path::{Path, PathBuf};
 
-/// Normal random numbers: xorshift64* and the polar method. Shares nothing with what it tests.
-struct Normal {
-    state: u64,
-    spare: Option<f64>,
-}
-
-impl Normal {
-    fn new(seed: u64) -> Self {
-        Self { state: seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1, spare: None }
-    }
-    fn uniform(&mut self) -> f64 {
-        self.state ^= self.state >> 12;
-        self.state ^= self.state << 25;
-        self.state ^= self.state >> 27;
-        (self.state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn next(&mut self) -> f64 {
-        if let Some(spare) = self.spare.take() {
-            return spare;
-        }
-        loop {
-            let (u, v) = (2.0 * self.uniform() - 1.0, 2.0 * self.uniform() - 1.0);
-            let s = u * u + v * v;
-            if s > 0.0 && s < 1.0 {
-                let f = (-2.0 * s.ln() / s).sqrt();
-                self.spare = Some(v * f);
-                return u * f;
-            }
+/// A field of unit variance; `rho`: correlation from one pixel to the next, in rows and columns.
+fn field(random: &mut Random, width: usize, height: usize, rho: f64) -> Vec<f64> {
+    let mut field: Vec<f64> = (0..width * height).map(|_| random.normal()).collect();
+    let fresh = (1.0 - rho * rho).sqrt();
+    for y in 0..height {
+        for x in 1..width {
+            field[y * width + x] = rho * field[y * width + x - 1] + fresh * field[y * width + x];
         }
     }
-    /// A field of unit variance; `rho`: correlation from one pixel to the next, in rows and columns.
-    fn field(&mut self, width: usize, height: usize, rho: f64) -> Vec<f64> {
-        let mut field: Vec<f64> = (0..width * height).map(|_| self.next()).collect();
-        let fresh = (1.0 - rho * rho).sqrt();
-        for y in 0..height {
-            for x in 1..width {
-                field[y * width + x] = rho * field[y * width + x - 1] + fresh * field[y * width + x];
-            }
-        }
-        for i in width..width * height {
-            field[i] = rho * field[i - width] + fresh * field[i];
-        }
-        field
+    for i in width..width * height {
+        field[i] = rho * field[i - width] + fresh * field[i];
     }
+    field
 }
 
 /// A camera of known noise.
@@ -76,10 +48,10 @@ impl Camera {
 
     /// Frames of the scene `mean(x, y, frame, channel)`.
     fn shoot(&self, frames: usize, seed: u64, mean: impl Fn(usize, usize, usize, usize) -> f64) -> Vec<Pixels> {
-        let mut normal = Normal::new(seed);
+        let mut random = Random::new(seed);
         (0..frames)
             .map(|frame| {
-                let mut fields = [(); 4].map(|()| normal.field(WIDTH, HEIGHT, self.neighbour));
+                let mut fields = [(); 4].map(|()| field(&mut random, WIDTH, HEIGHT, self.neighbour));
                 let common = fields[3].clone();
                 for field in &mut fields[..3] {
                     for (own, common) in field.iter_mut().zip(&common) {
@@ -300,12 +272,12 @@ fn a_mean_of_another_scene_is_blamed_and_not_the_frame() {
 #[test]
 fn sixteen_bits_give_the_same_table() {
     let camera = Camera { sigma: [[0.05, 0.1], [1.0, 2.0], [3.0, 3.0]], neighbour: 0.0, shared: 0.0 };
-    let mut normal = Normal::new(9);
+    let mut random = Random::new(9);
     let frames: Vec<Pixels> = (0..6)
         .map(|_| {
             let codes = (0..WIDTH * HEIGHT * 3).map(|i| {
                 let m = chart(i / 3 % WIDTH, i / 3 / WIDTH, 0, i % 3);
-                (257.0 * (m + camera.sigma(i % 3, m) * normal.next())).round().clamp(0.0, 65535.0) as u16
+                (257.0 * (m + camera.sigma(i % 3, m) * random.normal())).round().clamp(0.0, 65535.0) as u16
             });
             Pixels::from_u16(WIDTH as u32, HEIGHT as u32, codes.collect()).unwrap()
         })

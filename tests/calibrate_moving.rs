@@ -5,45 +5,32 @@
 mod common;
 #[path = "common/program.rs"]
 mod program;
+#[path = "common/random.rs"]
+mod random;
 
 use std::path::{Path, PathBuf};
 
 use locard::calibrate::moving::from_frames;
-use locard::calibrate::{Method, NoiseCalibration, NoiseOptions, moving_noise_from_paths, noise_from_paths};
+use locard::calibrate::{NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths};
 use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
-use locard::image::Pixels;
+use locard::pixels::Pixels;
 use locard::profile::Rig;
 use locard::simulate::{Options, Simulation};
 use program::{refused, said};
+use random::Random;
 
 const WIDTH: usize = 384;
 const HEIGHT: usize = 240;
 
-/// Normal random numbers: splitmix64 and Box and Muller. Shares nothing with what it tests.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn normals(&mut self) -> [f64; 2] {
-        let (radius, turn) = ((-2.0 * (1.0 - self.uniform()).ln()).sqrt(), std::f64::consts::TAU * self.uniform());
-        [radius * turn.cos(), radius * turn.sin()]
-    }
-}
-
 /// Noise of variance 1 for a frame, three a pixel: white noise under (1, s, 1) each way, so that neighbours correlate by
 /// 2s/(2 + s²); `shared`: correlation of two channels.
 fn field(seed: u64, middle: f64, shared: f64) -> Vec<f64> {
-    let mut random = Random(seed << 32);
+    let mut random = Random::new(seed);
     let (w, h) = (WIDTH + 2, HEIGHT + 2);
     let white: Vec<[f64; 3]> = (0..w * h)
         .map(|_| {
-            let ([all, r], [g, b]) = (random.normals(), random.normals());
+            let [all, r, g, b] = [(); 4].map(|()| random.normal());
             [r, g, b].map(|own| shared.sqrt() * all + (1.0 - shared).sqrt() * own)
         })
         .collect();
@@ -115,7 +102,7 @@ fn of_noise_alone_it_has_no_bias() {
         let NoiseProfile { channel_correlation, neighbour_correlation, .. } = found.profile;
         assert!(neighbour_correlation.iter().all(|r| (r - rho).abs() < 0.02), "{found}");
         assert!(channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{found}");
-        assert_eq!(found.method, Method::Moving);
+        assert_eq!(found.motion, SceneMotion::Moving);
     }
 }
 
@@ -146,8 +133,8 @@ fn clipped_places_are_left_out() {
     let mut frames = frames(6, 3.0, 0.3, 0);
     for frame in &mut frames {
         let mut codes: Vec<u8> = match &frame.codes {
-            locard::image::Codes::U8(codes) => codes.clone(),
-            locard::image::Codes::U16(_) => unreachable!(),
+            locard::pixels::Codes::U8(codes) => codes.clone(),
+            locard::pixels::Codes::U16(_) => unreachable!(),
         };
         for (i, code) in codes.iter_mut().enumerate() {
             match i / 3 / WIDTH {
@@ -320,7 +307,7 @@ fn the_kinects_profile_is_what_its_frames_say() {
 fn pngs_are_not_called_jpegs() {
     let temp = tempfile::tempdir().unwrap();
     for (i, frame) in frames(3, 3.0, 0.3, 0).iter().enumerate() {
-        let locard::image::Codes::U8(codes) = &frame.codes else { unreachable!() };
+        let locard::pixels::Codes::U8(codes) = &frame.codes else { unreachable!() };
         let image = image::RgbImage::from_raw(frame.width, frame.height, codes.clone()).unwrap();
         image.save_with_format(temp.path().join(format!("{i}.jpg")), image::ImageFormat::Png).unwrap();
     }
@@ -338,7 +325,7 @@ fn loose_pictures_folders_and_nothing() {
         .enumerate()
         .map(|(i, frame)| {
             let path = temp.path().join(format!("{i}.png"));
-            let locard::image::Codes::U8(codes) = &frame.codes else { unreachable!() };
+            let locard::pixels::Codes::U8(codes) = &frame.codes else { unreachable!() };
             image::save_buffer(&path, codes, frame.width, frame.height, image::ColorType::Rgb8).unwrap();
             path
         })

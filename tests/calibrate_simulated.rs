@@ -9,7 +9,7 @@ use locard::calibrate::noise::from_scenes;
 use locard::calibrate::{NoiseCalibration, NoiseOptions};
 use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
-use locard::image::{Codes, Pixels};
+use locard::pixels::{Codes, Pixels};
 use locard::profile::Rig;
 use locard::simulate::{Detail, Motion, Options, Simulation, StaticScenes, static_scenes};
 

@@ -11,8 +11,8 @@ use board::{FOCAL_PX, board, sideways};
 use locard::camera::{Capture, FilmUsed};
 use locard::compositor::{Composited, Compositor, Job, Settings, SubmitError, Target};
 use locard::frame::Frame;
-use locard::image::{DepthMap, Pixels};
 use locard::params::Value;
+use locard::pixels::{DepthMap, Pixels};
 use locard::scene::{Alpha, Scene};
 use locard::tracking::PoseTrack;
 

@@ -9,10 +9,10 @@ mod gpu;
 use std::path::Path;
 
 use locard::camera::Geometry;
-use locard::image::LayerImage;
 use locard::measure::Grey;
 use locard::measure::edge::{edge, profile};
 use locard::params::Value;
+use locard::pixels::LayerImage;
 use locard::tracking::tum;
 
 fn reference(path: &Path) -> Vec<[f32; 4]> {

@@ -13,10 +13,10 @@ use locard::camera::{Aperture, Camera, Opening};
 use locard::compositor::Composited;
 use locard::effects::depth_of_field::{self, diffusion, poisson};
 use locard::frame::Frame;
-use locard::image::{DepthMap, Pixels};
 use locard::measure::edge::edge;
 use locard::measure::flip::{PIXELS_PER_DEGREE, mean_flip};
 use locard::params::{Params, Value};
+use locard::pixels::{DepthMap, Pixels};
 use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
 
 const WIDTH: u32 = 320;
@@ -99,7 +99,7 @@ const METHODS: [&str; 3] = ["layered", "poisson", "diffusion"];
 fn flips(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
     let write = |method: &str, done: &Composited| {
         if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
-            let locard::image::Codes::U8(codes) = &done.pixels.codes else { unreachable!() };
+            let locard::pixels::Codes::U8(codes) = &done.pixels.codes else { unreachable!() };
             let path = std::path::Path::new(&folder).join(format!("{name}-{method}.png"));
             image::save_buffer(path, codes, WIDTH, HEIGHT, image::ColorType::Rgb8).unwrap();
         }

@@ -13,7 +13,6 @@ use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::effects::{Moment, edge_blend, motion_blur, noise};
 use locard::frame::{FrameExposure, PhotoSettings};
-use locard::image::Codes;
 use locard::measure::edge::box_blur;
 use locard::params::Value;
 
@@ -181,13 +180,6 @@ fn noisy_camera(geometry: &Geometry, correlation: f64) -> Camera {
     camera
 }
 
-fn codes(done: &Composited) -> &[u8] {
-    match &done.pixels.codes {
-        Codes::U8(codes) => codes,
-        Codes::U16(_) => panic!("8 bits expected"),
-    }
-}
-
 fn noisy(camera: &Camera, settings: Settings, grey: f32, frame: usize) -> Composited {
     let frame = gpu::frame(frame, 0.0, gpu::grey(320, 240, 90));
     gpu::composite(&gpu::gpu(), camera, settings, board([200.0, 150.0], grey), &sideways([0.0, 0.0]), frame)
@@ -214,7 +206,7 @@ fn virtual_pixels_have_the_cameras_noise() {
         let camera = noisy_camera(&geometry, correlation);
         let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification))]);
         let done = noisy(&camera, settings, 0.2, 3);
-        let [mean, sigma, right, channels] = statistics(codes(&done), 320);
+        let [mean, sigma, right, channels] = statistics(done.pixels.codes.eight_bit().unwrap(), 320);
         // 0.2 in linear light is sRGB code 123.5, where σ = 1 + 5.1 · 123.5/255 = 3.47; whole
         // numbers add 1/12 to the variance. 76,800 pixels, fewer independent ones where
         // patches are large: 0.3 to 2 % for σ at three standard errors, 2 % here.
@@ -259,7 +251,7 @@ fn the_noise_is_its_twin() {
         };
         // The unrounded value that the noise is added to; the layer holds 16-bit floats.
         let mean = 255.0 * camera.response.encode(half::f16::from_f32(0.2).to_f64());
-        assert_eq!(f64::from(codes(&plain)[0]), mean.round());
+        assert_eq!(f64::from(plain.pixels.codes.eight_bit().unwrap()[0]), mean.round());
         let ratios = GrainRatios { iso: iso.unwrap_or(200.0) / 200.0, ..Default::default() };
         let sigma = grain::sigma(camera.noise.as_ref().unwrap(), &camera.response, 0, mean, &ratios);
         let mut differ = 0;
@@ -268,7 +260,8 @@ fn the_noise_is_its_twin() {
                 let pattern = noise::twin_pattern(&params, &moment, x, y);
                 for (c, pattern) in pattern.into_iter().enumerate() {
                     let twin = noise::twin(mean, sigma, 1.0, 0.0, pattern);
-                    let got = f64::from(codes(&done)[3 * (y as usize * 320 + x as usize) + c]);
+                    let got =
+                        f64::from(done.pixels.codes.eight_bit().unwrap()[3 * (y as usize * 320 + x as usize) + c]);
                     // Rounding may fall to the other side for values within 32-bit error of a half.
                     assert!((got - twin).abs() < 0.51, "({x}, {y}) {c}: {got} {twin}");
                     differ += usize::from(got != twin.round());
@@ -291,7 +284,7 @@ fn a_mixed_pixel_gets_only_the_variance_that_it_lacks() {
     scene.materials[0].alpha = locard::scene::Alpha::Blend;
     let frame = gpu::frame(3, 0.0, gpu::grey(320, 240, 90));
     let done = gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &sideways([0.0, 0.0]), frame);
-    let [mean, sigma, ..] = statistics(codes(&done), 320);
+    let [mean, sigma, ..] = statistics(done.pixels.codes.eight_bit().unwrap(), 320);
     let expected = (0.75 * (1.0f64 + 5.1 * 90.0 / 255.0).powi(2) + 1.0 / 12.0).sqrt();
     assert!((mean - 90.0).abs() < 0.1, "{mean}");
     assert!((sigma / expected - 1.0).abs() < 0.02, "{sigma} {expected}");
@@ -324,7 +317,7 @@ fn edge_blend_is_the_papers_rule_whatever_softens_the_edge() {
                 let light = f64::from(layer.rgba[i][0]) + (1.0 - covered(i)) * camera.response.decode(40.0 / 255.0);
                 let current = 255.0 * camera.response.encode(light);
                 let twin = edge_blend::twin(current, covered(i), &neighbours, 0.75);
-                let got = f64::from(codes(&done)[3 * i]);
+                let got = f64::from(done.pixels.codes.eight_bit().unwrap()[3 * i]);
                 assert!((got - twin).abs() < 0.55, "{sigma_px} ({x}, {y}): {got} {twin}");
                 edges += usize::from((got - current).abs() > 2.0);
                 most = most.max((got - current).abs());
@@ -353,9 +346,15 @@ fn at_its_own_speed_grain_is_the_calibrated_noise() {
             let film = |iso| [("noise", "iso", iso), ("noise", "film_width_mm", Value::Number(36.0))];
             let calibrated = noisy(&camera, Settings::default(), 0.2, 3);
             let own = noisy(&camera, gpu::settings(&film(Value::Number(400.0))), 0.2, 3);
-            assert!(codes(&own) == codes(&calibrated), "{response:?}");
+            assert!(
+                own.pixels.codes.eight_bit().unwrap() == calibrated.pixels.codes.eight_bit().unwrap(),
+                "{response:?}"
+            );
             let other = noisy(&camera, gpu::settings(&film(Value::Number(800.0))), 0.2, 3);
-            assert!(codes(&other) != codes(&calibrated), "{response:?}");
+            assert!(
+                other.pixels.codes.eight_bit().unwrap() != calibrated.pixels.codes.eight_bit().unwrap(),
+                "{response:?}"
+            );
         }
     }
 }
@@ -366,7 +365,7 @@ fn grain_grows_with_film_speed_and_smaller_film() {
     let camera = film_camera(&geometry);
     let measured = |iso: f64, film_width_mm: f64| {
         let film = [("noise", "iso", Value::Number(iso)), ("noise", "film_width_mm", Value::Number(film_width_mm))];
-        statistics(codes(&noisy(&camera, gpu::settings(&film), 123.5 / 255.0, 3)), 320)
+        statistics(noisy(&camera, gpu::settings(&film), 123.5 / 255.0, 3).pixels.codes.eight_bit().unwrap(), 320)
     };
     // At code 123.5 σ² is 3.47² = 12.041, of which black's σ² = 1 is reading out and 11.041 shot noise. At k times the
     // speed it is 11.041 k + k²; whole numbers add 1/12.
@@ -399,7 +398,9 @@ fn noise_follows_the_speed_that_each_frame_was_recorded_at() {
         let scene = board([200.0, 150.0], (code / 255.0) as f32);
         gpu::composite(&gpu::gpu(), camera, settings, scene, &sideways([0.0, 0.0]), frame)
     };
-    let measured = |exposure| statistics(codes(&taken(&camera, exposure, Settings::default(), 123.5)), 320);
+    let measured = |exposure| {
+        statistics(taken(&camera, exposure, Settings::default(), 123.5).pixels.codes.eight_bit().unwrap(), 320)
+    };
     // As in the test above: 11.041 k + k² at code 123.5; a gain counts where no ISO is told.
     let gain = |gain| FrameExposure { gain: Some(gain), ..Default::default() };
     for (exposure, variance) in [
@@ -417,9 +418,9 @@ fn noise_follows_the_speed_that_each_frame_was_recorded_at() {
     // A speed that is asked for goes first; where the profile's is not known, nothing is known.
     let own = gpu::settings(&[("noise", "iso", Value::Number(400.0))]);
     let calibrated = taken(&camera, photo(None), Settings::default(), 123.5);
-    assert!(codes(&taken(&camera, photo(Some(1600.0)), own, 123.5)) == codes(&calibrated));
+    assert!(taken(&camera, photo(Some(1600.0)), own, 123.5).pixels == calibrated.pixels);
     camera.exposure.iso = None;
-    assert!(codes(&taken(&camera, photo(Some(1600.0)), Settings::default(), 123.5)) == codes(&calibrated));
+    assert!(taken(&camera, photo(Some(1600.0)), Settings::default(), 123.5).pixels == calibrated.pixels);
 }
 
 #[test]

@@ -14,8 +14,8 @@ use std::path::Path;
 
 use image::{Rgb, RgbImage};
 use locard::compositor::Settings;
-use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
+use locard::pixels::{Codes, Pixels, Rect};
 
 /// What another driver may change, of the pixels that are not the camera's: the share of codes more than 1 apart, and
 /// over the whole crop the mean difference. The same driver changes nothing. Drivers may place coverage samples, choose

@@ -12,8 +12,8 @@ use locard::camera::{Camera, NoiseBin, NoiseProfile};
 use locard::compositor::{Compositor, Job, Settings, Target};
 use locard::frame::Frame;
 use locard::gpu::Gpu;
-use locard::image::{Codes, Pixels};
 use locard::params::{Kind, Spec, Value};
+use locard::pixels::{Codes, Pixels};
 use locard::profile::Rig;
 use locard::scene::Scene;
 

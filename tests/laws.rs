@@ -7,6 +7,8 @@ mod board;
 mod common;
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/random.rs"]
+mod random;
 #[path = "common/shot.rs"]
 mod shot;
 #[path = "common/site.rs"]
@@ -20,10 +22,11 @@ use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, IN_FLIGHT, Settings};
 use locard::effects;
 use locard::gpu::Gpu;
-use locard::image::{Codes, Pixels};
 use locard::params::Value;
+use locard::pixels::Pixels;
 use locard::scene::{Alpha, Scene, Texture, TextureUse, Wrap};
-use site::{NOISE, Site, desk, sites};
+use random::Random;
+use site::{NOISE, NamedShot, desk, sites};
 
 /// Every effect at work, each in the first of the ways in which it can.
 fn settings() -> Settings {
@@ -51,7 +54,7 @@ fn ways() -> Vec<Settings> {
 /// The frames of a range, two of them on the GPU at a time, as in the program's stream.
 fn composite(
     gpu: &Gpu,
-    site: &mut Site,
+    site: &mut NamedShot,
     settings: Settings,
     range: std::ops::Range<usize>,
     layers: bool,
@@ -62,7 +65,7 @@ fn composite(
 /// The same with so many frames on the GPU before the first of them is waited for.
 fn in_flight(
     gpu: &Gpu,
-    site: &mut Site,
+    site: &mut NamedShot,
     settings: &Settings,
     range: std::ops::Range<usize>,
     layers: bool,
@@ -73,20 +76,19 @@ fn in_flight(
     site.shot.frames(&mut compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
 }
 
-fn codes(codes: &Codes) -> &[u8] {
-    match codes {
-        Codes::U8(codes) => codes,
-        Codes::U16(_) => panic!("8 bits expected"),
-    }
-}
-
 /// That the camera's pixels are its own where there is nothing virtual, and what the layer is there.
-fn camera_is_sacred(site: &Site, done: &[Composited], range: std::ops::Range<usize>) {
+fn camera_is_sacred(site: &NamedShot, done: &[Composited], range: std::ops::Range<usize>) {
     let (mut touched, mut seen) = (0usize, 0usize);
     for (done, frame) in done.iter().zip(site.shot.recording.frames(range).unwrap()) {
         let frame = frame.unwrap();
         let layer = done.layer.as_ref().unwrap();
-        let pairs = codes(&done.pixels.codes).chunks_exact(3).zip(codes(&frame.pixels.codes).chunks_exact(3));
+        let pairs = done
+            .pixels
+            .codes
+            .eight_bit()
+            .unwrap()
+            .chunks_exact(3)
+            .zip(frame.pixels.codes.eight_bit().unwrap().chunks_exact(3));
         for (i, (out, camera)) in pairs.enumerate() {
             if layer.rgba[i] == [0.0; 4] {
                 assert_eq!(out, camera, "{} frame {} pixel {i}", site.name, done.frame);
@@ -242,7 +244,8 @@ fn law_4_optics_work_on_linear_light() {
             let layer = done.layer.unwrap();
             let behind = response.decode(60.0 / 255.0);
             let mut mixed = 0;
-            for (i, (out, rgba)) in codes(&done.pixels.codes).chunks_exact(3).zip(&layer.rgba).enumerate() {
+            for (i, (out, rgba)) in done.pixels.codes.eight_bit().unwrap().chunks_exact(3).zip(&layer.rgba).enumerate()
+            {
                 let [r, _, _, a] = rgba.map(f64::from);
                 let code = 255.0 * response.encode(r + (1.0 - a) * behind);
                 // Rounding, and a little for the shader's 32 bits.
@@ -304,7 +307,7 @@ fn law_4_the_sensor_works_on_code_values() {
         under_curve(&response, Settings::default(), 0.0, scene, gpu::grey(320, 240, 90)).pixels
     });
     for other in &noisy[1..] {
-        let pairs = || codes(&noisy[0].codes).iter().zip(codes(&other.codes));
+        let pairs = || noisy[0].codes.eight_bit().unwrap().iter().zip(other.codes.eight_bit().unwrap());
         // The layer holds light in 16-bit floats, half a unit of which is up to 0.04 codes here.
         assert!(pairs().all(|(a, b)| a.abs_diff(*b) <= 1));
         let differ = pairs().filter(|(a, b)| a != b).count();
@@ -330,9 +333,9 @@ fn law_4_the_sensor_works_on_code_values() {
     // over the slope here. With what is added, the pixel has the σ of its own code.
     let (behind, code) = (30.0, 150.0);
     let sigma_at = |code: f64| 6.1 - 5.1 * code / 255.0;
-    let mut uniform = uniform_numbers();
+    let mut random = Random::new(1);
     // The sum of twelve uniform numbers has variance 1.
-    let mut normal = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+    let mut normal = || (0..12).map(|_| random.uniform()).sum::<f64>() - 6.0;
     let camera: Vec<u8> = (0..3 * 320 * 240).map(|_| (behind + sigma_at(behind) * normal()).round() as u8).collect();
     for response in curves() {
         let light = 2.0 * response.decode(code / 255.0) - response.decode(behind / 255.0);
@@ -348,28 +351,20 @@ fn law_4_the_sensor_works_on_code_values() {
 }
 
 fn mean_and_sigma(pixels: &Pixels) -> [f64; 2] {
-    let values = || codes(&pixels.codes).iter().map(|&c| f64::from(c));
+    let values = || pixels.codes.eight_bit().unwrap().iter().map(|&c| f64::from(c));
     let n = values().count() as f64;
     let mean = values().sum::<f64>() / n;
     [mean, (values().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()]
 }
 
-/// Numbers from 0 to 1: a linear congruence (Knuth's MMIX), its upper bits.
-fn uniform_numbers() -> impl FnMut() -> f64 {
-    let mut state = 1u64;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 /// A recording of so many frames: ten pictures and a depth map over and over, before them a marker that sways.
 fn long_recording(folder: &Path, frames: usize) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
-    let mut uniform = uniform_numbers();
+    let mut random = Random::new(1);
     for i in 0..10 {
-        let pixels =
-            image::RgbImage::from_fn(LONG_PX.0, LONG_PX.1, |_, _| image::Rgb([(60.0 + 120.0 * uniform()) as u8; 3]));
+        let pixels = image::RgbImage::from_fn(LONG_PX.0, LONG_PX.1, |_, _| {
+            image::Rgb([(60.0 + 120.0 * random.uniform()) as u8; 3])
+        });
         pixels.save(folder.join(format!("{i}.png"))).unwrap();
     }
     image::ImageBuffer::from_pixel(LONG_PX.0, LONG_PX.1, image::Luma([1000u16]))

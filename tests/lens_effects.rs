@@ -13,7 +13,6 @@ use locard::camera::{Camera, Curve, Distortion, Geometry, LensModel, Response};
 use locard::compositor::Composited;
 use locard::effects::{chromatic_aberration, exposure, halation, point_spread, vignetting};
 use locard::frame::FrameExposure;
-use locard::image::Codes;
 use locard::params::Value;
 use locard::scene::Scene;
 
@@ -40,9 +39,7 @@ fn rgba(done: &Composited, x: usize, y: usize) -> [f64; 4] {
 }
 
 fn codes(done: &Composited, x: usize, y: usize) -> [u8; 3] {
-    let Codes::U8(codes) = &done.pixels.codes else { panic!("8 bits expected") };
-    let i = 3 * (y * WIDTH as usize + x);
-    [codes[i], codes[i + 1], codes[i + 2]]
+    done.pixels.at(x as u32, y as u32).map(|code| code as u8)
 }
 
 fn number(table: &'static str, name: &'static str, value: f64) -> (&'static str, &'static str, Value) {

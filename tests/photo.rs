@@ -8,6 +8,8 @@ mod board;
 mod gpu;
 #[path = "common/program.rs"]
 mod program;
+#[path = "common/random.rs"]
+mod random;
 
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
@@ -15,10 +17,11 @@ use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::Surfaces;
 use locard::frame::{FrameExposure, PhotoSettings};
-use locard::image::{Codes, Pixels, Rect};
 use locard::params::Value;
-use locard::photo::{Exposed, Framing, Real, Site, take};
+use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
+use locard::pixels::{Codes, Pixels, Rect};
 use locard::scene::Scene;
+use random::Random;
 
 const TIME_S: f64 = 0.02;
 
@@ -66,8 +69,8 @@ fn photo_of_frame(
     let recorded = camera.geometry.clone().unwrap();
     let track = sideways([200.0, 0.0]);
     let mut compositor = Compositor::new(gpu.clone(), scene);
-    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(camera));
-    let site = Site {
+    let real = RealPart::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(camera));
+    let standpoint = Standpoint {
         camera,
         settings: &settings,
         recorded: &recorded,
@@ -80,7 +83,7 @@ fn photo_of_frame(
         summed: &[],
         depth: None,
     };
-    take(&mut compositor, &site, framing, real, &exposed, |_| ()).unwrap().pixels
+    take(&mut compositor, &standpoint, framing, real, &exposed, |_| ()).unwrap().pixels
 }
 
 const AS_RECORDED: Exposed = Exposed { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };
@@ -89,16 +92,11 @@ fn neighbours(camera: &Camera) -> [f64; 2] {
     camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation)
 }
 
-/// Grey with noise of a σ that depends on its code, mean 0, by sums of twelve even numbers of a small generator.
+/// Grey with noise of a σ that depends on its code, mean 0.
 fn noisy_grey(width: u32, height: u32, code: f64, noise: &NoiseProfile) -> Pixels {
-    let mut state = 1u64;
-    let mut even = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as f64 / f64::from(1u32 << 31)
-    };
+    let mut random = Random::new(1);
     let codes = (0..3 * width * height).map(|i| {
-        let normal = (0..12).map(|_| even()).sum::<f64>() - 6.0;
-        (257.0 * (code + noise.sigma(i as usize % 3, code) * normal)).round().clamp(0.0, 65535.0) as u16
+        (257.0 * (code + noise.sigma(i as usize % 3, code) * random.normal())).round().clamp(0.0, 65535.0) as u16
     });
     Pixels { width, height, codes: Codes::U16(codes.collect()) }
 }
@@ -291,10 +289,10 @@ fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
     let scene = board([6.0, 20.0], 0.5);
     let mut compositor = Compositor::new(gpu.clone(), scene);
     let pixels = gpu::grey(160, 60, 0);
-    let real = Real::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(&camera));
+    let real = RealPart::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(&camera));
     let summed = [-0.1, 0.0, 0.1].map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
     let settings = Settings::default();
-    let site = Site {
+    let standpoint = Standpoint {
         camera: &camera,
         settings: &settings,
         recorded: &geometry,
@@ -308,7 +306,7 @@ fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
         depth: None,
     };
     let exposed = Exposed { opening: None, time_s: 0.3, over_ev: 0.0, iso_ratio: 1.0 };
-    let taken = take(&mut compositor, &site, &framing, real, &exposed, |_| ()).unwrap().pixels;
+    let taken = take(&mut compositor, &standpoint, &framing, real, &exposed, |_| ()).unwrap().pixels;
     let light = |x: u32| camera.response.decode(f64::from(taken.at(x, 30)[0]) / 255.0);
     let full = light(80);
     assert!((full - 0.5 / 3.0).abs() < 0.01, "{full}");

@@ -8,15 +8,18 @@ mod board;
 mod gpu;
 #[path = "common/kinect.rs"]
 mod kinect;
+#[path = "common/random.rs"]
+mod random;
 
 use board::{FOCAL_PX, panel, sideways};
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, NoiseBin, NoiseProfile, Opening, Response, side_tap};
 use locard::compositor::{Compositor, Settings};
-use locard::image::{Codes, DepthMap, Pixels};
-use locard::photo::{Exposed, Framing, Real, Site, take};
+use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
+use locard::pixels::{Codes, DepthMap, Pixels};
 use locard::scene::Scene;
-use locard::simulate::{Detail, Options, Picture, Shot, Simulation};
+use locard::simulate::{Detail, Options, Picture, Simulation, Snapshot};
+use random::Random;
 
 const SIZE: (u32, u32) = (320, 240);
 
@@ -52,9 +55,9 @@ fn photo_with(
     let gpu = gpu::gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene);
     let neighbours = camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
-    let real = Real::new(&[(1.0, pixels.clone())], &camera.response, &framing.framed, framing.size(), neighbours);
+    let real = RealPart::new(&[(1.0, pixels.clone())], &camera.response, &framing.framed, framing.size(), neighbours);
     let track = sideways([0.0, 0.0]);
-    let site = Site {
+    let standpoint = Standpoint {
         camera,
         settings: &settings,
         recorded: &recorded,
@@ -68,7 +71,7 @@ fn photo_with(
         depth: Some(depth),
     };
     let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
-    take(&mut compositor, &site, &framing, real, &exposed, |_| ()).unwrap().pixels
+    take(&mut compositor, &standpoint, &framing, real, &exposed, |_| ()).unwrap().pixels
 }
 
 fn without_noise() -> Camera {
@@ -178,12 +181,8 @@ fn blurred_real_pixels_get_the_films_grain() {
 
 fn gets_the_films_grain(noise: &NoiseProfile) {
     let camera = Camera { noise: Some(noise.clone()), ..without_noise() };
-    let mut state = 1u64;
-    let mut even = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as f64 / f64::from(1u32 << 31)
-    };
-    let white: Vec<f64> = (0..SIZE.0 * SIZE.1).map(|_| (0..12).map(|_| even()).sum::<f64>() - 6.0).collect();
+    let mut random = Random::new(1);
+    let white: Vec<f64> = (0..SIZE.0 * SIZE.1).map(|_| random.normal()).collect();
     // Neighbours as under (a, 1, a) along both axes.
     let taps = noise.neighbour_correlation.map(side_tap).map(|a| [a, 1.0, a].map(|w| w / (1.0 + 2.0 * a * a).sqrt()));
     let noisy: Vec<u16> = (0..(SIZE.0 * SIZE.1) as i32)
@@ -257,7 +256,7 @@ fn a_hidden_object_does_not_shine_through() {
 /// A simulated room, as a pinhole sees it.
 struct Room {
     simulation: Simulation,
-    shot: Shot,
+    snapshot: Snapshot,
     camera: Camera,
     recorded: Pixels,
     seen: Picture,
@@ -268,10 +267,10 @@ impl Room {
         let (exposure_time_s, readout_time_s) = (0.0, 0.0);
         let options = Options { width_px, height_px, focal_px, exposure_time_s, readout_time_s, ..Options::default() };
         let simulation = Simulation::with_detail(&options, Detail::for_focal_px(120.0), 2).unwrap();
-        let shot = simulation.shot(70);
-        let seen = simulation.take(&shot);
+        let snapshot = simulation.snapshot(70);
+        let seen = simulation.shoot(&snapshot);
         let camera = gpu::camera(simulation.geometry(), 0.0);
-        Self { recorded: codes(&seen.light, (width_px, height_px)), simulation, shot, camera, seen }
+        Self { recorded: codes(&seen.light, (width_px, height_px)), simulation, snapshot, camera, seen }
     }
 
     /// Taken with a depth, focused at a distance with an opening so wide.
@@ -311,8 +310,8 @@ fn show(name: &str, p: &Pixels) {
 fn a_photograph_is_what_a_thin_lens_sees() {
     let room = Room::new(SIZE, 260.0);
     for (focus_distance_m, aperture_diameter_m) in [(0.6, 0.025), (2.0, 0.06)] {
-        let rays = Shot { samples: 200, aperture_diameter_m, focus_distance_m, ..room.shot };
-        let truth = codes(&room.simulation.take(&rays).light, SIZE);
+        let rays = Snapshot { samples: 200, aperture_diameter_m, focus_distance_m, ..room.snapshot };
+        let truth = codes(&room.simulation.shoot(&rays).light, SIZE);
         let done = room.photo(&room.seen.depth_m, focus_distance_m, aperture_diameter_m);
         let (of_photo, of_recorded) = (apart(&done, &truth, |_, _| true), apart(&room.recorded, &truth, |_, _| true));
         for (name, pixels) in [("truth", &truth), ("photo", &done), ("recorded", &room.recorded)] {

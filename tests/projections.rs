@@ -11,9 +11,9 @@ use std::path::Path;
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
 use locard::camera::curved::{Curve, Curved};
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
-use locard::image::LinearImage;
+use locard::pixels::LinearImage;
 use locard::pose::Pose;
-use locard::render::{Projection, Renderer, Shot, take};
+use locard::render::{Projection, Renderer, Still, take_still};
 use locard::scene::{Environment, EnvironmentMap, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
 
 fn vertex(position: DVec3, color: Vec3) -> Vertex {
@@ -72,7 +72,7 @@ fn room() -> Scene {
 fn shoot(scene: Scene, projection: &Projection, pose: Pose) -> LinearImage {
     let gpu = gpu::gpu();
     let mut renderer = Renderer::new(&gpu, scene);
-    take(&gpu, &mut renderer, &Shot { projection: projection.clone(), pose, background: true }).unwrap()
+    take_still(&gpu, &mut renderer, &Still { projection: projection.clone(), pose, background: true }).unwrap()
 }
 
 fn curved(curve: Curve, width_px: u32, height_px: u32) -> Projection {

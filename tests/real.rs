@@ -18,7 +18,7 @@ use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Settings};
 use locard::frame::Frame;
 use locard::gpu::Gpu;
-use locard::image::DepthMap;
+use locard::pixels::DepthMap;
 use locard::recording::OpenOptions;
 use locard::scene::{Part, Scene};
 use locard::shot::{Given, Shot};

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use locard::params::{Kind, Params, Value};
-use locard::simulate::{Detail, Format, Motion, Options, Picture, Shot, SimulateError, Simulation, board, run};
+use locard::simulate::{Detail, Format, Motion, Options, Picture, SimulateError, Simulation, Snapshot, board, run};
 
 /// The board shines by itself, so the site may be crude.
 const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
@@ -28,9 +28,9 @@ fn crude(options: &Options) -> Simulation {
     Simulation::with_detail(options, CRUDE, 2).unwrap()
 }
 
-/// A shot 0.5 s into the pan and `later_s` more, when it is `later_s` radians right of rest.
-fn shot(simulation: &Simulation, later_s: f64, samples: u32) -> Shot {
-    Shot { timestamp_s: 1.5 + later_s, samples, ..simulation.shot(0) }
+/// A snapshot 0.5 s into the pan and `later_s` more, when it is `later_s` radians right of rest.
+fn snapshot(simulation: &Simulation, later_s: f64, samples: u32) -> Snapshot {
+    Snapshot { timestamp_s: 1.5 + later_s, samples, ..simulation.snapshot(0) }
 }
 
 fn project(simulation: &Simulation, time_s: f64, point: DVec3) -> DVec2 {
@@ -72,16 +72,16 @@ fn corner_near(picture: &Picture, start: DVec2) -> DVec2 {
 fn a_corner_lands_where_it_is_projected() {
     let simulation = crude(&Options { k1: -0.3, k2: 0.08, width_px: 720, ..pan() });
     for later_s in [-0.42, 0.0, 0.42] {
-        let shot = shot(&simulation, later_s, 36);
-        let picture = simulation.take(&shot);
+        let snapshot = snapshot(&simulation, later_s, 36);
+        let picture = simulation.shoot(&snapshot);
         for texel in [(24.0, 24.0), (40.0, 32.0), (32.0, 48.0)] {
             let point = board().point_at_texel(texel.into());
-            let expected = project(&simulation, shot.timestamp_s, point);
+            let expected = project(&simulation, snapshot.timestamp_s, point);
             let found = corner_near(&picture, expected);
             assert!((found - expected).length() < 0.05, "{later_s} {texel:?}: {found} is not {expected}");
             // The pixel's middle is not the corner: the board leans, 1 px of it is 3 mm.
             let depth_m = picture.depth_m[expected.y as usize * 720 + expected.x as usize];
-            let pose = simulation.track().at(shot.timestamp_s).unwrap();
+            let pose = simulation.track().at(snapshot.timestamp_s).unwrap();
             assert!((f64::from(depth_m) - pose.transform_point(point).z).abs() < 0.004, "{depth_m}");
         }
     }
@@ -132,10 +132,10 @@ fn edge(picture: &Picture, row: usize, near: f64, reach: usize) -> (f64, f64) {
 fn blur_is_velocity_times_exposure() {
     let options = Options { focal_px: 1000.0, exposure_time_s: 0.01, readout_time_s: 0.012, speed: 1.6, ..pan() };
     let simulation = crude(&options);
-    let shot = shot(&simulation, 0.0, 96);
-    let picture = simulation.take(&shot);
-    for row in clear_rows(&simulation, shot.timestamp_s) {
-        let middle_s = shot.timestamp_s + simulation.geometry().row_time_s(row as f64 + 0.5);
+    let snapshot = snapshot(&simulation, 0.0, 96);
+    let picture = simulation.shoot(&snapshot);
+    for row in clear_rows(&simulation, snapshot.timestamp_s) {
+        let middle_s = snapshot.timestamp_s + simulation.geometry().row_time_s(row as f64 + 0.5);
         let line = |time_s| line_in_row(&simulation, time_s, row);
         let way = (line(middle_s + 0.005) - line(middle_s - 0.005)).abs();
         let near = line(middle_s);
@@ -156,15 +156,15 @@ fn blur_is_velocity_times_exposure() {
 fn rolling_shutter_leans_as_the_readout_says() {
     let options = Options { readout_time_s: 0.03, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, ..pan() };
     let (rolling, global) = (crude(&options), crude(&Options { readout_time_s: 0.0, ..options.clone() }));
-    let shot = shot(&global, 0.0, 48);
-    let (leaning, upright) = (rolling.take(&shot), global.take(&shot));
+    let snapshot = snapshot(&global, 0.0, 48);
+    let (leaning, upright) = (rolling.shoot(&snapshot), global.shoot(&snapshot));
     let mut shifts = Vec::new();
-    for row in clear_rows(&global, shot.timestamp_s) {
-        let row_s = shot.timestamp_s + (row as f64 + 0.5 - 240.0) / 480.0 * 0.03;
+    for row in clear_rows(&global, snapshot.timestamp_s) {
+        let row_s = snapshot.timestamp_s + (row as f64 + 0.5 - 240.0) / 480.0 * 0.03;
         let expected = line_in_row(&global, row_s, row);
         let (found, _) = edge(&leaning, row, expected, 4);
         assert!((found - expected).abs() < 0.06, "row {row}: {found} is not {expected}");
-        let (still, _) = edge(&upright, row, line_in_row(&global, shot.timestamp_s, row), 4);
+        let (still, _) = edge(&upright, row, line_in_row(&global, snapshot.timestamp_s, row), 4);
         shifts.push((row as f64, found - still));
     }
     let (first, last) = (shifts[0], shifts[shifts.len() - 1]);

@@ -6,8 +6,8 @@ use super::{INTERVAL_S, Load, Table};
 use crate::camera::Camera;
 use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
-use crate::image::Pixels;
 use crate::params::{Kind, Spec, Value};
+use crate::pixels::Pixels;
 
 /// Values that a parameter is changed to.
 const VALUES: usize = 8;

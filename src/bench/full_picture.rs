@@ -6,8 +6,8 @@ use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfField;
 use crate::effects::{Effect, LayerRun, Moment};
 use crate::gpu::{Gpu, Recorder, Texture, half_texels};
-use crate::image::Rect;
 use crate::params::{Params, Value};
+use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
 
 const FOCAL_PX: f64 = 1000.0;

@@ -15,7 +15,7 @@ use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoisePro
 use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
 use crate::tracking::PoseTrack;

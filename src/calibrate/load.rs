@@ -2,7 +2,7 @@
 
 use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 use crate::recording::{OpenOptions, Recording};
 use crate::source::still;
 use std::path::{Path, PathBuf};

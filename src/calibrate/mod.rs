@@ -17,4 +17,4 @@ mod unsteady;
 
 pub use bins::BinReport;
 pub use load::{is_picture, moving_noise_from_paths, noise_from_paths};
-pub use noise::{CalibrateError, Method, NoiseCalibration, NoiseCalibrator, NoiseOptions};
+pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};

@@ -12,11 +12,13 @@ use statrs::function::gamma::gamma_lr;
 
 use super::bins::{BinReport, chi_square_interval, fill};
 use super::censoring::{NEAREST_USABLE, kept_variance};
-use super::noise::{CHANNELS, CalibrateError, Method, NoiseCalibration, NoiseOptions, check, round4, told_correlation};
+use super::noise::{
+    CHANNELS, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, check, round4, told_correlation,
+};
 use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE, WHITE};
 use super::rounding::{Rounding, UNIT};
 use crate::camera::{NoiseBin, NoiseProfile};
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// Blocks with up to this many times the noise's variance are looked at: past the middle of χ², for the noise of one
 /// intensity differs a little with colour, and not far, for what lies above is texture.
@@ -205,8 +207,8 @@ impl MovingCalibrator {
         let kept = self.drawers.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
         let came = self.drawers.iter().map(|d| d.0).sum::<u64>() as f64;
         let excluded_share = 1.0 - found.flat as f64 / kept * came / self.blocks.max(1) as f64;
-        let (scenes, frames, method) = (1, self.frames, Method::Moving);
-        Ok(NoiseCalibration { profile, bins, method, scenes, frames, excluded_share, warnings })
+        let (scenes, frames, motion) = (1, self.frames, SceneMotion::Moving);
+        Ok(NoiseCalibration { profile, bins, motion, scenes, frames, excluded_share, warnings })
     }
 
     /// Where there would have been samples enough it is texture that left too few.

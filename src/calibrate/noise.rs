@@ -15,7 +15,7 @@ use super::rounding::{Rounding, UNIT};
 use super::scene_sums::{MAX_FRAMES, SceneSums};
 use super::unsteady::{Unsteady, unsteady};
 use crate::camera::{NoiseBin, NoiseProfile};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 use crate::source::SourceError;
 use crate::words::count;
 use std::path::PathBuf;
@@ -39,7 +39,7 @@ impl Default for NoiseOptions {
 
 /// What the frames showed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+pub enum SceneMotion {
     /// Scenes at rest: noise is what varies from frame to frame.
     Resting,
     /// A moving camera: noise is what textureless places show beside a plane.
@@ -52,7 +52,7 @@ pub struct NoiseCalibration {
     pub profile: NoiseProfile,
     /// Bins of R, G, B, ascending.
     pub bins: [Vec<BinReport>; 3],
-    pub method: Method,
+    pub motion: SceneMotion,
     /// 1 for a moving camera.
     pub scenes: usize,
     pub frames: usize,
@@ -304,8 +304,8 @@ impl NoiseCalibrator {
             neighbour_correlation,
         };
         let excluded_share = (self.moving + self.drifting) as f64 / self.pixels.max(1) as f64;
-        let (method, scenes, frames) = (Method::Resting, self.scenes, self.frames);
-        Ok(NoiseCalibration { profile, bins, method, scenes, frames, excluded_share, warnings })
+        let (motion, scenes, frames) = (SceneMotion::Resting, self.scenes, self.frames);
+        Ok(NoiseCalibration { profile, bins, motion, scenes, frames, excluded_share, warnings })
     }
 }
 

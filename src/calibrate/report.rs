@@ -1,7 +1,7 @@
 //! The table that a person reads after a calibration.
 
 use super::bins::BinReport;
-use super::noise::{Method, NoiseCalibration};
+use super::noise::{NoiseCalibration, SceneMotion};
 use crate::words::count;
 use std::fmt;
 
@@ -16,13 +16,13 @@ impl fmt::Display for NoiseCalibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [red, green, blue] = &self.bins;
         let (frames, left_out) = (count(self.frames, "frame"), 100.0 * self.excluded_share);
-        match self.method {
-            Method::Resting => writeln!(
+        match self.motion {
+            SceneMotion::Resting => writeln!(
                 f,
                 "{}, {frames}; {left_out:.2} % of the pixels moved or drifted and are left out",
                 count(self.scenes, "scene")
             )?,
-            Method::Moving => writeln!(
+            SceneMotion::Moving => writeln!(
                 f,
                 "{frames} of a moving camera; noise from textureless places: {left_out:.2} % of the blocks are left out"
             )?,

@@ -4,7 +4,7 @@
 
 use super::common_motion::CommonMotion;
 use super::rounding::UNIT;
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// Side of the blocks in which motion is looked for and correlations are summed, pixels.
 pub(crate) const BLOCK: usize = 8;

@@ -1,7 +1,7 @@
 //! How one picture is taken: a frame as it was recorded, or a photograph of the whole.
 
 use super::{Framed, Geometry, Opening};
-use crate::image::Rect;
+use crate::pixels::Rect;
 
 /// One of the exposures whose light a picture sums.
 #[derive(Clone, Copy, Debug, PartialEq)]

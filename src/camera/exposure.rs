@@ -15,7 +15,7 @@ pub const LONGEST_S: f64 = 60.0;
 
 crate::params! {
     /// How long and how sensitively the sensor looks.
-    pub struct Exposure in "camera.exposure" {
+    pub struct CameraExposure in "camera.exposure" {
         "how long each row gathers light; 0 is an instant; none: from the recording"
         time_s: Option<f64> = None, "s", 0.0..=LONGEST_S;
         "exposure as a part of the frame interval instead of time_s; 360 is all of it"
@@ -34,7 +34,7 @@ pub const MIDDLE_GREY: f64 = 0.18;
 
 /// What is set on a camera, exact values.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct ExposureSettings {
     /// Focal length over opening, above 0.
     pub f_number: f64,
     /// Seconds, above 0.
@@ -53,7 +53,7 @@ pub fn illuminance_lx(ev: f64, iso: f64) -> f64 {
     ev.exp2() * METER_CONSTANT / iso
 }
 
-impl Settings {
+impl ExposureSettings {
     /// EV_c that the settings give, vSLRcam (10): log2(a²/t).
     pub fn ev(&self) -> f64 {
         (self.f_number * self.f_number / self.time_s).log2()
@@ -88,7 +88,7 @@ impl Settings {
     }
 }
 
-impl std::fmt::Display for Settings {
+impl std::fmt::Display for ExposureSettings {
     /// As in "f/5.6, 1/125 s, ISO 400".
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (aperture, time) = (stops::format_f_number(self.f_number), stops::format_shutter_s(self.time_s));
@@ -113,8 +113,8 @@ pub mod tests {
     use crate::camera::tests::close;
     use proptest::prelude::*;
 
-    pub fn set(f_number: f64, time_s: f64, iso: f64) -> Settings {
-        Settings { f_number, time_s, iso }
+    pub fn set(f_number: f64, time_s: f64, iso: f64) -> ExposureSettings {
+        ExposureSettings { f_number, time_s, iso }
     }
 
     #[test]

@@ -3,9 +3,9 @@
 //! Not modelled: weighting by place (the whole picture counts alike) and automatic film speed.
 
 use super::Response;
-use super::exposure::{Settings, scene_ev};
+use super::exposure::{ExposureSettings, scene_ev};
 use super::stops::{self, Step, Stop};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 
 /// Who chooses aperture and time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub struct Limits {
 /// What a mode made of the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Metered {
-    pub settings: Settings,
+    pub settings: ExposureSettings,
     /// Stops brighter than wanted; within a sixth where the camera could choose from its
     /// series, more where the range ended or nothing was left to choose.
     pub over_ev: f64,
@@ -143,7 +143,7 @@ fn within(mut series: Vec<Stop>, least: f64, most: f64) -> Vec<Stop> {
 /// Chooses settings for an illuminance (lux, above 0): what the mode leaves to the camera, from
 /// third stops within the limits; what it does not, and the film speed, as `set`.
 /// `compensation_ev` stops brighter than right are wanted.
-pub fn meter(mode: Mode, illuminance_lx: f64, set: Settings, compensation_ev: f64, limits: &Limits) -> Metered {
+pub fn meter(mode: Mode, illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64, limits: &Limits) -> Metered {
     // What the settings have to give for the picture to be as bright as wanted.
     let ev = scene_ev(illuminance_lx, set.iso) - compensation_ev;
     let time_for = |f_number: f64| {
@@ -154,11 +154,11 @@ pub fn meter(mode: Mode, illuminance_lx: f64, set: Settings, compensation_ev: f6
     };
     let settings = match mode {
         Mode::Manual => set,
-        Mode::AperturePriority => Settings { time_s: time_for(set.f_number), ..set },
-        Mode::ShutterPriority => Settings { f_number: f_number_for(set.time_s), ..set },
+        Mode::AperturePriority => ExposureSettings { time_s: time_for(set.f_number), ..set },
+        Mode::ShutterPriority => ExposureSettings { f_number: f_number_for(set.time_s), ..set },
         Mode::Program => {
             let f_number = f_number_for(program_time_s(ev, limits));
-            Settings { f_number, time_s: time_for(f_number), ..set }
+            ExposureSettings { f_number, time_s: time_for(f_number), ..set }
         }
     };
     Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
@@ -178,10 +178,10 @@ fn program_time_s(ev: f64, limits: &Limits) -> f64 {
 
 /// The film speed that would make manual settings right, from third stops of ISO 100 to 25600,
 /// with what is left over or under then.
-pub fn iso_for(illuminance_lx: f64, set: Settings, compensation_ev: f64) -> Metered {
+pub fn iso_for(illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64) -> Metered {
     let wanted = set.iso * (compensation_ev - set.over_ev(illuminance_lx)).exp2();
     let iso = stops::nearest(&stops::iso_speeds(Step::Third), wanted).map_or(set.iso, |stop| stop.exact);
-    let settings = Settings { iso, ..set };
+    let settings = ExposureSettings { iso, ..set };
     Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
 }
 

@@ -22,7 +22,7 @@ mod thin_lens;
 pub use aperture::Aperture;
 pub use capture::{Capture, FilmUsed, Summed};
 pub use distortion::{Distortion, LensModel};
-pub use exposure::Exposure;
+pub use exposure::CameraExposure;
 pub use film::{Film, FilmError, LensType};
 pub use framed::Framed;
 pub use geometry::{Geometry, Intrinsics};
@@ -37,7 +37,7 @@ pub use thin_lens::{Sharpness, ThinLens, ThinLensError};
 pub struct Camera {
     pub geometry: Option<Geometry>,
     pub lens: Lens,
-    pub exposure: Exposure,
+    pub exposure: CameraExposure,
     pub response: Response,
     pub noise: Option<NoiseProfile>,
 }

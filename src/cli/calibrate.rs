@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 
 use super::outputs::Inputs;
-use crate::calibrate::{Method, NoiseCalibration, NoiseOptions, is_picture, moving_noise_from_paths, noise_from_paths};
+use crate::calibrate::{
+    NoiseCalibration, NoiseOptions, SceneMotion, is_picture, moving_noise_from_paths, noise_from_paths,
+};
 use crate::profile::Document;
 use crate::sink::{self, atomic::write_atomically};
 use crate::source::file::{self, MOST_DOCUMENT};
@@ -83,8 +85,8 @@ fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf
 /// By which method its noise was found.
 fn origin(calibration: &NoiseCalibration) -> String {
     let frames = count(calibration.frames, "frame");
-    match calibration.method {
-        Method::Resting => format!("`, from {frames} of {} at rest.", count(calibration.scenes, "scene")),
-        Method::Moving => format!(" --moving`, from textureless places of {frames} of a moving camera."),
+    match calibration.motion {
+        SceneMotion::Resting => format!("`, from {frames} of {} at rest.", count(calibration.scenes, "scene")),
+        SceneMotion::Moving => format!(" --moving`, from textureless places of {frames} of a moving camera."),
     }
 }

@@ -9,7 +9,7 @@ use crate::recording::{OpenOptions, Recording};
 use crate::shot::{Given, Shot};
 
 #[derive(clap::Args)]
-pub struct Site {
+pub struct LightArgs {
     /// The recording
     pub recording: PathBuf,
     /// Which of its frames
@@ -42,7 +42,7 @@ pub struct Site {
     pub metres_per_unit: f64,
 }
 
-impl Site {
+impl LightArgs {
     /// The recording, and what is put into it for a photograph.
     pub fn open(&self, scene: Option<PathBuf>) -> Result<Shot> {
         let options = OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() };

@@ -5,8 +5,8 @@ use std::io::Write;
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::light::Site;
-use crate::camera::exposure::{Settings, scene_ev};
+use super::light::LightArgs;
+use crate::camera::exposure::{ExposureSettings, scene_ev};
 use crate::camera::metering::{Limits, Metered, Mode, iso_for, meter};
 use crate::camera::stops;
 use crate::shot::{Known, SceneLight, USUAL_ISO};
@@ -18,14 +18,14 @@ const CLIPPED: f64 = 0.01;
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    site: Site,
+    light: LightArgs,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (json, args) = (args.json, &args.site);
+    let (json, args) = (args.json, &args.light);
     let shot = args.open(None)?;
     let frame = args.frame;
     if let Some(geometry) = shot.given_geometry_at(frame) {
@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 struct Report<'a> {
-    args: &'a Site,
+    args: &'a LightArgs,
     /// The settings to meter for.
     asked: Known,
     scene: SceneLight,
@@ -66,7 +66,7 @@ impl Report<'_> {
             Mode::Manual => self.asked.f_number.is_some() && self.asked.time_s.is_some(),
         };
         // What a mode chooses itself is left out of account.
-        let set = Settings {
+        let set = ExposureSettings {
             f_number: self.asked.f_number.unwrap_or(1.0),
             time_s: self.asked.time_s.unwrap_or(1.0),
             iso: self.iso(),
@@ -123,7 +123,7 @@ impl Report<'_> {
 
     fn json(&self, timestamp_s: f64) -> Value {
         let (lux, iso) = (self.scene.lux, self.iso());
-        let values = |s: &Settings| json!({"text": s.to_string(), "f_number": s.f_number, "time_s": s.time_s, "iso": s.iso, "ev": s.ev()});
+        let values = |s: &ExposureSettings| json!({"text": s.to_string(), "f_number": s.f_number, "time_s": s.time_s, "iso": s.iso, "ev": s.ev()});
         let settings = self.asked.settings();
         let proposals: Vec<Value> = self
             .proposals()

@@ -11,7 +11,7 @@ use crate::camera::curved::{Curve, Curved};
 use crate::camera::{Distortion, Geometry, Intrinsics, Response};
 use crate::gpu::Gpu;
 use crate::pose::Pose;
-use crate::render::{Projection, Renderer, Shot, limits, take};
+use crate::render::{Projection, Renderer, Still, limits, take_still};
 use crate::scene::{Environment, Scene};
 use crate::sink::picture;
 use crate::words::short;
@@ -143,12 +143,12 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let has_picture = matches!(scene.lighting.environment, Environment::Map(_));
     let background = has_picture && !args.transparent && args.camera != Kind::Orthographic;
-    let shot = Shot { projection, pose, background };
+    let still = Still { projection, pose, background };
     let gpu = Gpu::open()?;
     let mut renderer = Renderer::new(&gpu, scene);
     renderer.warnings().iter().for_each(|text| warn(args.quiet, text));
-    let image = take(&gpu, &mut renderer, &shot)?;
-    if !shot.background && image.rgba.iter().all(|p| p[3] == 0.0) {
+    let image = take_still(&gpu, &mut renderer, &still)?;
+    if !still.background && image.rgba.iter().all(|p| p[3] == 0.0) {
         warn(args.quiet, "nothing of the scene is in the picture: see --from, --at and --fov");
     }
     picture::write(&args.output, &image, &Response::default(), args.force)?;

@@ -7,7 +7,7 @@ use crate::camera::Intrinsics;
 use crate::depth::{RayCache, Repair, enlarged, measured_from};
 use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture};
-use crate::image::Rect;
+use crate::pixels::Rect;
 
 /// The real scene's depth over what is drawn (metres, 0 unknown).
 #[derive(Debug, Default)]

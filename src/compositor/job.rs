@@ -6,7 +6,7 @@ use crate::depth::Surfaces;
 use crate::effects::EffectError;
 use crate::frame::Frame;
 use crate::gpu::GpuError;
-use crate::image::{LayerImage, Pixels};
+use crate::pixels::{LayerImage, Pixels};
 use crate::tracking::PoseTrack;
 
 /// A picture to be made, with all that it depends on but the camera and the settings.

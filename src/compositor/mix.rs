@@ -4,7 +4,7 @@ use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, Capture, NoiseProfile};
 use crate::effects::{MixedPart, response_constants};
 use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
-use crate::image::{Codes, Pixels, Rect};
+use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::Layer;
 
 /// What of the picture is composited at once: all, or one side of the seam where a layer lies across that of a 360° picture.

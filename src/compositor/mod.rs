@@ -19,7 +19,7 @@ use crate::depth::RayCache;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, Recorder};
-use crate::image::{LayerImage, Rect};
+use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Renderer, View};
 use crate::scene::Scene;
 

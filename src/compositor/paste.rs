@@ -1,7 +1,7 @@
 //! What comes back from the GPU, put into pictures.
 
 use crate::gpu::{Gpu, GpuError, Readback};
-use crate::image::{Codes, LayerImage, Pixels, Rect};
+use crate::pixels::{Codes, LayerImage, Pixels, Rect};
 
 /// Writes rows of RGBA texels into the rectangle of a picture.
 pub fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Result<(), GpuError> {

@@ -1,7 +1,7 @@
 //! Where a frame's work takes place: what is drawn, and which parts of the picture are made of it.
 
 use super::mix::Piece;
-use crate::image::Rect;
+use crate::pixels::Rect;
 
 /// What effects at lower resolutions work in: a multiple of a photograph's tiles and of the largest pixels, both 16 px.
 const GRID_PX: i32 = 32;

@@ -6,7 +6,7 @@ use crate::camera::{Camera, Geometry};
 use crate::depth::Surfaces;
 use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
 use crate::gpu::{Gpu, TexturePool};
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
 

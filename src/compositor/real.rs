@@ -4,7 +4,7 @@ use crate::camera::Response;
 use crate::depth::Surfaces;
 use crate::effects::response_constants;
 use crate::gpu::{Entry, Recorder, Shader, half_texels};
-use crate::image::{Codes, Pixels, Rect};
+use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
 
 crate::uniform! {

@@ -8,7 +8,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Framed, Geometry, Intrinsics};
-use crate::image::{DepthMap, Rect};
+use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
 

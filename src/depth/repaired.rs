@@ -8,7 +8,7 @@
 
 use super::{Rays, edges, holes};
 use crate::camera::Response;
-use crate::image::{Codes, DepthMap, Pixels, Rect};
+use crate::pixels::{Codes, DepthMap, Pixels, Rect};
 use crate::pose::Pose;
 
 /// How far around the objects it is looked, as a share of the picture's width; and in what steps, so that as an object moves

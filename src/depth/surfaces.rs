@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use super::{behind, edges, holes};
 use crate::camera::{Framed, Intrinsics, Response};
-use crate::image::{Pixels, Rect};
+use crate::pixels::{Pixels, Rect};
 
 /// What is made up behind a surface reaches at most so far, pixels of the grid.
 const MOST_BEHIND_PX: f64 = 96.0;

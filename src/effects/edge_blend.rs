@@ -11,8 +11,8 @@
 
 use super::{Case, Effect, LayerRun, MixedPart, Moment};
 use crate::gpu::Shader;
-use crate::image::Rect;
 use crate::params::Value;
+use crate::pixels::Rect;
 
 crate::params! {
     /// Parameters of the edge blend.

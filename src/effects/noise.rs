@@ -28,8 +28,8 @@ use super::{Case, Effect, EffectError, LayerRun, MixedPart, Moment};
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry, side_tap};
 use crate::gpu::Shader;
-use crate::image::Rect;
 use crate::params::Value;
+use crate::pixels::Rect;
 
 crate::params! {
     /// Parameters of the noise.

@@ -3,8 +3,8 @@
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::frame::FrameExposure;
 use crate::gpu::{Recorder, Shader, Texture, Uniform};
-use crate::image::Rect;
 use crate::params::{Params, Value};
+use crate::pixels::Rect;
 use crate::render::{Layer, SamplePlan};
 
 /// How an object's centre moves across the picture.

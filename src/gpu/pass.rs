@@ -11,7 +11,6 @@ use super::{Gpu, Recorder, Shader, Texture};
 enum Bound {
     Texture(wgpu::TextureView),
     Buffer(Bytes),
-    Sampler(wgpu::Sampler),
 }
 
 impl Bound {
@@ -19,7 +18,6 @@ impl Bound {
         match self {
             Self::Texture(view) => wgpu::BindingResource::TextureView(view),
             Self::Buffer(bytes) => bytes.binding(),
-            Self::Sampler(sampler) => wgpu::BindingResource::Sampler(sampler),
         }
     }
 }
@@ -101,10 +99,6 @@ impl<'a> Pass<'a> {
     /// Of uniforms that several passes share, and of what lasts.
     pub fn buffer(self, name: &'static str, bytes: impl Into<Bytes>) -> Self {
         self.bind(name, Bound::Buffer(bytes.into()))
-    }
-
-    pub fn sampler(self, name: &'static str, sampler: &wgpu::Sampler) -> Self {
-        self.bind(name, Bound::Sampler(sampler.clone()))
     }
 
     /// How what is drawn goes with what is there; without it, it replaces it.

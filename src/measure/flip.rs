@@ -1,7 +1,7 @@
 //! How different two pictures look when flipped between: mean FLIP (Andersson et al. 2020), by NVIDIA's own code.
 
 use super::{MeasureError, check_mask, comparable};
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// What a person sees 0.7 m before a 0.7 m wide monitor of 3840 pixels.
 pub const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;

@@ -7,7 +7,7 @@ pub mod edge;
 pub mod flip;
 pub mod stats;
 
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 
 /// Why something could not be measured.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]

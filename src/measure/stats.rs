@@ -1,7 +1,7 @@
 //! Differences counted: mean absolute error, PSNR, how many pixels differ.
 
 use super::{MeasureError, check_mask, comparable};
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// How two pictures differ, over the pixels looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]

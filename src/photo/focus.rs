@@ -1,6 +1,6 @@
 //! What an automatic focus looks at: the nearest thing, real or virtual, around the picture's middle.
 
-use crate::image::{DepthMap, LayerImage, Rect};
+use crate::pixels::{DepthMap, LayerImage, Rect};
 
 /// Side of the focus field as a part of the picture's.
 const FIELD: f64 = 0.06;

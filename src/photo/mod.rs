@@ -9,7 +9,7 @@
 //! - The virtual part is drawn at the photograph's size through the virtual lens, and exposed alike before it can clip.
 //! - Where the recording has depth, real and virtual things blur together: the real part's surfaces are made once, holes
 //!   filled, edges put on the picture's, and what stands behind them made up (`depth/`).
-//! - Real pixels carry noise already: what the recording's noise became on its way here is taken off the grain that the
+//! - RealPart pixels carry noise already: what the recording's noise became on its way here is taken off the grain that the
 //!   photograph's film has (shaders/composite.wgsl). They keep the recorded motion.
 //!
 //! Not modelled: depth of field on the real part of recordings without depth, shutters shorter than the recording's (the real part stays blurred),
@@ -24,9 +24,9 @@ mod take;
 pub use crate::camera::Summed;
 pub use focus::distance_m;
 pub use framing::{Aim, Framing, FramingError};
-pub use real::{Real, shutter_weights};
+pub use real::{RealPart, shutter_weights};
 pub use sheet::{contact_sheet, small};
-pub use take::{Exposed, Site, TakeError, Taken, take};
+pub use take::{Exposed, Standpoint, TakeError, Taken, take};
 
 /// The effect that shows how things move while the shutter is open. Without it the frames of a hand-held recording are not
 /// summed either: real and virtual things are as sharp as each other.

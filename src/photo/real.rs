@@ -4,12 +4,12 @@
 use std::ops::Range;
 
 use crate::camera::{Framed, Response, correlations, variance_left};
-use crate::image::{Codes, Pixels};
-use crate::render::over_rows;
+use crate::pixels::{Codes, Pixels};
+use crate::rows::{over_rows, processors};
 
 /// Real pixels at the photograph's size, 16 bits.
 #[derive(Clone, Debug)]
-pub struct Real {
+pub struct RealPart {
     pub pixels: Pixels,
     /// What summing and enlarging leave of the variance of a pixel's noise, on average, up to 1.
     pub noise_left: f64,
@@ -42,7 +42,7 @@ struct Light {
     rgb: Vec<[f32; 3]>,
 }
 
-impl Real {
+impl RealPart {
     /// Sums frames of one size (weight, pixels) and takes the part that is framed at a size in pixels. Where nothing of that is to
     /// be done, the code values are the recording's. `neighbours`: how a pixel's noise correlates with the next one's to the right
     /// and below.
@@ -63,12 +63,12 @@ impl Real {
 
         let (columns, rows) = (width as usize, height as usize);
         let mut wide = vec![[0.0f32; 3]; columns * light.height];
-        over_rows(&mut wide, columns, |y, row| {
+        over_rows(&mut wide, columns, processors(), |y, row| {
             let from = &light.rgb[y * light.width..(y + 1) * light.width];
             row.iter_mut().enumerate().for_each(|(x, out)| *out = across.of(x, |i| from[i]));
         });
         let mut codes = vec![[0u16; 3]; columns * rows];
-        over_rows(&mut codes, columns, |y, row| {
+        over_rows(&mut codes, columns, processors(), |y, row| {
             for (x, out) in row.iter_mut().enumerate() {
                 let light = down.of(y, |i| wide[i * columns + x]);
                 *out = light.map(|l| (65535.0 * response.encode(f64::from(l))).round() as u16);
@@ -100,7 +100,7 @@ fn sum(frames: &[(f64, Pixels)], response: &Response) -> Light {
         let most = pixels.max_code();
         let light: Vec<f32> =
             (0..=most).map(|code| (weight * response.decode(f64::from(code) / f64::from(most))) as f32).collect();
-        over_rows(&mut rgb, width, |y, row| {
+        over_rows(&mut rgb, width, processors(), |y, row| {
             for (x, sum) in row.iter_mut().enumerate() {
                 let codes = pixels.at(x as u32, y as u32);
                 (0..3).for_each(|c| sum[c] += light[codes[c] as usize]);
@@ -175,14 +175,14 @@ mod tests {
         Pixels::from_u8(codes.len() as u32, 1, rgb).unwrap()
     }
 
-    fn greens(real: &Real) -> Vec<u32> {
+    fn greens(real: &RealPart) -> Vec<u32> {
         (0..real.pixels.width).map(|x| real.pixels.at(x, 0)[1]).collect()
     }
 
     #[test]
     fn untouched_codes_stay() {
         let framed = Framed { left_px: 1.0, top_px: 0.0, step: 1.0 };
-        let real = Real::new(&[(1.0, row(&[0, 17, 254, 255]))], &Response::default(), &framed, (2, 1), [0.0; 2]);
+        let real = RealPart::new(&[(1.0, row(&[0, 17, 254, 255]))], &Response::default(), &framed, (2, 1), [0.0; 2]);
         assert_eq!((greens(&real), real.noise_left), (vec![17 * 257, 254 * 257], 1.0));
     }
 
@@ -190,13 +190,13 @@ mod tests {
     fn light_is_summed() {
         let framed = Framed { left_px: 0.0, top_px: 0.0, step: 1.0 };
         let frames = [(0.25, row(&[40, 80])), (0.75, row(&[80, 0]))];
-        let real = Real::new(&frames, &linear(), &framed, (2, 1), [0.0; 2]);
+        let real = RealPart::new(&frames, &linear(), &framed, (2, 1), [0.0; 2]);
         // 0.25 · 40 + 0.75 · 80 = 70; 0.25 · 80 = 20
         assert_eq!(greens(&real), [70 * 257, 20 * 257]);
         assert!((real.noise_left - 0.625).abs() < 1e-12);
         // Half of 0.181 and half of nothing is 0.09 of light, code 84.6 of sRGB.
         let halves = [(0.5, row(&[118])), (0.5, row(&[0]))];
-        let grey = Real::new(&halves, &Response::default(), &framed, (1, 1), [0.0; 2]);
+        let grey = RealPart::new(&halves, &Response::default(), &framed, (1, 1), [0.0; 2]);
         assert_eq!((f64::from(greens(&grey)[0]) / 257.0).round(), 85.0);
     }
 
@@ -204,7 +204,7 @@ mod tests {
     fn enlarging_keeps_ramps_and_makes_nothing_up() {
         let framed = Framed { left_px: 4.0, top_px: 0.0, step: 0.5 };
         let ramp: Vec<u8> = (0..16).map(|i| 10 * i).collect();
-        let real = Real::new(&[(1.0, row(&ramp))], &linear(), &framed, (8, 2), [0.0; 2]);
+        let real = RealPart::new(&[(1.0, row(&ramp))], &linear(), &framed, (8, 2), [0.0; 2]);
         // The first pixel's middle lies at 4.25: a quarter before that of pixel 4.
         let expected: Vec<u32> = (0..8).map(|n| (257.0 * (37.5 + 5.0 * f64::from(n))).round() as u32).collect();
         assert_eq!(greens(&real), expected);
@@ -213,7 +213,7 @@ mod tests {
         assert!((real.noise_left - at_a_quarter * at_a_quarter).abs() < 1e-6, "{}", real.noise_left);
         // Three source pixels in one: widened to their mean, nearly.
         let small = Framed { left_px: 0.5, top_px: 0.0, step: 3.0 };
-        let real = Real::new(&[(1.0, row(&ramp))], &linear(), &small, (5, 1), [0.0; 2]);
+        let real = RealPart::new(&[(1.0, row(&ramp))], &linear(), &small, (5, 1), [0.0; 2]);
         assert!(greens(&real)[1..4].windows(2).all(|w| (w[1] - w[0]).abs_diff(30 * 257) < 20), "{:?}", greens(&real));
         assert!(real.noise_left < 0.5);
     }

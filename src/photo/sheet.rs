@@ -3,7 +3,7 @@
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 use image::{ImageBuffer, Rgb, imageops};
 
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// Width of each picture on the sheet, px, and what is left free around it.
 const PICTURE_PX: u32 = 480;
@@ -21,8 +21,8 @@ type Picture = ImageBuffer<Rgb<u8>, Vec<u8>>;
 /// A photograph as small as on the sheet, so that the large ones need not be kept. `None` for 16 bits, which no photograph
 /// has.
 pub fn small(pixels: &Pixels) -> Option<Picture> {
-    let Codes::U8(codes) = &pixels.codes else { return None };
-    let picture = Picture::from_raw(pixels.width, pixels.height, codes.clone())?;
+    let codes = pixels.codes.eight_bit()?;
+    let picture = Picture::from_raw(pixels.width, pixels.height, codes.to_vec())?;
     let height = (u64::from(PICTURE_PX) * u64::from(pixels.height) / u64::from(pixels.width.max(1))).max(1) as u32;
     if pixels.width > PICTURE_PX {
         return Some(imageops::thumbnail(&picture, PICTURE_PX, height));

@@ -6,10 +6,10 @@ use crate::depth::{Surfaces, seen_at_frame};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
-use crate::image::{Codes, DepthMap, Pixels, Rect};
+use crate::pixels::{Codes, DepthMap, Pixels, Rect};
 use crate::tracking::PoseTrack;
 
-use super::{Framing, Real};
+use super::{Framing, RealPart};
 
 /// Side of a tile, px: multisampled colour and depth take 48 bytes a pixel, 113 MB.
 const TILE_PX: i32 = 1536;
@@ -19,7 +19,7 @@ const LEAST_TILE_PX: i32 = 512;
 
 /// Where and when it is taken.
 #[derive(Clone, Copy, Debug)]
-pub struct Site<'a> {
+pub struct Standpoint<'a> {
     /// As it was calibrated.
     pub camera: &'a Camera,
     pub settings: &'a Settings,
@@ -72,9 +72,9 @@ pub struct Taken {
 /// Puts the compositor's scene into the real part and exposes both. Tells what share of the picture is done.
 pub fn take(
     compositor: &mut Compositor,
-    site: &Site<'_>,
+    standpoint: &Standpoint<'_>,
     framing: &Framing,
-    real: Real,
+    real: RealPart,
     exposed: &Exposed,
     mut done: impl FnMut(f64),
 ) -> Result<Taken, TakeError> {
@@ -85,16 +85,18 @@ pub fn take(
         whole: true,
         exposure_time_s: exposed.time_s,
         opening: exposed.opening,
-        summed: if site.summed.is_empty() { vec![alone] } else { site.summed.to_vec() },
+        summed: if standpoint.summed.is_empty() { vec![alone] } else { standpoint.summed.to_vec() },
         over_ev: exposed.over_ev,
         noise_left: real.noise_left,
         film: Some(FilmUsed { speed: exposed.iso_ratio, width_mm: framing.film.width_mm() }),
-        recorded: site.recorded,
+        recorded: standpoint.recorded,
         framed: framing.framed,
         enlargement: framing.enlargement(),
     };
-    let seen = |depth| seen_at_frame(site.recorded, depth, site.track, site.time_offset_s, site.timestamp_s);
-    let depth_m = site.depth.and_then(seen);
+    let seen = |depth| {
+        seen_at_frame(standpoint.recorded, depth, standpoint.track, standpoint.time_offset_s, standpoint.timestamp_s)
+    };
+    let depth_m = standpoint.depth.and_then(seen);
     let mut pixels = real.pixels;
     // For how far circles can be seen to reach it takes no more than the depths that were measured.
     let least_m = depth_m.iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
@@ -105,7 +107,14 @@ pub fn take(
     let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
     let surfaces = blurred.and_then(|depth_m| {
-        Surfaces::new(&pixels, &site.recorded.intrinsics, depth_m, &framing.framed, &site.camera.response, reach_px)
+        Surfaces::new(
+            &pixels,
+            &standpoint.recorded.intrinsics,
+            depth_m,
+            &framing.framed,
+            &standpoint.camera.response,
+            reach_px,
+        )
     });
     let tile_px = match &surfaces {
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
@@ -118,23 +127,23 @@ pub fn take(
         done(n as f64 / tiles.len() as f64);
         let before = copied(&pixels, region);
         let frame = Frame {
-            index: site.frame,
-            timestamp_s: site.timestamp_s + framing.later_s,
+            index: standpoint.frame,
+            timestamp_s: standpoint.timestamp_s + framing.later_s,
             pixels,
             depth: None,
-            exposure: site.exposure,
+            exposure: standpoint.exposure,
         };
         let job = Job {
             frame,
             picture: &framing.geometry,
             capture: Capture { region, ..capture.clone() },
             real: RealDepth::Known { depth_m: depth_m.as_deref(), surfaces: surfaces.as_ref() },
-            track: site.track,
-            time_offset_s: site.time_offset_s,
-            interval_s: site.interval_s,
+            track: standpoint.track,
+            time_offset_s: standpoint.time_offset_s,
+            interval_s: standpoint.interval_s,
             want_layer: false,
         };
-        let pending = compositor.submit(job, site.camera, site.settings, Target::Pixels)?;
+        let pending = compositor.submit(job, standpoint.camera, standpoint.settings, Target::Pixels)?;
         let composited = compositor.collect(pending)?;
         shows_objects |= composited.stats.objects_in_sight;
         pixels = composited.pixels;

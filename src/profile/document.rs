@@ -95,7 +95,7 @@ impl fmt::Display for Document {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{Exposure, Intrinsics, NoiseBin};
+    use crate::camera::{CameraExposure, Intrinsics, NoiseBin};
     use proptest::prelude::*;
 
     const PROFILE: &str = "# mine\nversion = 1 # the only one\n\n[camera]   # a Kinect\nfx_px = 5.250e2\n\n\
@@ -181,7 +181,7 @@ mod tests {
             let bins = [0, 1, 2].map(|c| codes.iter().zip(&sigmas).map(|(&code, s)| NoiseBin { code, sigma: s[c] }).collect());
             let noise = NoiseProfile { bins, channel_correlation: [correlation; 3], neighbour_correlation: [0.0, below] };
             let intrinsics = Intrinsics { fx_px, ..Intrinsics::default() };
-            let exposure = Exposure { time_s: Some(time_s), ..Exposure::default() };
+            let exposure = CameraExposure { time_s: Some(time_s), ..CameraExposure::default() };
             let mut profile = Document::new("");
             profile.set_params(&intrinsics);
             profile.set_params(&exposure);

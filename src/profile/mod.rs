@@ -12,7 +12,9 @@ pub use noise::{NoiseTableError, to_toml as noise_table};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::camera::{Camera, Distortion, Exposure, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response};
+use crate::camera::{
+    Camera, CameraExposure, Distortion, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response,
+};
 use crate::compositor::Settings;
 use crate::document::{self as text, Problem};
 use crate::params::{ParamError, Params, Value};
@@ -25,7 +27,7 @@ pub struct Rig {
     pub intrinsics: Intrinsics,
     pub distortion: Distortion,
     pub lens: Lens,
-    pub exposure: Exposure,
+    pub exposure: CameraExposure,
     pub response: Response,
     pub noise: Option<NoiseProfile>,
     /// Which keys of the geometry somebody gave: table and name. What stands in the others is nobody's word.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::parts::Pictures;
 use super::{Recording, RecordingError};
 use crate::frame::{Frame, FrameExposure};
-use crate::image::{DepthMap, Pixels};
+use crate::pixels::{DepthMap, Pixels};
 use crate::source::ahead::Ahead;
 use crate::source::video::VideoFrames;
 use crate::source::{SourceError, still};
@@ -18,7 +18,7 @@ type MaybeDepth = Result<Option<DepthMap>, SourceError>;
 /// The frames of a range, in order; what [`Recording::frames`] gives.
 #[derive(Debug)]
 pub struct Frames {
-    stream: Stream,
+    decoding: Decoding,
     next: usize,
     end: usize,
     size: (u32, u32),
@@ -28,7 +28,7 @@ pub struct Frames {
 }
 
 #[derive(Debug)]
-enum Stream {
+enum Decoding {
     Stills(Ahead<Result<(Pixels, Option<DepthMap>), SourceError>>),
     /// ffmpeg decodes the pictures, our threads the depth.
     Video(VideoFrames, Ahead<MaybeDepth>),
@@ -42,16 +42,16 @@ impl Frames {
             let entry = depth.as_ref().and_then(|depth| depth.get(i)?.as_ref());
             entry.map(|(time_s, file)| still::read_depth(file, codes_per_metre, *time_s)).transpose()
         };
-        let stream = match &*recording.pictures {
-            Pictures::Video(video) => Stream::Video(video.read(range.clone())?, Ahead::new(range, read_depth)?),
+        let decoding = match &*recording.pictures {
+            Pictures::Video(video) => Decoding::Video(video.read(range.clone())?, Ahead::new(range, read_depth)?),
             Pictures::Stills(_) => {
                 let pictures = Arc::clone(&recording.pictures);
                 let read = move |i: usize| Ok((still::read_pixels(&pictures.file(i))?, read_depth(i)?));
-                Stream::Stills(Ahead::new(range, read)?)
+                Decoding::Stills(Ahead::new(range, read)?)
             }
         };
         Ok(Self {
-            stream,
+            decoding,
             next,
             end,
             size: (recording.width, recording.height),
@@ -62,9 +62,9 @@ impl Frames {
     }
 
     fn read(&mut self) -> Result<Frame, RecordingError> {
-        let (pixels, depth) = match &mut self.stream {
-            Stream::Stills(pairs) => pairs.next().unwrap_or(Err(SourceError::DecoderDied))??,
-            Stream::Video(pictures, depth) => (
+        let (pixels, depth) = match &mut self.decoding {
+            Decoding::Stills(pairs) => pairs.next().unwrap_or(Err(SourceError::DecoderDied))??,
+            Decoding::Video(pictures, depth) => (
                 pictures.next().unwrap_or(Err(SourceError::DecoderDied))?,
                 depth.next().unwrap_or(Err(SourceError::DecoderDied))??,
             ),

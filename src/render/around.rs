@@ -10,7 +10,7 @@ use super::resample::{Face, square_view};
 use super::view::{NEAR_M, Outer, View, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Recorder, Shader, Texture};
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::pose::Pose;
 
 /// Texels of a view for one pixel, along each side, where texels are coarsest.

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 use super::bounds::{Bounds, Footprint, rotation_speed};
 use super::view::{NEAR_M, Shutter, ViewKeys};
 use crate::camera::Geometry;
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::scene::Scene;
 
 /// Places along each edge of a box.

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::scene::Scene;
 
 /// The objects' share of a picture.

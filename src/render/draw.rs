@@ -18,7 +18,7 @@ use super::plan::{Layer, Sample, SamplePlan};
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Scene, Vertex};
 

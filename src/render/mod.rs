@@ -23,6 +23,6 @@ pub use bounds::Footprint;
 pub use draw::Renderer;
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, RealLayer, Sample, SamplePlan};
-pub use projected::{Projection, Shot, take};
-pub use resample::{limits, over_rows};
+pub use projected::{Projection, Still, take_still};
+pub use resample::limits;
 pub use view::{Shutter, View, ViewKeys};

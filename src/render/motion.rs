@@ -15,7 +15,7 @@ use glam::{DQuat, DVec2, DVec3};
 
 use super::view::{NEAR_M, View};
 use crate::gpu::Gpu;
-use crate::image::Rect;
+use crate::pixels::Rect;
 
 /// The net over a rectangle, on the GPU.
 #[derive(Debug)]
@@ -175,7 +175,7 @@ impl<'a> Path<'a> {
 mod tests {
     use super::*;
     use crate::camera::{Distortion, Geometry, Intrinsics};
-    use crate::image::Rect;
+    use crate::pixels::Rect;
     use crate::pose::Pose;
     use crate::render::{Shutter, ViewKeys};
 

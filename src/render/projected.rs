@@ -9,13 +9,14 @@ use glam::{DQuat, DVec2, DVec3};
 use super::draw::Renderer;
 use super::panorama;
 use super::plan::SamplePlan;
-use super::resample::{Drawn, Face, Resampler, over_rows};
+use super::resample::{Drawn, Face, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
 use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
-use crate::image::{LinearImage, Rect};
+use crate::pixels::{LinearImage, Rect};
 use crate::pose::Pose;
+use crate::rows::{over_rows, processors};
 use crate::scene::Environment;
 
 /// How places in a picture and directions before the camera belong together.
@@ -63,9 +64,9 @@ impl Projection {
     }
 }
 
-/// A picture to be taken.
+/// A single picture to be taken.
 #[derive(Clone, Debug)]
-pub struct Shot {
+pub struct Still {
     pub projection: Projection,
     pub pose: Pose,
     /// Whether the environment's picture, where there is one, stands behind the objects. Not with parallel rays, which
@@ -79,25 +80,25 @@ const FINER: u32 = 2;
 const TILE_PX: i32 = 1024;
 
 /// Takes a picture; transparent where neither object nor background is seen.
-pub fn take(gpu: &Gpu, renderer: &mut Renderer, shot: &Shot) -> Result<LinearImage, GpuError> {
-    let (width, height) = shot.projection.size_px();
+pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<LinearImage, GpuError> {
+    let (width, height) = still.projection.size_px();
     let recorder = Recorder::new(gpu.clone());
     let mut studio = Studio { recorder, renderer, readbacks: ReadbackSet::default() };
-    let mut image = match &shot.projection {
+    let mut image = match &still.projection {
         Projection::Perspective(g) => {
             let fine = g.resized(width * FINER, height * FINER);
-            studio.draw(&fine, shot.pose, false)?.shrunk(FINER)
+            studio.draw(&fine, still.pose, false)?.shrunk(FINER)
         }
         Projection::Orthographic { px_per_m, .. } => {
             let fine = parallel_geometry(width * FINER, height * FINER, px_per_m * f64::from(FINER));
-            studio.draw(&fine, shot.pose, true)?.shrunk(FINER)
+            studio.draw(&fine, still.pose, true)?.shrunk(FINER)
         }
         Projection::Curved(curved) => {
             let resampler = Resampler::new(curved);
             let mut sum = LinearImage::empty(width, height);
             for face in Face::ALL.into_iter().filter(|face| resampler.needs(*face)) {
                 let turn = face.face_from_camera();
-                let pose = Pose::new(turn * shot.pose.rotation, turn * shot.pose.translation_m);
+                let pose = Pose::new(turn * still.pose.rotation, turn * still.pose.translation_m);
                 let geometry = resampler.face_geometry();
                 if !studio.renderer.in_view(&geometry, &pose) {
                     continue;
@@ -108,10 +109,10 @@ pub fn take(gpu: &Gpu, renderer: &mut Renderer, shot: &Shot) -> Result<LinearIma
             sum
         }
     };
-    let background = shot.background && !matches!(shot.projection, Projection::Orthographic { .. });
+    let background = still.background && !matches!(still.projection, Projection::Orthographic { .. });
     if let (true, Environment::Map(map)) = (background, &renderer.scene().lighting.environment) {
-        let turn = map.map_from_world.as_dquat() * shot.pose.world_from_camera_rotation();
-        lay_over(&mut image, &shot.projection, &panorama::sharp(map), turn);
+        let turn = map.map_from_world.as_dquat() * still.pose.world_from_camera_rotation();
+        lay_over(&mut image, &still.projection, &panorama::sharp(map), turn);
     }
     Ok(image)
 }
@@ -134,7 +135,7 @@ fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Le
     let row_length = image.width as usize;
     // Texels of the map a radian.
     let texels = f64::from(map.0) / std::f64::consts::TAU;
-    over_rows(&mut image.rgba, row_length, |y, row| {
+    over_rows(&mut image.rgba, row_length, processors(), |y, row| {
         for (x, pixel) in row.iter_mut().enumerate() {
             if pixel[3] >= 1.0 {
                 continue;

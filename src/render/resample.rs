@@ -7,7 +7,8 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
-use crate::image::{LinearImage, Rect};
+use crate::pixels::{LinearImage, Rect};
+use crate::rows::{over_rows, processors};
 
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;
@@ -161,7 +162,7 @@ impl<'a> Resampler<'a> {
         let half = 0.5 * f64::from(self.face_px);
         let centre = half + f64::from(MARGIN_PX);
         let place = |d: DVec3| DVec2::new(d.dot(right), d.dot(down)) / d.dot(forward) * half + centre;
-        over_rows(&mut sum.rgba, row_length, |y, row| {
+        over_rows(&mut sum.rgba, row_length, processors(), |y, row| {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let at = DVec2::new(x as f64, y as f64);
                 let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
@@ -228,27 +229,6 @@ fn between(drawn: &Drawn, at: DVec2) -> [f32; 4] {
         (0..4).for_each(|c| sum[c] += texel[c].to_f32() * weight);
     }
     sum
-}
-
-/// Fills a picture's rows on all processors: `fill(row number, row)`.
-pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let rows = values.len().div_ceil(row_length.max(1));
-    let band = rows.div_ceil(4 * threads).max(1);
-    let bands = std::sync::Mutex::new(values.chunks_mut((row_length * band).max(1)).enumerate());
-    std::thread::scope(|scope| {
-        let work = || {
-            // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
-            while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
-                rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
-            }
-        };
-        // Where a thread cannot be had, those that there are do its share; rayon's pool would panic.
-        for _ in 1..threads {
-            let _ = std::thread::Builder::new().spawn_scoped(scope, work);
-        }
-        work();
-    });
 }
 
 /// What is drawn, 16-bit floats as they come from the GPU.

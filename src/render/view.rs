@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use super::plan::Sample;
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::Texture;
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::pose::Pose;
 
 /// As in shaders/raster.wgsl.

@@ -1,7 +1,7 @@
 //! How bright a frame's scene is, and with which settings the frame was taken.
 
 use super::{Shot, ShotError};
-use crate::camera::exposure::Settings;
+use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, PictureLight};
 use crate::profile::Rig;
 
@@ -25,8 +25,8 @@ impl Known {
         }
     }
 
-    pub fn settings(self) -> Option<Settings> {
-        let settings = Settings { f_number: self.f_number?, time_s: self.time_s?, iso: self.iso? };
+    pub fn settings(self) -> Option<ExposureSettings> {
+        let settings = ExposureSettings { f_number: self.f_number?, time_s: self.time_s?, iso: self.iso? };
         Some(settings.exact())
     }
 

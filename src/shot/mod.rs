@@ -11,7 +11,7 @@ mod stream;
 
 use std::path::{Path, PathBuf};
 
-use crate::camera::{Camera, Exposure, Geometry, Lens};
+use crate::camera::{Camera, CameraExposure, Geometry, Lens};
 use crate::compositor::{Compositor, Settings};
 use crate::frame::{Frame, interval_s};
 use crate::gpu::Gpu;
@@ -71,7 +71,7 @@ impl Shot {
         }
         let by_profile = rig.clone();
         let mut by_sets = rig.clone();
-        (by_sets.lens, by_sets.exposure) = (Lens::default(), Exposure::default());
+        (by_sets.lens, by_sets.exposure) = (Lens::default(), CameraExposure::default());
         for text in &given.sets {
             rig.set_text(text, &mut settings)?;
             by_sets.set_text(text, &mut Settings::default())?;

@@ -17,7 +17,6 @@ mod sensor;
 mod shapes;
 mod site;
 mod survey;
-mod threads;
 mod write;
 
 use std::path::PathBuf;
@@ -29,7 +28,7 @@ use crate::tracking::{NotAscending, PoseTrack};
 
 pub use board::{Board, board};
 pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
-pub use render::{Picture, Shot};
+pub use render::{Picture, Snapshot};
 pub use sensor::Sensor;
 pub use site::Detail;
 pub use survey::{StaticScene, StaticScenes, static_scenes};
@@ -133,7 +132,7 @@ pub struct Simulation {
 impl Simulation {
     /// With as many threads as there are cores, and a site as fine as the lens can see.
     pub fn new(options: &Options) -> Result<Self, SimulateError> {
-        let threads = std::thread::available_parallelism().map_or(1, Into::into);
+        let threads = crate::rows::processors();
         Self::with_detail(options, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 
@@ -192,8 +191,8 @@ impl Simulation {
     }
 
     /// How a frame of the recording is taken.
-    pub fn shot(&self, frame: usize) -> Shot {
-        Shot {
+    pub fn snapshot(&self, frame: usize) -> Snapshot {
+        Snapshot {
             timestamp_s: self.timestamp_s(frame),
             exposure_time_s: self.options.exposure_time_s,
             samples: self.options.samples,
@@ -207,12 +206,12 @@ impl Simulation {
 
     /// A frame in linear light, before the sensor.
     pub fn picture(&self, frame: usize) -> Picture {
-        self.take(&self.shot(frame))
+        self.shoot(&self.snapshot(frame))
     }
 
-    /// Any shot by this camera.
-    pub fn take(&self, shot: &Shot) -> Picture {
-        render::take(&self.site, &self.lens, &self.track, shot, self.threads)
+    /// Any snapshot of this camera.
+    pub fn shoot(&self, snapshot: &Snapshot) -> Picture {
+        render::shoot(&self.site, &self.lens, &self.track, snapshot, self.threads)
     }
 }
 

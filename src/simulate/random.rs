@@ -9,9 +9,9 @@ pub fn mix(mut z: u64) -> u64 {
 
 /// SplitMix64 started from a few keys, such as seed, frame and pixel.
 #[derive(Clone, Debug)]
-pub struct Stream(u64);
+pub struct Random(u64);
 
-impl Stream {
+impl Random {
     pub fn new(keys: [u64; 4]) -> Self {
         Self(keys.iter().fold(0x243f_6a88_85a3_08d3, |state, key| mix(state.wrapping_add(*key).rotate_left(23))))
     }
@@ -39,7 +39,7 @@ mod tests {
         let n = 200_000;
         let (mut m1, mut m2, mut m4) = (0.0, 0.0, 0.0);
         for i in 0..n {
-            for v in Stream::new([7, 0, 0, i]).normals() {
+            for v in Random::new([7, 0, 0, i]).normals() {
                 m1 += v;
                 m2 += v * v;
                 m4 += v.powi(4);

@@ -6,9 +6,9 @@ use crate::camera::{Geometry, LensModel};
 use crate::tracking::PoseTrack;
 
 use super::SimulateError;
-use super::random::Stream;
+use super::random::Random;
 use super::site::Site;
-use super::threads::over_rows;
+use crate::rows::over_rows;
 
 /// A picture before sensor and file: linear light (1 is camera white, brighter not clipped) and
 /// the depth (z in the camera's axes, metres) at the pixels' middles in the middle of each
@@ -25,7 +25,7 @@ pub struct Picture {
 
 /// How a picture is taken.
 #[derive(Clone, Copy, Debug)]
-pub struct Shot {
+pub struct Snapshot {
     /// The middle of the middle row's exposure, seconds.
     pub timestamp_s: f64,
     pub exposure_time_s: f64,
@@ -150,16 +150,16 @@ struct Pixel {
     blur_px: f64,
 }
 
-/// Takes a picture. The same shot gives the same numbers on any count of threads.
-pub fn take(site: &Site, lens: &Lens, track: &PoseTrack, shot: &Shot, threads: usize) -> Picture {
+/// Takes a picture. The same snapshot gives the same numbers on any count of threads.
+pub fn shoot(site: &Site, lens: &Lens, track: &PoseTrack, snapshot: &Snapshot, threads: usize) -> Picture {
     let g = &lens.geometry;
     let (w, h) = (g.intrinsics.width_px, g.intrinsics.height_px);
-    let reach_s = 0.5 * (g.intrinsics.readout_time_s + shot.exposure_time_s);
-    let shutter = Shutter::new(track, shot.timestamp_s - reach_s, shot.timestamp_s + reach_s);
+    let reach_s = 0.5 * (g.intrinsics.readout_time_s + snapshot.exposure_time_s);
+    let shutter = Shutter::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
     let mut pixels = vec![Pixel::default(); w as usize * h as usize];
-    over_rows(&mut pixels, w as usize, threads, |first, rows| {
-        for (i, pixel) in rows.iter_mut().enumerate() {
-            *pixel = expose(site, lens, &shutter, shot, i % w as usize, first + i / w as usize);
+    over_rows(&mut pixels, w as usize, threads, |y, row| {
+        for (x, pixel) in row.iter_mut().enumerate() {
+            *pixel = expose(site, lens, &shutter, snapshot, x, y);
         }
     });
     Picture {
@@ -171,18 +171,18 @@ pub fn take(site: &Site, lens: &Lens, track: &PoseTrack, shot: &Shot, threads: u
     }
 }
 
-fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y: usize) -> Pixel {
+fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: usize, y: usize) -> Pixel {
     if !lens.sees(x, y) {
         return Pixel::default();
     }
     // A row is read as a whole, at the time of its middle.
-    let middle_s = shot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
+    let middle_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
     let centre = lens.ray(x, y, DVec2::splat(0.5));
     let (origin, direction) = shutter.ray(middle_s, centre);
     let ahead = site.light(origin, direction);
     let blur_px = ahead.map_or(0.0, |(_, t)| {
         let seen_at = |time_s| lens.geometry.project(shutter.to_camera(time_s, origin + direction * t));
-        let half_s = 0.5 * shot.exposure_time_s;
+        let half_s = 0.5 * snapshot.exposure_time_s;
         match (seen_at(middle_s - half_s), seen_at(middle_s + half_s)) {
             (Some(a), Some(b)) => lens.geometry.way_px(a, b).length(),
             _ => 0.0,
@@ -192,20 +192,20 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, shot: &Shot, x: usize, y:
     // Samples in (x, y, time): time in strata, x and y by Roberts' R2 sequence (the generalised
     // golden ratio, 1.3247…), which with the strata fills all three evenly; turned at random in
     // every pixel. Places on the opening: the radius by the golden ratio, the angle at random.
-    let count = f64::from(shot.samples.max(1)).max((2.0 * blur_px).ceil().min(MOST_SAMPLES));
-    let mut random = Stream::new([shot.seed, shot.frame, x as u64, y as u64]);
+    let count = f64::from(snapshot.samples.max(1)).max((2.0 * blur_px).ceil().min(MOST_SAMPLES));
+    let mut random = Random::new([snapshot.seed, snapshot.frame, x as u64, y as u64]);
     let shift = DVec2::new(random.uniform(), random.uniform());
     let mut sum = [0.0f32; 3];
     for i in 0..count as u32 {
         let i = f64::from(i);
         let inside = (shift + i * DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3)).fract();
         let when = (i + random.uniform()) / count - 0.5;
-        let (time_s, ray) = (middle_s + when * shot.exposure_time_s, lens.ray(x, y, inside));
-        let (origin, direction) = if shot.aperture_diameter_m > 0.0 {
+        let (time_s, ray) = (middle_s + when * snapshot.exposure_time_s, lens.ray(x, y, inside));
+        let (origin, direction) = if snapshot.aperture_diameter_m > 0.0 {
             // Even on the disc: area grows with the radius squared.
             let turn = std::f64::consts::TAU * random.uniform();
-            let radius_m = 0.5 * shot.aperture_diameter_m * (GOLDEN * i + shift.x).fract().sqrt();
-            shutter.ray_through(time_s, ray, radius_m * DVec2::from_angle(turn), shot.focus_distance_m)
+            let radius_m = 0.5 * snapshot.aperture_diameter_m * (GOLDEN * i + shift.x).fract().sqrt();
+            shutter.ray_through(time_s, ray, radius_m * DVec2::from_angle(turn), snapshot.focus_distance_m)
         } else {
             shutter.ray(time_s, ray)
         };

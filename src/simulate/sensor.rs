@@ -8,9 +8,9 @@
 
 use crate::camera::{NoiseBin, NoiseProfile, Response};
 
-use super::random::Stream;
+use super::random::Random;
 use super::render::Picture;
-use super::threads::over_rows;
+use crate::rows::over_rows;
 
 /// σ of the green channel's whole codes at 8, 24, … 248 for a noise scale of 1.
 const SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];
@@ -79,15 +79,12 @@ impl Sensor {
     /// row) and rounds. A frame's noise hangs on seed and frame alone.
     pub fn sense(&self, clean: &[f32], width: usize, frame: u64, threads: usize) -> Vec<u8> {
         let mut codes = vec![0; clean.len()];
-        over_rows(&mut codes, 3 * width, threads, |first, rows| {
-            for (row, out) in rows.chunks_mut(3 * width).enumerate() {
-                let y = first + row;
-                let noise = self.noise_row(width, y as u64, frame);
-                let clean = clean.get(3 * width * y..).unwrap_or_default();
-                for (i, ((out, code), n)) in out.iter_mut().zip(clean).zip(noise).enumerate() {
-                    let code = f64::from(*code);
-                    *out = (code + self.sigma(i % 3, code) * n).round().clamp(0.0, 255.0) as u8;
-                }
+        over_rows(&mut codes, 3 * width, threads, |y, row| {
+            let noise = self.noise_row(width, y as u64, frame);
+            let clean = clean.get(3 * width * y..).unwrap_or_default();
+            for (i, ((out, code), n)) in row.iter_mut().zip(clean).zip(noise).enumerate() {
+                let code = f64::from(*code);
+                *out = (code + self.sigma(i % 3, code) * n).round().clamp(0.0, 255.0) as u8;
             }
         });
         codes
@@ -110,7 +107,7 @@ impl Sensor {
 
     /// Noise of one pixel, variance 1, independent of all other pixels.
     fn white(&self, x: u64, y: u64, frame: u64) -> [f64; 3] {
-        let mut random = Stream::new([self.seed ^ 0x006e_6f69_7365, frame, x, y]);
+        let mut random = Random::new([self.seed ^ 0x006e_6f69_7365, frame, x, y]);
         let ([shared, a], [b, c]) = (random.normals(), random.normals());
         let (common, own) = (self.channel_correlation.sqrt(), (1.0 - self.channel_correlation).sqrt());
         [a, b, c].map(|n| common * shared + own * n)

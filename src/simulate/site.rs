@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::finish::{Finish, gloss, surface};
 use super::shapes::{Hit, Shape};
-use super::threads::over_rows;
+use crate::rows::over_rows;
 
 /// The lamp: a rectangle in the ceiling that shines downwards.
 pub mod lamp {
@@ -40,9 +40,8 @@ impl Chart {
 
     fn filled(width: usize, height: usize, threads: usize, value: impl Fn(DVec2) -> [f32; 4] + Sync) -> Self {
         let mut cells = vec![[0.0; 4]; width * height];
-        over_rows(&mut cells, width, threads, |first, rows| {
-            for (i, cell) in rows.iter_mut().enumerate() {
-                let (x, y) = (i % width, first + i / width);
+        over_rows(&mut cells, width, threads, |y, row| {
+            for (x, cell) in row.iter_mut().enumerate() {
                 *cell = value(DVec2::new((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64));
             }
         });

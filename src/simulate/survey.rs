@@ -1,7 +1,7 @@
 //! Noise that is known: what is left of it in a lossy file, and static scenes to calibrate by.
 
 use crate::camera::{NoiseBin, NoiseProfile};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 
 use super::sensor::ROUNDING;
 use super::{Motion, Options, SimulateError, Simulation};

@@ -12,7 +12,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use toml_edit::{DocumentMut, Item, Table, Value};
 
-use crate::camera::{Exposure, Lens, LensModel, NoiseBin, NoiseProfile};
+use crate::camera::{CameraExposure, Lens, LensModel, NoiseBin, NoiseProfile};
 use crate::document::{numbers, table_of};
 use crate::frame::FrameExposure;
 use crate::params::Params;
@@ -236,7 +236,8 @@ fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
 fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
     let options = simulation.options();
     let lens = Lens { aperture_diameter_mm: Some(0.0), ..Lens::default() };
-    let exposure = Exposure { time_s: Some(options.exposure_time_s), iso: Some(ISO), ..Exposure::default() };
+    let exposure =
+        CameraExposure { time_s: Some(options.exposure_time_s), iso: Some(ISO), ..CameraExposure::default() };
     let origin = match options.format {
         Format::Png => "as the sensor was told to make it",
         Format::Jpg => "as measured in the compressed frames",

@@ -7,7 +7,7 @@ use half::f16;
 
 use super::atomic::write_atomically;
 use super::{SinkError, of_exr};
-use crate::image::LayerImage;
+use crate::pixels::LayerImage;
 
 /// Writes one layer with the channels virtual.R, .G, .B, .A (half), depth.Z, velocity.X, .Y
 /// (float), ZIP-compressed; the file is whole or not there. One that exists is kept unless `force`.

@@ -7,7 +7,7 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// What a frame's file is called.
 pub fn frame_name(frame_index: usize) -> String {

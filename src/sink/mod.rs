@@ -11,7 +11,7 @@ mod video;
 
 use std::path::{Path, PathBuf};
 
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
 use crate::words::reason;
 

@@ -11,7 +11,7 @@ use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 use super::atomic::write_atomically;
 use super::{SinkError, check_file, of_image};
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// What a camera writes into its pictures.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,7 +8,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use super::atomic::write_atomically;
 use super::{SinkError, check_file, of_exr, of_image};
 use crate::camera::Response;
-use crate::image::LinearImage;
+use crate::pixels::LinearImage;
 
 /// Writes `.png` (8 bits, encoded by the response, alpha where something is transparent) or `.exr` (32-bit linear
 /// premultiplied R, G, B, A). The file is whole or not there; one that exists is kept unless `force`.

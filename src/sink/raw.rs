@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::{Sink, SinkError, SinkOptions, little_endian};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 
 #[derive(Debug)]
 pub struct RawSink<W> {

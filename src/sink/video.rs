@@ -7,7 +7,7 @@ use std::process::ChildStdin;
 
 use super::atomic::Partial;
 use super::{Sink, SinkError, SinkOptions, little_endian};
-use crate::image::Pixels;
+use crate::pixels::Pixels;
 use crate::source::ffmpeg::{self, Running};
 use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
 

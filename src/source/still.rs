@@ -10,7 +10,7 @@ use image::{DynamicImage, ImageDecoder};
 
 use super::jpeg::{self, Ending};
 use super::{SourceError, file as plain};
-use crate::image::{Codes, DepthMap, Pixels};
+use crate::pixels::{Codes, DepthMap, Pixels};
 
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ffmpeg::{self, FfmpegError, Running};
 use super::{SourceError, file as plain};
-use crate::image::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels};
 
 /// What to do about a damaged file.
 const MEND: &str =
@@ -84,13 +84,13 @@ pub struct Video {
 #[derive(Deserialize)]
 struct Probe {
     #[serde(default)]
-    streams: Vec<Stream>,
+    streams: Vec<ProbedStream>,
     #[serde(default)]
     packets: Vec<Packet>,
 }
 
 #[derive(Deserialize)]
-struct Stream {
+struct ProbedStream {
     /// How many packets the container's index has (MP4).
     nb_frames: Option<String>,
     tags: Option<Tags>,
@@ -200,7 +200,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
 
 /// That as many frames are there as the container promises: by their number (MP4), or by when the last one ends
 /// (Matroska; two frames and a half less is too little, for containers round).
-fn whole(stream: &Stream, packets: &[Packet]) -> Result<(), String> {
+fn whole(stream: &ProbedStream, packets: &[Packet]) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
                               ffmpeg -i FILE -c copy NEW.mkv";
     let there = packets.len();

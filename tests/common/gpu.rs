@@ -9,8 +9,8 @@ use locard::camera::{Camera, Distortion, Geometry, Intrinsics};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::frame::{Frame, FrameExposure};
 use locard::gpu::Gpu;
-use locard::image::{LayerImage, Pixels};
 use locard::params::Value;
+use locard::pixels::{LayerImage, Pixels};
 use locard::scene::Scene;
 use locard::tracking::PoseTrack;
 

@@ -23,12 +23,12 @@ rotation_deg = [0, 0, 50]
 ambient = 0.6
 "#;
 
-pub struct Site {
+pub struct NamedShot {
     pub name: &'static str,
     pub shot: Shot,
 }
 
-impl Site {
+impl NamedShot {
     /// The law must hold with everything on: noise, exposure and a lens as a user would have them.
     fn with(name: &'static str, mut shot: Shot, profiles: &[&str]) -> Self {
         for text in profiles {
@@ -39,18 +39,18 @@ impl Site {
 }
 
 /// The recording that comes with the program, and a real one where there is the data.
-pub fn sites() -> Vec<Site> {
-    [Some(Site::with("demo", shot::demo("scenes/demo.toml"), &[LENS])), desk()].into_iter().flatten().collect()
+pub fn sites() -> Vec<NamedShot> {
+    [Some(NamedShot::with("demo", shot::demo("scenes/demo.toml"), &[LENS])), desk()].into_iter().flatten().collect()
 }
 
-pub fn desk() -> Option<Site> {
+pub fn desk() -> Option<NamedShot> {
     let folder = common::data("tum-fr1-rpy")?;
     let models = common::data("props")?;
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     std::fs::write(&file, DESK.replace("MODELS", models.to_str().unwrap())).unwrap();
     let shot = shot::open(&folder, Some("profiles/tum-fr1.toml"), &file);
-    Some(Site::with("desk", shot, &[NOISE, LENS]))
+    Some(NamedShot::with("desk", shot, &[NOISE, LENS]))
 }
 
 const LENS: &str = "version = 1\n[camera.lens]\naperture_diameter_mm = 4\nfocus_distance_m = 0.8\n";

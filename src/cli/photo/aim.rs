@@ -34,12 +34,12 @@ pub fn aim(args: &Args, recording: &Recording, whole: &Geometry, scene: &Scene) 
         return Ok(Aim { at_px: Some(at), around_px: across });
     }
     let object = named(wanted, scene)?;
-    let pose = recording.pose_at_frame(args.site.frame)?;
+    let pose = recording.pose_at_frame(args.light.frame)?;
     let seen = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
     let seen = seen.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
     let in_picture = seen.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
     let Some((low, high)) = in_picture.filter(|(low, high)| low.cmplt(*high).all()) else {
-        bail!("--aim {wanted}: it is not in the picture of frame {}", args.site.frame);
+        bail!("--aim {wanted}: it is not in the picture of frame {}", args.light.frame);
     };
     let around = across.or(args.focal.is_none().then(|| {
         let around = (high - low) / FILLED;

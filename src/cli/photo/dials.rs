@@ -3,14 +3,14 @@
 use anyhow::{Result, bail};
 
 use super::{Args, Bracket};
-use crate::camera::exposure::Settings;
+use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, Mode, meter};
 use crate::camera::stops::{self, Step};
 use crate::shot::{Known, USUAL_ISO};
 
 /// One photograph of a series.
 pub struct Asked {
-    pub settings: Settings,
+    pub settings: ExposureSettings,
     /// Stops brighter than wanted that nothing was left to choose against.
     pub over_ev: f64,
     pub focus_distance_m: f64,
@@ -19,7 +19,7 @@ pub struct Asked {
 /// What the person set, in a mode.
 pub struct Dials {
     pub mode: Mode,
-    pub set: Settings,
+    pub set: ExposureSettings,
     pub lux: f64,
     pub compensation_ev: f64,
     pub limits: Limits,
@@ -31,7 +31,7 @@ const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
 
 impl Dials {
     pub fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
-        let by_settings = match (args.site.aperture, args.site.shutter) {
+        let by_settings = match (args.light.aperture, args.light.shutter) {
             (Some(_), Some(_)) => Mode::Manual,
             (Some(_), None) => Mode::AperturePriority,
             (None, Some(_)) => Mode::ShutterPriority,
@@ -47,8 +47,8 @@ impl Dials {
             }
             _ => Ok(()),
         };
-        chooses("aperture", args.site.aperture, [Mode::Program, Mode::ShutterPriority], "a")?;
-        chooses("shutter", args.site.shutter, [Mode::Program, Mode::AperturePriority], "s")?;
+        chooses("aperture", args.light.aperture, [Mode::Program, Mode::ShutterPriority], "a")?;
+        chooses("shutter", args.light.shutter, [Mode::Program, Mode::AperturePriority], "s")?;
         let needs = |given: Option<f64>, modes: [Mode; 2], name: &str| {
             if modes.contains(&mode) && given.is_none() {
                 bail!("--mode {} needs --{name}", mode.letter());
@@ -56,8 +56,8 @@ impl Dials {
             Ok(given.unwrap_or(1.0))
         };
         let gone_through = match args.bracket {
-            Some(Bracket::Aperture) if args.site.aperture.is_some() => Some("aperture"),
-            Some(Bracket::Iso) if args.site.iso.is_some() => Some("iso"),
+            Some(Bracket::Aperture) if args.light.aperture.is_some() => Some("aperture"),
+            Some(Bracket::Iso) if args.light.iso.is_some() => Some("iso"),
             _ => None,
         };
         if let Some(name) = gone_through {
@@ -68,24 +68,24 @@ impl Dials {
             Some(bracket) if bracket == what => given.or(Some(usual)),
             _ => given,
         };
-        let f_number = varied(Bracket::Aperture, args.site.aperture, 8f64.sqrt());
-        let time_s = varied(Bracket::Shutter, args.site.shutter, limits.hand_held_s);
-        let set = Settings {
+        let f_number = varied(Bracket::Aperture, args.light.aperture, 8f64.sqrt());
+        let time_s = varied(Bracket::Shutter, args.light.shutter, limits.hand_held_s);
+        let set = ExposureSettings {
             f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
             time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
-            iso: args.site.iso.or(taken.iso).unwrap_or(USUAL_ISO),
+            iso: args.light.iso.or(taken.iso).unwrap_or(USUAL_ISO),
         };
         Ok(Self {
             mode,
             set: set.exact(),
             lux,
-            compensation_ev: args.site.compensation,
+            compensation_ev: args.light.compensation,
             limits,
             focus_distance_m: f64::INFINITY,
         })
     }
 
-    fn metered(&self, mode: Mode, set: Settings) -> Asked {
+    fn metered(&self, mode: Mode, set: ExposureSettings) -> Asked {
         let metered = meter(mode, self.lux, set, self.compensation_ev, &self.limits);
         Asked { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
     }
@@ -153,18 +153,18 @@ impl Dials {
                 let mode = self.mode_of(Some(bracket));
                 let stops = stops::f_numbers(Step::Full).into_iter().map(|stop| stop.exact);
                 let stops = stops.filter(|n| full(*n, widest_f_number, narrowest_f_number));
-                stops.map(|f_number| self.metered(mode, Settings { f_number, ..self.set })).collect()
+                stops.map(|f_number| self.metered(mode, ExposureSettings { f_number, ..self.set })).collect()
             }
             Bracket::Shutter => {
                 let mode = self.mode_of(Some(bracket));
                 let middle = if manual { self.set.time_s } else { usual.settings.time_s };
                 let times = TIMES.map(|stops| middle * f64::from(stops).exp2());
                 let times = times.filter(|t| full(*t, shortest_s, longest_s));
-                times.map(|time_s| self.metered(mode, Settings { time_s, ..self.set })).collect()
+                times.map(|time_s| self.metered(mode, ExposureSettings { time_s, ..self.set })).collect()
             }
             Bracket::Iso => {
                 let speeds = stops::iso_speeds(Step::Full).into_iter().map(|stop| stop.exact);
-                speeds.map(|iso| self.metered(self.mode, Settings { iso, ..self.set })).collect()
+                speeds.map(|iso| self.metered(self.mode, ExposureSettings { iso, ..self.set })).collect()
             }
             Bracket::Focus => (-3..=3)
                 .map(|thirds| {

@@ -29,7 +29,7 @@ use crate::sink::photograph;
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    site: light::Site,
+    light: light::LightArgs,
     /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
     #[arg(long)]
     scene: PathBuf,
@@ -114,8 +114,8 @@ fn focal_length(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let mut shot = args.site.open(Some(args.scene.clone()))?;
-    let index = args.site.frame;
+    let mut shot = args.light.open(Some(args.scene.clone()))?;
+    let index = args.light.frame;
     shot.check_poses(index..index + 1)?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
@@ -138,14 +138,14 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let aim = aim::aim(args, &shot.recording, &whole, &shot.scene)?;
     Framing::aimed(&whole, args.film, checked_m, given_m, args.width, aim)?;
-    let lux = match (args.site.lux, taken.settings()) {
+    let lux = match (args.light.lux, taken.settings()) {
         (None, None) => None,
-        _ => Some(shot.scene_light(index, args.site.lux)?.lux),
+        _ => Some(shot.scene_light(index, args.light.lux)?.lux),
     };
-    let mut limits = shot.limits(index, args.site.aperture);
+    let mut limits = shot.limits(index, args.light.aperture);
     let sums = args.hand_held && args.which.leaves_on(photo::OF_MOTION);
     let recorded_s = if sums { recorded_s(&shot.recording, index) } else { f64::INFINITY };
-    if let Some(time_s) = args.site.shutter.filter(|&time_s| time_s > recorded_s * 1.001) {
+    if let Some(time_s) = args.light.shutter.filter(|&time_s| time_s > recorded_s * 1.001) {
         bail!(
             "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
              {recorded_s:.3} s, or a frame further from its ends"
@@ -179,7 +179,7 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &format!("nothing real hides objects: {why}"));
     }
     let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
-    if unknown_speed && camera.noise.is_some() && (args.site.iso.is_some() || args.bracket == Some(Bracket::Iso)) {
+    if unknown_speed && camera.noise.is_some() && (args.light.iso.is_some() || args.bracket == Some(Bracket::Iso)) {
         let text = format!(
             "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is taken"
         );
@@ -196,8 +196,8 @@ pub fn run(args: &Args) -> Result<()> {
         warn(args.quiet, &text);
     }
     let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
-    let mut site = Shoot { args, shot, whole, frame, mean, camera, compositor, aim, sums };
-    dials.focus_distance_m = site.focus_distance_m(focal_length_m)?;
+    let mut shoot = Shoot { args, shot, whole, frame, mean, camera, compositor, aim, sums };
+    dials.focus_distance_m = shoot.focus_distance_m(focal_length_m)?;
     if args.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
         bail!(
             "--bracket focus goes from half a distance to twice, and infinity is sharp here: give a distance, as in --focus 2"
@@ -206,12 +206,13 @@ pub fn run(args: &Args) -> Result<()> {
     let mut sheet = Vec::new();
     let mut told = false;
     let series = dials.series(args.bracket);
-    let framed =
-        |asked: &Asked| Framing::aimed(&site.whole, args.film, focal_length_m, asked.focus_distance_m, args.width, aim);
+    let framed = |asked: &Asked| {
+        Framing::aimed(&shoot.whole, args.film, focal_length_m, asked.focus_distance_m, args.width, aim)
+    };
     let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
     for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
-        let opening = site.lens(asked).opening(&framing.geometry)?;
-        let flat = site.frame.depth.is_none() && acts_on_real;
+        let opening = shoot.lens(asked).opening(&framing.geometry)?;
+        let flat = shoot.frame.depth.is_none() && acts_on_real;
         if flat && !told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
             let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as sharp \
                         as it was recorded";
@@ -225,13 +226,13 @@ pub fn run(args: &Args) -> Result<()> {
         bar.set_message(format!("photograph {} of {}", n + 1, series.len()));
         bar.enable_steady_tick(std::time::Duration::from_millis(500));
         let done = |share: f64| bar.set_position((100.0 * share) as u64);
-        let photo::Taken { pixels, shows_objects } = site.take(&dials, asked, &framing, opening, done)?;
+        let photo::Taken { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, done)?;
         bar.finish_and_clear();
         if !shows_objects && n == 0 {
             warn(args.quiet, &Note::NothingSeen.to_string());
         }
         let path = path_of(args, &(n + 1).to_string());
-        let notes = site.notes(&dials, asked, &framing);
+        let notes = shoot.notes(&dials, asked, &framing);
         photograph::write(&path, &pixels, Some(&notes), args.force)?;
         tell(args.quiet, &format!("{}: {}", path.display(), label(asked, &framing).replace('\n', ", ")));
         if args.bracket.is_some() {

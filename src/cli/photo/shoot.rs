@@ -7,15 +7,15 @@ use anyhow::Result;
 
 use super::dials::{Asked, Dials};
 use super::{Args, Focus};
-use crate::camera::exposure::Settings;
+use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};
 use crate::camera::{Camera, Geometry, Lens, Opening};
 use crate::cli::warn;
 use crate::compositor::{Compositor, Target, exposure_time_s};
 use crate::frame::Frame;
-use crate::image::Rect;
-use crate::photo::{self, Aim, Exposed, Framing, Real, Site, Summed, Taken};
+use crate::photo::{self, Aim, Exposed, Framing, RealPart, Standpoint, Summed, Taken};
+use crate::pixels::Rect;
 use crate::shot::{Shot, USUAL_ISO};
 use crate::sink::photograph::Notes;
 use crate::words::short;
@@ -84,9 +84,9 @@ impl Shoot<'_> {
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times && self.sums {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
-            photo::shutter_weights(times, interval_s, args.site.frame, asked.settings.time_s)
+            photo::shutter_weights(times, interval_s, args.light.frame, asked.settings.time_s)
         } else {
-            (args.site.frame..args.site.frame + 1, vec![1.0])
+            (args.light.frame..args.light.frame + 1, vec![1.0])
         };
         let mut frames = Vec::with_capacity(weights.len());
         let mut summed = Vec::new();
@@ -106,9 +106,9 @@ impl Shoot<'_> {
         // The recording's own settings leave its light as it is, whatever roundings say.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
         let neighbours = self.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
-        let real = Real::new(&frames, response, &framing.framed, framing.size(), neighbours);
+        let real = RealPart::new(&frames, response, &framing.framed, framing.size(), neighbours);
         drop(frames);
-        let measured_at = shot.rig.exposure.iso.or(shot.taken(args.site.frame).iso).unwrap_or(USUAL_ISO);
+        let measured_at = shot.rig.exposure.iso.or(shot.taken(args.light.frame).iso).unwrap_or(USUAL_ISO);
         let exposed = Exposed {
             opening,
             time_s: match (has_times, self.sums) {
@@ -120,24 +120,24 @@ impl Shoot<'_> {
             over_ev: gain.log2(),
             iso_ratio: asked.settings.iso / measured_at,
         };
-        let site = Site {
+        let standpoint = Standpoint {
             camera: &self.camera,
             settings: &shot.settings,
             recorded: &self.whole,
             track: &recording.track,
             time_offset_s: recording.time_offset_s,
             interval_s: recording.frame_interval_s,
-            frame: args.site.frame,
+            frame: args.light.frame,
             timestamp_s: self.frame.timestamp_s,
             exposure: self.frame.exposure,
             summed: &summed,
             depth: self.frame.depth.as_ref(),
         };
-        Ok(photo::take(&mut self.compositor, &site, framing, real, &exposed, done)?)
+        Ok(photo::take(&mut self.compositor, &standpoint, framing, real, &exposed, done)?)
     }
 
     pub fn notes(&self, dials: &Dials, asked: &Asked, framing: &Framing) -> Notes {
-        let Settings { f_number, time_s, iso } = asked.settings;
+        let ExposureSettings { f_number, time_s, iso } = asked.settings;
         let focal_length_mm = 1e3 * framing.focal_length_m;
         let clock_s = Some(self.frame.timestamp_s).filter(|t| *t >= EPOCH_S);
         let recorded_s = self.frame.exposure.photo.taken_s.or(clock_s);
@@ -161,7 +161,7 @@ impl Shoot<'_> {
             taken_s: recorded_s.unwrap_or_else(now_s),
             description: format!(
                 "frame {} of {} at {} s",
-                self.args.site.frame,
+                self.args.light.frame,
                 name(&self.shot.recording.path),
                 short(self.frame.timestamp_s)
             ),

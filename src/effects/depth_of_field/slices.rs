@@ -29,7 +29,7 @@ use kernel::{HALVES, Kernel, MOST_WEIGHTS, noise_left, reach_of};
 use crate::camera::{Aperture, Opening, correlations};
 use crate::effects::{LayerRun, Moment};
 use crate::gpu::{Entry, Gpu, Shader, Texture};
-use crate::image::Rect;
+use crate::pixels::Rect;
 use crate::render::{COLOR, Layer, RealLayer};
 
 use super::image::Blades;

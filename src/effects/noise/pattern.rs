@@ -9,7 +9,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::camera::{NoiseProfile, side_tap};
 use crate::gpu::{Gpu, Recorder, Shader, Texture};
-use crate::image::Rect;
+use crate::pixels::Rect;
 
 /// 4096ths of σ.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Sint;

@@ -16,6 +16,16 @@ pub enum Codes {
     U16(Vec<u16>),
 }
 
+impl Codes {
+    /// The values, where they have 8 bits.
+    pub fn eight_bit(&self) -> Option<&[u8]> {
+        match self {
+            Self::U8(codes) => Some(codes),
+            Self::U16(_) => None,
+        }
+    }
+}
+
 impl Pixels {
     /// 8-bit pixels; `None` where the length is not `3 * width * height`.
     pub fn from_u8(width: u32, height: u32, codes: Vec<u8>) -> Option<Self> {

@@ -1,0 +1,49 @@
+//! A picture's rows, filled on several threads.
+
+use std::sync::Mutex;
+
+/// Bands of rows for each thread: few enough that a band is worth its lock, enough that threads end together.
+const BANDS: usize = 8;
+
+/// As many threads as the machine has processors.
+pub fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Fills `values`, `row_length` of them a row, by calling `fill(row number, row)` on `threads` threads. What `fill`
+/// writes must depend on the row's number alone; then no value hangs on the count of threads.
+pub fn over_rows<T: Send>(values: &mut [T], row_length: usize, threads: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
+    let (row_length, threads) = (row_length.max(1), threads.max(1));
+    let band = values.len().div_ceil(row_length).div_ceil(BANDS * threads).max(1);
+    let bands = Mutex::new(values.chunks_mut(row_length * band).enumerate());
+    std::thread::scope(|scope| {
+        let work = || {
+            // A poisoned lock means that `fill` panicked elsewhere; the scope passes that on.
+            while let Some((n, rows)) = bands.lock().ok().and_then(|mut bands| bands.next()) {
+                rows.chunks_mut(row_length).enumerate().for_each(|(y, row)| fill(n * band + y, row));
+            }
+        };
+        // Where a thread cannot be had, those that there are do its share; rayon's pool would panic.
+        for _ in 1..threads {
+            let _ = std::thread::Builder::new().spawn_scoped(scope, work);
+        }
+        work();
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_row_is_filled_once_with_its_own_number_on_any_count_of_threads() {
+        for (rows, threads) in [(0, 2), (1, 8), (7, 0), (7, 1), (100, 3), (1000, 16)] {
+            let mut values = vec![0; 5 * rows];
+            over_rows(&mut values, 5, threads, |y, row| {
+                row.iter_mut().enumerate().for_each(|(x, v)| *v += 5 * y + x + 1)
+            });
+            assert_eq!(values, (1..=5 * rows).collect::<Vec<_>>(), "{rows} rows on {threads} threads");
+        }
+        over_rows(&mut [(); 0], 0, 2, |_, _| unreachable!("there are no rows"));
+    }
+}
