@@ -10,7 +10,7 @@ mod gpu;
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
-use locard::depth::Surfaces;
+use locard::depth::{DepthGrid, Surfaces};
 use locard::effects::{self, Effect, LayerRun, Moment};
 use locard::gpu::{Recorder, Texture};
 use locard::params::Value;
@@ -67,13 +67,9 @@ fn surfaces(size: (u32, u32)) -> Surfaces {
     let depth_m: Vec<f32> = (0..count).map(|i| 2.0 - (i as u32 / size.0) as f32 / size.1 as f32).collect();
     let light = vec![[0.1, 0.2, 0.3]; count];
     Surfaces {
-        width: size.0,
-        height: size.1,
-        enlargement: 1.0,
         behind_m: depth_m.clone(),
-        depth_m,
         behind_light: light.clone(),
-        light,
+        nearest: DepthGrid { width: size.0, height: size.1, enlargement: 1.0, depth_m, light, is_widened: true },
     }
 }
 
@@ -156,7 +152,7 @@ fn photographed(
             frame: gpu::frame(3, 0.0, stripes(size)),
             picture: &picture,
             capture,
-            real: RealDepth::Known { depth_m: None, surfaces: real_too.then_some(&surfaces) },
+            real: RealDepth::Known { grid: None, surfaces: real_too.then_some(&surfaces) },
             track: &sideways([200.0, 60.0]),
             time_offset_s: 0.0,
             interval_s: 1.0 / 30.0,

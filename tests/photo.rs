@@ -15,7 +15,7 @@ use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response, Summed};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
-use locard::depth::Surfaces;
+use locard::depth::{DepthGrid, Surfaces};
 use locard::frame::{FrameExposure, PhotoSettings};
 use locard::params::Value;
 use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
@@ -278,47 +278,6 @@ fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
     assert!(row[321..959].iter().all(|&c| c == 255));
 }
 
-/// Three frames a tenth of a second apart, of 10 ms each: the virtual part shows three times, as the real one does.
-#[test]
-fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
-    let geometry = gpu::pinhole(160, 60, FOCAL_PX);
-    let camera = camera(&geometry, None);
-    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
-    let gpu = gpu::gpu();
-    // 12 px wide, 40 px farther each time, blurred over 4.
-    let scene = board([6.0, 20.0], 0.5);
-    let mut compositor = Compositor::new(gpu.clone(), scene);
-    let pixels = gpu::grey(160, 60, 0);
-    let real = RealPart::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(&camera));
-    let summed = [-0.1, 0.0, 0.1].map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
-    let settings = Settings::default();
-    let standpoint = Standpoint {
-        camera: &camera,
-        settings: &settings,
-        recorded: &geometry,
-        track: &sideways([400.0, 0.0]),
-        time_offset_s: 0.0,
-        interval_s: 0.1,
-        frame: 3,
-        timestamp_s: 0.0,
-        exposure: Default::default(),
-        summed: &summed,
-        depth: None,
-    };
-    let exposed = Exposed { opening: None, time_s: 0.3, over_ev: 0.0, iso_ratio: 1.0 };
-    let taken = take(&mut compositor, &standpoint, &framing, real, &exposed, |_| ()).unwrap().pixels;
-    let light = |x: u32| camera.response.decode(f64::from(taken.at(x, 30)[0]) / 255.0);
-    let full = light(80);
-    assert!((full - 0.5 / 3.0).abs() < 0.01, "{full}");
-    for x in 20..140u32 {
-        let beside = [40.0, 80.0, 120.0].map(|at: f64| (f64::from(x) + 0.5 - at).abs());
-        let nearest = beside.into_iter().fold(f64::INFINITY, f64::min);
-        // Covered all the while up to 4 px from the middle, never from 8 on.
-        let expected = full * ((8.0 - nearest) / 4.0).clamp(0.0, 1.0);
-        assert!((light(x) - expected).abs() < 0.06 * full + 0.002, "{x}: {}, by hand {expected}", light(x));
-    }
-}
-
 #[test]
 fn parted_colours_leave_the_real_part_alone() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
@@ -351,13 +310,9 @@ fn parts_join_without_a_seam() {
     let stripes = Pixels::from_u8(320, 240, stripes).unwrap();
     let light = vec![[0.1; 3]; depth_m.len()];
     let surfaces = Surfaces {
-        width: 320,
-        height: 240,
-        enlargement: 1.0,
         behind_m: depth_m.clone(),
-        depth_m,
         behind_light: light.clone(),
-        light,
+        nearest: DepthGrid { width: 320, height: 240, enlargement: 1.0, depth_m, light, is_widened: true },
     };
     let made = |regions: &[Rect], surfaces: Option<&Surfaces>| {
         let gpu = gpu::gpu();
@@ -375,7 +330,7 @@ fn parts_join_without_a_seam() {
                 frame: gpu::frame(3, 0.0, stripes.clone()),
                 picture: &geometry,
                 capture,
-                real: RealDepth::Known { depth_m: None, surfaces },
+                real: RealDepth::Known { grid: None, surfaces },
                 track: &track,
                 time_offset_s: 0.0,
                 interval_s: 1.0 / 30.0,

@@ -3,8 +3,7 @@
 use super::behind_real::deep_within;
 use super::plan::{Plan, Sight};
 use super::{Job, RealDepth, Settings};
-use crate::camera::Intrinsics;
-use crate::depth::{RayCache, Repair, enlarged, measured_from};
+use crate::depth::{RayCache, Repair, measured_from};
 use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
@@ -41,10 +40,7 @@ impl Hidden {
                 let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
                 Repair { rays, depth, measured: &measured, frame: &sight.keys.middle(), pixels, response }.over(drawn)
             }),
-            RealDepth::Known { depth_m, .. } => depth_m.filter(|_| !plan.hides_itself()).map(|depth_m| {
-                let Intrinsics { width_px, height_px, .. } = recorded.intrinsics;
-                enlarged(depth_m, (width_px, height_px), &job.capture.framed, drawn)
-            }),
+            RealDepth::Known { grid, .. } => grid.filter(|_| !plan.hides_itself()).map(|grid| grid.over(drawn)),
         };
         let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
         // Hidden before it is blurred is what is hidden however far it is blurred, if it is cut off after that.

@@ -2,7 +2,7 @@
 
 use super::Settings;
 use crate::camera::{Camera, Capture, Geometry, LensError};
-use crate::depth::Surfaces;
+use crate::depth::{DepthGrid, Surfaces};
 use crate::effects::EffectError;
 use crate::frame::Frame;
 use crate::gpu::GpuError;
@@ -32,9 +32,9 @@ pub struct Job<'a> {
 pub enum RealDepth<'a> {
     /// As the frame's own depth map says, where it has one.
     OfFrame,
-    /// In the recorded camera's picture at the frame's moment, metres, 0 where nothing is known; it hides virtual
-    /// things. With the surfaces that were made of it, effects act on the real part too.
-    Known { depth_m: Option<&'a [f32]>, surfaces: Option<&'a Surfaces> },
+    /// At the frame's moment over the picture that is made; it hides virtual things. With the surfaces that were made of it,
+    /// effects act on the real part too.
+    Known { grid: Option<&'a DepthGrid>, surfaces: Option<&'a Surfaces> },
 }
 
 /// Where the picture goes.

@@ -50,6 +50,8 @@ pub struct Pending {
     stats: FrameStats,
     want_layer: bool,
     work: Option<Work>,
+    /// What was handed to the GPU before the last of it, in order.
+    parts: Vec<wgpu::SubmissionIndex>,
 }
 
 #[derive(Debug, Default)]
@@ -169,7 +171,13 @@ impl Compositor {
         for readback in codes.chain(work.layer.iter_mut().flat_map(|layer| &mut layer.parts)) {
             readback.submitted(submission.clone());
         }
-        Ok(Pending { frame: job.frame, stats, want_layer: job.want_layer, work: Some(work) })
+        Ok(Pending {
+            frame: job.frame,
+            stats,
+            want_layer: job.want_layer,
+            work: Some(work),
+            parts: self.recorder.parts(),
+        })
     }
 
     /// A frame to which nothing is added.
@@ -180,7 +188,7 @@ impl Compositor {
             sent.show(&mut self.recorder, view, format);
             self.recorder.submit();
         }
-        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None }
+        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new() }
     }
 
     /// Whether [`Compositor::collect`] would not wait.
@@ -195,10 +203,20 @@ impl Compositor {
         Ok(true)
     }
 
+    /// Waits for the parts of a frame that takes long, and tells after each what share of them is done. The last is
+    /// [`Compositor::collect`]'s.
+    pub fn await_parts(&self, pending: &Pending, mut done: impl FnMut(f64)) -> Result<(), GpuError> {
+        for (n, part) in pending.parts.iter().enumerate() {
+            self.gpu().wait(Some(part.clone()))?;
+            done((n + 1) as f64 / (pending.parts.len() + 1) as f64);
+        }
+        Ok(())
+    }
+
     /// Waits for a frame and gives its picture: the camera's own, and within the rectangle
     /// what came back from the GPU.
     pub fn collect(&mut self, pending: Pending) -> Result<Composited, GpuError> {
-        let Pending { frame, stats, want_layer, work } = pending;
+        let Pending { frame, stats, want_layer, work, .. } = pending;
         let index = frame.index;
         let mut pixels = frame.pixels;
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));

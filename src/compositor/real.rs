@@ -25,8 +25,8 @@ pub fn real_layer(
     let camera = recorder.pool.lend_to_write(&gpu, size, wgpu::TextureFormat::Rgba16Uint);
     camera.write(&gpu, size.0, size.1, &codes(pixels, drawn));
 
-    let grid = (surfaces.width, surfaces.height);
-    let [near, behind] = [&surfaces.light, &surfaces.behind_light].map(|light| {
+    let grid = (surfaces.nearest.width, surfaces.nearest.height);
+    let [near, behind] = [&surfaces.nearest.light, &surfaces.behind_light].map(|light| {
         let texture = recorder.pool.lend_to_write(&gpu, grid, COLOR);
         let texels: Vec<_> = light.iter().map(|l| [l[0], l[1], l[2], 1.0]).collect();
         texture.write(&gpu, grid.0, grid.1, &half_texels(&texels));
@@ -35,6 +35,7 @@ pub fn real_layer(
     let depths = recorder.pool.lend_to_write(&gpu, grid, GEOMETRY);
     let words = |z: &f32| [z.to_bits() as u16, (z.to_bits() >> 16) as u16];
     let both: Vec<[u16; 4]> = surfaces
+        .nearest
         .depth_m
         .iter()
         .zip(&surfaces.behind_m)
@@ -48,7 +49,7 @@ pub fn real_layer(
     let uniform = Grid {
         size: [grid.0 as i32, grid.1 as i32],
         in_picture: [drawn.x0, drawn.y0],
-        step: surfaces.enlargement.recip() as f32,
+        step: surfaces.nearest.enlargement.recip() as f32,
     };
     let [curve, gamma] = response_constants(response);
     let entry = Entry::from("main").choose(curve.0, curve.1).choose(gamma.0, gamma.1);

@@ -7,7 +7,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::camera::{Framed, Geometry, Intrinsics};
+use crate::camera::{Geometry, Intrinsics};
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
@@ -32,21 +32,6 @@ pub struct Rays {
     geometry: Geometry,
     /// Row by row, so long that a depth times it is the point; NaN where nothing is seen, or no depth can be told.
     rays: Vec<[f32; 3]>,
-}
-
-/// Depths of a picture of `size`, seen in a part of it: over `rect` of the part, each pixel takes the one it lies on. 0
-/// outside of the picture.
-pub fn enlarged(texels: &[f32], size: (u32, u32), framed: &Framed, rect: Rect) -> Vec<f32> {
-    let (width, height) = (f64::from(size.0), f64::from(size.1));
-    let columns = rect.x0..rect.x1;
-    (rect.y0..rect.y1)
-        .flat_map(|y| columns.clone().map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)))
-        .map(|at| {
-            let from = framed.source_px(at);
-            let inside = from.x >= 0.0 && from.y >= 0.0 && from.x < width && from.y < height;
-            if inside { texels[from.y as usize * size.0 as usize + from.x as usize] } else { 0.0 }
-        })
-        .collect()
 }
 
 /// A frame's depth as it is seen at the frame's moment, metres, row by row; 0 where nothing is known. None where there is

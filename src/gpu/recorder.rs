@@ -18,6 +18,7 @@ pub struct Recorder {
     uniforms: Uniforms,
     kept: Kept,
     encoder: Option<wgpu::CommandEncoder>,
+    parts: Vec<wgpu::SubmissionIndex>,
 }
 
 impl Recorder {
@@ -36,6 +37,7 @@ impl Recorder {
             uniforms: Uniforms::default(),
             kept: Kept::default(),
             encoder: None,
+            parts: Vec::new(),
         }
     }
 
@@ -94,5 +96,16 @@ impl Recorder {
         let submission = self.gpu.queue.submit(self.encoder.take().map(wgpu::CommandEncoder::finish));
         self.pool.submitted();
         submission
+    }
+
+    /// Hands over a part of something long: a long plan in one submission would hold all its buffers at once.
+    pub fn submit_part(&mut self) {
+        let part = self.submit();
+        self.parts.push(part);
+    }
+
+    /// The parts that were handed over since this was last asked, in order.
+    pub fn parts(&mut self) -> Vec<wgpu::SubmissionIndex> {
+        std::mem::take(&mut self.parts)
     }
 }

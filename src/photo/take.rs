@@ -2,7 +2,7 @@
 
 use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
-use crate::depth::{Surfaces, seen_at_frame};
+use crate::depth::{DepthGrid, Surfaces, seen_at_frame};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
@@ -104,18 +104,13 @@ pub fn take(
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
         circle(f64::from(least_m)).max(circle(f64::INFINITY))
     });
-    let blurred = depth_m.as_deref().filter(|_| circles_px > 0.0);
+    let grid =
+        depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {
+            let recorded = &standpoint.recorded.intrinsics;
+            DepthGrid::new(&pixels, recorded, depth_m, &framing.framed, &standpoint.camera.response)
+        });
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
-    let surfaces = blurred.and_then(|depth_m| {
-        Surfaces::new(
-            &pixels,
-            &standpoint.recorded.intrinsics,
-            depth_m,
-            &framing.framed,
-            &standpoint.camera.response,
-            reach_px,
-        )
-    });
+    let surfaces = grid.as_ref().filter(|_| circles_px > 0.0).map(|grid| Surfaces::new(grid, reach_px));
     let tile_px = match &surfaces {
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
         None => TILE_PX,
@@ -124,7 +119,8 @@ pub fn take(
     let tiles = tiles(width, height, tile_px);
     let mut shows_objects = false;
     for (n, &region) in tiles.iter().enumerate() {
-        done(n as f64 / tiles.len() as f64);
+        let mut of_tile = |share: f64| done((n as f64 + share) / tiles.len() as f64);
+        of_tile(0.0);
         let before = copied(&pixels, region);
         let frame = Frame {
             index: standpoint.frame,
@@ -137,13 +133,14 @@ pub fn take(
             frame,
             picture: &framing.geometry,
             capture: Capture { region, ..capture.clone() },
-            real: RealDepth::Known { depth_m: depth_m.as_deref(), surfaces: surfaces.as_ref() },
+            real: RealDepth::Known { grid: grid.as_ref(), surfaces: surfaces.as_ref() },
             track: standpoint.track,
             time_offset_s: standpoint.time_offset_s,
             interval_s: standpoint.interval_s,
             want_layer: false,
         };
         let pending = compositor.submit(job, standpoint.camera, standpoint.settings, Target::Pixels)?;
+        compositor.await_parts(&pending, of_tile)?;
         let composited = compositor.collect(pending)?;
         shows_objects |= composited.stats.objects_in_sight;
         pixels = composited.pixels;

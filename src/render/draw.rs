@@ -196,9 +196,8 @@ impl Renderer {
                 self.draw_sample(recorder, &view, (sample, plan.focus_distance_m), &prepared, &one);
                 sum.add(recorder, &one, from, sample.weight);
             }
-            // A long plan in one submission would hold all its buffers at once.
             if i % 32 == 31 {
-                recorder.submit();
+                recorder.submit_part();
             }
         }
         sum.finish(recorder, &out);

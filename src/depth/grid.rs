@@ -1,0 +1,88 @@
+//! The recorded depth on a grid over a photograph, its gaps filled and its edges put on the picture's.
+
+use glam::DVec2;
+
+use super::{edges, holes};
+use crate::camera::{Framed, Intrinsics, Response};
+use crate::pixels::{Pixels, Rect};
+
+/// The grid has no more pixels.
+const MOST_PIXELS: f64 = 2.0e6;
+
+/// What a photograph's real part shows, and how far away it is: `width * height` values each, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthGrid {
+    pub width: u32,
+    pub height: u32,
+    /// Pixels of the photograph for one of the grid, 1 or more.
+    pub enlargement: f64,
+    /// z, metres; known everywhere.
+    pub depth_m: Vec<f32>,
+    /// Linear light.
+    pub light: Vec<[f32; 3]>,
+    /// Whether its edges were beside the picture's, and are wider now by what a soft edge of the picture takes.
+    pub is_widened: bool,
+}
+
+impl DepthGrid {
+    /// By the recorded camera's depth (`depth_m`, its picture's size, 0 where nothing is known). `framed` says where in the
+    /// recorded picture the photograph lies. `None` where the depth is of another size, or nothing was measured in what the
+    /// photograph shows.
+    pub fn new(
+        pixels: &Pixels,
+        recorded: &Intrinsics,
+        depth_m: &[f32],
+        framed: &Framed,
+        response: &Response,
+    ) -> Option<Self> {
+        let (whole_width, whole_height) = (recorded.width_px as usize, recorded.height_px as usize);
+        if depth_m.len() != whole_width * whole_height {
+            return None;
+        }
+        // A pixel of the grid for one of the recording, or of the photograph where that is coarser.
+        let area = f64::from(pixels.width) * f64::from(pixels.height);
+        let enlargement = framed.step.recip().max((area / MOST_PIXELS).sqrt()).max(1.0);
+        let side = |pixels: u32| (f64::from(pixels) / enlargement).ceil().max(1.0) as u32;
+        let (width, height) = (side(pixels.width), side(pixels.height));
+        let places =
+            || (0..height).flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)));
+        let place = |at: f64, side: usize| at.clamp(0.0, side as f64 - 1.0) as usize;
+        let measured = |at: DVec2| {
+            let from = framed.source_px(enlargement * at);
+            depth_m[place(from.y, whole_height) * whole_width + place(from.x, whole_width)]
+        };
+        let most = f64::from(pixels.max_code());
+        let seen = |at: DVec2| {
+            let at = enlargement * at;
+            let (x, y) = (place(at.x, pixels.width as usize), place(at.y, pixels.height as usize));
+            pixels.at(x as u32, y as u32).map(|code| response.decode(f64::from(code) / most) as f32)
+        };
+        let mut depth_m: Vec<f32> = places().map(measured).collect();
+        let light: Vec<[f32; 3]> = places().map(seen).collect();
+        let looks: Vec<[f32; 3]> = light.iter().map(|l| l.map(|c| c.max(0.0).sqrt())).collect();
+        let columns = width as usize;
+        let of_recorded = framed.step * enlargement;
+        let guessed = holes::fill(&mut depth_m, &looks, columns, (recorded.fx_px / of_recorded) as f32)?;
+        let off_px = (f64::from(recorded.width_px) * edges::MOST_OFF / of_recorded).round() as usize;
+        // A map whose edges are on the picture's hides to the pixel; it needs nothing wider.
+        let is_widened = edges::are_off(&depth_m, &looks, columns, off_px);
+        if is_widened {
+            let on_colors = edges::on_colors(&depth_m, &guessed, &looks, columns, off_px);
+            depth_m = edges::widened(&on_colors, Some(&looks), columns);
+        }
+        Some(Self { width, height, enlargement, depth_m, light, is_widened })
+    }
+
+    /// Column and row of the grid under a pixel of the photograph or beside it.
+    pub fn index(&self, x: i32, y: i32) -> usize {
+        let place = |at: i32, side: u32| ((f64::from(at) + 0.5) / self.enlargement).clamp(0.0, f64::from(side - 1));
+        place(y, self.height) as usize * self.width as usize + place(x, self.width) as usize
+    }
+
+    /// The depth at each pixel of a rectangle of the photograph, metres, row by row.
+    pub fn over(&self, rect: Rect) -> Vec<f32> {
+        let columns = rect.x0..rect.x1;
+        let places = (rect.y0..rect.y1).flat_map(|y| columns.clone().map(move |x| (x, y)));
+        places.map(|(x, y)| self.depth_m[self.index(x, y)]).collect()
+    }
+}
