@@ -4,9 +4,8 @@
 // @import shared/mixed
 // @import shared/response
 
-// The camera's response: of the whole run, so that the shader holds nothing else.
+// The curve of the camera's response: of the whole run, so that the shader holds nothing else.
 override curve: f32 = 0.0;
-override gamma: f32 = 1.0;
 // Whether the whole picture is made: then real pixels have their noise as it was before they were exposed.
 override whole: bool = false;
 // Whether each colour has a coverage of its own.
@@ -24,6 +23,7 @@ struct Composite {
     max_code: f32,
     gain: f32,               // on the real light
     noise_left: f32,         // share of the variance of the real pixels' noise
+    gamma: f32,              // of the camera's response
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -77,8 +77,8 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
 // What a photograph leaves of σ of real pixels of some light, as light: that of the light as it was recorded, brightened.
 fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
     let recorded_light = light / composite.gain;
-    let recorded = encode(recorded_light, curve, gamma);
-    let slope = slope_at(recorded, recorded_light, curve, gamma) / composite.gain;
+    let recorded = encode(recorded_light, curve, composite.gamma);
+    let slope = slope_at(recorded, recorded_light, curve, composite.gamma) / composite.gain;
     return sigma_at(recorded) / slope * sqrt(composite.noise_left);
 }
 
@@ -88,8 +88,8 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
         return vec3<f32>(0.0);
     }
     let shown = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
-    let light = decode(shown, curve, gamma);
-    let s = slope_at(shown, light, curve, gamma) * recorded_sigma(light) * real_at(p, light).a;
+    let light = decode(shown, curve, composite.gamma);
+    let s = slope_at(shown, light, curve, composite.gamma) * recorded_sigma(light) * real_at(p, light).a;
     return s * s;
 }
 
@@ -98,12 +98,12 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let w = 1.0 - coverage;
-    let real = real_at(p, decode(code, curve, gamma));
+    let real = real_at(p, decode(code, curve, composite.gamma));
     let real_light = composite.gain * real.rgb;
     let light = max(virtual_light + w * real_light, vec3<f32>(0.0));
-    let mixed = encode(light, curve, gamma);
-    let after = slope_at(mixed, light, curve, gamma);
-    var s = w * after / slope_at(code, real_light, curve, gamma) * sigma_at(code);
+    let mixed = encode(light, curve, composite.gamma);
+    let after = slope_at(mixed, light, curve, composite.gamma);
+    var s = w * after / slope_at(code, real_light, curve, composite.gamma) * sigma_at(code);
     if whole {
         s = w * after * recorded_sigma(real_light) * real.a;
     }

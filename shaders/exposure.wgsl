@@ -2,14 +2,14 @@
 // @import shared/fullscreen
 // @import shared/response
 
-// The camera's response, for equation (11).
+// The curve of the camera's response, for equation (11).
 override curve: f32 = 0.0;
-override gamma: f32 = 1.0;
 
 struct Exposure {
     gain: f32,     // on light
     step: f32,     // added to display values
     picture: f32,  // factor by which the whole picture is exposed
+    gamma: f32,    // of the camera's response
 }
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -27,8 +27,8 @@ fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 @fragment
 fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
-    let shown = encode(min(light.rgb / max(light.a, 1e-6), vec3<f32>(1.0)), curve, gamma);
+    let shown = encode(min(light.rgb / max(light.a, 1e-6), vec3<f32>(1.0)), curve, exposure.gamma);
     let moved = clamp(shown + exposure.step, vec3<f32>(0.0), vec3<f32>(1.0));
-    let exposed = decode(moved, curve, gamma) * light.a * exposure.picture;
+    let exposed = decode(moved, curve, exposure.gamma) * light.a * exposure.picture;
     return vec4<f32>(min(exposed, vec3<f32>(BRIGHTEST)), light.a);
 }

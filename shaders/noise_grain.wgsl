@@ -9,7 +9,7 @@ fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
 fn variance_at(code: vec3<f32>, k: f32) -> vec3<f32> {
     let s = sigma_at(code) * noise.scale;
     let shown = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
-    let read = noise.scale * noise.read.rgb * slope_at(shown, decode(shown, curve, gamma), curve, gamma);
+    let read = noise.scale * noise.read.rgb * slope_at(shown, decode(shown, curve, composite.gamma), curve, composite.gamma);
     return k * s * s + (k * k - k) * min(read * read, s * s);
 }
 

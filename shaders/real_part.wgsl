@@ -2,12 +2,12 @@
 // @import shared/fullscreen
 // @import shared/response
 override curve: f32 = 0.0;
-override gamma: f32 = 1.0;
 
 struct Grid {
     size: vec2<i32>,
     in_picture: vec2<i32>,   // where the part begins
     step: f32,               // pixels of the grid for one of the picture
+    gamma: f32,              // of the camera's response
 }
 @group(0) @binding(0) var<uniform> grid: Grid;
 @group(0) @binding(1) var codes: texture_2d<u32>;
@@ -30,7 +30,7 @@ fn words(z: f32) -> vec2<u32> {
 
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> Out {
-    let light = decode(vec3<f32>(textureLoad(codes, vec2<i32>(at.xy), 0).rgb) / 65535.0, curve, gamma);
+    let light = decode(vec3<f32>(textureLoad(codes, vec2<i32>(at.xy), 0).rgb) / 65535.0, curve, grid.gamma);
     // The four of the grid around it, each by its nearness and by how much it looks like this pixel.
     let place = (vec2<f32>(grid.in_picture) + at.xy) * grid.step - 0.5;
     let corner = floor(place);

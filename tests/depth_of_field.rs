@@ -540,7 +540,7 @@ fn shapes_that_a_method_does_not_know_are_refused() {
             ("depth_of_field", "method", Value::Text(method.to_owned())),
             ("depth_of_field", "shape", Value::Text("heart".to_owned())),
         ]);
-        let effect = settings.effects.iter().find(|e| e.table() == "depth_of_field").unwrap();
+        let effect = settings.effects().find(|e| e.table() == "depth_of_field").unwrap();
         let error = effect.check(&camera, camera.geometry.as_ref().unwrap()).unwrap_err().to_string();
         assert!(error.contains("depth_of_field.shape is refused") && error.contains("diffusion"), "{error}");
     }

@@ -30,7 +30,7 @@ impl Held {
     /// Every effect in one of its ways, over a camera that each of them has something to do with.
     fn new(case: usize) -> Self {
         let mut settings = Settings::default();
-        let cases: Vec<_> = settings.effects.iter().map(|e| (e.table(), e.cases())).collect();
+        let cases: Vec<_> = settings.effects().map(|e| (e.table(), e.cases())).collect();
         for (table, cases) in &cases {
             for (name, value) in &cases[case.min(cases.len() - 1)].1 {
                 settings.set(table, name, value).unwrap().unwrap();
@@ -49,7 +49,8 @@ impl Held {
             "camera.exposure.time_s=0.02",
             "camera.exposure.iso=200",
             "camera.lens.f_number=2",
-            "camera.lens.focus_distance_m=0.7",
+            // Where the board is drawn through many points of the lens, so that they need not be thousands.
+            if case < 3 { "camera.lens.focus_distance_m=0.7" } else { "camera.lens.focus_distance_m=1.9" },
         ] {
             rig.set_text(set, &mut settings).unwrap();
         }
@@ -59,8 +60,7 @@ impl Held {
     /// Every parameter that can be set, with its table; from the second case on those of effects that have so many.
     fn parameters(&self, case: usize) -> Vec<(&'static str, Spec)> {
         let tables = self.rig.tables().into_iter().chain(self.settings.tables());
-        let cases =
-            |table: &str| self.settings.effects.iter().find(|e| e.table() == table).map_or(1, |e| e.cases().len());
+        let cases = |table: &str| self.settings.effects().find(|e| e.table() == table).map_or(1, |e| e.cases().len());
         tables
             .filter(|table| case < cases(table.table()))
             .flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec)))
@@ -89,12 +89,13 @@ fn scene() -> Scene {
     board([20.0, 14.0], 0.6)
 }
 
-/// Ten values over a parameter's range; of one without end, over what anybody gives it.
-fn values(spec: &Spec) -> Vec<Value> {
+/// Ten values over a parameter's range, or those between them, and all choices; of a range without end, over what anybody
+/// gives it.
+fn values(spec: &Spec, between: bool) -> Vec<Value> {
     let numbers = |min: f64, max: f64| -> Vec<f64> {
         let (min, max) = (min.max(-1e4), max.min(1e4));
+        let step = |i: u32| if between { (f64::from(i) + 0.5) / 10.0 } else { f64::from(i) / 9.0 };
         // Over decades, where there are several.
-        let step = |i: u32| f64::from(i) / 9.0;
         if min > 0.0 && max / min > 100.0 {
             return (0..10).map(|i| min * (max / min).powf(step(i))).collect();
         }
@@ -108,47 +109,49 @@ fn values(spec: &Spec) -> Vec<Value> {
     }
 }
 
+/// Each value of each parameter, in each of the effects' ways, with what it is called.
+fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
+    (0..4).flat_map(move |case| {
+        let start = Held::new(case);
+        let one = move |table: &str, name: &str, value: &Value| {
+            let mut one = start.clone();
+            let set = one.rig.set_text(&format!("{table}.{name}={value}"), &mut one.settings);
+            set.is_ok().then(|| (format!("case {case}, {table}.{name} = {value}"), one))
+        };
+        let parameters = Held::new(case).parameters(case).into_iter();
+        parameters.flat_map(move |(table, spec)| {
+            values(&spec, between).iter().filter_map(|value| one(table, spec.name, value)).collect::<Vec<_>>()
+        })
+    })
+}
+
 #[test]
 fn every_parameter_through_its_range() {
     let gpu = gpu::gpu().clone();
     let mut held = Compositor::new(gpu.clone(), scene());
-    let mut pictures = Vec::new();
-    for round in ["first", "again", "anew"] {
-        let (made, begun) = (gpu.pipelines_made(), std::time::Instant::now());
-        let mut n = 0;
-        for case in 0..4 {
-            let start = Held::new(case);
-            for (table, spec) in start.parameters(case) {
-                for value in values(&spec) {
-                    let mut one = start.clone();
-                    if one.rig.set_text(&format!("{table}.{}={value}", spec.name), &mut one.settings).is_err() {
-                        continue;
-                    }
-                    let told = format!("case {case}, {table}.{} = {value}", spec.name);
-                    match round {
-                        "first" => pictures.push((told, one.picture(&mut held))),
-                        // All of them again and anew would take minutes: a new one compiles every shader.
-                        "again" if n % 3 == 0 => {
-                            assert!(one.picture(&mut held) == pictures[n].1, "{told}: another picture the second time");
-                        }
-                        "anew" if n % 9 == 0 => {
-                            let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
-                            assert!(anew == pictures[n].1, "{told}: not what a new compositor gives");
-                        }
-                        _ => {}
-                    }
-                    n += 1;
-                }
-            }
-        }
-        if round == "again" {
-            assert_eq!(gpu.pipelines_made(), made, "each choice has been seen, and numbers make no pipelines");
-        }
-        println!("{round}: {:.1} s", begun.elapsed().as_secs_f64());
-    }
+    let pictures: Vec<_> = sweep(false).map(|(told, one)| (told, one.picture(&mut held))).collect();
     let drawn = pictures.iter().filter(|(_, picture)| picture.is_ok()).count();
     println!("{} values, {drawn} pictures", pictures.len());
     assert!(drawn > 300 && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
+
+    // Each choice has been seen. Other numbers than those make no pipeline.
+    let mut made = gpu.pipelines_made();
+    for (told, one) in sweep(true) {
+        let _ = one.picture(&mut held);
+        let now = gpu.pipelines_made();
+        assert_eq!(now, made, "{told}: {} pipelines more", now - made);
+        made = now;
+    }
+    for (n, ((told, one), (_, first))) in sweep(false).zip(&pictures).enumerate() {
+        if n % 3 == 0 {
+            assert!(one.picture(&mut held) == *first, "{told}: another picture the second time");
+        }
+        // All of them anew would take minutes: a new compositor compiles every shader.
+        if n % 9 == 0 {
+            let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
+            assert!(anew == *first, "{told}: not what a new compositor gives");
+        }
+    }
 }
 
 /// A device as a window would make it.

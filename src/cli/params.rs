@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<()> {
         return Ok(());
     }
     for table in tables {
-        let summary = settings.effects.iter().find(|e| e.table() == table.table()).map(|e| e.summary());
+        let summary = settings.effects().find(|e| e.table() == table.table()).map(|e| e.summary());
         match summary {
             Some(summary) => writeln!(out, "[{}]  {summary}", table.table())?,
             None => writeln!(out, "[{}]", table.table())?,

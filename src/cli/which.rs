@@ -24,7 +24,7 @@ impl Which {
     /// An error for a name that no effect has; it lists those that there are.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {
-            let known: Vec<&str> = settings.effects.iter().map(|e| e.table()).collect();
+            let known: Vec<&str> = settings.effects().map(|e| e.table()).collect();
             bail!("--only and --without need names of effects, commas between; there are: {}", known.join(", "));
         }
         if let Some(names) = &self.only {

@@ -2,7 +2,7 @@
 
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, Capture, NoiseProfile};
-use crate::effects::{MixedPart, response_constants};
+use crate::effects::{MixedPart, curve_choice};
 use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::Layer;
@@ -79,6 +79,7 @@ crate::uniform! {
         max_code: f32,
         gain: f32,
         noise_left: f32,
+        gamma: f32,
     }
 }
 
@@ -130,19 +131,17 @@ pub fn mix(
         max_code: sent.max_code,
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
+        gamma: camera.response.gamma as f32,
     };
     let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
     let on = |on: bool| f64::from(u8::from(on));
-    let [curve, gamma] = response_constants(&camera.response);
     let entry = Entry::from("main")
-        .choose(curve.0, curve.1)
-        .choose(gamma.0, gamma.1)
+        .choose("curve", curve_choice(&camera.response))
         .choose("whole", on(capture.whole))
         .choose("parted", on(layer.coverage.is_some()))
         .choose("light_alone", on(layer.light_alone));
     let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
     let (shaders, tail) = module(&named, layer.real.is_some());
-    let uniforms: Vec<_> = parts.iter().map(|part| recorder.uniform(&part.uniform)).collect();
     let mut pass = recorder
         .pass_of(&shaders, || tail, entry)
         .uniform("composite", &uniform)
@@ -150,8 +149,8 @@ pub fn mix(
         .texture("camera", &sent.texture)
         .texture("layer", &layer.color)
         .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color));
-    for (part, uniform) in parts.iter().zip(uniforms) {
-        pass = pass.buffer(part.name, uniform);
+    for part in &parts {
+        pass = pass.packed(part.name, &part.uniform);
         for (name, texture) in &part.textures {
             pass = pass.texture(name, texture);
         }

@@ -2,13 +2,13 @@
 
 use crate::camera::Response;
 use crate::depth::Surfaces;
-use crate::effects::response_constants;
+use crate::effects::curve_choice;
 use crate::gpu::{Entry, Recorder, Shader, half_texels};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
 
 crate::uniform! {
-    struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32 }
+    struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, gamma: f32 }
 }
 
 /// The real part over `drawn`, which may reach beyond the picture: what lies there is as its edge.
@@ -50,9 +50,9 @@ pub fn real_layer(
         size: [grid.0 as i32, grid.1 as i32],
         in_picture: [drawn.x0, drawn.y0],
         step: surfaces.nearest.enlargement.recip() as f32,
+        gamma: response.gamma as f32,
     };
-    let [curve, gamma] = response_constants(response);
-    let entry = Entry::from("main").choose(curve.0, curve.1).choose(gamma.0, gamma.1);
+    let entry = Entry::from("main").choose("curve", curve_choice(response));
     let pass = recorder.pass(Shader::RealPart, entry).uniform("grid", &uniform).texture("codes", &camera);
     let pass = pass.texture("near_light", &near).texture("far_light", &behind).texture("depths", &depths);
     let [light, behind, depths] = pass.draw([COLOR, COLOR, GEOMETRY], size);

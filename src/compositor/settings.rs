@@ -19,7 +19,7 @@ crate::params! {
 #[serde(try_from = "Written", into = "Written")]
 pub struct Settings {
     /// In the order in which they work.
-    pub effects: Vec<Box<dyn Effect>>,
+    effects: Vec<Box<dyn Effect>>,
     /// One for each effect: whether it may run at all.
     enabled: Vec<bool>,
     pub depth: Depth,
@@ -115,11 +115,24 @@ impl Settings {
 
     /// Switches the effects named off.
     pub fn without(&mut self, names: &[String]) -> Result<(), SettingsError> {
-        for name in names {
-            let i = self.position(name)?;
-            self.enabled[i] = false;
-        }
+        names.iter().try_for_each(|name| self.switch(name, false))
+    }
+
+    /// Switches an effect on or off.
+    pub fn switch(&mut self, name: &str, on: bool) -> Result<(), SettingsError> {
+        let i = self.position(name)?;
+        self.enabled[i] = on;
         Ok(())
+    }
+
+    /// Whether an effect is switched on; it may be neutral all the same. False for a name that is none.
+    pub fn is_on(&self, name: &str) -> bool {
+        self.on().any(|effect| effect.table() == name)
+    }
+
+    /// All effects in the order in which they work, on or off.
+    pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
+        self.effects.iter().map(AsRef::as_ref)
     }
 
     /// Every effect and occlusion off; the camera's geometry stays on.
@@ -181,9 +194,9 @@ mod tests {
     fn effects_are_picked_by_name() {
         let mut settings = Settings::default();
         settings.only(&["noise".to_owned()]).unwrap();
-        let on: Vec<_> = (0..settings.effects.len()).filter(|&i| settings.enabled[i]).collect();
-        assert_eq!(on.len(), 1);
-        assert_eq!(settings.effects[on[0]].table(), "noise");
+        assert_eq!(settings.on().map(|effect| effect.table()).collect::<Vec<_>>(), ["noise"]);
+        settings.switch("motion_blur", true).unwrap();
+        assert!(settings.is_on("motion_blur") && !settings.is_on("point_spread") && !settings.is_on("grian"));
         let error = settings.without(&["grian".to_owned()]).unwrap_err().to_string();
         assert!(error.contains("grian") && error.contains("motion_blur"), "{error}");
     }

@@ -144,7 +144,9 @@ impl Effect for DepthOfField {
     }
     fn cases(&self) -> Vec<Case> {
         // The benchmark's lens is a pinhole; what this costs over a whole picture is measured by itself.
-        ["layered", "poisson", "diffusion"].map(|m| (m, vec![("method", Value::Text(m.to_owned()))])).to_vec()
+        ["layered", "poisson", "diffusion", "reference"]
+            .map(|m| (m, vec![("method", Value::Text(m.to_owned()))]))
+            .to_vec()
     }
 
     fn plan(&self, moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {

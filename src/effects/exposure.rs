@@ -11,7 +11,7 @@
 //! Not modelled: what exposure does to noise (noise.rs goes by the code value that comes out) and to blur (its length
 //! is the camera's exposure time already).
 
-use super::{Case, Effect, LayerRun, Moment, response_constants};
+use super::{Case, Effect, LayerRun, Moment, curve_choice};
 use crate::camera::Response;
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::frame::FrameExposure;
@@ -37,7 +37,7 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { gain: f32, step: f32, picture: f32 }
+    struct Uniform { gain: f32, step: f32, picture: f32, gamma: f32 }
 }
 
 /// How much light a frame's recording gathered of the same scene, seconds at f/1, ISO 100 and gain 1; a setting that it
@@ -78,15 +78,13 @@ impl Effect for Exposure {
         let over_ev = self.over_ev(&run.moment.recorded);
         let entry = match self.method {
             Method::Photographic => Entry::from("photographic"),
-            Method::Additive => {
-                let [curve, gamma] = response_constants(&run.moment.camera.response);
-                Entry::from("additive").choose(curve.0, curve.1).choose(gamma.0, gamma.1)
-            }
+            Method::Additive => Entry::from("additive").choose("curve", curve_choice(&run.moment.camera.response)),
         };
         let uniform = Uniform {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
             picture: photographic_gain(of_picture_ev(run.moment)) as f32,
+            gamma: run.moment.camera.response.gamma as f32,
         };
         let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
         let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);

@@ -14,7 +14,7 @@ mod stage;
 pub mod vignetting;
 
 pub use stage::{
-    Boxed, Case, Effect, EffectError, LayerRun, MixedPart, Moment, ObjectMotion, OnReal, Reach, response_constants,
+    Boxed, Case, Effect, EffectError, LayerRun, MixedPart, Moment, ObjectMotion, OnReal, Reach, curve_choice,
 };
 
 /// Every effect at its defaults, in the order in which they work: that of the light, but for chromatic_aberration,

@@ -2,7 +2,7 @@
 
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::frame::FrameExposure;
-use crate::gpu::{Recorder, Shader, Texture, Uniform};
+use crate::gpu::{Packed, Recorder, Shader, Texture, Uniform};
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
 use crate::render::{Layer, SamplePlan};
@@ -127,18 +127,17 @@ pub struct MixedPart {
     pub shader: Shader,
     /// The effect's, which its uniform bears too.
     pub name: &'static str,
-    pub uniform: Vec<u8>,
+    pub uniform: Packed,
     pub textures: Vec<(&'static str, Texture)>,
 }
 
-/// The values of the `override`s curve and gamma, for shaders that import shared/response.
-pub fn response_constants(response: &Response) -> [(&'static str, f64); 2] {
-    let curve = match response.curve {
+/// The value of the `override` curve, for shaders that import shared/response.
+pub fn curve_choice(response: &Response) -> f64 {
+    match response.curve {
         Curve::Srgb => 0.0,
         Curve::Linear => 1.0,
         Curve::Gamma => 2.0,
-    };
-    [("curve", curve), ("gamma", response.gamma)]
+    }
 }
 
 /// An effect: a table of parameters, whose name is the effect's, with what they do. It keeps nothing between two calls.
@@ -221,7 +220,7 @@ impl PartialEq for dyn Effect {
 
 impl MixedPart {
     pub fn new<U: Uniform>(shader: Shader, name: &'static str, uniform: &U) -> Self {
-        Self { shader, name, uniform: bytemuck::bytes_of(uniform).to_vec(), textures: Vec::new() }
+        Self { shader, name, uniform: Packed::new(uniform), textures: Vec::new() }
     }
 
     pub fn texture(mut self, name: &'static str, texture: Texture) -> Self {

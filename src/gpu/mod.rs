@@ -24,4 +24,4 @@ pub use recorder::Recorder;
 pub use shader::constant;
 pub use shader::{Shader, module};
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
-pub use uniform::{Bytes, Uniform, constants};
+pub use uniform::{Bytes, Packed, Uniform, constants};

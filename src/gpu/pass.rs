@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::pipelines::{Entry, Made, Module};
-use super::uniform::{Bytes, Uniform};
+use super::uniform::{Bytes, Packed, Uniform};
 use super::{Gpu, Recorder, Shader, Texture};
 
 /// What stands where a shader reads.
@@ -83,9 +83,14 @@ impl<'a> Pass<'a> {
         self.bind(name, Bound::Texture(texture.view.clone()))
     }
 
-    pub fn uniform<U: Uniform>(mut self, name: &'static str, value: &U) -> Self {
-        let bytes = self.recorder.uniform(bytemuck::bytes_of(value));
-        self.layouts.push((name, size_of::<U>(), U::MEMBERS));
+    pub fn uniform<U: Uniform>(self, name: &'static str, value: &U) -> Self {
+        self.packed(name, &Packed::new(value))
+    }
+
+    /// A uniform that an effect gave.
+    pub fn packed(mut self, name: &'static str, value: &Packed) -> Self {
+        let bytes = self.recorder.uniform(&value.bytes);
+        self.layouts.push((name, value.bytes.len(), value.members));
         self.bind(name, Bound::Buffer(bytes))
     }
 

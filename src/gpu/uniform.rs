@@ -33,6 +33,19 @@ where
     const MEMBERS: &'static [(&'static str, usize)] = &[];
 }
 
+/// A uniform whose type is forgotten, but not how it is laid out.
+#[derive(Clone, Debug)]
+pub struct Packed {
+    pub(super) bytes: Vec<u8>,
+    pub(super) members: &'static [(&'static str, usize)],
+}
+
+impl Packed {
+    pub fn new<U: Uniform>(value: &U) -> Self {
+        Self { bytes: bytemuck::bytes_of(value).to_vec(), members: U::MEMBERS }
+    }
+}
+
 /// A part of a buffer.
 #[derive(Clone, Debug)]
 pub struct Bytes {
