@@ -11,6 +11,7 @@ mod shot;
 
 use std::path::Path;
 
+use glam::{DAffine3, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::recording::OpenOptions;
 use locard::shot::{Given, Known, Note, Shot, ShotError};
@@ -55,6 +56,30 @@ fn a_change_between_two_pictures_is_followed() {
     assert!(held.read(31).unwrap().pixels != *pixels(4));
     let other = picture(&mut held, &mut compositor, 30);
     assert!(other.frame == 30 && picture(&mut held, &mut compositor, 31).pixels == *pixels(4));
+}
+
+#[test]
+fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
+    let gpu = gpu::gpu();
+    let mut held = shot::demo(SCENE);
+    let mut compositor = held.compositor(gpu.clone());
+    let before = picture(&mut held, &mut compositor, 31);
+    let made = gpu.pipelines_made();
+    // The first is 2 cm higher, of the second nothing is left.
+    let up = DAffine3::from_translation(0.02 * DVec3::Z);
+    held.scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
+    held.scene.objects[1].parts.clear();
+    let moved = picture(&mut held, &mut compositor, 31);
+    assert_eq!(gpu.pipelines_made(), made);
+    let mut new = held.compositor(gpu.clone());
+    let anew = picture(&mut held, &mut new, 31);
+    assert!(moved.pixels != before.pixels && moved.pixels == anew.pixels);
+
+    let made = gpu.pipelines_made();
+    held.scene = shot::demo(SCENE).scene;
+    compositor.set_scene(held.scene.clone());
+    assert!(picture(&mut held, &mut compositor, 31).pixels == before.pixels);
+    assert_eq!(gpu.pipelines_made(), made);
 }
 
 #[test]

@@ -21,7 +21,7 @@ use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, Recorder};
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Renderer, View};
-use crate::scene::Scene;
+use crate::scene::{Object, Scene};
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
@@ -77,6 +77,19 @@ impl Compositor {
             rays: RayCache::default(),
             readbacks: ReadbackSet::default(),
         }
+    }
+
+    /// Another scene. What was compiled stays, so that this costs no more than the scene's way to the GPU.
+    pub fn set_scene(&mut self, scene: Scene) {
+        self.renderer.set_scene(&self.recorder.gpu, scene);
+    }
+
+    /// Where the scene's objects stand from the next frame on. One without parts is not drawn.
+    ///
+    /// # Panics
+    /// Where a part's mesh is none of the scene's.
+    pub fn place(&mut self, objects: &[Object]) {
+        self.renderer.place(objects);
     }
 
     pub fn gpu(&self) -> &Gpu {

@@ -20,7 +20,7 @@ use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::scene::{Scene, Vertex};
+use crate::scene::{Object, Scene, Vertex};
 
 /// Where the outlines of all parts have more points, boxes stand for them: a millisecond's work.
 const MOST_POINTS: usize = 16384;
@@ -77,6 +77,28 @@ enum Prepared {
 
 impl Renderer {
     pub fn new(gpu: &Gpu, scene: Scene) -> Self {
+        Self::with_pipelines(gpu, scene, Pipelines::new(gpu))
+    }
+
+    /// Another scene. What was compiled for the one before stays.
+    pub fn set_scene(&mut self, gpu: &Gpu, scene: Scene) {
+        *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());
+    }
+
+    /// The objects as they stand from now on, of meshes that the scene has; one without parts is not drawn.
+    ///
+    /// # Panics
+    /// Where a part's mesh is none of the scene's.
+    pub fn place(&mut self, objects: &[Object]) {
+        if self.scene.objects != objects {
+            let meshes = self.meshes.len();
+            let known = objects.iter().flat_map(|object| &object.parts).all(|part| part.mesh < meshes);
+            assert!(known, "objects of meshes that the scene does not have: it has {meshes}");
+            self.scene.objects = objects.to_vec();
+        }
+    }
+
+    fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Pipelines) -> Self {
         use wgpu::util::DeviceExt;
         let mut vertices: Vec<Vertex> = Vec::new();
         let mut indices: Vec<u32> = Vec::new();
@@ -104,7 +126,6 @@ impl Renderer {
         let buffer = |label, contents, usage| {
             gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
         };
-        let pipelines = Pipelines::new(gpu);
         Self {
             vertices: buffer("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
             indices: buffer("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),

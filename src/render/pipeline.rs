@@ -113,7 +113,7 @@ pub struct Instance {
 }
 
 /// Makes each pipeline when it is first asked for.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Pipelines {
     module: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,

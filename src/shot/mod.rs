@@ -42,7 +42,8 @@ pub struct Shot {
     /// The camera as profiles and settings give it; of each frame it lies over the recording's own ([`Shot::geometry_at`]).
     pub rig: Rig,
     pub settings: Settings,
-    /// Drawn by compositors that are made of it: [`Shot::compositor`].
+    /// Drawn by compositors that are made of it ([`Shot::compositor`]). They follow where its objects stand; to what else
+    /// changes in it, they take [`Compositor::set_scene`].
     pub scene: Scene,
     /// The profiles that were read.
     profiles: Vec<PathBuf>,
