@@ -191,6 +191,49 @@ fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<[u8; 4]> {
 }
 
 #[test]
+fn an_error_on_an_adopted_device_is_told_and_can_be_gone_on_after() {
+    let (gpu, device) = of_somebody_else();
+    let mut compositor = Compositor::new(gpu.clone(), scene());
+    let held = Held::new(0);
+    let before = held.picture(&mut compositor).unwrap();
+    // Nobody can have that.
+    let _ = device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: 16,
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::MAP_WRITE,
+        mapped_at_creation: false,
+    });
+    let camera = held.rig.camera();
+    let (geometry, track) = (camera.geometry.clone().unwrap(), sideways([200.0, 0.0]));
+    let job = |frame| Job::of_frame(frame, &camera, &held.settings, &geometry, &track, 1.0 / 30.0).unwrap();
+    let pending = compositor.submit(job(frame()), &camera, &held.settings, Target::Pixels).unwrap();
+    let error = compositor.collect(pending).unwrap_err().to_string();
+    assert!(error.contains("MAP_READ"), "{error}");
+    assert_eq!(gpu.take_failure().map(|e| e.to_string()), Some(error));
+    assert!(held.picture(&mut compositor).unwrap() == before);
+
+    // A view of another size is refused before anything is drawn.
+    let view = texture(&device, (SIZE.0 - 1, SIZE.1), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
+    let target = Target::View(&view, wgpu::TextureFormat::Rgba8Unorm);
+    let error = compositor.submit(job(frame()), &camera, &held.settings, target).unwrap_err().to_string();
+    assert!(error.contains("95x64") && error.contains("96x64"), "{error}");
+    gpu.check().unwrap();
+}
+
+fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::TextureFormat) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    })
+}
+
+#[test]
 fn into_a_view_goes_what_would_be_written() {
     let (gpu, device) = of_somebody_else();
     let mut compositor = Compositor::new(gpu.clone(), scene());
@@ -215,16 +258,7 @@ fn into_a_view_goes_what_would_be_written() {
                 Frame { pixels: wide(&frame.pixels), ..frame }
             }),
         ] {
-            let texture = device.create_texture(&wgpu::TextureDescriptor {
-                label: None,
-                size: wgpu::Extent3d { width: SIZE.0, height: SIZE.1, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            });
+            let texture = texture(&device, SIZE, format);
             let view = texture.create_view(&Default::default());
             let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
             let target = Target::View(&view, format);

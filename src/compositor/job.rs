@@ -132,6 +132,8 @@ pub enum SubmitError {
         widest.map_or_else(String::new, |effect| format!(" ({effect} reaches farthest)"))
     )]
     TooLarge { width_px: u32, height_px: u32, side_px: u32, area_px: u32, widest: Option<&'static str> },
+    #[error("the view is {}x{} px, and the picture {}x{}: they must be alike", view_px.0, view_px.1, picture_px.0, picture_px.1)]
+    TargetSize { view_px: (u32, u32), picture_px: (u32, u32) },
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }

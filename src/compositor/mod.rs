@@ -109,6 +109,13 @@ impl Compositor {
         settings: &Settings,
         target: Target<'_>,
     ) -> Result<Pending, SubmitError> {
+        if let Target::View(view, _) = target {
+            let (size, pixels) = (view.texture().size(), &job.frame.pixels);
+            let (view_px, picture_px) = ((size.width, size.height), (pixels.width, pixels.height));
+            if view_px != picture_px {
+                return Err(SubmitError::TargetSize { view_px, picture_px });
+            }
+        }
         let mut stats = FrameStats::of(&job);
         if let Err(reason) = job.track.at(job.frame.timestamp_s + job.time_offset_s) {
             stats.no_pose = Some(reason.to_string());

@@ -1,7 +1,7 @@
 //! Finding an adapter and opening it.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use wgpu::{Backends, DeviceType};
@@ -16,8 +16,8 @@ pub struct Gpu {
     pub timestamps: bool,
     /// How many pipelines have been made.
     pipelines: Arc<AtomicUsize>,
-    /// The first error that nobody asked for; what came after it follows from it.
-    failure: Arc<OnceLock<GpuError>>,
+    /// The first error that no call returned. Later ones are its consequences.
+    failure: Arc<Mutex<Option<GpuError>>>,
 }
 
 #[derive(Clone, Debug, thiserror::Error)]
@@ -38,6 +38,8 @@ pub enum GpuError {
         "the GPU's memory is used up: a smaller picture needs less; `locard doctor` lists the adapters of this machine"
     )]
     OutOfMemory,
+    #[error("the GPU was lost: {0}")]
+    Lost(String),
     #[error("the GPU failed: {0}")]
     Failed(String),
 }
@@ -135,17 +137,27 @@ impl Gpu {
         let adapter = there.swap_remove(chosen);
         let (device, queue) = pollster::block_on(adapter.request_device(&Self::wanted(&adapter)))
             .map_err(|e| GpuError::Open { adapter: adapter.get_info().name, reason: e.to_string() })?;
-        let gpu = Self::adopt(&adapter, device, queue);
-        let first = Arc::clone(&gpu.failure);
-        gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| _ = first.set(said(&error))));
-        Ok(gpu)
+        Ok(Self::adopt(&adapter, device, queue))
     }
 
     /// A device that somebody else made, a window say, with at least the limits of [`Gpu::wanted`]. What is drawn with
-    /// it can be shown without leaving it.
+    /// it can be shown without leaving it. Its errors that no call returns come here from now on ([`Gpu::check`]); by
+    /// themselves they would end the program.
     pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure: Arc::default() }
+        let failure = Arc::new(Mutex::new(None));
+        let [of_a_call, of_the_device] = [(); 2].map(|()| Arc::clone(&failure));
+        let first = |failure: &Mutex<Option<GpuError>>, error: GpuError| {
+            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        };
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| first(&of_a_call, said(&error))));
+        device.set_device_lost_callback(move |reason, message| {
+            // The program lets go of it when it ends.
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                first(&of_the_device, GpuError::Lost(message.split_whitespace().collect::<Vec<_>>().join(" ")));
+            }
+        });
+        Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure }
     }
 
     /// What a device is asked for, so that pictures may be as large as the adapter holds: features, limits.
@@ -181,10 +193,16 @@ impl Gpu {
         self.pipelines.load(Ordering::Relaxed)
     }
 
-    /// That nothing has failed so far. A failed call makes no value that says so, but one that nothing can be done with:
-    /// what is read back is to be asked for by this first. Of a device that was adopted its owner hears.
+    /// The first error that no call returned. Call it before using what was read back: a failed call gives an unusable
+    /// value, not an error.
     pub fn check(&self) -> Result<(), GpuError> {
-        self.failure.get().map_or(Ok(()), |error| Err(error.clone()))
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone().map_or(Ok(()), Err)
+    }
+
+    /// Takes that error, after which work goes on as if there had been none. What was drawn meanwhile is not to be used,
+    /// and a device that was lost stays lost.
+    pub fn take_failure(&self) -> Option<GpuError> {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
     /// Waits until a submission is done, at most two minutes.
