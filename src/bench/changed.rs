@@ -1,4 +1,4 @@
-//! What it costs to change a setting: a frame right after the change, beside the same frame again.
+//! The cost of changing a setting: a frame right after the change, against the same frame again.
 
 use std::time::Instant;
 
@@ -9,13 +9,13 @@ use crate::frame::{Frame, FrameExposure};
 use crate::params::{Kind, Spec, Value};
 use crate::pixels::Pixels;
 
-/// Values that a parameter is changed to.
+/// How many values a parameter is changed to.
 const VALUES: usize = 8;
-/// Of the lens that effects get which do nothing behind a pinhole, focused before the load's sphere.
+/// The lens for effects that do nothing behind a pinhole, focused in front of the load's sphere.
 const F_NUMBER: f64 = 2.8;
 const FOCUS_M: f64 = 1.5;
 
-/// Times every parameter of every effect, each in all of the effect's ways; a row for the one that costs most by comparison.
+/// Times every parameter of every effect in each of the effect's cases. Adds a row for the one with the worst ratio.
 pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(), SubmitError> {
     let mut worst: Option<(String, [f64; 2])> = None;
     let ratio = |[changed, same]: [f64; 2]| changed / same;
@@ -50,8 +50,8 @@ pub fn settings(table: &mut Table<'_>, load: &Load, pixels: &Pixels) -> Result<(
     Ok(())
 }
 
-/// Of the values that a parameter is changed to the one whose ratio is the median: the frame right after the change and the
-/// same frame again, milliseconds; of those alone with which the effect is at work. None where it never is with this camera.
+/// At the value with the median ratio: milliseconds right after the change, and again unchanged. Values at which the
+/// effect does not run are left out. `None` if it never runs with this camera.
 fn of_parameter(
     table: &Table<'_>,
     load: &Load,
@@ -64,7 +64,7 @@ fn of_parameter(
     let Load { geometry, track, .. } = load;
     let mut compositor = Compositor::new(table.gpu.clone(), load.scene.clone());
     let (mut settings, mut pairs) = (settings.clone(), Vec::new());
-    // A choice makes pipelines once: what is timed is the changing back.
+    // A choice makes its pipelines once; what is timed is changing back.
     let untimed = if let Kind::Choice(names) = spec.kind { names.len() } else { 2 };
     for (n, value) in values(spec).into_iter().enumerate() {
         if settings.set(of, spec.name, &value).is_none_or(|set| set.is_err()) {
@@ -92,7 +92,7 @@ fn of_parameter(
     Ok(pairs.get(pairs.len() / 2).copied())
 }
 
-/// Values as a slider gives them, none of them twice, in the lower part of wide ranges; choices in turn.
+/// Values as a slider gives them, without repetition, in the lower part of wide ranges. Choices and switches alternate.
 fn values(spec: &Spec) -> Vec<Value> {
     let share = |n: usize| (n as f64 + 0.5) / VALUES as f64;
     match spec.kind {
