@@ -1,13 +1,13 @@
-// Adds one sample of a plan to the running sum in 32-bit floats; it starts from zeros.
+// Adds one sample of a plan to the running sum in 32-bit floats, which starts at zero.
 // @import shared/layer
 struct Step { size: vec2<u32>, stride: u32, first: u32, weight: f32 }
 @group(0) @binding(0) var<uniform> sample_step: Step;
 @group(0) @binding(1) var color: texture_2d<f32>;
 @group(0) @binding(2) var geometry: texture_2d<u32>;
-// Eight bytes a pixel in each: adapters bind no more than so much of a buffer.
+// Eight bytes per pixel in each: adapters limit the size of a buffer binding.
 @group(0) @binding(3) var<storage, read_write> red_green: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read_write> blue_alpha: array<vec2<f32>>;
-// Geometry of the nearest, in words.
+// Geometry of the nearest surface, in words.
 @group(0) @binding(5) var<storage, read_write> nearest: array<vec2<u32>>;
 
 @compute @workgroup_size(8, 8)

@@ -1,4 +1,4 @@
-// The finished sum of a plan as a layer.
+// The finished sum of a plan, as a layer.
 // @import shared/fullscreen
 // @import shared/layer
 struct Sum { stride: u32 }

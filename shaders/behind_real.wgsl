@@ -1,5 +1,5 @@
-// Takes off a blurred layer what nearer real things hide. They are in focus: each pixel is theirs or not, but for the pixel's
-// own width.
+// Removes from a blurred layer what nearer real things hide. They are in focus: each pixel is theirs or not, apart from
+// an edge one pixel wide.
 // @import shared/fullscreen
 // @import shared/layer
 struct Real { size: vec2<i32>, tolerance_m: f32 }

@@ -1,21 +1,21 @@
-// Camera and virtual layer to one picture, then the enabled effects of the mixed stage.
-// Where the layer is empty the camera's integers are copied.
+// Camera and virtual layer to one picture, then the enabled effects of the mixed stage. Where the layer is empty, the
+// camera's integers are copied.
 // @import shared/fullscreen
 // @import shared/mixed
 // @import shared/response
 
-// The curve of the camera's response: of the whole run, so that the shader holds nothing else.
+// The curve of the camera's response. It is fixed for the whole run, so that the shader contains nothing else.
 override curve: f32 = 0.0;
-// Whether the whole picture is made: then real pixels have their noise as it was before they were exposed.
+// Whether the whole picture is made. If so, real pixels have the noise from before they were exposed.
 override whole: bool = false;
 // Whether each colour has a coverage of its own.
 override parted: bool = false;
-// Whether there is light where nothing is covered, too.
+// Whether there may be light where nothing is covered.
 override light_alone: bool = false;
 
-// The rectangle that is made is px (0, 0) on.
+// Pixel (0, 0) is the upper left of the rectangle that is made.
 struct Composite {
-    in_picture: vec2<i32>,   // where it begins in the picture
+    in_picture: vec2<i32>,   // its place in the picture
     in_camera: vec2<i32>,    // in the camera's texture
     in_layer: vec2<i32>,     // in the layer
     camera_size: vec2<i32>,
@@ -30,7 +30,7 @@ struct Composite {
 @group(0) @binding(2) var<uniform> composite: Composite;
 // σ of the camera's noise at 256 code values, 8-bit codes.
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
-// Of red, green and blue.
+// Coverage of red, green and blue.
 @group(0) @binding(4) var coverage: texture_2d<f32>;
 
 // σ at a code value (0..1), in 8-bit codes.
@@ -43,8 +43,8 @@ fn sigma_at(code: vec3<f32>) -> vec3<f32> {
     return mix(low, high, f);
 }
 
-// The layer's colour at a pixel of the rectangle; nothing where there is no layer. Light that rounding left where nothing is covered is nothing,
-// too, unless there is meant to be some.
+// The layer's colour at a pixel of the rectangle; 0 outside the layer. Light whose coverage was rounded to 0 is
+// dropped, unless light alone is allowed.
 fn layer_at(p: vec2<i32>) -> vec4<f32> {
     let q = p + composite.in_layer;
     if any(q < vec2<i32>(0)) || any(q >= composite.layer_size) {
@@ -54,13 +54,13 @@ fn layer_at(p: vec2<i32>) -> vec4<f32> {
     return select(vec4<f32>(0.0), texel, texel.a > 0.0 || light_alone);
 }
 
-// How much of each colour is covered there, `mean` being the layer's own.
+// The coverage of each colour there. `mean` is the layer's own.
 fn coverage_at(p: vec2<i32>, mean: f32) -> vec3<f32> {
     if !parted {
         return vec3<f32>(mean);
     }
     let q = p + composite.in_layer;
-    // Where the whole picture is made there are pixels beside the layer, too.
+    // If the whole picture is made, there are pixels outside the layer too.
     let inside = all(q >= vec2<i32>(0)) && all(q < composite.layer_size);
     return select(vec3<f32>(0.0), textureLoad(coverage, q, 0).rgb, inside);
 }
@@ -74,7 +74,8 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
     return textureLoad(camera, p + composite.in_camera, 0);
 }
 
-// What a photograph leaves of σ of real pixels of some light, as light: that of the light as it was recorded, brightened.
+// σ of the noise that remains on real pixels of some light in a photograph, as light: σ of the light as recorded,
+// brightened.
 fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
     let recorded_light = light / composite.gain;
     let recorded = encode(recorded_light, curve, composite.gamma);
@@ -82,7 +83,8 @@ fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
     return sigma_at(recorded) / slope * sqrt(composite.noise_left);
 }
 
-// The least variance of virtual pixels of a colour: what the real ones of it around them keep, however slow the film.
+// The smallest variance of virtual pixels of a colour: what real pixels of that colour around them keep, however slow
+// the film.
 fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
     if !whole {
         return vec3<f32>(0.0);
@@ -93,8 +95,8 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
     return s * s;
 }
 
-// Premultiplied over in linear light, encoded again. Each colour has its own coverage. What is brighter than the codes go
-// clips after its noise, at the very end: the camera's does.
+// Premultiplied over in linear light, then encoded. Each colour has its own coverage. Values above the largest code
+// clip after the noise, at the very end, as in the camera.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let w = 1.0 - coverage;
@@ -111,7 +113,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
     return Mixed(mixed, variance);
 }
 
-// A pixel of the camera's with nothing before it.
+// A pixel of the camera's with nothing in front of it.
 fn camera_at(p: vec2<i32>) -> Mixed {
     if whole {
         return mixed_at(p, vec3<f32>(0.0), vec3<f32>(0.0));

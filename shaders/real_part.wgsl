@@ -6,17 +6,17 @@ override curve: f32 = 0.0;
 struct Grid {
     size: vec2<i32>,
     in_picture: vec2<i32>,   // where the part begins
-    step: f32,               // pixels of the grid for one of the picture
+    step: f32,               // pixels of the grid per pixel of the picture
     gamma: f32,              // of the camera's response
 }
 @group(0) @binding(0) var<uniform> grid: Grid;
 @group(0) @binding(1) var codes: texture_2d<u32>;
-// On the grid: light, what is behind, and their depths (m, 32-bit floats in two words each).
+// On the grid: light, light behind, and their depths (m, 32-bit floats in two words each).
 @group(0) @binding(2) var near_light: texture_2d<f32>;
 @group(0) @binding(3) var far_light: texture_2d<f32>;
 @group(0) @binding(4) var depths: texture_2d<u32>;
 
-// How far apart colours (square roots of light) are told from each other.
+// σ of colours (square roots of light) that are taken for one thing.
 const COLOR_SIGMA: f32 = 0.05;
 // Depths that differ by more than this factor belong to two surfaces.
 const JUMP: f32 = 1.04;
@@ -31,7 +31,7 @@ fn words(z: f32) -> vec2<u32> {
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> Out {
     let light = decode(vec3<f32>(textureLoad(codes, vec2<i32>(at.xy), 0).rgb) / 65535.0, curve, grid.gamma);
-    // The four of the grid around it, each by its nearness and by how much it looks like this pixel.
+    // The four grid pixels around it, weighted by nearness and by similarity of colour to this pixel.
     let place = (vec2<f32>(grid.in_picture) + at.xy) * grid.step - 0.5;
     let corner = floor(place);
     let f = place - corner;
@@ -54,7 +54,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
         behind += share.x * share.y
             * vec4<f32>(textureLoad(far_light, q, 0).rgb, 1.0 / max(bitcast<f32>(texel.z | (texel.w << 16u)), 1e-3));
     }
-    // Of two surfaces the one that more speaks for; never something between.
+    // The one of two surfaces with more weight; never something between.
     let middle = 0.5 * (nearest + farthest);
     let one = nearest < JUMP * farthest;
     var near = vec2<f32>(0.0);

@@ -1,18 +1,18 @@
-// Four samples to one pixel: colour averaged; depth of the nearest, and how fast what is there moves.
+// Four samples to one pixel: mean colour, the nearest depth, and the velocity there.
 // @import shared/layer
 struct Resolve {
     size: vec2<f32>,      // of the targets, px
-    first: vec2<u32>,     // column and row in the net of the first cell that is drawn
-    columns: u32,         // cells a row that are drawn
-    net_columns: u32,     // cells a row of the net
+    first: vec2<u32>,     // column and row of the first drawn cell in the net
+    columns: u32,         // drawn cells per row
+    net_columns: u32,     // cells per row of the net
     side_px: f32,         // of a cell
     near_m: f32,          // plane
-    far_m: f32,           // of parallel rays the far plane, else 0
+    far_m: f32,           // far plane of parallel rays, else 0
 }
 @group(0) @binding(0) var<uniform> resolve: Resolve;
 @group(0) @binding(1) var color: texture_multisampled_2d<f32>;
 @group(0) @binding(2) var depth: texture_depth_multisampled_2d;
-// At the cells' corners: velocity of what is infinitely far, and what nearness adds to it, px/s; how the time of rows
+// At the cells' corners: velocity at infinite distance, and what nearness adds to it, px/s; how the time of rows
 // changes from place to place, s/px (src/render/motion.rs).
 struct Node { motion: vec4<f32>, row_time: vec2<f32>, unused: vec2<f32> }
 @group(0) @binding(3) var<storage, read> nodes: array<Node>;
@@ -23,7 +23,7 @@ struct Corner {
     @location(1) @interpolate(linear) row_time: vec2<f32>,
 }
 
-// A corner of a cell's quad, in the order of a Z.
+// A corner of a cell's quad, in Z order.
 @vertex
 fn cell(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
     let columns = resolve.columns;
@@ -51,7 +51,7 @@ fn main(in: Corner) -> Out {
         depth_m = mix(resolve.far_m, resolve.near_m, nearness);
     }
     let velocity = in.motion.xy + in.motion.zw * nearness;
-    // What falls as fast as rows are read would be met without end.
+    // Something that moves as fast as rows are read would be exposed without end.
     let geometry = pack_geometry(depth_m, velocity / max(1.0 - dot(in.row_time, velocity), 0.1));
     return Out(sum * 0.25, select(vec4<u32>(0u), geometry, sum.a > 0.0 && nearness > 0.0));
 }

@@ -1,8 +1,8 @@
-// A whole picture of code values as something to be shown.
+// Draws a whole picture of code values for display.
 // @import shared/fullscreen
 // @import shared/response
 
-// Whether what is drawn into encodes linear light itself, by the curve of sRGB.
+// Whether the target encodes linear light itself, by the sRGB curve.
 override encodes: bool = false;
 
 struct Show { max_code: f32 }

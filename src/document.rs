@@ -1,4 +1,4 @@
-//! TOML that people write: what is wrong with it on one line, and edits that keep what they wrote.
+//! TOML that people write: errors on one line, and edits that preserve the text.
 
 use std::fmt;
 
@@ -9,12 +9,12 @@ use toml_edit::{ArrayOfTables, DocumentMut, Formatted, Item, Table, TableLike, V
 
 use crate::params::{self, Params};
 
-/// What is wrong with a text: where, and what was expected. One line.
+/// A problem with a text: where it is, and what was expected. Displays as one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct Problem {
-    /// From 1.
+    /// Starts at 1.
     pub line: Option<usize>,
-    /// With its table, as in `frames.fps`; empty where no key is to blame.
+    /// With its table, as in `frames.fps`. Empty if no key is to blame.
     pub key: String,
     pub message: String,
 }
@@ -36,12 +36,13 @@ impl Problem {
     }
 }
 
-/// Reads a text as what `T` accepts.
+/// Parses a text as a `T`.
 pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Problem> {
     toml::from_str(text).map_err(|error| Problem::of(text, &error))
 }
 
-/// The line, from 1, of a byte of a text, and the key that it belongs to: the table above it, and the last name before `=`.
+/// The line (from 1) that a byte offset lies in, and the key it belongs to: the table above, and the last name before
+/// `=`.
 fn place(text: &str, at: usize) -> (usize, String) {
     let before = text.get(..at).unwrap_or(text);
     let line = 1 + before.matches('\n').count();
@@ -49,7 +50,7 @@ fn place(text: &str, at: usize) -> (usize, String) {
     for text in text.lines().take(line) {
         let bare = text.trim();
         match bare.strip_prefix('[').map(|header| header.trim_start_matches('[')) {
-            // An array that goes on over lines may begin one with a bracket as well.
+            // The continuation line of an array may also begin with a bracket.
             Some(header) if header.starts_with(|c: char| c.is_alphabetic() || c == '"') => {
                 (table, key) = (header.split(']').next().unwrap_or_default().trim(), "");
             }
@@ -61,8 +62,8 @@ fn place(text: &str, at: usize) -> (usize, String) {
     (line, parts.collect::<Vec<_>>().join("."))
 }
 
-/// A value and the text that it was read from. When the value changes, the text changes where it must: comments, order and
-/// keys that the value does not know stay.
+/// A value and the text it was read from. A changed value changes the text only where it must: comments, order and
+/// unknown keys stay.
 #[derive(Clone, Debug)]
 pub struct Document<T> {
     text: DocumentMut,
@@ -70,7 +71,7 @@ pub struct Document<T> {
 }
 
 impl<T: PartialEq + Serialize + DeserializeOwned> Document<T> {
-    /// A text for a value that has none yet; an error where TOML has no form for it.
+    /// Writes a new text for a value. Fails if TOML cannot express it.
     pub fn new(value: T) -> Result<Self, Problem> {
         Ok(Self { text: text_of(&value)?, value })
     }
@@ -84,7 +85,7 @@ impl<T: PartialEq + Serialize + DeserializeOwned> Document<T> {
         &self.value
     }
 
-    /// Puts a value in place of the one before; on an error nothing has changed.
+    /// Replaces the value. On an error nothing changes.
     pub fn set(&mut self, value: T) -> Result<(), Problem> {
         let mut text = self.text.clone();
         merge(text.as_table_mut(), Some(text_of(&self.value)?.as_table()), text_of(&value)?.as_table());
@@ -103,9 +104,9 @@ impl<T> fmt::Display for Document<T> {
     }
 }
 
-/// A text that is about to be edited.
+/// Parses a text for editing.
 pub fn edited(text: &str) -> Result<DocumentMut, Problem> {
-    // toml_edit's own errors have no message without the lines around.
+    // toml_edit's own messages always include the surrounding lines.
     let _: toml::Table = read(text)?;
     text.parse().map_err(|_| Problem { line: None, key: String::new(), message: "is no TOML".to_owned() })
 }
@@ -117,7 +118,7 @@ fn text_of(value: &impl Serialize) -> Result<DocumentMut, Problem> {
     Ok(text)
 }
 
-/// Numbers in their shortest form that reads back to the same bits: 1e300, not 301 digits.
+/// Writes numbers in the shortest form that reads back to the same bits: 1e300, not 301 digits.
 struct Shortest;
 
 impl VisitMut for Shortest {
@@ -128,13 +129,13 @@ impl VisitMut for Shortest {
     }
 
     fn visit_table_mut(&mut self, node: &mut Table) {
-        // Where it stands is up to the text that it goes into.
+        // Its position is decided by the text it is merged into.
         node.set_position(None);
         visit_table_mut(self, node);
     }
 }
 
-/// Rust's own shortest form is TOML's too, with an exponent where there are many zeros.
+/// Rust's shortest form is valid TOML, with an exponent where there would be many zeros.
 fn float(number: f64) -> Formatted<f64> {
     match format!("{number:?}").parse() {
         Ok(Value::Float(float)) => float,
@@ -142,17 +143,17 @@ fn float(number: f64) -> Formatted<f64> {
     }
 }
 
-/// A number as TOML's float.
+/// A number as a TOML float.
 pub fn number(number: f64) -> Value {
     Value::Float(float(number))
 }
 
-/// Numbers as a list of floats.
+/// Numbers as an array of floats.
 pub fn numbers(values: impl IntoIterator<Item = f64>) -> Value {
     Value::Array(values.into_iter().map(number).collect())
 }
 
-/// A table of parameters; those without a value are left out.
+/// A table of parameters, without those that have no value.
 pub fn table_of(params: &dyn Params) -> Table {
     let mut table = Table::new();
     for spec in params.specs() {
@@ -168,8 +169,8 @@ pub fn table_of(params: &dyn Params) -> Table {
     table
 }
 
-/// Makes `old` say what `after` says. `before` is what it said so far; what stands in `old` beyond that nobody asked about, and it
-/// stays. Without `before` all of it goes that `after` does not have.
+/// Edits `old` to say what `after` says. `before` is what it said so far. Keys of `old` that are not in `before` stay.
+/// Without `before`, every key that `after` lacks is removed.
 pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dyn TableLike) {
     let is_gone = |key: &str| !after.contains_key(key) && before.is_none_or(|before| before.contains_key(key));
     let gone: Vec<String> = old.iter().map(|(key, _)| key.to_owned()).filter(|key| is_gone(key)).collect();
@@ -185,7 +186,7 @@ pub fn merge(old: &mut dyn TableLike, before: Option<&dyn TableLike>, after: &dy
     }
 }
 
-/// All that an item says; a table's own text leaves out the tables in it.
+/// An item's full text. A table's own text omits its subtables.
 fn whole(item: Item) -> String {
     DocumentMut::from(Table::from_iter([("item", item)])).to_string()
 }
@@ -209,7 +210,7 @@ fn merge_item(old: &mut Item, before: Option<&Item>, after: &Item) {
     }
 }
 
-/// Those at both ends that say what they said stay as they are, whatever was put in or taken out between.
+/// Unchanged tables at both ends stay as they are, whatever was inserted or removed between them.
 fn merge_tables(old: &mut ArrayOfTables, before: Option<&ArrayOfTables>, after: &ArrayOfTables) {
     let text =
         |tables: &ArrayOfTables| tables.iter().map(|table| whole(Item::Table(table.clone()))).collect::<Vec<_>>();

@@ -10,43 +10,43 @@ pub struct Frame {
     /// The middle of the middle row's exposure, seconds on the recording's clock.
     pub timestamp_s: f64,
     pub pixels: Pixels,
-    /// What stands where in the room, registered to the colour picture; `None` without a sensor.
+    /// Depth of the site, registered to the colour picture. `None` without a sensor.
     pub depth: Option<DepthMap>,
     pub exposure: FrameExposure,
 }
 
-/// How long it is from a frame to the next, seconds: by their times where the next one's is known; else, at a recording's end or
-/// in a stream whose next frame is still to come, as usual.
+/// Seconds from a frame to the next, from their timestamps if the next one's is known. Otherwise, at a recording's end
+/// or in a stream whose next frame is still to come, `usual_s`.
 pub fn interval_s(timestamps_s: &[f64], index: usize, usual_s: f64) -> f64 {
     let time_s = |i: usize| timestamps_s.get(i).copied();
     let next = index.checked_add(1).and_then(time_s);
     next.zip(time_s(index)).map_or(usual_s, |(next, this)| next - this)
 }
 
-/// What the camera said of this frame's exposure; `None` where it said nothing.
+/// This frame's exposure as the camera reported it. `None` where it did not.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameExposure {
-    /// How long each row gathered light, seconds on the recording's clock: what moves is blurred
-    /// that long. `None` too where that clock is only nominal; see [`PhotoSettings::time_s`].
+    /// How long each row gathered light, seconds on the recording's clock: the duration of motion blur. Also `None` if
+    /// that clock is only nominal; see [`PhotoSettings::time_s`].
     pub time_s: Option<f64>,
-    /// Amplification relative to the recording's base, a factor.
+    /// Amplification relative to the recording's base, as a factor.
     pub gain: Option<f64>,
-    /// What the picture's own file says.
+    /// From the picture's own file.
     pub photo: PhotoSettings,
 }
 
-/// The settings that a picture was taken with, as its file (EXIF) gives them; all above 0 but `taken_s`.
+/// The settings a picture was taken with, from its file (EXIF). All are above 0, except possibly `taken_s`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhotoSettings {
     /// How long the shutter was open, seconds.
     pub time_s: Option<f64>,
-    /// Focal length over opening.
+    /// Focal length divided by the opening's diameter.
     pub f_number: Option<f64>,
     /// Film speed.
     pub iso: Option<f64>,
-    /// Of the lens focused at infinity, metres; makers round it to millimetres.
+    /// Focal length of the lens focused at infinity, metres. Manufacturers round it to millimetres.
     pub focal_length_m: Option<f64>,
-    /// When, by the camera's clock, whose time zone nobody tells: seconds since 1970-01-01 0:00 of that clock.
+    /// When it was taken: seconds since 1970-01-01 on the camera's clock, time zone unknown.
     pub taken_s: Option<f64>,
 }
 

@@ -1,8 +1,8 @@
-//! Locard puts virtual evidence into real footage so that it looks photographed there by the
-//! same camera at the same moment.
+//! Locard puts virtual evidence into real footage so that it looks photographed there by the same camera at the same
+//! moment.
 //!
-//! source → frame + pose → virtual layer → what the lens does → composite → what the sensor
-//! does → sink. The folders follow that sentence; ARCHITECTURE.md tells the rest.
+//! source → frame + pose → virtual layer → what the lens does → composite → what the sensor does → sink. The folders
+//! follow that sentence; ARCHITECTURE.md has the rest.
 
 // 0: plain values
 pub mod document;
@@ -14,10 +14,10 @@ pub mod rows;
 pub mod unfinished;
 pub mod words;
 
-// 1: pure physics
+// 1: physics without GPU or files
 pub mod camera;
 
-// 2: what comes in and what goes out, and what stands where in it; the GPU
+// 2: input and output, recordings and their depth; the GPU
 pub mod depth;
 pub mod gpu;
 pub mod recording;
@@ -32,11 +32,11 @@ pub mod scene;
 // 4: what lens and sensor do
 pub mod effects;
 
-// 5: the per-frame loop
+// 5: the frame loop; camera profiles
 pub mod compositor;
 pub mod profile;
 
-// 6: footage with what is put into it; frames in; profile, photographs, figures or test footage out
+// 6: footage with what is put into it; cost, noise calibration, comparison, photographs, simulated recordings
 pub mod bench;
 pub mod calibrate;
 pub mod measure;
@@ -44,5 +44,5 @@ pub mod photo;
 pub mod shot;
 pub mod simulate;
 
-// 7: the face
+// 7: the command line
 pub mod cli;

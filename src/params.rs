@@ -1,20 +1,20 @@
 //! Parameters, declared once.
 //!
-//! [`params!`](crate::params!) takes name, default, unit, range and one line of help. From that
-//! one declaration come the struct, its TOML table, `--set table.name=value` and
-//! `locard params`. Nothing else lists parameters.
+//! [`params!`](crate::params!) takes a name, a default, a unit, a range and one line of help. The struct, its TOML
+//! table, `--set table.name=value` and `locard params` come from that one declaration. Parameters are listed nowhere
+//! else.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::words::{number, quoted};
 
-/// A parameter's value on its way from text to a field and back. In files `none` is a word, for some of them cannot
-/// hold nothing.
+/// A parameter's value between text and field. Files spell out the word `none`, because some formats cannot store a
+/// missing value.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(untagged)]
 pub enum Value {
-    /// Not given; only where [`Spec::optional`].
+    /// Not given. Only if [`Spec::optional`].
     #[serde(serialize_with = "write_none", deserialize_with = "read_none")]
     None,
     Bool(bool),
@@ -45,7 +45,7 @@ impl fmt::Display for Value {
 }
 
 impl Value {
-    /// Reads what a person typed after `--set table.name=`.
+    /// Parses what a person typed after `--set table.name=`.
     pub fn parse(text: &str) -> Self {
         match text.trim() {
             "none" => Self::None,
@@ -56,7 +56,7 @@ impl Value {
     }
 }
 
-/// What a parameter accepts.
+/// The values that a parameter accepts.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     Bool,
@@ -110,22 +110,22 @@ pub enum ParamError {
 
 /// A table of parameters: reads and writes its fields by name.
 pub trait Params {
-    /// The TOML table and the part of `--set` before the last dot.
+    /// The TOML table's name: the part of `--set` before the last dot.
     fn table(&self) -> &'static str;
     fn specs(&self) -> Vec<Spec>;
-    /// `None` where there is no such name.
+    /// `None` if there is no such name.
     fn get(&self, name: &str) -> Option<Value>;
-    /// Checks the range; on an error nothing has changed.
+    /// Checks the range. On an error nothing changes.
     fn set(&mut self, name: &str, value: &Value) -> Result<(), ParamError>;
 }
 
-/// Every parameter's value by its name.
+/// Every parameter's value, by name.
 pub fn values(params: &dyn Params) -> BTreeMap<String, Value> {
     let value = |spec: Spec| Some((spec.name.to_owned(), params.get(spec.name)?));
     params.specs().into_iter().filter_map(value).collect()
 }
 
-/// A table with these values, and for the others their defaults.
+/// A table with these values, and defaults for the rest.
 pub fn of_values<P: Params + Default>(values: BTreeMap<String, Value>) -> Result<P, ParamError> {
     let mut params = P::default();
     values.iter().try_for_each(|(name, value)| params.set(name, value))?;
@@ -137,7 +137,7 @@ pub trait Field: Sized {
     const OPTIONAL: bool = false;
     fn kind(range: Option<(f64, f64)>) -> Kind;
     fn to_value(&self) -> Value;
-    /// `None` where `kind` does not accept the value.
+    /// `None` if `kind` does not accept the value.
     fn from_value(value: &Value, kind: &Kind) -> Option<Self>;
 }
 
@@ -172,7 +172,7 @@ macro_rules! number_field {
                 Kind::$kind { min, max }
             }
             fn to_value(&self) -> Value {
-                // By its shortest text: 0.02 stays 0.02 when it grows from 32 to 64 bits.
+                // Through its shortest text: 0.02 stays 0.02 when it is widened from 32 to 64 bits.
                 Value::Number(self.to_string().parse().unwrap_or(f64::NAN))
             }
             fn from_value(value: &Value, kind: &Kind) -> Option<Self> {
@@ -202,7 +202,7 @@ impl<T: Field> Field for Option<T> {
     }
 }
 
-/// Declares an enum whose variants have names in text, usable as a parameter.
+/// Declares an enum whose variants have names in text, for use as a parameter.
 #[macro_export]
 macro_rules! choices {
     ($(#[$meta:meta])* pub enum $name:ident { $($(#[$vmeta:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
@@ -217,7 +217,8 @@ macro_rules! choices {
                 $crate::params::Value::Text(match self { $(Self::$variant => $text),+ }.to_owned())
             }
             fn from_value(value: &$crate::params::Value, _: &$crate::params::Kind) -> Option<Self> {
-                // A name may be read as something else before it is known that a name is asked for: `off`.
+                // Values are parsed before it is known that a name is expected, so a name such as `off` may arrive as a
+                // boolean.
                 let is = |text: &str| {
                     matches!(value, $crate::params::Value::Text(t) if t == text)
                         || *value == $crate::params::Value::parse(text)

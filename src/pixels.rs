@@ -1,7 +1,7 @@
 //! Pictures as plain values: what a camera delivered, what a depth sensor measured, linear light.
 
-/// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left,
-/// encoded code values. A grey camera's values stand three times.
+/// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left, encoded code values. A grey
+/// camera's values appear three times.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pixels {
     pub width: u32,
@@ -17,7 +17,7 @@ pub enum Codes {
 }
 
 impl Codes {
-    /// The values, where they have 8 bits.
+    /// The values, if they have 8 bits.
     pub fn eight_bit(&self) -> Option<&[u8]> {
         match self {
             Self::U8(codes) => Some(codes),
@@ -27,12 +27,12 @@ impl Codes {
 }
 
 impl Pixels {
-    /// 8-bit pixels; `None` where the length is not `3 * width * height`.
+    /// 8-bit pixels. `None` if the length is not `3 * width * height`.
     pub fn from_u8(width: u32, height: u32, codes: Vec<u8>) -> Option<Self> {
         (codes.len() == 3 * width as usize * height as usize).then_some(Self { width, height, codes: Codes::U8(codes) })
     }
 
-    /// 16-bit pixels; `None` where the length is not `3 * width * height`.
+    /// 16-bit pixels. `None` if the length is not `3 * width * height`.
     pub fn from_u16(width: u32, height: u32, codes: Vec<u16>) -> Option<Self> {
         (codes.len() == 3 * width as usize * height as usize).then_some(Self {
             width,
@@ -59,23 +59,24 @@ impl Pixels {
     }
 }
 
-/// Distance along the optical axis, one value a pixel, row by row; 0 where nothing was measured.
+/// Distance along the optical axis, one value per pixel, row by row; 0 where nothing was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthMap {
     pub width: u32,
     pub height: u32,
     /// z in the camera's axes, metres; `width * height` values.
     pub depth_m: Vec<f32>,
-    /// When it was measured, on the clock of the frames.
+    /// When it was measured, on the frames' clock.
     pub timestamp_s: f64,
 }
 
-/// The virtual layer of a frame after all layer effects, `width * height` values each.
+/// The virtual layer of a frame after all layer effects, `width * height` values per field.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LayerImage {
     pub width: u32,
     pub height: u32,
-    /// Linear, premultiplied. Where all four are 0 the camera's pixels stay untouched; where A alone is, there is a glow.
+    /// Linear, premultiplied. Where all four are 0, the camera's pixels stay untouched. Where only A is 0, there is
+    /// light without coverage: a glow.
     pub rgba: Vec<[f32; 4]>,
     /// Metres along the optical axis, 0 where A is 0.
     pub depth_m: Vec<f32>,
@@ -146,7 +147,7 @@ impl Rect {
         self.x1 <= self.x0 || self.y1 <= self.y0
     }
 
-    /// Grown by `pixels` on every side, as far as numbers go.
+    /// Grown by `pixels` on every side, saturating.
     pub fn grown(&self, pixels: i32) -> Self {
         let [x0, y0] = [self.x0, self.y0].map(|low| low.saturating_sub(pixels));
         let [x1, y1] = [self.x1, self.y1].map(|high| high.saturating_add(pixels));
@@ -158,12 +159,12 @@ impl Rect {
         Self::new(self.x0 + right, self.y0 + down, self.x1 + right, self.y1 + down)
     }
 
-    /// What both share; empty where they do not meet.
+    /// The overlap; empty if there is none.
     pub fn intersection(&self, other: &Self) -> Self {
         Self::new(self.x0.max(other.x0), self.y0.max(other.y0), self.x1.min(other.x1), self.y1.min(other.y1))
     }
 
-    /// The smallest rectangle around both; an empty one adds nothing.
+    /// The smallest rectangle around both. An empty one adds nothing.
     pub fn union(&self, other: &Self) -> Self {
         if self.is_empty() {
             return *other;

@@ -1,7 +1,6 @@
-//! Where the camera stands.
+//! Camera poses.
 //!
-//! OpenCV axes everywhere: x right, y down, z forward, metres. Formats with other axes
-//! convert at their own border.
+//! OpenCV axes everywhere: x right, y down, z forward, metres. Readers of formats with other axes convert them.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -22,14 +21,14 @@ impl Pose {
         Self { rotation: rotation.normalize(), translation_m }
     }
 
-    /// From where the camera stands (metres) and how it is turned (`world_from_camera`).
+    /// From the camera's position (metres) and orientation (`world_from_camera`).
     pub fn from_camera_in_world(position_in_world_m: DVec3, world_from_camera: DQuat) -> Self {
         let rotation = world_from_camera.normalize().conjugate();
         Self { rotation, translation_m: -(rotation * position_in_world_m) }
     }
 
-    /// A camera at `eye` that looks at `target`; `up` points up in the picture.
-    /// `None` where the three do not span a view.
+    /// A camera at `eye` that looks at `target`; `up` points up in the picture. `None` if the three do not define a
+    /// view.
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Option<Self> {
         let z = (target - eye).try_normalize()?;
         let x = z.cross(up).try_normalize()?;
@@ -41,7 +40,7 @@ impl Pose {
         self.rotation * point_in_world + self.translation_m
     }
 
-    /// Where the camera stands, metres.
+    /// The camera's position, metres.
     pub fn position_in_world_m(&self) -> DVec3 {
         -(self.rotation.conjugate() * self.translation_m)
     }
@@ -50,12 +49,12 @@ impl Pose {
         self.rotation.conjugate()
     }
 
-    /// The inverse map, camera to world, of a point.
+    /// Takes a point from the camera's axes to the world.
     pub fn inverse_transform_point(&self, point_in_camera: DVec3) -> DVec3 {
         self.rotation.conjugate() * (point_in_camera - self.translation_m)
     }
 
-    /// Between `self` (0) and `other` (1): the camera's position along a line, its turn by slerp.
+    /// Interpolates between `self` (0) and `other` (1): the camera's position linearly, its rotation by slerp.
     pub fn interpolate(&self, other: &Self, fraction: f64) -> Self {
         let position = self.position_in_world_m().lerp(other.position_in_world_m(), fraction);
         let turn = self.world_from_camera_rotation().slerp(other.world_from_camera_rotation(), fraction);

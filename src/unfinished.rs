@@ -1,8 +1,7 @@
-//! What must not stay where the program is ended in the middle: files without their final names, folders that are not
-//! whole, programs that were started.
+//! Things to undo when the program is ended midway: files without their final names, incomplete folders, child
+//! processes.
 //!
-//! The list belongs to the process, for a signal does: whoever ends the program undoes the whole list, whatever threads
-//! are at.
+//! The list is global because signals are: ending the program undoes the whole list, whatever the threads are doing.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -18,18 +17,18 @@ struct List {
 static LIST: Mutex<List> = Mutex::new(List { begun: 0, undo: BTreeMap::new() });
 
 fn list() -> MutexGuard<'static, List> {
-    // What panicked while it held the lock left the list as it was.
+    // A panic under the lock leaves the list intact.
     LIST.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A thing that is begun. Undone when dropped, or by [`undo_all`], unless it was finished.
+/// Something begun. Undone when dropped, or by [`undo_all`], unless it was finished.
 #[derive(Debug)]
 pub struct Unfinished {
     number: u64,
 }
 
 impl Unfinished {
-    /// Makes a thing and notes how it is undone, in one step: nobody ends the program between the two.
+    /// Makes a thing and registers its undo in one step: the program cannot be ended between the two.
     pub fn begin<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, Self), E> {
         let mut list = list();
         let (made, undo) = make()?;
@@ -39,8 +38,8 @@ impl Unfinished {
         Ok((made, Self { number }))
     }
 
-    /// Takes the step with which the thing is finished, such as giving a file its name; nobody ends the program in the
-    /// middle of it. Where the step fails the thing is undone.
+    /// Takes the step that finishes the thing, such as giving a file its name. The program cannot be ended in the
+    /// middle of it. If the step fails, the thing is undone.
     pub fn finish<T, E>(self, step: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let mut list = list();
         let done = step();
@@ -61,7 +60,7 @@ impl Drop for Unfinished {
     }
 }
 
-/// Undoes everything, the newest first. As long as the returned value lives nothing is begun or finished, so that the
+/// Undoes everything, newest first. While the returned value lives, nothing can be begun or finished, so that the
 /// program can end.
 #[must_use]
 pub fn undo_all() -> impl Sized {

@@ -1,11 +1,11 @@
 //! Numbers and names in messages.
 
-/// How many there are of a thing, as in "1 sun", "2 suns".
+/// A count with its noun, as in "1 sun", "2 suns".
 pub fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
-/// Why a file could not be read or written, and what to do about it where that is known.
+/// Why a file could not be read or written, and what to do about it if that is known.
 pub fn reason(error: &std::io::Error) -> String {
     use std::io::ErrorKind;
     let text = match error.kind() {
@@ -21,7 +21,7 @@ pub fn reason(error: &std::io::Error) -> String {
     text.to_owned()
 }
 
-/// A unit behind a number, with a blank before it; nothing for pure numbers and text.
+/// A unit to follow a number, with a leading space. Empty for pure numbers and text.
 pub fn shown_unit(unit: &str) -> String {
     if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }
 }
@@ -35,23 +35,24 @@ fn is_plain(number: f64) -> bool {
     number == 0.0 || !number.is_finite() || (1e-6..1e16).contains(&number.abs())
 }
 
-/// The most that a message quotes of a word that somebody else wrote, characters.
+/// Longest quotation of a foreign word in a message, characters.
 const MOST_QUOTED: usize = 60;
-/// The most that a message is long, characters.
+/// Longest message, characters.
 const MOST_SHOWN: usize = 2000;
 
-/// A word from a file, for a message: what would move the cursor or begin a line is written out, and a long one is cut.
+/// Quotes a word from a file in a message. Characters that would move the cursor or begin a line are escaped, and long
+/// words are cut.
 pub fn quoted(text: &str) -> String {
     cut(text, MOST_QUOTED)
 }
 
-/// A line for a terminal, whatever names and words stand in it: see [`quoted`].
+/// Makes a line safe for a terminal, whatever names and words it contains; see [`quoted`].
 pub fn shown(text: &str) -> String {
     cut(text, MOST_SHOWN)
 }
 
 fn cut(text: &str, most: usize) -> String {
-    // Controls, and what turns the direction of writing around.
+    // Control characters, and those that change the writing direction.
     let is_odd = |c: char| {
         c.is_control() || matches!(c, '\u{200e}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
     };
@@ -65,20 +66,20 @@ fn cut(text: &str, most: usize) -> String {
     out
 }
 
-/// With so many digits behind the point; a number that nobody could read then with six in all.
+/// With this many decimals. Numbers too large to read that way get six significant digits.
 pub fn fixed(number: f64, digits: usize) -> String {
     if number.is_finite() && number.abs() >= 1e15 {
         return format!("{number:.5e}");
     }
     let text = format!("{number:.digits$}");
-    // Nothing has no sign.
+    // Zero has no sign.
     match text.strip_prefix('-').filter(|rest| rest.bytes().all(|b| matches!(b, b'0' | b'.'))) {
         Some(rest) => rest.to_owned(),
         None => text,
     }
 }
 
-/// At most six significant digits, no zeros behind them.
+/// At most six significant digits, no trailing zeros.
 pub fn short(number: f64) -> String {
     if !is_plain(number) {
         let text = format!("{number:.5e}");

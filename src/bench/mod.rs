@@ -1,7 +1,7 @@
-//! What effects cost, in multiples of one full-screen copy of the same run.
+//! The cost of effects, in multiples of one full-screen copy of the same run.
 //!
-//! The load is fixed: a sphere of 10,000 triangles over a tenth of the picture, a camera that
-//! turns so that it is blurred over 12 px at 640 px width, a noisy camera.
+//! The load is fixed: a sphere of 10,000 triangles over a tenth of the picture, and a noisy camera that turns so that
+//! the sphere is blurred over 12 px at 640 px width.
 
 use std::f32::consts::{PI, TAU};
 use std::time::Instant;
@@ -30,7 +30,7 @@ pub struct Row {
     pub copies: f64,
 }
 
-/// What is drawn, by which camera: the fixed load at a picture size.
+/// The fixed load at a picture size: what is drawn, and by which camera.
 #[derive(Debug)]
 pub struct Load {
     pub camera: Camera,
@@ -48,17 +48,17 @@ impl Load {
     }
 }
 
-/// The row of what a frame costs as users have it.
+/// The row for what a frame costs users.
 pub const ALL: &str = "all effects at their defaults";
 
-/// How often each thing is timed, at most, after so many rounds that are not; fewer where it takes longer than this in all.
+/// Each thing is timed after `UNTIMED` rounds, in at most `ROUNDS` rounds and about `LONGEST_S` seconds.
 const ROUNDS: usize = 15;
 const UNTIMED: usize = 3;
 const LONGEST_S: f64 = 3.0;
-/// From frame to frame, seconds.
+/// Frame interval, seconds.
 pub const INTERVAL_S: f64 = 1.0 / 30.0;
 
-/// The median of the milliseconds that each call takes, without what is prepared for it.
+/// The median time of a call in milliseconds, without its preparation.
 fn median_ms<T, E>(mut prepare: impl FnMut() -> T, mut call: impl FnMut(T) -> Result<(), E>) -> Result<f64, E> {
     for _ in 0..UNTIMED {
         call(prepare())?;
@@ -75,7 +75,7 @@ fn median_ms<T, E>(mut prepare: impl FnMut() -> T, mut call: impl FnMut(T) -> Re
     Ok(times[times.len() / 2])
 }
 
-/// A sphere of radius 1: 72 × 70 quads, 10,080 triangles (those at the poles without area).
+/// A sphere of radius 1: 72 × 70 quads, 10,080 triangles (those at the poles have no area).
 fn sphere() -> Mesh {
     let (columns, rows) = (72u32, 70u32);
     let mut vertices = Vec::new();
@@ -104,7 +104,7 @@ fn sphere() -> Mesh {
     Mesh { vertices, indices, material: 0 }
 }
 
-/// The sphere over a tenth of the picture, lit by a sun.
+/// The sphere over a tenth of the picture, lit by a sun and a uniform environment.
 fn scene(geometry: &Geometry) -> Scene {
     let i = &geometry.intrinsics;
     let radius_px = (0.1 * f64::from(i.width_px) * f64::from(i.height_px) / std::f64::consts::PI).sqrt();
@@ -163,7 +163,7 @@ fn camera(width: u32, height: u32) -> (Camera, Geometry) {
     (camera, geometry)
 }
 
-/// Turns so that the middle of the picture moves by `px` in half an interval.
+/// A track that turns so that the picture's centre moves by `px` in half an interval.
 fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
     let rate = (px / geometry.intrinsics.fx_px) / (0.5 * INTERVAL_S);
     let poses = (-100..=100)
@@ -176,8 +176,8 @@ fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
     PoseTrack::new(poses, 1.0).unwrap_or_default()
 }
 
-/// Rows on their way, and the yardstick: one full-screen copy of rgba16f, timed before the first row and after each, for a
-/// machine's own speed changes while a table is made.
+/// The rows so far, and the yardstick: one full-screen copy of rgba16f. It is timed before the first row and after
+/// each, because the machine's speed may change meanwhile.
 struct Table<'a> {
     gpu: &'a Gpu,
     recorder: Recorder,
@@ -215,7 +215,7 @@ impl<'a> Table<'a> {
         self.time_copy()
     }
 
-    /// The copy first.
+    /// The rows, with the copy first.
     fn rows(mut self) -> Vec<Row> {
         self.copies_ms.sort_by(f64::total_cmp);
         let copy = self.copies_ms[self.copies_ms.len() / 2];
@@ -225,8 +225,8 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Times everything at a picture size: the copy, the plain composite, each effect alone over
-/// it, all effects at their defaults, and depth of field over a whole picture.
+/// Times everything at a picture size: the copy, the plain composite, each effect alone over it, all effects at their
+/// defaults, a changed setting, and depth of field over a whole picture.
 pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height)?;
     let load = Load::new(width, height);

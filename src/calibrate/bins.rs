@@ -1,26 +1,26 @@
-//! From sums at each code to σ in each bin, and correlations from the blocks that stood still.
+//! From sums per code to σ per bin, and correlations from the blocks that stood still.
 
 use super::censoring::{NEAREST_USABLE, clipped_variance};
 use super::rounding::{Rounding, UNIT};
 use super::scene_sums::{PixelSums, SceneSums};
 
-/// Variances are kept apart at every quarter of an 8-bit code, so that clipping can be told by the mean.
+/// Variances are kept for every quarter of an 8-bit code, so that clipping can be recognised by the mean.
 const PER_CODE: f64 = 4.0;
 const LEVELS: usize = 255 * 4 + 1;
-/// Means nearer to an end than this many levels are of no use: where σ is below a code, the quiet middle of the last
-/// code would otherwise be cut from its lively edge.
+/// Means within this many levels of an end are not used. Where σ is below a code, the quiet middle of the last code
+/// would otherwise be separated from its noisy edge.
 const OUTERMOST: usize = 4;
 /// Normal quantile of a two-sided 95 % interval.
 const Z95: f64 = 1.959_964;
-/// A level with this many degrees of freedom tells its variance well enough to start from.
+/// A level with this many degrees of freedom gives its variance well enough to start from.
 const TELLING: f64 = 100.0;
-/// Below this variance (8-bit codes squared, times the frames' step squared) a block tells nothing of correlation.
+/// Below this variance (8-bit codes squared, times the frames' step squared) a block says nothing about correlation.
 const TOO_QUIET: f64 = 0.1;
 
-/// What was measured in one intensity bin of one channel. Code values are on the 8-bit scale.
+/// Measurements of one intensity bin of one channel. Code values are on the 8-bit scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BinReport {
-    /// Means from the first to just below the second fall into this bin.
+    /// Half-open range of the means in this bin.
     pub code_range: [f64; 2],
     /// The bin's middle.
     pub code: f64,
@@ -28,25 +28,25 @@ pub struct BinReport {
     pub count: u64,
     /// Share of the samples in pixels that touched an end of the code range, 0 to 1.
     pub clipped_share: f64,
-    /// Independent samples among the usable ones: degrees of freedom, less what correlated neighbours repeat.
+    /// Independent samples among the usable ones: degrees of freedom, reduced for correlated neighbours.
     pub independent_count: f64,
     /// Mean variation; 0 by construction unless the mean was given.
     pub mu: f64,
     /// Standard deviation of the noise at the bin's middle.
     pub sigma: f64,
-    /// 95 % confidence interval of `sigma` (χ²); `None` where it was not measured.
+    /// 95 % confidence interval of `sigma` (χ²). `None` if it was not measured.
     pub sigma_ci95: Option<[f64; 2]>,
-    /// Too few samples: `sigma` comes from the nearest good bins.
+    /// Too few samples: `sigma` is interpolated from the nearest good bins.
     pub filled_from_neighbours: bool,
 }
 
 /// All pixels whose mean rounds to one quarter of a code.
 #[derive(Clone, Copy, Debug, Default)]
 struct Level {
-    /// Pixels times frames, all of them and those in pixels that touched an end of the code range.
+    /// Pixels times frames: all of them, and those in pixels that touched an end of the code range.
     seen: u64,
     touched: u64,
-    /// From here on only what is of use. Pixels times frames.
+    /// Usable pixels times frames. This and the following fields count only usable ones.
     samples: f64,
     freedom: f64,
     /// Σ freedom · (1/J): how noisy the means are.
@@ -63,7 +63,7 @@ impl Level {
     }
 }
 
-/// Sums over the pixels of one scene that stood still: of a size that no number of frames changes.
+/// Sums over the pixels of one scene that stood still. Their size does not depend on the number of frames.
 #[derive(Clone, Debug)]
 pub(crate) struct Pool {
     levels: [Vec<Level>; 3],
@@ -71,18 +71,18 @@ pub(crate) struct Pool {
     neighbour: [Ratio; 2],
 }
 
-/// What a bin is to be measured with.
+/// How a bin is measured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BinRules {
     pub bins: usize,
     pub rounding: Rounding,
-    /// Fewer independent samples: filled from the neighbours.
+    /// Bins with fewer independent samples are filled from their neighbours.
     pub needed: f64,
-    /// What a sample counts among correlated neighbours, 0 to 1.
+    /// The weight of a sample among correlated neighbours, 0 to 1.
     pub independent_share: f64,
 }
 
-/// A correlation on its way: covariance, and the two variances.
+/// A correlation being summed: covariance, and the two variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ratio {
     covariance: f64,
@@ -115,7 +115,7 @@ impl Default for Pool {
 }
 
 impl Pool {
-    /// Sums the blocks of a scene that stood still. `scales`: for each block, about the variance of its noise.
+    /// Sums the blocks of a scene that stood still. `scales`: the approximate noise variance of each block.
     pub fn new(scene: &SceneSums, still: &[bool], scales: &[[f64; 3]], rounding: &Rounding) -> Self {
         let mut pool = Self::default();
         for (block, (_, scale)) in still.iter().zip(scales).enumerate().filter(|(_, (still, _))| **still) {
@@ -176,12 +176,12 @@ impl Pool {
         }
     }
 
-    /// Correlation of R-G, R-B, G-B over all scenes; `None` where nothing told it.
+    /// Correlation of R-G, R-B, G-B over all scenes. `None` if nothing determined it.
     pub fn channel_correlation(pools: &[Self]) -> [Option<f64>; 3] {
         [0, 1, 2].map(|i| Ratio::total(pools.iter().map(|p| p.channel[i])))
     }
 
-    /// Correlation with the neighbours to the right and below over all scenes; `None` where nothing told it.
+    /// Correlation with the neighbours to the right and below over all scenes. `None` if nothing determined it.
     pub fn neighbour_correlation(pools: &[Self]) -> [Option<f64>; 2] {
         [0, 1].map(|i| Ratio::total(pools.iter().map(|p| p.neighbour[i])))
     }
@@ -203,7 +203,7 @@ impl Pool {
     }
 }
 
-/// What one scene says of a bin: the unclipped variance, rounding included, and where its pixels are.
+/// One scene's estimate for a bin: the unclipped variance, rounding included, and the mean code of its pixels.
 #[derive(Clone, Copy, Debug)]
 struct Estimate {
     mu: f64,
@@ -223,10 +223,10 @@ impl Estimate {
     }
 }
 
-/// The scenes' estimates as one, and how many independent samples it is worth. Scenes of one camera may differ by more
-/// than chance; then a large scene must not outvote the others. The mean of σ, in which each scene weighs
-/// 1/(1/(2ν) + τ²): ν its degrees of freedom, τ² the relative variance of σ between scenes (DerSimonian and Laird
-/// 1986; 0 where they agree). A single σ is low by 1/(4ν) on average; that is put back.
+/// Combines the scenes' estimates, and returns how many independent samples the result is worth. Scenes of one camera
+/// may differ by more than chance, and then a large scene must not outvote the others. The result is the mean of σ with
+/// weights 1/(1/(2ν) + τ²): ν are a scene's degrees of freedom, τ² is the relative variance of σ between scenes
+/// (DerSimonian and Laird 1986; 0 if they agree). A single σ is low by 1/(4ν) on average; that is corrected.
 fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
     if let [only] = estimates {
         return Some((*only, only.independent));
@@ -258,7 +258,7 @@ fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
     Some((estimate, 0.5 * weights.iter().sum::<f64>()))
 }
 
-/// A bin's estimate on its way: the variance at its pixels' own mean code, where there is one.
+/// A bin being estimated, with the variance at its pixels' own mean code if there is one.
 struct Bin {
     report: BinReport,
     found: Option<Estimate>,
@@ -293,9 +293,9 @@ impl Bin {
     }
 }
 
-/// μ, the unclipped variance, and the levels that are far enough from the ends to tell it.
+/// μ, the unclipped variance, and the levels far enough from the ends to determine it.
 fn unclipped<'a>(levels: &[&'a Level]) -> (f64, f64, Vec<&'a Level>) {
-    // clipping only takes: the largest of the levels' variances is where to start
+    // Clipping only reduces variance, so start from the largest of the levels' variances.
     let most = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(TELLING);
     let telling = levels.iter().filter(|l| l.freedom >= most);
     let start = telling.map(|l| l.squares / l.freedom).fold(0.0, f64::max);
@@ -324,7 +324,7 @@ fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
         levels
             .iter()
             .map(|l| {
-                // a level that this σ would make unusable stays in, as near as is allowed
+                // A level that this σ would make unusable stays in, as near to the end as is allowed.
                 let code = l.code();
                 let nearest = NEAREST_USABLE * sigma * (1.0 + 1e-12);
                 let code = if code < 127.5 { code.max(nearest) } else { code.min(255.0 - nearest) };
@@ -347,8 +347,8 @@ fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// What a variance estimated with `freedom` degrees is to be multiplied with for its 95 % interval, by Wilson and
-/// Hilferty's approximation of χ²; `None` below two degrees.
+/// Factors that turn a variance estimated with `freedom` degrees into its 95 % interval, by Wilson and Hilferty's
+/// approximation of χ². `None` below two degrees.
 pub(crate) fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
     (freedom >= 2.0).then(|| {
         let a = 2.0 / (9.0 * freedom);
@@ -378,7 +378,8 @@ fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
     }
 }
 
-/// Gives bins that could not be measured the σ between their nearest good neighbours, or the nearest one's at the ends.
+/// Gives bins that could not be measured a σ interpolated between their nearest good neighbours, or the nearest one's
+/// at the ends.
 pub(crate) fn fill(reports: &mut [BinReport]) {
     let good: Vec<(f64, f64)> =
         reports.iter().filter(|r| !r.filled_from_neighbours).map(|r| (r.code, r.sigma)).collect();

@@ -1,41 +1,41 @@
 //! Which blocks of a scene stood still. What moves or drifts varies more than noise does.
 //!
-//! Judged are whole blocks, so that leaving some out does not cut the tails of the kept pixels'
-//! noise. Two statistics of each block, both compared with the scene's own median and median
-//! spread below it (so that correlated noise does not count as motion):
+//! Whole blocks are judged, because leaving out single pixels would cut the tails of the noise. Each block has two
+//! statistics. Both are compared with the scene's own median and the median spread below it, so that correlated noise
+//! does not count as motion:
 //!
-//! - *excess*: mean of s²/V(a), V the scene's robust variance at that code; its cube root is
-//!   nearly normal (Wilson and Hilferty). Finds what moves, and a known mean that does not fit.
-//! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance
-//!   that consecutive frames do not show. Finds what creeps. Four frames or more.
+//! - *excess*: mean of s²/V(a), V the scene's robust variance at that code; its cube root is nearly normal (Wilson and
+//!   Hilferty). Finds what moves, and a known mean that does not fit.
+//! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance that consecutive frames do
+//!   not show. Finds slow changes. Needs four frames.
 
 use super::rounding::UNIT;
 use super::scene_sums::{BLOCK, SceneSums};
 
 /// Blocks whose statistic lies this many standard deviations above the median: one in a million by chance.
 const SIGNIFICANT_Z: f64 = 4.75;
-/// Less excess variance than this share is left in, however significant.
+/// A smaller share of excess variance is accepted, however significant.
 const RELEVANT_EXCESS: f64 = 0.25;
-/// Less of a block's variance than this share in slow drift is left in.
+/// A smaller share of slow drift in a block's variance is accepted.
 const RELEVANT_DRIFT: f64 = 0.10;
 /// Median absolute deviation to standard deviation, for a normal distribution.
 const MAD: f64 = 1.4826;
-/// Fewer pixels than this tell nothing about a block's variance in a bin.
+/// Fewer pixels than this say nothing about a block's variance in a bin.
 const CELL_PIXELS: usize = 8;
-/// σ² of a camera does not grow by more than this factor, times the distance in bins, from one bin to another.
+/// A camera's σ² grows by at most this factor, times the distance in bins, from one bin to another.
 const STEEPEST: f64 = 8.0;
 
-/// What was found in a scene.
+/// The findings for a scene.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Verdict {
     /// For each block, whether it stood still.
     pub still: Vec<bool>,
-    /// For each block and channel, about the variance to expect at its mean code; above 0.
+    /// For each block and channel, roughly the variance to expect at its mean code; above 0.
     pub scales: Vec<[f64; 3]>,
-    /// Pixels in blocks left out because they vary too much, and those left out because they drift.
+    /// Pixels in blocks left out because they vary too much, and in those left out because they drift.
     pub moving_pixels: u64,
     pub drifting_pixels: u64,
-    /// The median block's drift: a camera that filters over time, or light that creeps.
+    /// The median block's drift: from temporal filtering in the camera, or slowly changing light.
     pub median_drift: f64,
 }
 
@@ -44,12 +44,12 @@ fn median(values: &mut [f64]) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-/// A block's statistic and how many values went into it; `None` where it tells nothing.
+/// A block's statistic and how many values went into it. `None` if there were too few.
 type Statistic = Option<(f64, usize)>;
 
-/// Which blocks stand out above the others: beyond what chance explains and by more than `relevant(statistic, median)`
-/// accepts. Motion only adds, so the spread is that below the median; what stands out is left out and the rest judged
-/// anew. Also the median of the rest.
+/// The blocks that stand out: beyond what chance explains, and by more than `relevant(statistic, median)` accepts.
+/// Motion only adds, so the spread is measured below the median. Blocks that stand out are removed and the rest is
+/// judged again. Also returns the median of the rest.
 fn outliers(
     statistics: &[Statistic],
     chance: impl Fn(f64) -> f64,
@@ -80,9 +80,9 @@ fn outliers(
     (out, middle)
 }
 
-/// A scene's variance by code, from the median over blocks: half of a bin may move.
+/// A scene's variance by code, from the median over blocks: up to half of a bin may move.
 struct RobustVariance {
-    /// Mean code and variance of each bin that has any, ascending.
+    /// Mean code and variance of each non-empty bin, ascending.
     points: Vec<(f64, f64)>,
     floor: f64,
 }
@@ -95,7 +95,7 @@ fn bin_of(code: f64) -> usize {
 
 impl RobustVariance {
     fn new(scene: &SceneSums, channel: usize, floor: f64) -> Self {
-        // for each bin: blocks as (variance, pixels, sum of codes)
+        // For each bin: blocks as (variance, pixels, sum of codes).
         let mut cells: [Vec<(f64, usize, f64)>; BINS] = Default::default();
         for block in 0..scene.blocks.len() {
             let mut here = [(0usize, 0.0, 0.0); BINS];
@@ -125,7 +125,7 @@ impl RobustVariance {
                 bins.push((total, bin, cells.iter().map(|c| c.2).sum::<f64>() / total as f64, middle.0));
             }
         }
-        // a bin that only something moving fills has a high median too: well-filled bins bound the others
+        // A bin that contains only moving things has a high median too, so well-filled bins bound the others.
         bins.sort_by_key(|b| std::cmp::Reverse(b.0));
         let mut trusted: Vec<(usize, f64, f64)> = Vec::new();
         for (_, bin, code, variance) in bins {
@@ -139,7 +139,7 @@ impl RobustVariance {
         Self { points: trusted.iter().map(|t| (t.1, t.2)).collect(), floor }
     }
 
-    /// Linear between the bins, constant beyond; `None` where the scene has no usable bin.
+    /// Linear between the bins, constant beyond. `None` if the scene has no usable bin.
     fn at(&self, code: f64) -> Option<f64> {
         let after = self.points.partition_point(|p| p.0 <= code);
         let (low, high) = (self.points.get(after.wrapping_sub(1)), self.points.get(after));
@@ -152,12 +152,12 @@ impl RobustVariance {
     }
 }
 
-/// Judges every block of a scene; `frame_step` is one code of the frames in 8-bit code values.
+/// Judges every block of a scene. `frame_step` is one code of the frames in 8-bit code values.
 pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
     let floor = 0.01 * frame_step * frame_step;
     let variance = [0, 1, 2].map(|c| RobustVariance::new(scene, c, floor));
     let freedom = scene.freedom();
-    // standard deviation of the cube root of χ²/ν
+    // Standard deviation of the cube root of χ²/ν.
     let chance = |middle: f64| middle * (2.0 / (3.0 * (BLOCK * BLOCK) as f64 * freedom)).sqrt() / 3.0;
     let matters = |root: f64, middle: f64| root.powi(3) > middle.powi(3).max(1.0) * (1.0 + RELEVANT_EXCESS);
     let (moves, _) = outliers(&excesses(scene, &variance), chance, matters);
@@ -184,7 +184,7 @@ fn scales(scene: &SceneSums, block: usize, variance: &[RobustVariance; 3]) -> [f
     })
 }
 
-/// For each block, the cube root of the mean of s²/V over the pixels that are not clipped.
+/// For each block, the cube root of the mean of s²/V over the unclipped pixels.
 fn excesses(scene: &SceneSums, variance: &[RobustVariance; 3]) -> Vec<Statistic> {
     let freedom = scene.freedom();
     (0..scene.blocks.len())

@@ -1,17 +1,16 @@
-//! What clipping takes from a variance: a normal distribution cut off at the ends of the code range.
+//! How clipping reduces a variance: a normal distribution censored at the ends of the code range.
 //!
-//! For y ~ N(m, 1) clipped from below at 0 (all in units of σ), with Φ and φ at m:
-//! mean x = mΦ + φ, variance h = (m²+1)Φ + mφ − x². As functions of the *observed* mean x:
-//! dx/dm = Φ, dh/dx = 2x(1−Φ)/Φ, d²h/dx² = 2(1−Φ)/Φ − 2xφ/Φ³.
-//! The mean of J frames is itself noisy by h/J, so that on average s² = h(x) − ½·h″(x)·h/J
-//! (second order of the expansion around the noisy x).
+//! For y ~ N(m, 1) clipped from below at 0 (all in units of σ), with Φ and φ at m: mean x = mΦ + φ, variance h =
+//! (m²+1)Φ + mφ − x². As functions of the *observed* mean x: dx/dm = Φ, dh/dx = 2x(1−Φ)/Φ, d²h/dx² = 2(1−Φ)/Φ − 2xφ/Φ³.
+//! The mean of J frames is itself noisy by h/J, so that on average s² = h(x) − ½·h″(x)·h/J (second order of the
+//! expansion around the noisy x).
 
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-/// Nearer to an end than this, in σ of the noise, more than half the samples are cut off: of no use.
+/// Nearer to an end than this, in σ of the noise, too much is clipped to be of use.
 pub(crate) const NEAREST_USABLE: f64 = 0.4;
-/// Farther from the ends than this, in σ, nothing is cut off.
+/// Farther from the ends than this, in σ, clipping is negligible.
 const FAR: f64 = 4.5;
 
 /// The normal distribution's cumulative probability.
@@ -23,8 +22,8 @@ fn density(z: f64) -> f64 {
     (-0.5 * z * z).exp() / (2.0 * PI).sqrt()
 }
 
-/// The variance that clipping leaves, as a share of the whole one, at an observed mean `x` standard deviations from
-/// the end; `per_frames` is 1/J for the mean of J frames, 0 for a known mean. `x` from [`NEAREST_USABLE`] on.
+/// The share of the variance that clipping leaves, at an observed mean `x` standard deviations from the end.
+/// `per_frames` is 1/J for the mean of J frames, 0 for a known mean. `x` must be at least [`NEAREST_USABLE`].
 pub(crate) fn kept_variance(x: f64, per_frames: f64) -> f64 {
     if x >= FAR {
         return 1.0;
@@ -43,8 +42,8 @@ pub(crate) fn kept_variance(x: f64, per_frames: f64) -> f64 {
     h * (1.0 - 0.5 * curvature * per_frames)
 }
 
-/// The variance to expect of variations around the observed mean `code` (8-bit scale), whose unclipped standard
-/// deviation is `sigma`; `None` too near to an end.
+/// The expected variance of variations around the observed mean `code` (8-bit scale), whose unclipped standard
+/// deviation is `sigma`. `None` too near to an end.
 pub(crate) fn clipped_variance(code: f64, sigma: f64, per_frames: f64) -> Option<f64> {
     let distance = code.min(255.0 - code);
     if sigma <= 0.0 {

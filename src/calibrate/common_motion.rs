@@ -1,15 +1,15 @@
-//! How much of what changes between two pictures one motion of the whole picture explains (Lucas and Kanade 1981):
-//! `unsteady.rs` says what that tells.
+//! How much of the change between two pictures a single motion of the whole picture explains (Lucas and Kanade 1981).
+//! `unsteady.rs` interprets it.
 
 use super::rounding::UNIT;
 
 const REDUCED_BY: [usize; 3] = [1, 4, 16];
-/// Fewer pixels than this cannot tell a motion from chance.
+/// Fewer pixels than this cannot distinguish motion from chance.
 const NEEDED: usize = 500;
-/// A constant, and an affine motion's six numbers.
+/// A constant, and the six parameters of an affine motion.
 const UNKNOWNS: usize = 7;
 
-/// Energies of the differences so far: of all, and what a motion explains in the picture reduced by each factor.
+/// Energies of the differences so far: the total, and what a motion explains in the picture reduced by each factor.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CommonMotion {
     all: f64,
@@ -17,7 +17,7 @@ pub(crate) struct CommonMotion {
 }
 
 impl CommonMotion {
-    /// Takes two pictures' interleaved R, G, B into account; green stands for all.
+    /// Adds two pictures' interleaved R, G, B. Only green is used.
     pub fn add(&mut self, width: usize, height: usize, before: &[u16], after: &[u16]) {
         let green = |codes: &[u16]| codes.iter().skip(1).step_by(3).map(|&c| f64::from(c) / UNIT as f64).collect();
         let mut pictures: [Vec<f64>; 2] = [green(before), green(after)];
@@ -40,12 +40,12 @@ impl CommonMotion {
     /// The largest share over the reductions, 0 to 1.
     pub fn share(&self) -> f64 {
         let most = self.explained.iter().copied().fold(0.0, f64::max);
-        // less than one 16-bit step in one pixel is rounding
+        // Less than one 16-bit step in one pixel is rounding.
         if self.all > 1e-6 { most / self.all } else { 0.0 }
     }
 }
 
-/// Means of squares of `by` times `by` pixels; what does not fill one is left out.
+/// Means of squares of `by` × `by` pixels. Incomplete squares at the edges are left out.
 fn reduce(picture: &[f64], width: usize, height: usize, by: usize) -> Vec<f64> {
     if by == 1 {
         return picture.to_vec();
@@ -60,8 +60,8 @@ fn reduce(picture: &[f64], width: usize, height: usize, by: usize) -> Vec<f64> {
     reduced
 }
 
-/// How much of Σ(b − a)² the motion takes off, beyond what a constant does. The normal equations are eliminated in
-/// order; each unknown takes off its right side squared over its pivot.
+/// How much of Σ(b − a)² the motion explains, beyond a constant. The normal equations are eliminated in order; each
+/// unknown explains its squared right side over its pivot.
 fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f64 {
     let mut matrix = [[0.0; UNKNOWNS]; UNKNOWNS];
     let mut right = [0.0; UNKNOWNS];
@@ -86,7 +86,7 @@ fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f
     for i in 0..UNKNOWNS {
         let eliminating = matrix[i];
         let pivot = eliminating[i];
-        // nothing of its own: a picture without gradients that way
+        // Not independent of the earlier unknowns: the picture has no gradient in that direction.
         if pivot <= 1e-9 * diagonal[i] || pivot <= 0.0 {
             continue;
         }
@@ -106,7 +106,7 @@ fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f
 mod tests {
     use super::*;
 
-    /// A smooth picture seen from (x, y), green only, and what it changes by from frame to frame.
+    /// A smooth picture seen from (x, y), green only, with noise that changes from frame to frame.
     fn picture(x: f64, y: f64, noise: f64, seed: u64) -> Vec<u16> {
         let mut state = seed;
         (0..64 * 48)

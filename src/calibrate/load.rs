@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Calibrates from picture files. Each folder among `frames` is a scene (its PNG and JPEG files, in order of name);
-/// all loose files together are one scene. `means`: none, one for everything, or one for each entry of `frames` (each
-/// loose file is then a scene of its own).
+/// Calibrates from picture files. Each folder among `frames` is a scene (its PNG and JPEG files, in order of name); all
+/// loose files together are one scene. `means` is empty, or has one for everything, or one for each entry of `frames`
+/// (each loose file is then a scene of its own).
 pub fn noise_from_paths(
     frames: &[PathBuf],
     means: &[PathBuf],
@@ -39,10 +39,10 @@ pub fn noise_from_paths(
     Ok(calibration)
 }
 
-/// About so many frames of a moving camera are judged, evenly spread: textureless places abound.
+/// About this many frames of a moving camera are used, evenly spaced: they contain textureless places enough.
 const MOST_FRAMES: usize = 120;
 
-/// Estimates from frames of a moving camera: picture files, folders of them (in order of name) and recordings.
+/// Calibrates from frames of a moving camera: picture files, folders of them (in order of name) and recordings.
 pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
     let (mut pictures, mut recordings) = (Vec::new(), Vec::new());
@@ -82,7 +82,7 @@ pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Re
 
 const JPEG: &str = "some frames are JPEG: compression has changed their noise; use lossless frames where you can";
 
-/// Whether a file is a picture by its name.
+/// Whether a file's name says that it is a picture.
 pub fn is_picture(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     path.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
@@ -142,7 +142,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
     Ok(files)
 }
 
-/// As recordings are read: a file that ends too early is an error.
+/// Reads a file as recordings do: a truncated file is an error.
 fn read(path: &Path) -> Result<Pixels, CalibrateError> {
     Ok(still::read_pixels(path)?)
 }

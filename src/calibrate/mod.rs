@@ -1,4 +1,4 @@
-//! Frames in, profile out: what a camera's own pictures tell of it.
+//! Calibration of a camera's noise from its own pictures.
 //!
 //! docs/calibration.md has the derivations.
 

@@ -1,12 +1,12 @@
-//! Noise from frames of a camera that moves: where a picture has no texture, what is left beside a plane is noise.
+//! Noise from frames of a moving camera: where a picture has no texture, the residual from a plane is noise.
 //!
-//! A picture's content only adds to a block's residual variance, so the lowest blocks of each channel and intensity are
-//! the noise's. Their variances are those of χ² cut off above (docs/calibration.md derives it); how many degrees of
-//! freedom it has and what the plane took follow from the noise's own correlation (plane.rs).
+//! The picture's content only adds to a block's residual variance, so the lowest blocks of each channel and intensity
+//! show the noise. Their variances follow a truncated χ² distribution (derived in docs/calibration.md). Its degrees of
+//! freedom, and the share that the plane removed, follow from the noise's own correlation (plane.rs).
 //!
-//! Blocks as in Liu, Freeman, Szeliski and Kang 2006 (noise level functions from one picture) and in Pyatykh, Hesser and Zheng
-//! 2013: whole ones, judged by variance, none found by edges. Not separable from noise: texture that every block of an intensity
-//! has, and a pattern fixed on the sensor.
+//! Blocks as in Liu, Freeman, Szeliski and Kang 2006 (noise level functions from one picture) and in Pyatykh, Hesser
+//! and Zheng 2013: whole blocks, judged by variance, not by edges. Two things cannot be separated from noise: texture
+//! in every block of an intensity, and a pattern fixed on the sensor.
 
 use statrs::function::gamma::gamma_lr;
 
@@ -20,49 +20,51 @@ use super::rounding::{Rounding, UNIT};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::{Codes, Pixels};
 
-/// Blocks with up to this many times the noise's variance are looked at: past the middle of χ², for the noise of one
-/// intensity differs a little with colour, and not far, for what lies above is texture.
+/// Blocks with up to this many times the noise's variance are used. That is past the middle of χ², because the noise of
+/// one intensity varies a little with colour. It is not far past it, because what lies above is texture.
 const CUT: f64 = 1.2;
 /// The search begins at this quantile of a bin's blocks.
 const LOWEST: f64 = 0.05;
-/// Fewer blocks than this below the cut tell nothing.
+/// With fewer blocks below the cut there is no estimate.
 const NEEDED_BLOCKS: usize = 40;
-/// Blocks below the cut that spread by this factor more than χ² does are no noise but weak texture: 1.0 to 1.25 is measured
-/// where σ is right, 1.25 to 1.4 where texture was taken for noise.
+/// Blocks below the cut whose spread exceeds that of χ² by this factor are not noise but weak texture. Measured: 1.0 to
+/// 1.25 where σ is right, 1.25 to 1.4 where texture was taken for noise.
 const WIDEST: f64 = 1.25;
-/// Nor are they where so many times as many lie between the cut and 1.5 times the cut as below it: flat ones would be a crowd.
+/// Nor are they noise if there are more than this many times as many between the cut and 1.5 times the cut: noise thins
+/// out there.
 const CROWDED: f64 = 1.5;
-/// Pictures with so many times the samples that one intensity needs have enough of them somewhere, unless they have texture.
+/// Pictures with this many times the samples that one intensity needs should have enough of them somewhere. If not,
+/// they are textured.
 const TEXTURED: f64 = 10.0;
 /// σ and correlation depend on each other; they settle within three rounds.
 const ROUNDS: usize = 4;
-/// A block with more than this share of any channel's pixels at an end of the code range is of no use: cameras mix channels
-/// after clipping, and what was clipped has no noise to give.
+/// A block is unusable if more than this share of any channel's pixels is at an end of the code range. Cameras mix
+/// channels after clipping, and clipped values carry no noise.
 const CLIPPED: f64 = 0.02;
-/// Below this variance (8-bit codes squared, times the frames' step squared) a block is clipped within the camera.
+/// Below this variance (8-bit codes squared, times the frames' step squared) a block was clipped within the camera.
 const TOO_QUIET: f64 = 0.1;
-/// So many blocks are kept, by chance, for each sixteenth of green's code range.
+/// At most this many blocks are kept, chosen at random, for each sixteenth of green's code range.
 const CAPACITY: usize = 16_384;
 const DRAWERS: usize = 16;
 
-/// What is kept of a block, in 8-bit code values.
+/// The data kept of a block, in 8-bit code values.
 #[derive(Clone, Debug)]
 struct Block {
     mean: [f32; 3],
-    /// Mean products of residuals by distance; the first is the variance.
+    /// Mean products of residuals by distance. The first is the variance.
     products: [[f32; LAGS]; 3],
     /// R·G, R·B, G·B.
     cross: [f32; 3],
 }
 
-/// What one intensity bin holds before it is judged.
+/// The pixels that fell into an intensity bin.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
     pixels: u64,
     clipped: u64,
 }
 
-/// An estimate under way, frame by frame. Memory: 60 MB at most.
+/// A calibration in progress, frame by frame. Memory: 60 MB at most.
 #[derive(Debug)]
 pub struct MovingCalibrator {
     options: NoiseOptions,
@@ -70,19 +72,19 @@ pub struct MovingCalibrator {
     frame_bits: Option<u32>,
     frames: usize,
     blocks: u64,
-    /// By green's mean; what came, and what was kept of it.
+    /// By green's mean: how many blocks came, and those that were kept.
     drawers: [(u64, Vec<Block>); DRAWERS],
     seen: [Vec<Seen>; 3],
 }
 
-/// Variances at the bins' middles, rounding included, and what they were found with.
+/// Variances at the bins' middles, rounding included, and what was found along with them.
 #[derive(Clone, Debug)]
 struct Found {
-    /// Variance and independent samples, for each bin of each channel.
+    /// Variance and independent samples of each bin of each channel.
     variance: [Vec<f64>; 3],
     independent: [Vec<f64>; 3],
     measured: [Vec<bool>; 3],
-    /// The noise's covariance by distance, rounding included, its variance being 1.
+    /// The noise's covariance by distance, rounding included, normalised to variance 1.
     covariance: [ByLag; 3],
     channel: [Option<f64>; 3],
     neighbour: [Option<f64>; 2],
@@ -90,7 +92,7 @@ struct Found {
 }
 
 impl MovingCalibrator {
-    /// An error unless 1 to 256 bins are asked for.
+    /// Fails unless `bins` is 1 to 256.
     pub fn new(options: NoiseOptions) -> Result<Self, CalibrateError> {
         if options.bins == 0 || options.bins > 256 {
             return Err(CalibrateError::Bins { found: options.bins });
@@ -100,7 +102,7 @@ impl MovingCalibrator {
         Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, drawers: Default::default(), seen })
     }
 
-    /// Adds a frame; frames may differ in size. An error where it is empty or has other bits than those before.
+    /// Adds a frame. Frames may differ in size. Fails if it is empty or its bit depth differs from the frames before.
     pub fn add_frame(&mut self, frame: &Pixels) -> Result<(), CalibrateError> {
         if frame.width == 0 || frame.height == 0 {
             return Err(CalibrateError::Empty);
@@ -122,7 +124,7 @@ impl MovingCalibrator {
         Ok(())
     }
 
-    /// A block's sums; `None` where it is clipped.
+    /// A block's sums. `None` if it is clipped or too quiet.
     fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Option<Block> {
         let pixels = (SIDE * SIDE) as f64;
         let quiet = TOO_QUIET * self.rounding().frame_step.powi(2);
@@ -154,7 +156,7 @@ impl MovingCalibrator {
         usable.then_some(block)
     }
 
-    /// Keeps a block, or lets chance decide where there are too many (Vitter 1985, algorithm R).
+    /// Keeps a block, at random once there are too many (Vitter 1985, algorithm R).
     fn keep(&mut self, block: Block) {
         let (came, kept) = &mut self.drawers[bin_of(f64::from(block.mean[1]), DRAWERS)];
         *came += 1;
@@ -203,7 +205,7 @@ impl MovingCalibrator {
             channel_correlation,
             neighbour_correlation,
         };
-        // What chance did not keep is like what it kept.
+        // The discarded blocks are assumed to be like the kept ones.
         let kept = self.drawers.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
         let came = self.drawers.iter().map(|d| d.0).sum::<u64>() as f64;
         let excluded_share = 1.0 - found.flat as f64 / kept * came / self.blocks.max(1) as f64;
@@ -211,7 +213,7 @@ impl MovingCalibrator {
         Ok(NoiseCalibration { profile, bins, motion, scenes, frames, excluded_share, warnings })
     }
 
-    /// Where there would have been samples enough it is texture that left too few.
+    /// If there were pixels enough, texture is why too few samples remain.
     fn cause(&self, error: CalibrateError) -> CalibrateError {
         match error {
             CalibrateError::TooFew { channel, needed, best }
@@ -259,7 +261,7 @@ impl MovingCalibrator {
             flat: 0,
         };
         for round in 0..ROUNDS {
-            // Before the correlation is known, noise spreads more than it should.
+            // Before the correlation is known, noise seems to spread too much.
             let strict = round >= ROUNDS / 2;
             let freedom = found.covariance.map(|r| self.plane.freedom(&r));
             let kept = found.covariance.map(|r| self.plane.kept(&r));
@@ -271,7 +273,7 @@ impl MovingCalibrator {
         found
     }
 
-    /// Brings one channel's variances nearer to those of its lowest blocks.
+    /// Moves one channel's variances towards those of its lowest blocks.
     fn variances(&self, found: &mut Found, channel: usize, (freedom, kept): (f64, f64), strict: bool) {
         let bins = self.options.bins;
         let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); bins];
@@ -289,7 +291,7 @@ impl MovingCalibrator {
             found.independent[channel][bin] = blocks * freedom;
             found.measured[channel][bin] = lowest.is_some() && blocks * freedom >= self.options.min_independent;
         }
-        // The others lie between: what a block near a bin's edge is measured with.
+        // The other bins are interpolated: blocks near a bin's edge need both sides.
         let good: Vec<(f64, f64)> = (0..bins)
             .filter(|bin| found.measured[channel][*bin])
             .map(|bin| (bin as f64, found.variance[channel][bin]))
@@ -301,7 +303,7 @@ impl MovingCalibrator {
         }
     }
 
-    /// How the noise hangs together, from blocks that are flat in every channel.
+    /// The noise's correlations, from blocks that are flat in every channel.
     fn correlations(&self, found: &mut Found, freedom: [f64; 3], kept: [f64; 3]) {
         let (bins, rounding) = (self.options.bins, self.rounding());
         let rounded: [Vec<f64>; 3] =
@@ -370,8 +372,8 @@ fn between(points: &[(f64, f64)], at: f64) -> Option<f64> {
     }
 }
 
-/// A block's variance over the one to expect at its intensity (`variance`: at the bins' middles), clipping included; `None`
-/// where it is of no use.
+/// A block's variance relative to the one expected at its intensity, clipping included. `variance` is at the bins'
+/// middles. `None` too near to an end.
 fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
     let code = f64::from(block.mean[channel]);
     let bins = variance.len();
@@ -383,20 +385,21 @@ fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
         .then(|| f64::from(block.products[channel][0]) / (expected * kept_variance(from_end, 0.0)))
 }
 
-/// What the lowest of a bin's blocks say.
+/// Estimate from the lowest of a bin's blocks.
 #[derive(Clone, Copy, Debug)]
 struct Lowest {
     scale: f64,
-    /// How many blocks of noise alone there are, those above the cut included.
+    /// The estimated number of blocks that contain only noise, including those above the cut.
     blocks: f64,
-    /// Whether they spread as noise does; else they are weak texture.
+    /// Whether they spread as noise does. If not, they are weak texture.
     like_noise: bool,
 }
 
-/// The variance of which the lowest of these are noise.
-/// For x like χ² with ν degrees over ν, times s, those below a cut T have the mean s·F_(ν+2)(νT/s) / F_ν(νT/s) and the mean
-/// square s²·(1+2/ν)·F_(ν+4)(νT/s) / F_ν(νT/s). At T = CUT·s these are fixed factors. s is sought at which the first holds,
-/// from below: the first such, for texture only adds.
+/// Estimates the variance of noise from the lowest of these values.
+///
+/// For x like χ² with ν degrees over ν, times s, those below a cut T have the mean s·F_(ν+2)(νT/s) / F_ν(νT/s) and the
+/// mean square s²·(1+2/ν)·F_(ν+4)(νT/s) / F_ν(νT/s). At T = CUT·s these are fixed factors. The solution is the lowest s
+/// at which the first holds, because texture only adds.
 fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
     values.sort_by(f64::total_cmp);
     let below = |degrees: f64| gamma_lr(0.5 * degrees, 0.5 * freedom * CUT);
@@ -430,7 +433,7 @@ fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
     Some(Lowest { scale, blocks: n / share, like_noise })
 }
 
-/// Estimates from frames in memory. Errors as of [`MovingCalibrator::add_frame`] and [`MovingCalibrator::finish`].
+/// Calibrates from frames in memory. Errors as for [`MovingCalibrator::add_frame`] and [`MovingCalibrator::finish`].
 pub fn from_frames(frames: &[Pixels], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
     frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;
@@ -442,7 +445,7 @@ mod tests {
     use super::*;
     use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-    /// χ² at evenly spaced quantiles, a third of all; the rest is texture, twice to ninety times as strong.
+    /// χ² at evenly spaced quantiles for a third of the values. The rest is texture, twice to ninety times as strong.
     #[test]
     fn the_lowest_third_is_found_among_texture() {
         let chi = ChiSquared::new(40.0).unwrap();
@@ -456,7 +459,7 @@ mod tests {
         assert!(alone.like_noise && among.like_noise);
         assert!(lowest(&mut [], 40.0).is_none() && lowest(&mut [0.0; 50], 40.0).is_none());
         assert!(lowest(&mut [1.0; 39], 40.0).is_none());
-        // Texture alone: none below 1, then ever more.
+        // Texture alone: nothing below 1, then ever more.
         let mut texture: Vec<f64> = (0..2000).map(|i| 1.0 + 0.2 * f64::from(i).sqrt()).collect();
         assert!(!lowest(&mut texture, 40.0).unwrap().like_noise);
         let mut from_nothing: Vec<f64> = (0..2000).map(|i| f64::from(i).sqrt()).collect();

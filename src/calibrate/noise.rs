@@ -1,13 +1,11 @@
-//! Noise calibration (Fischer 2006, noise calibration): from frames of static scenes, σ of the
-//! variations by channel and intensity.
+//! Noise calibration (Fischer 2006): from frames of static scenes, σ of the variations by channel and intensity.
 //!
-//! a_i = mean picture of scene i, v_ij = f_ij − a_i, binned by a_i (never by f_ij: that would put
-//! bright noise into bright bins). μ and σ by maximum likelihood of a normal distribution, with
-//! the bias of few frames, of whole-number codes and of clipping taken off, and without what moved.
-//! docs/calibration.md derives each.
+//! a_i = mean picture of scene i, v_ij = f_ij − a_i, binned by a_i (never by f_ij: that would put bright noise into
+//! bright bins). μ and σ are maximum-likelihood estimates for a normal distribution. They are corrected for the small
+//! number of frames, integer codes and clipping, and exclude what moved. docs/calibration.md derives each.
 //!
-//! Not modelled: noise that hangs together over time, patterns fixed in place (they belong to the
-//! mean), noise whose shape is not normal, correlation beyond what the nearest neighbour tells.
+//! Not modelled: noise correlated over time, fixed patterns (they belong to the mean), noise that is not normally
+//! distributed, correlation beyond what the nearest neighbours imply.
 
 use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;
@@ -25,9 +23,9 @@ use std::path::PathBuf;
 pub struct NoiseOptions {
     /// Intensity bins over the code range, 1 to 256.
     pub bins: usize,
-    /// A bin with fewer independent samples is filled from its neighbours.
+    /// Bins with fewer independent samples are filled from their neighbours.
     pub min_independent: f64,
-    /// Whether blocks that move or drift are left out, and scenes refused in which everything does.
+    /// Whether to leave out blocks that move or drift, and refuse scenes in which everything does.
     pub leave_out_motion: bool,
 }
 
@@ -37,16 +35,16 @@ impl Default for NoiseOptions {
     }
 }
 
-/// What the frames showed.
+/// How the frames were taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneMotion {
     /// Scenes at rest: noise is what varies from frame to frame.
     Resting,
-    /// A moving camera: noise is what textureless places show beside a plane.
+    /// A moving camera: noise is what deviates from a plane in textureless places.
     Moving,
 }
 
-/// The outcome of a calibration; prints as a table.
+/// The result of a calibration; prints as a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseCalibration {
     pub profile: NoiseProfile,
@@ -56,9 +54,10 @@ pub struct NoiseCalibration {
     /// 1 for a moving camera.
     pub scenes: usize,
     pub frames: usize,
-    /// Share of all pixels left out because they moved or drifted, or of blocks because of texture, clipping or too little noise, 0 to 1.
+    /// Share left out, 0 to 1. At rest: of pixels, because they moved or drifted. With a moving camera: of blocks,
+    /// because of texture, clipping or too little noise.
     pub excluded_share: f64,
-    /// What a person should know before trusting the table.
+    /// Things a person should know before trusting the table.
     pub warnings: Vec<String>,
 }
 
@@ -124,8 +123,8 @@ pub enum CalibrateError {
 
 pub(super) const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
-/// A calibration under way: scenes one after the other, frame by frame. Memory: the sums of one picture, and a
-/// little (0.2 MB) for each scene done.
+/// A calibration in progress: scenes one after another, frame by frame. Memory: the sums of one picture, and a little
+/// (0.2 MB) for each finished scene.
 #[derive(Debug)]
 pub struct NoiseCalibrator {
     options: NoiseOptions,
@@ -171,7 +170,7 @@ impl NoiseCalibrator {
         })
     }
 
-    /// Starts a scene; the frames added from here on show it. `mean` is its noise-free picture, where known.
+    /// Starts a scene, which the following frames show. `mean` is its noise-free picture, if known.
     pub fn begin_scene(&mut self, mean: Option<Pixels>) -> Result<(), CalibrateError> {
         self.end_scene()?;
         let mean_bits = mean.as_ref().map(bits);
@@ -219,7 +218,7 @@ impl NoiseCalibrator {
         Rounding { frame_step, mean_step: self.mean_bits.flatten().map(code_step) }
     }
 
-    /// Judges and sums up the scene; the next may begin.
+    /// Judges and sums up the scene. The next may begin.
     pub fn end_scene(&mut self) -> Result<(), CalibrateError> {
         let number = self.scenes;
         let Some(scene) = self.scene.take() else {
@@ -309,7 +308,7 @@ impl NoiseCalibrator {
     }
 }
 
-/// Says which bins are filled and which are biased, or that none is good.
+/// Warns of filled and biased bins. Fails if none is good.
 pub(super) fn check(
     channel: &'static str,
     bins: &[BinReport],
@@ -337,7 +336,7 @@ pub(super) fn check(
     Ok(())
 }
 
-/// A correlation as it is written: 0 where it could not be measured, `low` where it lies below; either is said.
+/// A correlation as it is written: 0 if it could not be measured, and at least `low`. Either case adds a warning.
 pub(crate) fn told_correlation(measured: Option<f64>, name: &str, low: f64, warnings: &mut Vec<String>) -> f64 {
     let value = measured.unwrap_or(0.0);
     if measured.is_none() {
@@ -352,13 +351,13 @@ pub(super) fn round4(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
-/// What one sample's square counts among correlated neighbours: 1/Σρ², for ρ that falls by the same factor with each
-/// pixel in a row and in a column (so that Σρ² = (1+r²)/(1−r²) for each direction).
+/// The weight of one sample's square among correlated neighbours: 1/Σρ², if ρ falls by the same factor with each pixel
+/// in a row and in a column (so that Σρ² = (1+r²)/(1−r²) for each direction).
 fn independent_share(neighbour_correlation: [f64; 2]) -> f64 {
     neighbour_correlation.iter().map(|r| r.min(0.99)).map(|r| (1.0 - r * r) / (1.0 + r * r)).product()
 }
 
-/// Calibrates from scenes in memory, each several frames of something static.
+/// Calibrates from scenes in memory, each with several frames of something static.
 pub fn from_scenes(scenes: &[Vec<Pixels>], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = NoiseCalibrator::new(options.clone())?;
     for scene in scenes {
@@ -370,7 +369,7 @@ pub fn from_scenes(scenes: &[Vec<Pixels>], options: &NoiseOptions) -> Result<Noi
     calibrator.finish()
 }
 
-/// Calibrates from scenes whose noise-free mean is known, each with one noisy frame or more.
+/// Calibrates from scenes whose noise-free mean is known, each with one or more noisy frames.
 pub fn from_known_means(
     scenes: &[(Pixels, Vec<Pixels>)],
     options: &NoiseOptions,

@@ -1,36 +1,37 @@
-//! What taking a plane off a small block does to noise whose neighbours hang together, and back.
+//! How removing a plane from a small block changes correlated noise, and the inverse.
 //!
-//! A block's n pixels are y = plane + e, e normal with the covariance R = Σ_k r_k S_k: S_k marks the pairs of pixels that lie
-//! k = (|Δx|, |Δy|) apart, r_k is the noise's covariance there (0 beyond [`REACH`]). With M = 1 − QQᵀ, Q an orthonormal
-//! base of the planes, the residuals are Me and their covariance MRM = Σ_k r_k B_k, B_k = M S_k M. So
+//! A block's n pixels are y = plane + e, e normal with the covariance R = Σ_k r_k S_k: S_k marks the pairs of pixels
+//! that lie k = (|Δx|, |Δy|) apart, r_k is the noise's covariance there (0 beyond [`REACH`]). With M = 1 − QQᵀ, Q an
+//! orthonormal basis of the planes, the residuals are Me and their covariance MRM = Σ_k r_k B_k, B_k = M S_k M. So
 //!
-//! - the mean product of residuals that lie j apart expects c_j = Σ_k A_jk r_k, A_jk = Σ_(S_j) B_k / |S_j|: a linear system
-//!   that gives the r from the c, the low frequencies that the plane took included;
+//! - the mean product of residuals that lie j apart has the expectation c_j = Σ_k A_jk r_k, A_jk = Σ_(S_j) B_k / |S_j|:
+//!   a linear system that gives r from c, including the low frequencies that the plane removed;
 //! - the mean square is distributed like χ² with ν = tr(MR)² / tr(MRMR) degrees of freedom (Satterthwaite 1946).
 
-/// Side of a block, pixels. Wide enough for the plane to leave most of the noise, small enough to find places.
+/// Side of a block, pixels. Large enough for the plane to leave most of the noise, small enough to fit into textureless
+/// places.
 pub(crate) const SIDE: usize = 12;
 const PIXELS: usize = SIDE * SIDE;
-/// Noise this many pixels apart, across or down, still counts as one; beyond it is taken to be independent.
+/// Noise up to this many pixels apart, across or down, may be correlated. Beyond, it is assumed independent.
 const REACH: usize = 3;
 /// Distances up to [`REACH`] each way.
 pub(crate) const LAGS: usize = (REACH + 1) * (REACH + 1);
-/// Distances to the neighbour to the right and the one below.
+/// Distances to the neighbour to the right and to the one below.
 pub(crate) const NEIGHBOURS: [usize; 2] = [1, REACH + 1];
 
-/// Something for each distance: the noise's covariance, or the mean product of residuals.
+/// A value for each distance: the noise's covariance, or the mean product of residuals.
 pub(crate) type ByLag = [f64; LAGS];
-/// One that does not hang together: variance 1.
+/// Uncorrelated noise of variance 1.
 pub(crate) const WHITE: ByLag = {
     let mut white = [0.0; LAGS];
     white[0] = 1.0;
     white
 };
 
-/// The block's algebra; made once.
+/// The block's algebra, made once.
 #[derive(Debug)]
 pub(crate) struct Plane {
-    /// B_k by rows.
+    /// B_k, row by row.
     left: Vec<Vec<f64>>,
     expected: [ByLag; LAGS],
     base: [[f64; PIXELS]; 3],
@@ -41,7 +42,7 @@ fn lag(a: usize, b: usize) -> Option<usize> {
     (dx <= REACH && dy <= REACH).then_some(dy * (REACH + 1) + dx)
 }
 
-/// The mean of the block's pixel pairs' values at each distance.
+/// The mean of a value over the block's pixel pairs, for each distance.
 fn mean_by_lag(value: impl Fn(usize, usize) -> f64) -> ByLag {
     let (mut sums, mut pairs) = ([0.0; LAGS], [0.0; LAGS]);
     for a in 0..PIXELS {
@@ -74,7 +75,7 @@ impl Plane {
         Self { left, expected, base }
     }
 
-    /// Takes the plane off a block's values.
+    /// Subtracts the best-fitting plane from a block's values.
     pub fn take_off(&self, values: &mut [f64; PIXELS]) {
         for base in &self.base {
             let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
@@ -104,7 +105,7 @@ impl Plane {
 
     /// The noise's covariance from the mean products of residuals.
     pub fn covariance(&self, products: &ByLag) -> ByLag {
-        // The diagonal is by far the largest of each row: no pivots are sought.
+        // The diagonal is by far the largest of each row, so there is no pivoting.
         let (mut matrix, mut right) = (self.expected, *products);
         for i in 0..LAGS {
             for j in i + 1..LAGS {
@@ -121,7 +122,7 @@ impl Plane {
         right
     }
 
-    /// The share of a covariance's variance that the plane leaves, 0 to 1.
+    /// The share of the noise's variance that remains after the plane is removed, 0 to 1.
     pub fn kept(&self, covariance: &ByLag) -> f64 {
         self.expected[0].iter().zip(covariance).map(|(a, r)| a * r).sum::<f64>() / covariance[0]
     }
@@ -136,10 +137,10 @@ impl Plane {
     }
 }
 
-/// M S_k M by rows.
+/// M S_k M, row by row.
 fn projected(base: &[[f64; PIXELS]; 3], k: usize) -> Vec<f64> {
     let apart = |a: usize, b: usize| lag(a, b) == Some(k);
-    // S q for each q of the base, and qᵀ S p
+    // S q for each q of the basis, and qᵀ S p.
     let moved = base.map(|q| {
         let sum = |a: usize| (0..PIXELS).filter(|b| apart(a, *b)).map(|b| q[b]).sum();
         std::array::from_fn::<f64, PIXELS, _>(sum)
@@ -176,7 +177,8 @@ mod tests {
         let mut values: [f64; PIXELS] = std::array::from_fn(|i| 3.0 + 0.5 * (i % SIDE) as f64 - (i / SIDE) as f64);
         plane.take_off(&mut values);
         assert!(values.iter().all(|v| v.abs() < 1e-12));
-        // One pixel: what is left of it is its own square of M, and of a neighbour's product −(QQᵀ) between.
+        // A single pixel: its own product is M's diagonal element squared, a neighbour's is with −(QQᵀ) between the
+        // two.
         let mut values = [0.0; PIXELS];
         values[0] = 1.0;
         plane.take_off(&mut values);
@@ -186,7 +188,7 @@ mod tests {
         assert!((m - (1.0 - 1.0 / 144.0 - 2.0 * 5.5 * 5.5 / (12.0 * 143.0))).abs() < 1e-12, "{m}");
     }
 
-    /// Both ways: from r by the sum over all pairs of M R M, which is written apart here, and from c back to r.
+    /// Both ways: from r by the sum over all pairs of M R M, computed independently here, and from c back to r.
     #[test]
     fn covariance_undoes_what_the_plane_did() {
         let plane = Plane::new();

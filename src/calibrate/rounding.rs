@@ -1,33 +1,32 @@
-//! What whole-number codes add to a variance, exactly, and how to take it off again.
+//! The variance that integer codes add, exactly, and how to remove it.
 //!
-//! A code is q = round(y), y = m + σz. The rounding error is the sawtooth
-//! q − y = Σ (−1)^k sin(2πky)/(πk), so E[q|m] = m + Σ (−1)^k e^(−2π²k²σ²) sin(2πkm)/(πk).
-//! With the fraction of m spread evenly, E[(q−m)²] = σ² + 1/12, and taking off what the mean
-//! of q itself wanders leaves
+//! A code is q = round(y), y = m + σz. The rounding error is the sawtooth q − y = Σ (−1)^k sin(2πky)/(πk), so E[q|m] =
+//! m + Σ (−1)^k e^(−2π²k²σ²) sin(2πkm)/(πk). With the fraction of m spread evenly, E[(q−m)²] = σ² + 1/12. Subtracting
+//! how far the mean of q itself deviates leaves
 //!
 //! V(σ) = σ² + 1/12 − Σ e^(−4π²k²σ²)/(2π²k²)
 //!
-//! (Sheppard's σ² + 1/12 is its limit for σ ≥ 0.5.) Against a mean A = round(m) on the same
-//! grid, E[(q−A)²] = σ² + 1/6 − Σ e^(−2π²k²σ²)/(π²k²). Both are 0 at σ = 0.
+//! (Sheppard's σ² + 1/12 is its limit for σ ≥ 0.5.) Against a mean A = round(m) on the same grid, E[(q−A)²] = σ² + 1/6
+//! − Σ e^(−2π²k²σ²)/(π²k²). Both are 0 at σ = 0.
 
 use std::f64::consts::PI;
 
 /// 16-bit codes in one 8-bit code.
 pub(crate) const UNIT: i64 = 257;
-/// Terms of the sums; the last is below 1e-4 of the first even at σ = 0, where the sums are not used.
+/// Terms of the sums. The last is below 3e-4 of the first even at σ = 0, where the sums are not used.
 const TERMS: u32 = 60;
 
-/// How coarse codes are, and what the variations are taken from. Steps in 8-bit code values.
+/// Rounding of the frames, and of the mean that variations are relative to. Steps in 8-bit code values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rounding {
     /// One code of the frames.
     pub frame_step: f64,
-    /// One code of a known mean; `None`: the mean of the frames themselves.
+    /// One code of a known mean. `None` if the mean is that of the frames themselves.
     pub mean_step: Option<f64>,
 }
 
 impl Rounding {
-    /// The variance to expect of variations whose noise has the standard deviation `sigma`.
+    /// The expected variance of the variations if the noise has the standard deviation `sigma`.
     pub fn variance(&self, sigma: f64) -> f64 {
         let frame = self.frame_step * self.frame_step / 12.0;
         match self.mean_step {
@@ -39,7 +38,7 @@ impl Rounding {
         }
     }
 
-    /// The standard deviation of the noise whose variations have this variance; 0 where rounding explains it all.
+    /// The noise's standard deviation if the variations have this variance. 0 if rounding explains it all.
     pub fn sigma(&self, variance: f64) -> f64 {
         if variance.is_nan() || variance <= self.variance(0.0) {
             return 0.0;
@@ -79,7 +78,7 @@ mod tests {
     const OWN: Rounding = Rounding { frame_step: 1.0, mean_step: None };
     const KNOWN: Rounding = Rounding { frame_step: 1.0, mean_step: Some(1.0) };
 
-    /// By brute force: sum over codes, averaged over 400 evenly spread fractions of the mean.
+    /// By brute force: a sum over codes, averaged over 400 evenly spaced fractions of the mean.
     fn by_counting(sigma: f64, known_mean: bool) -> f64 {
         let n = 400;
         let total: f64 = (0..n)
@@ -92,7 +91,7 @@ mod tests {
                     s1 += p * q;
                     s2 += p * q * q;
                 }
-                // m lies in −0.5..0.5, so that the rounded mean is 0
+                // m lies in −0.5..0.5, so that the rounded mean is 0.
                 if known_mean { s2 } else { s2 - s1 * s1 }
             })
             .sum();

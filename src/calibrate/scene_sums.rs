@@ -1,32 +1,32 @@
-//! The running sums of one static scene: a picture's worth of memory, however many frames.
+//! The running sums of one static scene. Their memory does not depend on the number of frames.
 //!
-//! All sums are whole numbers in 16-bit codes (8-bit codes times 257), so nothing is lost on the way.
+//! All sums are integers in 16-bit codes (8-bit codes times 257), so they are exact.
 
 use super::common_motion::CommonMotion;
 use super::rounding::UNIT;
 use crate::pixels::{Codes, Pixels};
 
-/// Side of the blocks in which motion is looked for and correlations are summed, pixels.
+/// Side of the blocks in which motion is detected and correlations are summed, pixels.
 pub(crate) const BLOCK: usize = 8;
-/// More frames than this could overflow the sums of a pixel.
+/// More frames than this could overflow a pixel's sums.
 pub(crate) const MAX_FRAMES: u32 = 30_000;
 
-/// Products of the differences d that a block saw; d is a frame minus the one before, or minus the known mean.
+/// Summed products of a block's differences d. d is a frame minus the one before, or minus the known mean.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BlockSums {
     /// d² of R, G, B.
     pub squares: [i64; 3],
     /// R·G, R·B, G·B.
     pub cross: [i64; 3],
-    /// d times that of the neighbour to the right, in the same block.
+    /// d times that of the right neighbour in the same block.
     pub right: [i64; 3],
-    /// d times that of the neighbour below, in the same block.
+    /// d times that of the neighbour below in the same block.
     pub below: [i64; 3],
-    /// Square of the mean of d, green, less that of the whole frame. 8-bit codes squared.
+    /// Sum of (block's mean d − frame's mean d)², green only. 8-bit codes squared.
     pub even: f64,
 }
 
-/// What one channel of one pixel did over the frames. 8-bit code values.
+/// One channel of one pixel over the frames, in 8-bit code values.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PixelSums {
     pub mean: f64,
@@ -64,13 +64,13 @@ pub(crate) struct SceneSums {
     pub width: usize,
     pub height: usize,
     pub frames: u32,
-    /// Whether variations are taken from a known mean.
+    /// Whether variations are relative to a known mean.
     pub known_mean: bool,
     pub blocks: Vec<BlockSums>,
     pub motion: CommonMotion,
-    /// The known mean, or the first frame: what sums are taken relative to.
+    /// The known mean, or the first frame: the sums are relative to it.
     reference: Vec<u16>,
-    /// The frame before, only without a known mean.
+    /// The previous frame; only without a known mean.
     previous: Vec<u16>,
     sum: Vec<i32>,
     squares: Vec<u64>,
@@ -89,7 +89,7 @@ fn codes_16(pixels: &Pixels) -> Vec<u16> {
 }
 
 impl SceneSums {
-    /// Sums around a known mean, or around the frames' own; `first` has the size that every frame must have.
+    /// Sums around a known mean, or around the frames' own. Every frame must have the size of `first`.
     pub fn new(first: &Pixels, mean: Option<&Pixels>) -> Self {
         let (width, height) = (first.width as usize, first.height as usize);
         let n = 3 * width * height;
@@ -171,22 +171,22 @@ impl SceneSums {
         }
     }
 
-    /// Degrees of freedom that a pixel's squared variations have: J, or J − 1 around the frames' own mean.
+    /// Degrees of freedom of a pixel's squared variations: J, or J − 1 around the frames' own mean.
     pub fn freedom(&self) -> f64 {
         f64::from(self.frames) - if self.known_mean { 0.0 } else { 1.0 }
     }
 
-    /// How noisy the mean is: 1/J, 0 where it is known.
+    /// Variance of the mean relative to the noise's: 1/J, or 0 if the mean is known.
     pub fn mean_noise(&self) -> f64 {
         if self.known_mean { 0.0 } else { 1.0 / f64::from(self.frames) }
     }
 
-    /// How many differences were summed, and how many times the noise's variance each one's is.
+    /// How many differences were summed, and how many times the noise's variance each of them has.
     pub fn differences(&self) -> (f64, f64) {
         if self.known_mean { (f64::from(self.frames), 1.0) } else { (f64::from(self.frames) - 1.0, 2.0) }
     }
 
-    /// One channel of one pixel; `i` is its place among the interleaved codes.
+    /// One channel of one pixel. `i` is its index among the interleaved codes.
     pub fn pixel(&self, i: usize) -> PixelSums {
         let (sum, squares, frames) = (i64::from(self.sum[i]), self.squares[i], i64::from(self.frames));
         let unit = UNIT as f64;
@@ -209,14 +209,14 @@ impl SceneSums {
         }
     }
 
-    /// Where block `index` lies.
+    /// The area of block `index`.
     pub fn area(&self, index: usize) -> BlockArea {
         let columns = self.width.div_ceil(BLOCK);
         let (x0, y0) = (index % columns * BLOCK, index / columns * BLOCK);
         BlockArea { x0, y0, x1: (x0 + BLOCK).min(self.width), y1: (y0 + BLOCK).min(self.height) }
     }
 
-    /// The places of one channel's codes in a block.
+    /// The indices of one channel's codes in a block.
     pub fn places(&self, area: BlockArea, channel: usize) -> impl Iterator<Item = usize> {
         let width = self.width;
         (area.y0..area.y1).flat_map(move |y| (area.x0..area.x1).map(move |x| 3 * (y * width + x) + channel))
@@ -252,19 +252,19 @@ mod tests {
             known.add(frame);
         }
         let p = own.pixel(1);
-        // 11, 13, 18: mean 14, squares 9 + 1 + 16
+        // 11, 13, 18: mean 14, squares 9 + 1 + 16.
         assert!((p.mean - 14.0).abs() < 1e-12 && (p.squares - 26.0).abs() < 1e-12 && p.sum == 0.0);
         let p = known.pixel(1);
-        // −2, 0, 5 around 13
+        // −2, 0, 5 around 13.
         assert!((p.mean - 13.0).abs() < 1e-12 && (p.squares - 29.0).abs() < 1e-12 && (p.sum - 3.0).abs() < 1e-12);
         assert_eq!((own.freedom(), known.freedom()), (2.0, 3.0));
-        // differences 2 and 5 in every pixel: 64 pixels, 56 pairs each way
+        // Differences 2 and 5 in every pixel: 64 pixels, 56 pairs in each direction.
         let unit = UNIT * UNIT;
         assert_eq!(own.blocks[0].squares, [64 * 29 * unit; 3]);
         assert_eq!(own.blocks[0].right, [56 * 29 * unit; 3]);
         assert_eq!(own.blocks[0].below, [56 * 29 * unit; 3]);
         assert_eq!(own.blocks[0].cross, [64 * 29 * unit; 3]);
-        // the block of the last column is one pixel wide
+        // The last column's block is one pixel wide.
         assert_eq!((own.blocks.len(), own.area(1).pixels(), own.area(1).pairs_right()), (4, 8, 0));
         assert_eq!(own.blocks[1].right, [0; 3]);
         assert!((own.flicker() - 13f64.sqrt()).abs() < 1e-9);

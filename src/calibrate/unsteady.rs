@@ -1,34 +1,34 @@
-//! Whether the camera moved. Noise knows nothing of the picture; what a moving camera changes does.
+//! Whether the camera moved. Noise does not depend on the picture; changes from a moving camera do.
 //!
 //! - *common*: the share of a frame difference's energy that one affine motion of the whole picture explains. For a
-//!   small motion u the difference is −∇I·u (Lucas and Kanade 1981), u = 6 numbers, least squares beside a constant for
-//!   the light's flicker. Larger motions are small in a picture reduced by 4 or 16; what is explained there still
-//!   counts as a share of the whole picture's energy.
-//! - *patches*: the share of a block's energy in its mean, the whole picture's mean taken off; the median over blocks.
-//!   Finds frames that show too different a view for any motion to be followed.
+//!   small motion u the difference is −∇I·u (Lucas and Kanade 1981); u has 6 parameters, fitted by least squares
+//!   together with a constant for flicker. Larger motions are small in a picture reduced by 4 or 16; what is explained
+//!   there still counts as a share of the whole picture's energy.
+//! - *patches*: the share of a block's energy that is in its mean, relative to the whole picture's mean; the median
+//!   over blocks. Finds frames whose views differ too much for any motion to be followed.
 
 use super::rounding::UNIT;
 use super::scene_sums::{BLOCK, SceneSums};
 
-/// Noise alone, also of cameras and video codecs that smear it, has a common share below 0.03 and patches below 0.25;
-/// cameras that pan, turn or are held by hand have one above 0.23 or the other above 0.5.
+/// Noise alone, even smeared by cameras and video codecs, has a common share below 0.03 and patches below 0.25. Cameras
+/// that pan, turn or are hand-held have a common share above 0.23 or patches above 0.5.
 const MOVES: f64 = 0.2;
 const IN_PATCHES: f64 = 0.45;
-/// From here on σ is too large by 6 %.
+/// At this share σ is 6 % too large.
 const DOUBTFUL: f64 = 0.12;
 
-/// What unsteady frames look like.
+/// How frames are unsteady.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Unsteady {
-    /// The whole picture moves: the share of the changes that this explains.
+    /// The whole picture moves. The share of the changes that this explains.
     Moves(f64),
-    /// Half of the picture changes in patches: their share of the changes.
+    /// Half of the picture changes in patches. Their share of the changes.
     Patches(f64),
-    /// The picture may move a little: the share of the changes that this explains.
+    /// The picture may move a little. The share of the changes that this explains.
     Doubtful(f64),
 }
 
-/// What speaks against a scene at rest, if anything does.
+/// The evidence that a scene is not at rest, if any.
 pub(crate) fn unsteady(scene: &SceneSums) -> Option<Unsteady> {
     let common = scene.motion.share();
     let unit = (UNIT * UNIT * (BLOCK * BLOCK) as i64) as f64;

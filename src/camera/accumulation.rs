@@ -1,18 +1,18 @@
-//! Recursive accumulation, vSLRcam (13) and (14), as the finite sum that it is.
+//! Recursive accumulation, vSLRcam (13) and (14), as a finite sum.
 //!
-//! Each step mixes the newest frame with what was there: step_n = (1 − α)·F_n + α·step_(n−1),
-//! step_0 = F_0. Written out that is a sum of n + 1 frames, newest first:
+//! Each step mixes the newest frame with the previous result: step_n = (1 − α)·F_n + α·step_(n−1), step_0 = F_0.
+//! Written out, that is a sum of n + 1 frames, newest first:
 //!
 //!   (1 − α)·F_n + α(1 − α)·F_(n−1) + … + α^(n−1)(1 − α)·F_1 + α^n·F_0       (13)
 //!
-//! The first n weights sum to 1 − α^n, the last is α^n: together 1. As a finite sum, frame n is
-//! the same whichever frame one starts from. It trails, newest strongest, and is not the box
-//! that a shutter is; with α from (14) the oldest frame weighs ε.
-//! When the frames are drawn is not said here: effects/motion_blur.rs puts their mean into the middle of the exposure.
+//! The first n weights sum to 1 − α^n, the last is α^n: together 1. Being a finite sum, frame n is the same whichever
+//! frame one starts from. It trails, newest strongest, unlike a shutter's box; with α from (14) the oldest frame weighs
+//! ε. When the frames are drawn is decided elsewhere: effects/motion_blur.rs puts their mean time at the middle of the
+//! exposure.
 
-/// ε of vSLRcam (14): what the oldest frame still weighs.
+/// ε of vSLRcam (14): the weight of the oldest frame.
 pub const LEAST_WEIGHT: f64 = 1.0 / 50.0;
-/// More frames than this are not summed.
+/// The largest number of steps that is accepted.
 pub const MOST_STEPS: usize = 10_000;
 
 /// An exposure that cannot be accumulated.
@@ -33,12 +33,12 @@ pub fn steps(time_s: f64, frames_per_s: f64) -> Result<usize, AccumulationError>
     fits.then_some(n as usize).ok_or(AccumulationError { time_s, frames_per_s })
 }
 
-/// vSLRcam (14): α = ε^(1/n), 0 to 1; 0 for no step, which keeps the newest frame alone.
+/// vSLRcam (14): α = ε^(1/n), 0 to 1. 0 for no steps, which keeps the newest frame alone.
 pub fn alpha(steps: usize) -> f64 {
     if steps == 0 { 0.0 } else { LEAST_WEIGHT.powf(1.0 / steps as f64) }
 }
 
-/// The weights of vSLRcam (13), newest frame first: `steps + 1` of them, which sum to 1.
+/// The weights of vSLRcam (13), newest frame first: `steps + 1` of them, summing to 1.
 pub fn weights(steps: usize) -> Vec<f64> {
     let alpha = alpha(steps);
     let mut weight = 1.0;
@@ -65,7 +65,7 @@ mod tests {
         let w = weights(n);
         assert_eq!(w.len(), 11);
         assert!((w[0] - 0.323_757).abs() < 1e-6);
-        // α(1 − α) and α^10 = 1/50
+        // α(1 − α), and α^10 = 1/50.
         assert!((w[1] - 0.218_938).abs() < 1e-6);
         assert!((w[10] - 0.02).abs() < 1e-12);
     }

@@ -1,28 +1,28 @@
 //! The shape of the opening: points spread evenly over it.
 //!
-//! A shape is given by its outline ρ(θ) around the middle, a fraction of the opening's radius. With A = ∫ ρ²/2 dθ, a
-//! point whose angle divides the area as u (∫₀^θ ρ²/2 = u·A) and whose radius is √v·ρ(θ) falls evenly on the shape for
-//! even u and v.
+//! A shape is given by its outline ρ(θ) around the centre, as a fraction of the opening's radius. Let A = ∫ ρ²/2 dθ. A
+//! point whose angle divides the area as u (∫₀^θ ρ²/2 = u·A) and whose radius is √v·ρ(θ) is uniformly distributed over
+//! the shape if u and v are uniform.
 
 use std::f64::consts::TAU;
 
 use super::Opening;
 
-/// Steps of the tables over the angle.
+/// Entries of the tables over the angle.
 const STEPS: usize = 2048;
 
-/// An outline with what is needed to spread points over it.
+/// An outline, and what is needed to spread points over it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Aperture {
-    /// ρ at `STEPS` angles, evenly from 0.
+    /// ρ at `STEPS` angles, evenly spaced, half a step from 0.
     outline: Vec<f64>,
-    /// The share of the area before each angle; one more, 1 at the end.
+    /// The share of the area before each angle. One more entry at the end, 1.
     share: Vec<f64>,
     variance: f64,
 }
 
 impl Aperture {
-    /// By its outline: ρ (0..1) at an angle from the picture's x axis towards its y axis (downwards), rad.
+    /// From an outline: ρ (0..1) at an angle from the picture's x axis towards its y axis (downwards), rad.
     pub fn new(outline: impl Fn(f64) -> f64) -> Self {
         let outline: Vec<f64> = (0..STEPS).map(|i| outline((i as f64 + 0.5) / STEPS as f64 * TAU)).collect();
         let mut share = vec![0.0];
@@ -37,7 +37,7 @@ impl Aperture {
         Self { outline, share, variance: 0.5 * second / area }
     }
 
-    /// The lens's own: a circle, or a polygon with corners on the circle.
+    /// The shape of a lens's opening: a circle, or a polygon with its corners on the circle.
     pub fn of(opening: &Opening) -> Self {
         if opening.blades == 0 {
             return Self::new(|_| 1.0);
@@ -49,26 +49,26 @@ impl Aperture {
         })
     }
 
-    /// Mean square of the distance from the middle along one axis, the mean of both axes; in squares of the radius.
-    /// 1/4 for a circle.
+    /// Mean square distance from the centre along one axis, averaged over both axes, in squared radii. 1/4 for a
+    /// circle.
     pub fn variance(&self) -> f64 {
         self.variance
     }
 
-    /// The radius at which an opening of this shape has a point on its outline; 0 in the middle.
+    /// The radius of an opening of this shape whose outline passes through the point. 0 at the centre.
     pub fn gauge(&self, [x, y]: [f64; 2]) -> f64 {
-        // Halfway between the outline's steps.
+        // The outline is sampled in the middle of its steps.
         let at = y.atan2(x).rem_euclid(TAU) / TAU * STEPS as f64 - 0.5 + STEPS as f64;
         let [a, b] = [0, 1].map(|k| self.outline[(at as usize + k) % STEPS]);
         x.hypot(y) / (a + at.fract() * (b - a))
     }
 
-    /// How near the outline comes to the middle, in radii.
+    /// The outline's smallest distance from the centre, in radii.
     pub fn apothem(&self) -> f64 {
         self.outline.iter().copied().fold(1.0, f64::min)
     }
 
-    /// The point that the square's u and v (0..1) stand for, in radii.
+    /// Maps a point of the unit square (u, v) to the shape, in radii.
     pub fn point(&self, u: f64, v: f64) -> [f64; 2] {
         let i = self.share.partition_point(|&s| s <= u).clamp(1, STEPS) - 1;
         let width = self.share[i + 1] - self.share[i];
@@ -78,8 +78,8 @@ impl Aperture {
         [radius * angle.cos(), radius * angle.sin()]
     }
 
-    /// Points on rings, each for the same area: even and symmetric also where they are few. One number for each ring,
-    /// from the middle; even ones keep point symmetry.
+    /// Points on rings, each for the same area: even and symmetric even if they are few. `counts` has the number of
+    /// points of each ring, from the centre; even numbers keep point symmetry.
     pub fn rings(&self, counts: &[u32]) -> Vec<[f64; 2]> {
         let all = f64::from(counts.iter().sum::<u32>());
         let mut inside = 0.0;
@@ -87,15 +87,15 @@ impl Aperture {
         for (ring, &count) in counts.iter().enumerate() {
             let v = (inside + 0.5 * f64::from(count)) / all;
             inside += f64::from(count);
-            // Turned against each other.
+            // Rings are turned relative to each other.
             let turned = 0.5 * (ring % 2) as f64 + 0.05 * ring as f64 * f64::from(count);
             points.extend((0..count).map(|i| self.point(((f64::from(i) + turned) / f64::from(count)).fract(), v)));
         }
         points
     }
 
-    /// The point of a sequence whose every stretch is even (Roberts 2018, "The Unreasonable Effectiveness of
-    /// Quasirandom Sequences", R₂).
+    /// A point of a low-discrepancy sequence: any stretch of it is evenly spread (Roberts 2018, "The Unreasonable
+    /// Effectiveness of Quasirandom Sequences", R₂).
     pub fn sequence(&self, index: u32) -> [f64; 2] {
         const PLASTIC: f64 = 1.324_717_957_244_746;
         let i = f64::from(index) + 0.5;
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn few_points_have_the_shapes_middle_and_variance() {
         assert!((blades(0, 0.0).variance() - 0.25).abs() < 1e-12);
-        // A square in the unit circle has sides of √2: variance √2²/12.
+        // A square in the unit circle has sides of √2 and variance √2²/12.
         assert!((blades(4, 0.3).variance() - 1.0 / 6.0).abs() < 1e-5);
         for n in [0, 3, 5, 6, 9] {
             let aperture = blades(n, 0.2);
@@ -135,7 +135,8 @@ mod tests {
 
     #[test]
     fn points_fill_the_polygon_evenly() {
-        // A pentagon with a corner to the right: half of its points lie on either side of y = 0, and all within its sides.
+        // A pentagon with a corner to the right: half of its points are on either side of y = 0, and all within its
+        // sides.
         let points: Vec<_> = (0..20_000).map(|i| blades(5, 0.0).sequence(i)).collect();
         let below = points.iter().filter(|p| p[1] > 0.0).count() as f64 / 20_000.0;
         assert!((below - 0.5).abs() < 0.01, "{below}");
@@ -147,7 +148,7 @@ mod tests {
         }
         let farthest = points.iter().map(|p| p[0]).fold(0.0, f64::max);
         assert!(farthest > 0.97, "no corner to the right: {farthest}");
-        // The inner half of the outline holds a quarter of the area.
+        // The inner half of the outline contains a quarter of the area.
         let inner = points.iter().filter(|p| {
             let side = TAU / 5.0;
             let from = p[1].atan2(p[0]).rem_euclid(side) - 0.5 * side;

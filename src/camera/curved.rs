@@ -1,22 +1,22 @@
-//! Cameras beyond the pinhole, whose pictures are no plane's: a place in the picture is a direction.
+//! Cameras whose pictures are not projections onto a plane: a place in the picture is a direction.
 //!
-//! Directions have the camera's axes: x right, y down, z forward. Places are raster px, the upper left corner at
-//! (0, 0). "The circle" is the one that touches the picture's two nearer sides.
+//! Directions have the camera's axes: x right, y down, z forward. Places are raster px, with the upper left corner at
+//! (0, 0). "The circle" is the one that touches the nearer pair of the picture's sides.
 
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
-/// How directions become places.
+/// The mapping from directions to places.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Curve {
     /// Equal angles from the axis are equal distances: θ = r·fov/2, r = 1 on the circle (Lemme p.36-39). Up to 2π.
     Fisheye { fov_rad: f64 },
-    /// θ = y·fov_y/2 above and φ = x·fov_x/2 to the right of the axis, x and y from −1 to 1 across the picture
-    /// (Lemme p.41-42): longitude and latitude, equirectangular. Up to 2π by π.
+    /// Longitude and latitude, equirectangular: θ = y·fov_y/2 above and φ = x·fov_x/2 to the right of the axis, with x
+    /// and y from −1 to 1 across the picture (Lemme p.41-42). Up to 2π by π.
     Environment { fov_rad: DVec2 },
-    /// Stereographic, seen from the point of the unit sphere behind the camera: r = tan(θ/2)/tan(fov/4) on the circle's
-    /// radius. Of a camera that looks down it makes a little planet (Lemme p.40). Below 2π.
+    /// Stereographic, projected from the point of the unit sphere behind the camera: r = tan(θ/2)/tan(fov/4) in radii
+    /// of the circle. A camera that looks down sees a little planet (Lemme p.40). Below 2π.
     LittlePlanet { fov_rad: f64 },
 }
 
@@ -28,7 +28,7 @@ pub struct Curved {
     pub height_px: u32,
 }
 
-/// Less than this share of the length off the axis behind the camera, a direction has no place of its own.
+/// A backward direction that is off the axis by less than this share of its length has no single place.
 const ON_AXIS: f64 = 1e-12;
 
 impl Curved {
@@ -36,8 +36,8 @@ impl Curved {
         0.5 * DVec2::new(self.width_px.into(), self.height_px.into())
     }
 
-    /// Where a direction (any length) lands, px, be it in the picture or beyond it. `None` for no direction at all, for
-    /// one that the curve does not reach, and for straight back, which has no one place.
+    /// Where a direction (any length) lands, px, inside the picture or outside. `None` for a zero direction, for one
+    /// that the curve does not reach, and for straight back, which has no single place.
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
         let d = direction.try_normalize()?;
         let half = self.half_px();
@@ -57,8 +57,8 @@ impl Curved {
         Some(half + d.truncate() * (radius * half.min_element() / off_axis))
     }
 
-    /// The direction (unit length) that is seen at a place, px. `None` where nothing is: beyond the circle of a
-    /// fish-eye, and where angles would pass all the way round.
+    /// The direction (unit length) seen at a place, px. `None` if nothing is seen there: outside a fisheye's circle, or
+    /// where angles would exceed a full turn.
     pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
         let half = self.half_px();
         let from_middle = at_px - half;
@@ -66,7 +66,7 @@ impl Curved {
         let theta = match self.curve {
             Curve::Environment { fov_rad } => {
                 let DVec2 { x: phi, y: below } = 0.5 * fov_rad * from_middle / half;
-                // A rounding's breadth is left to the picture's own rim.
+                // The tolerance keeps the picture's own rim in spite of rounding.
                 let inside = phi.abs() <= PI * (1.0 + 1e-12) && below.abs() <= 0.5 * PI * (1.0 + 1e-12);
                 let d = DVec3::new(phi.sin() * below.cos(), below.sin(), phi.cos() * below.cos());
                 return inside.then_some(d);
@@ -110,7 +110,7 @@ mod tests {
     fn environment_by_hand() {
         let fov_rad = DVec2::new(2.0 * PI, PI);
         let e = Curved { curve: Curve::Environment { fov_rad }, width_px: 720, height_px: 360 };
-        // Two px a degree: 90° to the right; 30° above and 60° to the left.
+        // Two px per degree: 90° to the right; 30° up and 60° to the left.
         assert!((e.project(DVec3::X).unwrap() - DVec2::new(540.0, 180.0)).length() < 1e-9);
         let d = DVec3::new(-degrees(60.0).sin() * degrees(30.0).cos(), -0.5, 0.5 * degrees(30.0).cos());
         assert!((e.project(d).unwrap() - DVec2::new(240.0, 120.0)).length() < 1e-9);
@@ -119,12 +119,12 @@ mod tests {
 
     #[test]
     fn little_planet_by_hand() {
-        // 180° on the circle: tan 45° = 1; 90° off the axis lies on it, 45° at tan 22.5° = √2 − 1 of it.
+        // 180° on the circle: tan 45° = 1. 90° off the axis lies on the circle, 45° at tan 22.5° = √2 − 1 of it.
         let p = Curved { curve: Curve::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
         assert!((p.project(DVec3::X).unwrap() - DVec2::new(200.0, 100.0)).length() < 1e-9);
         let at = p.project(DVec3::new(0.0, 1.0, 1.0)).unwrap();
         assert!((at - DVec2::new(100.0, 100.0 + 100.0 * (2f64.sqrt() - 1.0))).length() < 1e-9, "{at}");
-        // It keeps angles: small steps along and across the radius are equally long.
+        // It is conformal: small steps along and across the radius are equally long.
         let step = 1e-4;
         let seen = |theta: f64, phi: f64| {
             p.project(DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())).unwrap()
@@ -153,11 +153,11 @@ mod tests {
                     continue;
                 };
                 prop_assert!((d.length() - 1.0).abs() < 1e-12);
-                // Straight up, down and back have many places.
+                // Straight up, down and back have more than one place.
                 if d.truncate().length() < 1e-4 && d.z < 0.0 || (d.x.hypot(d.z) < 1e-4 && matches!(curve, Curve::Environment { .. })) {
                     continue;
                 }
-                // Left and right rim are the same direction.
+                // The left and right rims are the same direction.
                 let off = (c.project(d).unwrap() - at).abs();
                 let off = if matches!(curve, Curve::Environment { .. }) { off.x.min((off.x - f64::from(wide)).abs()).max(off.y) } else { off.length() };
                 prop_assert!(off < 1e-6 * f64::from(wide.max(high)), "{curve:?} {at} {d}: {off}");

@@ -1,21 +1,23 @@
-//! From rays to places: Brown-Conrady for ordinary lenses and Kannala-Brandt for fish-eyes, both after OpenCV, and
-//! longitude and latitude for 360° pictures.
+//! From rays to places in the picture: Brown-Conrady for ordinary lenses and Kannala-Brandt for fisheyes, both after
+//! OpenCV, and longitude and latitude for 360° pictures.
 //!
-//! To add a model: a name in [`LensModel`], its branch in `valid`, `slope`, `project` and `unproject` here and in
-//! shaders/raster.wgsl or shaders/around.wgsl, its parameters in `Distortion::missing`. The round trip below is for all.
+//! To add a model: a name in [`LensModel`], its branch in `valid_radius`, `slope`, `project` and `unproject` here and
+//! in shaders/raster.wgsl or shaders/around.wgsl, its unused parameters in `Distortion::missing`. The round trip test
+//! below covers all models.
 
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
 crate::choices! {
-    /// How a lens takes rays to places.
+    /// How a lens maps rays to places.
     pub enum LensModel {
         /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + tangential p1, p2, on x/z and y/z: OpenCV's `projectPoints`.
         Opencv = "opencv",
         /// θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the axis: OpenCV's `fisheye::projectPoints`.
         OpencvFisheye = "opencv_fisheye",
-        /// Longitude to the right of the axis, latitude below it, rad: the whole sphere in a picture twice as wide as high.
+        /// Longitude to the right of the axis, latitude below it, rad: the whole sphere in a picture twice as wide as
+        /// it is high.
         Equirectangular = "equirectangular",
     }
 }
@@ -33,16 +35,16 @@ crate::params! {
     }
 }
 
-/// The polynomial is trusted out to where it still grows this fast.
+/// The polynomial is used as far as its slope is at least this.
 const LEAST_SLOPE: f64 = 0.05;
-/// No lens of the model opencv sees beyond 84° off its axis: tan 84° ≈ 9.5.
+/// No `opencv` lens sees beyond 84° off its axis: tan 84° ≈ 9.5.
 const LARGEST_RADIUS: f64 = 10.0;
 /// Longitude to the right and latitude below, rad.
 fn longitude_latitude(d: DVec3) -> DVec2 {
     DVec2::new(d.x.atan2(d.z), d.y.atan2(d.x.hypot(d.z)))
 }
 
-/// No fisheye sees straight back, where one direction would be a whole circle: 177°.
+/// No fisheye sees straight back, where one direction would be a whole circle. 3.1 rad is 177.6°.
 const LARGEST_ANGLE_RAD: f64 = 3.1;
 
 impl Distortion {
@@ -58,7 +60,7 @@ impl Distortion {
         self.model == LensModel::Equirectangular
     }
 
-    /// A coefficient that is not 0 and that the model does not have.
+    /// A coefficient that is not 0 but does not exist in the model.
     pub fn missing(&self) -> Option<&'static str> {
         let unused: &[_] = match self.model {
             LensModel::Opencv => &[("k4", self.k4)],
@@ -70,15 +72,15 @@ impl Distortion {
         unused.iter().find(|(_, value)| *value != 0.0).map(|(name, _)| *name)
     }
 
-    /// d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶); of a fisheye with θ for r, and k4 θ⁸.
+    /// d/dr of r·(1 + k1 r² + k2 r⁴ + k3 r⁶). For a fisheye, θ replaces r and there is k4 θ⁸.
     pub fn slope(&self, r: f64) -> f64 {
         let r2 = r * r;
         let k4 = if self.is_fisheye() { self.k4 } else { 0.0 };
         1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * (7.0 * self.k3 + r2 * 9.0 * k4)))
     }
 
-    /// The radius (normalised, undistorted), of a fisheye the angle (rad), out to which the radial polynomial is one to
-    /// one. Beyond it the polynomial folds back and would draw things twice; there the map goes on along its tangent,
+    /// The radius (normalised, undistorted), or a fisheye's angle (rad), up to which the radial polynomial is one to
+    /// one. Beyond it the polynomial folds back and would draw things twice. The map continues along its tangent there;
     /// see [`Distortion::distort`].
     pub fn valid_radius(&self) -> f64 {
         let flat = !self.is_fisheye() && self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0;
@@ -103,9 +105,9 @@ impl Distortion {
         largest
     }
 
-    /// Where a direction (x right, y down, z forward, any length) lands in normalised coordinates. `None` for what is
-    /// not before the camera, z ≤ 0; of a fisheye, which may see more than half of the world, for what is neither
-    /// before it nor within the valid angle.
+    /// Where a direction (x right, y down, z forward, any length) lands in normalised coordinates. `None` for z ≤ 0. A
+    /// fisheye may see more than a hemisphere: for it, `None` if the direction is neither in front of the camera nor
+    /// within the valid angle.
     pub fn project(&self, direction: DVec3, valid_radius: f64) -> Option<DVec2> {
         let d = direction;
         if self.is_equirectangular() {
@@ -119,8 +121,8 @@ impl Distortion {
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
 
-    /// Where a direction would land, also where nothing is seen any more: a fisheye's curve goes on along its tangent. Of
-    /// the model opencv only for what is before the camera.
+    /// Where a direction would land even if the lens does not see it: a fisheye's curve continues along its tangent.
+    /// For `opencv`, only directions in front of the camera are meaningful.
     pub fn carried(&self, direction: DVec3, valid_radius: f64) -> DVec2 {
         if self.is_fisheye() {
             let across = direction.truncate();
@@ -129,11 +131,12 @@ impl Distortion {
         self.project(direction, valid_radius).unwrap_or_default()
     }
 
-    /// The direction (unit length) that lands at a place; the inverse of [`Distortion::project`]. `None` where none does.
+    /// The direction (unit length) that lands at a place; the inverse of [`Distortion::project`]. `None` if there is
+    /// none.
     pub fn unproject(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec3> {
         if self.is_equirectangular() {
             let ((s, c), (below, level)) = (distorted.x.sin_cos(), distorted.y.sin_cos());
-            // A rounding's breadth is left to the picture's own rim.
+            // The tolerance keeps the picture's own rim in spite of rounding.
             let inside = distorted.x.abs() <= PI * (1.0 + 1e-12) && distorted.y.abs() <= 0.5 * PI * (1.0 + 1e-12);
             return inside.then(|| DVec3::new(s * level, below, c * level));
         }
@@ -152,11 +155,10 @@ impl Distortion {
         (seen && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
     }
 
-    /// Distorts normalised coordinates (x/z, y/z), OpenCV's `projectPoints`:
-    /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²), y' likewise.
-    /// Beyond `valid_radius` (from [`Distortion::valid_radius`]) the point on the rim is
-    /// distorted and carried on outwards along its own ray with the slope at the rim, so that
-    /// the map stays one to one and nothing outside comes back into the picture.
+    /// Distorts normalised coordinates (x/z, y/z), OpenCV's `projectPoints`: x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x
+    /// y + p2 (r² + 2x²), y' likewise. Beyond `valid_radius` (from [`Distortion::valid_radius`]), the point on the rim
+    /// is distorted and continued outwards along its own ray with the rim's slope. The map thus stays one to one, and
+    /// nothing outside comes back into the picture.
     pub fn distort(&self, p: DVec2, valid_radius: f64) -> DVec2 {
         let r = p.length();
         if self.is_equirectangular() {
@@ -173,7 +175,7 @@ impl Distortion {
         self.polynomial(p)
     }
 
-    /// θ_d of a fisheye, carried on beyond the valid angle.
+    /// θ_d of a fisheye, continued beyond the valid angle.
     fn fisheye(&self, theta: f64, valid: f64) -> f64 {
         let rim = theta.min(valid);
         let t = rim * rim;
@@ -181,7 +183,7 @@ impl Distortion {
         rim * radial + self.slope(valid) * (theta - rim)
     }
 
-    /// θ of θ_d, which lies between 0 and the valid angle's; Newton's method kept between bounds.
+    /// θ from θ_d, which lies between 0 and that of the valid angle. Newton's method with bisection.
     fn fisheye_inverse(&self, theta_d: f64, valid: f64) -> f64 {
         let (mut low, mut high) = (0.0, valid);
         let mut theta = theta_d.min(valid);
@@ -210,8 +212,8 @@ impl Distortion {
         )
     }
 
-    /// The inverse of [`Distortion::distort`] of the model opencv by Newton's method with a numeric Jacobian and
-    /// step halving. `None` where no undistorted point is found within 1e-10.
+    /// The inverse of [`Distortion::distort`] for `opencv`, by Newton's method with a numerical Jacobian and step
+    /// halving. `None` if no undistorted point is found within 1e-10.
     fn undistort(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
         let mut p = distorted;
         let mut error = (self.distort(p, valid_radius) - distorted).length();
@@ -268,7 +270,7 @@ mod tests {
         let lens = fisheye([0.1, -0.05, 0.03, -0.01]);
         let at = lens.project(DVec3::new(1.0, 1.0, 2f64.sqrt()), lens.valid_radius()).unwrap();
         assert!((at - DVec2::splat(0.823_296 / 2f64.sqrt())).length() < 1e-6, "{at}");
-        // Without coefficients equal angles are equal distances, behind the camera too: 120° off the axis.
+        // Without coefficients, equal angles are equal distances, even behind the camera: 120° off the axis.
         let equal = fisheye([0.0; 4]);
         let at = equal.project(DVec3::new(0.0, 3f64.sqrt(), -1.0), equal.valid_radius()).unwrap();
         assert!((at - DVec2::new(0.0, 120f64.to_radians())).length() < 1e-12, "{at}");
@@ -287,7 +289,7 @@ mod tests {
             lens.project(DVec3::new(s, 0.0, c), valid)
         };
         assert!(seen(101.0).is_some() && seen(103.0).is_none());
-        // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°; between there and 90° it goes on.
+        // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°. From there to 90° it continues along the tangent.
         let lens = fisheye([-0.3, 0.0, 0.0, 0.0]);
         let valid = lens.valid_radius();
         let mut last = -1.0;
@@ -335,7 +337,7 @@ mod tests {
     }
 
     proptest! {
-        /// One round trip for all models, over all they see.
+        /// One round trip for all models, over their whole field of view.
         #[test]
         fn round_trip(
             around in 0.0..std::f64::consts::TAU, share in 0.0f64..1.0, k1 in -0.4f64..0.4, k2 in -0.1f64..0.1, p in -0.004f64..0.004,

@@ -1,20 +1,19 @@
-//! Exposure: how bright a picture gets, and the settings that get it right.
+//! Exposure: how bright a picture gets, and the settings for a correct one.
 //!
-//! The scene asks for EV_s (9), the settings give EV_c (10); ΔEV = EV_s − EV_c is how many
-//! stops brighter than right the picture is: above 0 over-exposed, below under-exposed. (The
-//! paper takes its absolute value, with which nothing could be under-exposed.) "Right" puts
-//! 18 % grey at 0.18 of linear light. EV_s contains the film speed, so that at equal light a
-//! faster film asks for a shorter time; to compare scenes, take it at ISO 100.
+//! The scene needs EV_s (9), the settings give EV_c (10). ΔEV = EV_s − EV_c is how many stops too bright the picture
+//! is: above 0 over-exposed, below under-exposed. (The paper takes its absolute value, with which nothing could be
+//! under-exposed.) A correct exposure puts 18 % grey at 0.18 of linear light. EV_s includes the film speed, so that at
+//! equal light a faster film needs a shorter time; to compare scenes, use ISO 100.
 //!
 //! Not modelled: flash, filters, light lost in the lens (T-stops), film's reciprocity failure.
 
 use super::stops::{self, Step};
 
-/// No exposure is longer, seconds.
+/// The longest exposure that is accepted, seconds.
 pub const LONGEST_S: f64 = 60.0;
 
 crate::params! {
-    /// How long and how sensitively the sensor looks.
+    /// How long and how sensitively the sensor is exposed.
     pub struct CameraExposure in "camera.exposure" {
         "how long each row gathers light; 0 is an instant; none: from the recording"
         time_s: Option<f64> = None, "s", 0.0..=LONGEST_S;
@@ -27,15 +26,15 @@ crate::params! {
 
 /// C of vSLRcam (9), the calibration of meters for incident light, lx·s·ISO (ISO 2720).
 pub const METER_CONSTANT: f64 = 250.0;
-/// What the paper takes for rooms, lux.
+/// The paper's value for rooms, lux.
 pub const INDOORS_LX: f64 = 500.0;
-/// The linear light of a grey card that is exposed right.
+/// The linear light of a correctly exposed grey card.
 pub const MIDDLE_GREY: f64 = 0.18;
 
-/// What is set on a camera, exact values.
+/// A camera's settings, exact values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExposureSettings {
-    /// Focal length over opening, above 0.
+    /// Focal length divided by the opening's diameter, above 0.
     pub f_number: f64,
     /// Seconds, above 0.
     pub time_s: f64,
@@ -43,12 +42,12 @@ pub struct ExposureSettings {
     pub iso: f64,
 }
 
-/// EV_s that the scene asks for, vSLRcam (9): log2(E·i_s/C). NaN or infinite where E or i_s is not above 0.
+/// EV_s that the scene needs, vSLRcam (9): log2(E·i_s/C). NaN or infinite if E or i_s is not above 0.
 pub fn scene_ev(illuminance_lx: f64, iso: f64) -> f64 {
     (illuminance_lx * iso / METER_CONSTANT).log2()
 }
 
-/// The illuminance for which [`scene_ev`] is `ev` at that film speed, lux.
+/// The illuminance at which [`scene_ev`] is `ev` for that film speed, lux.
 pub fn illuminance_lx(ev: f64, iso: f64) -> f64 {
     ev.exp2() * METER_CONSTANT / iso
 }
@@ -64,21 +63,20 @@ impl ExposureSettings {
         scene_ev(illuminance_lx, self.iso) - self.ev()
     }
 
-    /// The illuminance of a scene from its picture, lux: `mean_light` is the picture's mean in
-    /// linear light. A mean of 18 % was exposed right, ΔEV = 0; twice that is one stop over.
-    /// It takes the scene for grey on average, as every reflected-light meter does. `None` for
-    /// a black picture.
+    /// The illuminance of a scene from its picture, lux. `mean_light` is the picture's mean in linear light. A mean of
+    /// 18 % was exposed correctly, ΔEV = 0; twice that is one stop over. It assumes that the scene is grey on average,
+    /// as every reflected-light meter does. `None` for a black picture.
     pub fn illuminance_of_picture_lx(&self, mean_light: f64) -> Option<f64> {
         let ev = self.ev() + (mean_light / MIDDLE_GREY).log2();
         Some(illuminance_lx(ev, self.iso)).filter(|lx| lx.is_finite() && *lx > 0.0)
     }
 
-    /// The other way round: the linear light of a grey scene under an illuminance; above 1 it clips.
+    /// The inverse: the linear light of a grey scene under an illuminance. Above 1 it clips.
     pub fn mean_light(&self, illuminance_lx: f64) -> f64 {
         MIDDLE_GREY * photographic_gain(self.over_ev(illuminance_lx))
     }
 
-    /// Every engraved number replaced by what it stands for.
+    /// Replaces every engraved number by the exact value it stands for.
     pub fn exact(&self) -> Self {
         Self {
             f_number: stops::exact(&stops::f_numbers(Step::Third), self.f_number),
@@ -89,20 +87,20 @@ impl ExposureSettings {
 }
 
 impl std::fmt::Display for ExposureSettings {
-    /// As in "f/5.6, 1/125 s, ISO 400".
+    /// For example "f/5.6, 1/125 s, ISO 400".
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (aperture, time) = (stops::format_f_number(self.f_number), stops::format_shutter_s(self.time_s));
         write!(f, "{aperture}, {time}, {}", stops::format_iso(self.iso))
     }
 }
 
-/// By how much linear light is multiplied when a picture is ΔEV stops over: 2^ΔEV.
+/// The factor on linear light for ΔEV stops: 2^ΔEV.
 pub fn photographic_gain(over_ev: f64) -> f64 {
     over_ev.exp2()
 }
 
-/// vSLRcam (11) as printed, on display values (0 to 1, not linear light): new = old + 0.2·ΔEV,
-/// with the signed ΔEV; ten stops span black to white and beyond. Kept within 0 to 1.
+/// vSLRcam (11) as printed, on display values (0 to 1, not linear light): new = old + 0.2·ΔEV, with the signed ΔEV, so
+/// that five stops span black to white. Clamped to 0 to 1.
 pub fn additive(display_value: f64, over_ev: f64) -> f64 {
     (display_value + 0.2 * over_ev).clamp(0.0, 1.0)
 }
@@ -136,10 +134,10 @@ pub mod tests {
 
     #[test]
     fn over_is_positive_and_brighter() {
-        // The paper's figure 11 in a room of 500 lx at ISO 100: f/4 at 1/60 is under-exposed.
+        // The paper's figure 11, in a room of 500 lx at ISO 100: f/4 at 1/60 is under-exposed.
         let under = set(4.0, 1.0 / 60.0, 100.0).over_ev(INDOORS_LX);
         close(under, 7.643_856 - 9.906_891, 1e-6);
-        // One stop wider, twice the time, twice the speed: each one stop brighter.
+        // One stop wider, twice the time, twice the speed: each is one stop brighter.
         close(set(8f64.sqrt(), 1.0 / 60.0, 100.0).over_ev(INDOORS_LX) - under, 1.0, 1e-12);
         close(set(4.0, 1.0 / 30.0, 100.0).over_ev(INDOORS_LX) - under, 1.0, 1e-12);
         close(set(4.0, 1.0 / 60.0, 200.0).over_ev(INDOORS_LX) - under, 1.0, 1e-12);
@@ -161,7 +159,7 @@ pub mod tests {
         // A grey mean at sunny 16: E = 250 · 2^15 / 100.
         let sunny = set(16.0, 1.0 / 128.0, 100.0);
         close(sunny.illuminance_of_picture_lx(0.18).unwrap(), 81920.0, 1e-6);
-        // f/4.8 at 1/125 s, ISO 400: 250 · 2880/400 = 1800 lx; at half the grey half of it.
+        // f/4.8 at 1/125 s, ISO 400: 250 · 2880/400 = 1800 lx; half the light means half of it.
         let door = set(4.8, 1.0 / 125.0, 400.0);
         close(door.illuminance_of_picture_lx(0.18).unwrap(), 1800.0, 1e-9);
         close(door.illuminance_of_picture_lx(0.09).unwrap(), 900.0, 1e-9);

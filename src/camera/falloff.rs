@@ -1,36 +1,35 @@
-//! What becomes of light away from the picture's middle: it gets darker and parts by colour.
+//! Light away from the picture's centre: it gets darker and splits by colour.
 //!
-//! Not modelled: pixel vignetting (a sensor's own acceptance of slanted light), distortion of
-//! the pupil, and longitudinal chromatic aberration.
+//! Not modelled: pixel vignetting (a sensor's own angular response), pupil distortion, and longitudinal chromatic
+//! aberration.
 
 use std::f64::consts::PI;
 
 use glam::DVec2;
 
-/// Natural vignetting at a ray (x/z, y/z): cos⁴θ, 0 to 1, where tan θ is the ray's length.
+/// Natural vignetting of a ray (x/z, y/z): cos⁴θ, 0 to 1, where tan θ is the ray's length.
 ///
-/// Once cos θ for the opening seen askew, twice for the longer way to the film, and once for
-/// the light striking the film aslant; cos²θ = 1/(1 + tan²θ).
+/// One factor of cos θ for the foreshortened opening, two for the longer way to the film, and one for the oblique
+/// incidence on the film; cos²θ = 1/(1 + tan²θ).
 pub fn natural(ray: DVec2) -> f64 {
     (1.0 + ray.length_squared()).powi(-2)
 }
 
-/// A rim before the opening that slanted light has to pass too: mechanical vignetting.
+/// A rim in front of the opening, which oblique light also has to pass: mechanical vignetting.
 ///
-/// Seen along a ray, opening and rim are two circles that shift against each other by distance
-/// · tan θ; light passes where they overlap, which makes highlights near the corners cat's
-/// eyes. Stopping down makes it go away, as in life.
+/// Seen along a ray, opening and rim are two circles that shift relative to each other by distance · tan θ. Light
+/// passes where they overlap, which turns highlights near the corners into cat's eyes. Stopping down removes it, as in
+/// a real lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rim {
-    /// From the opening along the axis, metres, at least 0.
+    /// Distance from the opening along the axis, metres, at least 0.
     pub distance_m: f64,
-    /// Metres, above 0; at least the radius of the widest opening, or the middle gets dark too.
+    /// Metres, above 0. If smaller than the radius of the widest opening, the centre gets darker too.
     pub radius_m: f64,
 }
 
 impl Rim {
-    /// The part of the opening through which light comes along a ray (x/z, y/z), 0 to 1; for a
-    /// pinhole 1 within the rim and 0 beyond.
+    /// The share of the opening that a ray (x/z, y/z) passes, 0 to 1. For a pinhole 1 within the rim and 0 beyond.
     pub fn gain(&self, opening_diameter_m: f64, ray: DVec2) -> f64 {
         let radius_m = 0.5 * opening_diameter_m;
         let shift_m = self.distance_m * ray.length();
@@ -40,15 +39,15 @@ impl Rim {
         overlap_area(radius_m, self.radius_m, shift_m) / (PI * radius_m * radius_m)
     }
 
-    /// Whether a point of the opening (metres from its middle, axes as the ray's) sees the
-    /// light of a ray: the cat's eye itself.
+    /// Whether a point of the opening (metres from its centre, in the ray's axes) is reached by the light of a ray: the
+    /// cat's eye itself.
     pub fn passes(&self, on_opening_m: DVec2, ray: DVec2) -> bool {
-        // Going out by `ray` a metre, light crosses the rim's plane that much further out.
+        // Going out by `ray` per metre, light crosses the rim's plane that much further out.
         (on_opening_m + self.distance_m * ray).length() <= self.radius_m
     }
 }
 
-/// The area common to two circles whose middles are `apart`, in the square of their unit.
+/// The area common to two circles whose centres are `apart`, in squares of their unit.
 pub fn overlap_area(radius_a: f64, radius_b: f64, apart: f64) -> f64 {
     let (small, large) = (radius_a.min(radius_b), radius_a.max(radius_b));
     if apart <= large - small {
@@ -57,7 +56,7 @@ pub fn overlap_area(radius_a: f64, radius_b: f64, apart: f64) -> f64 {
     if apart >= large + small {
         return 0.0;
     }
-    // Two circular segments over the chord at x from the large one's middle.
+    // Two circular segments, on either side of the chord at x from the larger circle's centre.
     let x = (apart * apart + large * large - small * small) / (2.0 * apart);
     let segment = |radius: f64, to_chord: f64| {
         let angle = (to_chord / radius).clamp(-1.0, 1.0).acos();
@@ -66,11 +65,11 @@ pub fn overlap_area(radius_a: f64, radius_b: f64, apart: f64) -> f64 {
     segment(large, x) + segment(small, apart - x)
 }
 
-/// Lateral chromatic aberration of one colour: it is enlarged by r' = r·(1 + a + b·r²), with r
-/// in half diagonals of the picture (0 in the middle, 1 in the corners).
+/// Lateral chromatic aberration of one colour: r' = r·(1 + a + b·r²), with r in half diagonals of the picture (0 in the
+/// centre, 1 in the corners).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lateral {
-    /// Linear part, as 0.001 for one pixel in a thousand.
+    /// Linear part: 0.001 is one pixel in a thousand.
     pub a: f64,
     /// Cubic part.
     pub b: f64,
@@ -82,7 +81,7 @@ impl Lateral {
         1.0 + self.a + self.b * radius * radius
     }
 
-    /// Where this colour of what lies at `at_px` lands, px.
+    /// Where this colour of something at `at_px` lands, px.
     pub fn displaced_px(&self, at_px: DVec2, middle_px: DVec2, half_diagonal_px: f64) -> DVec2 {
         let from_middle = at_px - middle_px;
         middle_px + from_middle * self.scale(from_middle.length() / half_diagonal_px)
@@ -110,7 +109,8 @@ mod tests {
         close(overlap_area(1.0, 1.0, 1.0), 2.0 * PI / 3.0 - 0.75f64.sqrt(), 1e-12);
         close(overlap_area(2.0, 1.0, 1.0), PI, 1e-12);
         assert_eq!((overlap_area(2.0, 1.0, 3.0), overlap_area(1.0, 1.0, 5.0)), (0.0, 0.0));
-        // The small circle's middle outside of the chord: 1.2 and 1 at 0.6, by the usual formula.
+        // The small circle's centre lies beyond the chord: radii 1.2 and 1 at distance 0.6, compared with the arguments
+        // swapped.
         close(overlap_area(1.2, 1.0, 0.6), overlap_area(1.0, 1.2, 0.6), 1e-12);
     }
 
@@ -144,7 +144,7 @@ mod tests {
     fn colours_part_along_the_radius() {
         let (middle, corner) = (DVec2::new(320.0, 240.0), DVec2::new(640.0, 480.0));
         let red = Lateral { a: 0.001, b: 0.002 };
-        // The corner is 400 px out, r = 1: 0.003 of it.
+        // The corner is 400 px out, r = 1: 0.003 of that.
         let moved = red.displaced_px(corner, middle, 400.0) - corner;
         close(moved.x, 0.96, 1e-9);
         close(moved.y, 0.72, 1e-9);

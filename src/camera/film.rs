@@ -1,16 +1,16 @@
-//! Film and sensor formats, and the lens types that go by what they see of them.
+//! Film and sensor formats, and lens types by their angle of view.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The light-sensitive rectangle behind the lens: width and height, millimetres, 0.1 to 1000.
+/// The light-sensitive rectangle behind the lens: width and height in millimetres, 0.1 to 1000.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Film {
     width_mm: f64,
     height_mm: f64,
 }
 
-/// Names, the first of which is how a format is written, and sizes (mm) as the makers give them.
+/// Names and manufacturers' sizes (mm). A format is written by its first name.
 const NAMED: [(&[&str], f64, f64); 7] = [
     (&["36x24", "full-frame", "35mm", "fx"], 36.0, 24.0),
     (&["aps-c", "aps-c-nikon", "nikon-dx", "dx"], 23.6, 15.7),
@@ -18,13 +18,13 @@ const NAMED: [(&[&str], f64, f64); 7] = [
     (&["micro-4/3", "micro-four-thirds", "mft", "m43", "4/3"], 17.3, 13.0),
     (&["1in", "1inch", "1\"", "1-inch"], 13.2, 8.8),
     (&["1/2.3in", "1/2.3\"", "1/2.3", "1/2.3-inch"], 6.17, 4.55),
-    // Six centimetres is the roll's width; the picture on it has 56 mm.
+    // Six centimetres is the width of the roll; the picture on it has 56 mm.
     (&["6x6", "medium-format"], 56.0, 56.0),
 ];
 
 const SIDE_MM: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
-/// A text that names no film.
+/// A text that is not the name of a film.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "{found} is no film format; accepted are 36x24, aps-c (Nikon), aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 (56x56 mm) \
@@ -38,7 +38,7 @@ impl Film {
     /// The 35 mm film that focal lengths are compared on, 36×24 mm.
     pub const FULL_FRAME: Self = Self { width_mm: 36.0, height_mm: 24.0 };
 
-    /// A format of any size, millimetres; an error outside of 0.1 to 1000.
+    /// A format of any size in millimetres. Fails outside 0.1 to 1000.
     pub fn new(width_mm: f64, height_mm: f64) -> Result<Self, FilmError> {
         let film = Self { width_mm, height_mm };
         let fits = SIDE_MM.contains(&width_mm) && SIDE_MM.contains(&height_mm);
@@ -58,17 +58,17 @@ impl Film {
         self.width_mm.hypot(self.height_mm)
     }
 
-    /// How much smaller the diagonal is than that of 36×24 mm: 1.53 for Nikon's APS-C.
+    /// By what factor the diagonal is smaller than that of 36×24 mm: 1.53 for Nikon's APS-C.
     pub fn crop_factor(&self) -> f64 {
         Self::FULL_FRAME.diagonal_mm() / self.diagonal_mm()
     }
 
-    /// The focal length that sees the same diagonal angle on 36×24 mm, millimetres.
+    /// The focal length with the same diagonal angle of view on 36×24 mm, millimetres.
     pub fn equivalent_35mm(&self, focal_length_mm: f64) -> f64 {
         focal_length_mm * self.crop_factor()
     }
 
-    /// The same film in a camera that is turned upright when `height > width`, and back.
+    /// The same film in a camera held upright if `height > width`, otherwise lengthwise.
     pub fn turned_for(&self, width_px: u32, height_px: u32) -> Self {
         let (long, short) = (self.width_mm.max(self.height_mm), self.width_mm.min(self.height_mm));
         let (width_mm, height_mm) = if height_px > width_px { (short, long) } else { (long, short) };
@@ -81,7 +81,7 @@ impl Film {
 }
 
 impl fmt::Display for Film {
-    /// The name where it has one, else `WIDTHxHEIGHT`; reading it gives the same film.
+    /// The name if it has one, otherwise `WIDTHxHEIGHT`. Parsing it gives the same film.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let named = NAMED.iter().find(|(_, w, h)| (*w, *h) == (self.width_mm, self.height_mm));
         match named.and_then(|(names, ..)| names.first()) {
@@ -115,14 +115,14 @@ crate::choices! {
         Normal = "normal",
         /// Less than 40°: longer than 59 mm on 36×24.
         Tele = "tele",
-        /// Several focal lengths in one.
+        /// Variable focal length.
         Zoom = "zoom",
     }
 }
 
 impl LensType {
-    /// The type of a lens with these shortest and longest focal lengths on a film, by the
-    /// diagonal angle at infinity. The limits of 40° and 60° are custom, not a standard.
+    /// The type of a lens with these shortest and longest focal lengths on a film, by the diagonal angle of view at
+    /// infinity. The limits of 40° and 60° are customary, not a standard.
     pub fn of(shortest_mm: f64, longest_mm: f64, film: &Film) -> Self {
         if longest_mm > shortest_mm {
             return Self::Zoom;
@@ -134,8 +134,8 @@ impl LensType {
         }
     }
 
-    /// Usual focal lengths of the type on a film, shortest and longest, millimetres: 28, 50 and
-    /// 135 mm on 36×24, and a zoom from 28 to 105.
+    /// Usual focal lengths of the type on a film, shortest and longest, millimetres: 28, 50 and 135 mm on 36×24, and a
+    /// zoom from 28 to 105.
     pub fn focal_lengths_mm(self, film: &Film) -> (f64, f64) {
         let (shortest, longest) = match self {
             Self::Wide => (28.0, 28.0),
@@ -182,7 +182,7 @@ mod tests {
         let dx: Film = "aps-c".parse().unwrap();
         assert!((dx.crop_factor() - 1.526_42).abs() < 1e-5);
         assert!((dx.equivalent_35mm(29.0) - 44.266).abs() < 1e-3);
-        // 56·√2 = 79.196: a normal lens of 80 mm sees as much as one of 43.7 mm.
+        // 56·√2 = 79.196: a normal lens of 80 mm sees as much as one of 43.7 mm on 36×24.
         assert!(("6x6".parse::<Film>().unwrap().equivalent_35mm(80.0) - 43.7056).abs() < 1e-3);
     }
 

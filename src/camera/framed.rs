@@ -1,11 +1,11 @@
-//! A part of a camera's picture, enlarged: what a longer lens or a smaller film sees from the same place.
+//! Part of a camera's picture, enlarged: what a longer lens or a smaller film sees from the same place.
 
 use glam::DVec2;
 
 use super::{Geometry, Intrinsics};
 
-/// Where a picture lies in another one: its left and upper edge there, and how many of the other's pixels one of its
-/// own is wide, above 0.
+/// Where a picture lies in another: its left and upper edges there, and the width of one of its pixels in the other's
+/// pixels, above 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framed {
     pub left_px: f64,
@@ -14,19 +14,19 @@ pub struct Framed {
 }
 
 impl Framed {
-    /// The place in the other picture.
+    /// The corresponding place in the other picture.
     pub fn source_px(&self, at_px: DVec2) -> DVec2 {
         DVec2::new(self.left_px, self.top_px) + self.step * at_px
     }
 
-    /// Whether pixels lie on pixels, with nothing between to make up.
+    /// Whether pixels coincide with pixels, so that nothing is interpolated.
     pub fn is_exact(&self) -> bool {
         self.step == 1.0 && self.left_px.fract() == 0.0 && self.top_px.fract() == 0.0
     }
 
-    /// The camera that takes the part: a size in pixels, and the width of its film. Distortion stays with the
-    /// directions, so that it is the same lens; rows are read as fast as those of the whole, the middle one at the same
-    /// moment where the part lies in the middle.
+    /// The camera that takes the part, with a size in pixels and a film width. The lens and so its distortion are the
+    /// same. Rows are read at the whole picture's rate, and the middle row at the same moment if the part is in the
+    /// middle.
     pub fn geometry(&self, whole: &Geometry, width_px: u32, height_px: u32, film_width_mm: f64) -> Geometry {
         let i = &whole.intrinsics;
         let intrinsics = Intrinsics {
@@ -62,7 +62,7 @@ mod tests {
             ..Default::default()
         };
         let whole = Geometry::new(whole, distortion);
-        // The middle half of 640×480, three times as large.
+        // The middle half of 640×480, enlarged three times.
         let framed = Framed { left_px: 160.0, top_px: 120.0, step: 1.0 / 3.0 };
         let part = framed.geometry(&whole, 960, 720, 24.0);
         for point in [DVec3::new(0.1, 0.05, 1.0), DVec3::new(-0.2, 0.1, 1.3)] {

@@ -1,4 +1,4 @@
-//! From a point before the camera to a place in the picture and back.
+//! From a point in front of the camera to a place in the picture and back.
 
 use std::f64::consts::{PI, TAU};
 
@@ -20,8 +20,8 @@ crate::params! {
     }
 }
 
-/// Intrinsics and distortion: always on, no effect.
-/// Raster axes: x right, y down, the upper left corner at (0, 0), pixel centres at +0.5.
+/// Intrinsics and distortion: always applied, not an effect. Raster axes: x right, y down, the upper left corner at (0,
+/// 0), pixel centres at +0.5.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(from = "Given", into = "Given")]
 pub struct Geometry {
@@ -30,7 +30,7 @@ pub struct Geometry {
     valid_radius: f64,
 }
 
-/// What a geometry is made of.
+/// The serialised parts of a geometry.
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Given {
     intrinsics: Intrinsics,
@@ -49,11 +49,11 @@ impl From<Geometry> for Given {
     }
 }
 
-/// Beyond this angle off the axis a plane before the camera no longer holds what a fisheye sees.
+/// A fisheye that sees beyond this angle off the axis does not fit a plane in front of the camera.
 const WIDEST_PLANE_RAD: f64 = 85.0 * PI / 180.0;
 
 impl Geometry {
-    /// Of a 360° picture focal lengths (px a radian) and middle follow from its size, whatever the intrinsics say.
+    /// A 360° picture's focal lengths (px per radian) and centre follow from its size, whatever the intrinsics say.
     pub fn new(mut intrinsics: Intrinsics, distortion: Distortion) -> Self {
         if distortion.model == LensModel::Equirectangular {
             let (width, height) = (f64::from(intrinsics.width_px), f64::from(intrinsics.height_px));
@@ -64,7 +64,7 @@ impl Geometry {
         Self { intrinsics, distortion, valid_radius }
     }
 
-    /// The normalised radius (of a fisheye the angle, rad) beyond which the distortion is carried on along its tangent.
+    /// The normalised radius (a fisheye's angle, rad) beyond which the distortion continues along its tangent.
     pub fn valid_radius(&self) -> f64 {
         self.valid_radius
     }
@@ -74,13 +74,13 @@ impl Geometry {
         self.distortion.slope(self.valid_radius)
     }
 
-    /// Where a point before the camera (OpenCV axes, metres) lands, px.
-    /// `None` at or behind the camera's plane, z ≤ 0; of a fisheye, beyond what it sees.
+    /// Where a point in front of the camera (OpenCV axes, metres) lands, px. `None` at or behind the camera's plane, z
+    /// ≤ 0; for a fisheye, outside its field of view.
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
         self.distortion.project(point_in_camera, self.valid_radius).map(|d| self.raster_px(d))
     }
 
-    /// As [`Geometry::project`], also for what a fisheye does not see: beside and behind its picture.
+    /// Like [`Geometry::project`], also for what a fisheye does not see: to the side of and behind its picture.
     pub fn carried_px(&self, point_in_camera: DVec3) -> DVec2 {
         self.raster_px(self.distortion.carried(point_in_camera, self.valid_radius))
     }
@@ -95,51 +95,53 @@ impl Geometry {
         self.raster_px(self.distortion.distort(normalised, self.valid_radius))
     }
 
-    /// The direction (unit length) that is seen at a place in the picture; of a fisheye it may point backwards.
-    /// `None` where the distortion has no inverse there.
+    /// The direction (unit length) seen at a place in the picture. A fisheye's may point backwards. `None` if the
+    /// distortion has no inverse there.
     pub fn direction(&self, at_px: DVec2) -> Option<DVec3> {
         let i = &self.intrinsics;
         let d = DVec2::new((at_px.x - i.cx_px) / i.fx_px, (at_px.y - i.cy_px) / i.fy_px);
         self.distortion.unproject(d, self.valid_radius)
     }
 
-    /// The ray through a place in the picture, scaled to z = 1; times a depth it is the point.
-    /// `None` where the distortion has no inverse there, and where a fisheye looks sideways or back.
+    /// The ray through a place in the picture, scaled to z = 1: times a depth it is the point. `None` if the distortion
+    /// has no inverse there, and where a fisheye looks sideways or back.
     pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
         self.direction(at_px).filter(|d| d.z > 1e-9).map(|d| d / d.z)
     }
 
-    /// The ray through a place, so long that times a recorded depth it is the point: depth is the distance in a 360°
-    /// picture, z in any other. `None` where there is none.
+    /// The ray through a place, scaled so that times a recorded depth it is the point. Depth is distance in a 360°
+    /// picture, z in any other. `None` if there is none.
     pub fn depth_ray(&self, at_px: DVec2) -> Option<DVec3> {
         if self.is_round() { self.direction(at_px) } else { self.unproject(at_px) }
     }
 
-    /// Whether left and right rim are the same direction: a 360° picture.
+    /// Whether the left and right rims are the same direction: a 360° picture.
     pub fn is_round(&self) -> bool {
         self.distortion.model == LensModel::Equirectangular
     }
 
-    /// Whether the picture shows more than a plane before the camera holds, so that it is put together from views around it.
+    /// Whether the field of view does not fit a plane in front of the camera, so that the picture is put together from
+    /// several views.
     pub fn sees_around(&self) -> bool {
         let (w, h) = (f64::from(self.intrinsics.width_px), f64::from(self.intrinsics.height_px));
         let wide = |at: DVec2| self.direction(at).is_none_or(|d| d.angle_between(DVec3::Z) > WIDEST_PLANE_RAD);
         match self.distortion.model {
             LensModel::Opencv => false,
-            // The farthest from the axis is a corner. One without a direction lies beyond all that the lens sees.
+            // A corner is farthest from the axis. One without a direction is outside the lens's field of view.
             LensModel::OpencvFisheye => [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].into_iter().any(|at| wide(at.into())),
             LensModel::Equirectangular => true,
         }
     }
 
-    /// From one place in the picture to another, px; in a 360° picture the shorter way, be it over the seam.
+    /// The way from one place in the picture to another, px. In a 360° picture it is the shorter one, possibly across
+    /// the seam.
     pub fn way_px(&self, from: DVec2, to: DVec2) -> DVec2 {
         let width = f64::from(self.intrinsics.width_px);
         let way = to - from;
         if self.is_round() { DVec2::new(way.x - width * (way.x / width).round(), way.y) } else { way }
     }
 
-    /// The same camera at another picture size (pixel for pixel the same view).
+    /// The same camera with another picture size (the same view).
     pub fn resized(&self, width_px: u32, height_px: u32) -> Self {
         let i = &self.intrinsics;
         let (sx, sy) = (f64::from(width_px) / f64::from(i.width_px), f64::from(height_px) / f64::from(i.height_px));
@@ -155,8 +157,8 @@ impl Geometry {
         Self { intrinsics, distortion: self.distortion.clone(), valid_radius: self.valid_radius }
     }
 
-    /// When the row at height `y_px` is read, relative to the frame's timestamp (the middle
-    /// of the middle row's exposure), seconds. Rows beyond the picture go on at the same rate.
+    /// When the row at height `y_px` is read, relative to the frame's timestamp (the middle of the middle row's
+    /// exposure), seconds. Rows outside the picture continue at the same rate.
     pub fn row_time_s(&self, y_px: f64) -> f64 {
         (y_px / f64::from(self.intrinsics.height_px) - 0.5) * self.intrinsics.readout_time_s
     }
@@ -197,7 +199,7 @@ mod tests {
 
     #[test]
     fn a_360_picture_worked_by_hand() {
-        // Two px a degree, whatever focal length was said.
+        // Two px per degree, whatever focal length is given.
         let g = around(720, 360);
         let at = |d: DVec3| g.project(d).unwrap();
         assert!((at(DVec3::X * 3.0) - DVec2::new(540.0, 180.0)).length() < 1e-9);
@@ -215,9 +217,9 @@ mod tests {
             let intrinsics = Intrinsics { fx_px: focal_px, fy_px: focal_px, ..Default::default() };
             Geometry::new(intrinsics, Distortion { model: LensModel::OpencvFisheye, k1, ..Default::default() })
         };
-        // The corner lies 400 px off: 1 rad at 400 px, 1.6 rad at 250 px.
+        // The corner is 400 px out: 1 rad at 400 px, 1.6 rad at 250 px.
         assert!(!fisheye(400.0, 0.0).sees_around() && fisheye(250.0, 0.0).sees_around());
-        // k1 = −0.1 folds at 1.8 rad, where 1.2 rad of the film are left: corners show nothing.
+        // k1 = −0.1 folds at 1.8 rad, which lands at 1.2 rad: the corners show nothing.
         assert!(fisheye(250.0, -0.1).sees_around());
         assert!(around(64, 32).sees_around() && !fr1().sees_around());
     }

@@ -1,30 +1,28 @@
-//! Grain by film speed and format, relative to what was calibrated: at the profile's own film
-//! speed and format every factor is exactly 1, and the grain is the calibrated noise.
+//! Grain by film speed and format, relative to what was calibrated. At the profile's own film speed and format every
+//! factor is exactly 1, and the grain is the calibrated noise.
 //!
-//! **Amplitude.** A pixel of value x (linear light, a part of full scale) at film speed S has
-//! gathered N = x·K/S photons: twice the speed is half the light. Their number scatters by √N
-//! (Poisson), so the shot noise of x has variance x·S/K, proportional to S. Noise of reading
-//! out is a fixed number of electrons r, its variance (r·S/K)² goes with S². With the ratio
-//! k = S/S₀ and the share s that reading out has in the calibrated variance,
+//! **Amplitude.** A pixel of value x (linear light, as a share of full scale) at film speed S has gathered N = x·K/S
+//! photons: twice the speed is half the light. Their number varies by √N (Poisson), so the shot noise of x has variance
+//! x·S/K, proportional to S. Read noise is a fixed number of electrons r; its variance (r·S/K)² is proportional to S².
+//! With the ratio k = S/S₀ and the read noise's share s of the calibrated variance,
 //!
 //!   σ²(k) = σ²(1) · ((1 − s)·k + s·k²)
 //!
-//! at every code value: the response and its slope are the same at all speeds and cancel. s is
-//! taken from the calibrated σ itself, see [`read_share`].
+//! at every code value: the response and its slope are the same at all speeds and cancel. s is estimated from the
+//! calibrated σ itself, see [`read_share`].
 //!
-//! **Size.** Grain lies on the film, so in the picture it grows with the picture's width and
-//! with a smaller format. That is also the price of a smaller format: the same σ over larger
-//! grains is what fewer photons for each part of the picture look like. A faster film has
-//! coarser grain, too; how much is a matter of its emulsion. Here the diameter goes with the
-//! fourth root of the speed (twice from ISO 100 to 1600): a choice, not a measurement.
+//! **Size.** Grain lies on the film, so in the picture it grows with the picture's width and with a smaller format.
+//! That is also the price of a smaller format: the same σ over larger grains is equivalent to fewer photons for each
+//! part of the picture. A faster film has coarser grain, too; how much depends on its emulsion. Here the diameter is
+//! proportional to the fourth root of the speed (doubled from ISO 100 to 1600): a choice, not a measurement.
 //!
-//! Not modelled: noise of a fixed pattern, of quantising, of amplifiers behind the gain (which
-//! does not grow), two-gain sensors, the camera's own noise reduction, and, where another film is
-//! asked for, that a sensor's noise (unlike film's) does not get coarser.
+//! Not modelled: fixed-pattern noise, quantisation, noise added after the gain (which does not grow), dual-gain
+//! sensors, the camera's own noise reduction. If another film is asked for, a sensor's noise gets coarser too, which in
+//! reality only film's does.
 
 use super::{NoiseProfile, Response};
 
-/// How film and picture differ from the calibrated ones; all 1 where they do not.
+/// How film and picture differ from the calibrated ones. All are 1 if they do not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GrainRatios {
     /// Film speed over the profile's, above 0.
@@ -42,14 +40,14 @@ impl Default for GrainRatios {
 }
 
 impl GrainRatios {
-    /// By how much the diameter of grains in pixels exceeds the calibrated pattern's.
+    /// The diameter of grains in pixels, relative to the calibrated pattern's.
     pub fn size(&self) -> f64 {
         self.iso.powf(0.25) * self.picture_width / self.film_width
     }
 
-    /// By how much σ at a code value exceeds the calibrated one; `read_share` is 0 to 1.
+    /// σ at a code value, relative to the calibrated one. `read_share` is 0 to 1.
     pub fn sigma(&self, read_share: f64) -> f64 {
-        // Multiplied out it is (1 − s)·k + s·k², but here k = 1 gives exactly 1.
+        // Equal to (1 − s)·k + s·k², but exactly 1 for k = 1.
         (self.iso * (1.0 + read_share * (self.iso - 1.0))).sqrt()
     }
 }
@@ -58,18 +56,17 @@ fn slope(response: &Response, code: f64) -> f64 {
     response.slope_at_code((code / 255.0).clamp(0.0, 1.0))
 }
 
-/// σ of reading out in a channel, in linear light (255 is full scale): that of the darkest bin.
+/// σ of a channel's read noise in linear light (255 is full scale): that of the darkest bin.
 pub fn read_light(noise: &NoiseProfile, response: &Response, channel: usize) -> f64 {
     let darkest = noise.bins.get(channel).and_then(|bins| bins.first());
     darkest.map_or(0.0, |bin| bin.sigma / slope(response, bin.code))
 }
 
-/// The share of reading out in the calibrated variance of a channel at a code value (8-bit
-/// scale), 0 to 1.
+/// The share of read noise in the calibrated variance of a channel at a code value (8-bit scale), 0 to 1.
 ///
-/// In linear light the noise of reading out is the same everywhere, and in the darkest bin it
-/// is nearly all there is. So σ_read = σ(darkest) / slope(darkest), brought to the code value
-/// by the response's slope there. An upper bound, as some light fell on the darkest bin too.
+/// In linear light the read noise is the same everywhere, and in the darkest bin it is nearly all there is. So σ_read =
+/// σ(darkest) / slope(darkest), converted to the code value by the response's slope there. This is an upper bound, as
+/// some light fell on the darkest bin too.
 pub fn read_share(noise: &NoiseProfile, response: &Response, channel: usize, code: f64) -> f64 {
     if channel >= noise.bins.len() {
         return 0.0;
@@ -79,8 +76,7 @@ pub fn read_share(noise: &NoiseProfile, response: &Response, channel: usize, cod
     if sigma > 0.0 { (read / sigma).powi(2).min(1.0) } else { 0.0 }
 }
 
-/// σ of the grain of a channel at a code value, both on the 8-bit scale: the calibrated one
-/// at another film speed.
+/// σ of a channel's grain at a code value, both on the 8-bit scale: the calibrated one at another film speed.
 pub fn sigma(noise: &NoiseProfile, response: &Response, channel: usize, code: f64, ratios: &GrainRatios) -> f64 {
     noise.sigma(channel, code) * ratios.sigma(read_share(noise, response, channel, code))
 }
@@ -91,7 +87,7 @@ mod tests {
     use crate::camera::{Curve, NoiseBin};
     use proptest::prelude::*;
 
-    /// A sensor whose full scale is 1000 electrons, which it reads with 4 electrons of noise.
+    /// A sensor whose full scale is 1000 electrons, with a read noise of 4 electrons.
     fn sensor() -> (NoiseProfile, Response) {
         let bins: Vec<NoiseBin> = (0..=255)
             .map(|code| {
@@ -127,7 +123,7 @@ mod tests {
             let expected = (electrons + 16.0f64).sqrt() * 255.0 / 250.0;
             assert!((sigma(&noise, &response, 0, code, &faster) / expected - 1.0).abs() < 1e-9, "{code}");
         }
-        // Worked by hand: in the light √k alone is 2, black goes with k, 4.
+        // By hand: in bright light √k alone is 2; black is proportional to k, 4.
         assert_eq!((faster.sigma(0.0), faster.sigma(1.0)), (2.0, 4.0));
         assert!((faster.sigma(0.25) - 7f64.sqrt()).abs() < 1e-12);
     }
@@ -136,9 +132,9 @@ mod tests {
     fn the_share_of_reading_out_worked_by_hand() {
         let (noise, response) = sensor();
         assert_eq!(read_share(&noise, &response, 0, 0.0), 1.0);
-        // At full scale 16 of 1016.
+        // 16 of 1016 at full scale.
         assert!((read_share(&noise, &response, 0, 255.0) - 16.0 / 1016.0).abs() < 1e-9);
-        // sRGB is flatter above: black's noise counts for less there.
+        // sRGB is flatter at the top, so black's noise counts for less there.
         let srgb = Response::default();
         assert!(read_share(&noise, &srgb, 0, 255.0) < 0.02 * read_share(&noise, &response, 0, 255.0));
         assert_eq!(read_share(&noise, &response, 9, 128.0), 0.0);
@@ -148,7 +144,7 @@ mod tests {
     fn grains_grow_with_speed_and_smaller_film() {
         let speed = |iso: f64| GrainRatios { iso, ..Default::default() }.size();
         assert_eq!((speed(16.0), speed(1.0 / 16.0)), (2.0, 0.5));
-        // Half the film's width enlarges everything on it twice; so does a picture twice as wide.
+        // Half the film's width doubles the size of everything on it; so does a picture twice as wide.
         assert_eq!(GrainRatios { film_width: 0.5, ..Default::default() }.size(), 2.0);
         assert_eq!(GrainRatios { picture_width: 2.0, ..Default::default() }.size(), 2.0);
         assert_eq!(GrainRatios { picture_width: 2.0, film_width: 2.0, iso: 1.0 }.size(), 1.0);

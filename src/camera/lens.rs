@@ -1,10 +1,10 @@
-//! The lens of a camera as its profile describes it, and the opening that a renderer needs.
+//! A camera's lens as its profile describes it, and the opening that rendering needs.
 
 use super::Geometry;
 use super::thin_lens::{ThinLens, ThinLensError};
 
 crate::params! {
-    /// The lens, where it is known. Without an opening the camera is a pinhole.
+    /// The lens, as far as it is known. Without an opening the camera is a pinhole.
     pub struct Lens in "camera.lens" {
         "diameter of the opening; instead of f_number; 0 is a pinhole"
         aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0;
@@ -19,20 +19,20 @@ crate::params! {
     }
 }
 
-/// The hole through which a camera sees, and what is sharp.
+/// The hole through which a camera sees, and the distance in focus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Opening {
-    /// Of the circle around the blades' corners, metres, above 0.
+    /// Diameter of the circle through the blades' corners, metres, above 0.
     pub diameter_m: f64,
-    /// Up to infinity.
+    /// May be infinite.
     pub focus_distance_m: f64,
-    /// 0 for a circle, else 3 to 32.
+    /// 0 for a circle, otherwise 3 to 32.
     pub blades: u32,
-    /// From the picture's x axis to a corner, towards its y axis (downwards), rad.
+    /// Angle from the picture's x axis to a corner, towards the y axis (downwards), rad.
     pub rotation_rad: f64,
 }
 
-/// A lens that cannot be.
+/// An impossible lens.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
     #[error("camera.lens.blades = {found} is refused: accepted is 0 (a circle) or 3 to 32")]
@@ -47,20 +47,19 @@ pub enum LensError {
 }
 
 impl Opening {
-    /// The signed diameter in pixels of the image of a point at a depth (m, up to infinity):
-    /// vSLRcam (8) for a calibrated camera, fx · D · (1/d_s − 1/d_o); negative before the focus plane.
+    /// The signed diameter in pixels of the image of a point at a depth (m, up to infinity): vSLRcam (8) for a
+    /// calibrated camera, fx · D · (1/d_s − 1/d_o). Negative in front of the focus plane.
     pub fn circle_px(&self, fx_px: f64, distance_m: f64) -> f64 {
         fx_px * self.diameter_m * (1.0 / self.focus_distance_m - 1.0 / distance_m)
     }
 }
 
 impl Lens {
-    /// The thin lens behind a calibrated picture. Its image distance is fixed by fx (focusing
-    /// does not move a calibrated fx), so its focal length is v·d/(v + d), which is less than d
-    /// for every d: no focus distance lies within it. `None` where neither opening nor f-number
-    /// is given, or the opening is 0.
+    /// The thin lens of a calibrated picture. Its image distance v is fixed by fx (focusing does not change a
+    /// calibrated fx), so its focal length is v·d/(v + d). That is less than d for every d, so no focus distance lies
+    /// within it. `None` if neither opening nor f-number is given, or the opening is 0.
     pub fn thin_lens(&self, geometry: &Geometry) -> Result<Option<ThinLens>, LensError> {
-        // Whether or not they show: a setting that cannot be is told of at once.
+        // An impossible number is reported even if the blades have no effect.
         if matches!(self.blades, 1 | 2 | 33..) {
             return Err(LensError::Blades { found: self.blades });
         }
@@ -80,7 +79,7 @@ impl Lens {
         })
     }
 
-    /// What rendering needs of it; `None` for a pinhole.
+    /// The opening that rendering needs. `None` for a pinhole.
     pub fn opening(&self, geometry: &Geometry) -> Result<Option<Opening>, LensError> {
         let lens = self.thin_lens(geometry)?;
         let half_side = if self.blades == 0 { 0.0 } else { std::f64::consts::PI / f64::from(self.blades) };
@@ -100,7 +99,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn camera() -> Geometry {
-        // v = 525 · 6.4 / 640 = 5.25 mm
+        // v = 525 · 6.4 / 640 = 5.25 mm.
         Geometry::new(Intrinsics { film_width_mm: 6.4, ..Default::default() }, Distortion::default())
     }
 
@@ -117,13 +116,13 @@ mod tests {
     fn f_number_and_diameter_worked_by_hand() {
         let lens = Lens { f_number: Some(2.0), focus_distance_m: Some(1.0), blades: 5, ..Default::default() };
         let opening = lens.opening(&camera()).unwrap().unwrap();
-        // f = 5.25·1000/1005.25 = 5.222581 mm, D = f/2
+        // f = 5.25·1000/1005.25 = 5.222581 mm, D = f/2.
         assert!((opening.diameter_m - 0.002_611_291).abs() < 1e-9);
         assert_eq!(
             (opening.focus_distance_m, opening.blades, opening.rotation_rad),
             (1.0, 5, std::f64::consts::PI / 5.0)
         );
-        // 525 px · 2.611291 mm · (1/1 − 1/2) / m
+        // 525 px · 2.611291 mm · (1/1 − 1/2) / m.
         assert!((opening.circle_px(525.0, 2.0) - 0.685_463_8).abs() < 1e-6);
         assert!((opening.circle_px(525.0, 0.5) + 1.370_927_6).abs() < 1e-6);
         let thin = lens.thin_lens(&camera()).unwrap().unwrap();
@@ -138,7 +137,7 @@ mod tests {
     #[test]
     fn what_cannot_be_is_refused_with_what_is_accepted() {
         for blades in [1, 2, 33, u32::MAX] {
-            // A pinhole's too, whose blades do not show.
+            // Also for a pinhole, whose blades do not show.
             let error = Lens { blades, ..Default::default() }.opening(&camera()).unwrap_err().to_string();
             assert!(
                 error.contains(&format!("blades = {blades}")) && error.contains("0 (a circle) or 3 to 32"),

@@ -1,6 +1,6 @@
-//! The meter in a camera: how bright a picture is, and which settings a mode chooses.
+//! A camera's light meter: how bright a picture is, and which settings a mode chooses.
 //!
-//! Not modelled: weighting by place (the whole picture counts alike) and automatic film speed.
+//! Not modelled: spatial weighting (the whole picture counts alike) and automatic film speed.
 
 use super::Response;
 use super::exposure::{ExposureSettings, scene_ev};
@@ -16,50 +16,49 @@ pub enum Mode {
     AperturePriority,
     /// The person sets the time, the camera the aperture.
     ShutterPriority,
-    /// The person sets both; the camera says what it thinks of it.
+    /// The person sets both; the camera reports the deviation.
     Manual,
 }
 
-/// A text that names no mode.
+/// A text that does not name a mode.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{found} is no mode; accepted are p (program), a (aperture priority), s (shutter priority), m (manual)")]
 pub struct ModeError {
     pub found: String,
 }
 
-/// What the camera can be set to, exact values.
+/// The range of a camera's settings, exact values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The widest opening, the smallest f-number.
+    /// The widest opening: the smallest f-number.
     pub widest_f_number: f64,
     pub narrowest_f_number: f64,
     pub shortest_s: f64,
     pub longest_s: f64,
-    /// The longest time that a hand holds still; the program line keeps to it while it can.
+    /// The longest time that can be hand-held. The program line stays below it while it can.
     pub hand_held_s: f64,
 }
 
-/// What a mode made of the light.
+/// The settings that a mode chose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Metered {
     pub settings: ExposureSettings,
-    /// Stops brighter than wanted; within a sixth where the camera could choose from its
-    /// series, more where the range ended or nothing was left to choose.
+    /// Stops brighter than wanted. Within a sixth if the camera could choose from its series, more at the end of the
+    /// range or if nothing was left to choose.
     pub over_ev: f64,
 }
 
-/// What a meter sees of a picture.
+/// A meter's measurements of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PictureLight {
     /// Mean luminance in linear light, 0 to 1 (ITU-R BT.709 weights).
     pub mean: f64,
-    /// The part of the pixels of which a channel is at its largest code: there was more light
-    /// than the mean knows of. 0 to 1.
+    /// The share of pixels with a channel at its largest code, where there was more light than the mean shows. 0 to 1.
     pub clipped: f64,
 }
 
 impl PictureLight {
-    /// Measures camera pixels; all 0 for a picture without any.
+    /// Measures camera pixels. All 0 for an empty picture.
     pub fn of(pixels: &Pixels, response: &Response) -> Self {
         let most = pixels.max_code();
         let light: Vec<f64> = (0..=most).map(|code| response.decode(f64::from(code) / f64::from(most))).collect();
@@ -80,7 +79,7 @@ impl PictureLight {
 impl std::str::FromStr for Mode {
     type Err = ModeError;
 
-    /// Reads p, a, s, m (also Av and Tv), in either case.
+    /// Parses p, a, s, m (also Av and Tv), in either case.
     fn from_str(text: &str) -> Result<Self, ModeError> {
         Ok(match text.trim().to_ascii_lowercase().as_str() {
             "p" | "program" => Self::Program,
@@ -95,7 +94,7 @@ impl std::str::FromStr for Mode {
 impl Mode {
     pub const ALL: [Self; 4] = [Self::Program, Self::AperturePriority, Self::ShutterPriority, Self::Manual];
 
-    /// The letter on the wheel.
+    /// The letter on the mode dial.
     pub fn letter(self) -> char {
         match self {
             Self::Program => 'p',
@@ -107,7 +106,7 @@ impl Mode {
 }
 
 impl Default for Limits {
-    /// A usual lens on a usual camera: f/2.8 to f/22, 1/8000 s to 30 s, 1/60 s in the hand.
+    /// A usual lens on a usual camera: f/2.8 to f/22, 1/8000 s to 30 s, 1/60 s hand-held.
     fn default() -> Self {
         Self {
             widest_f_number: 8f64.sqrt(),
@@ -120,7 +119,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Hand-held times follow a rule of thumb: one over the focal length on 36×24, in seconds.
+    /// Sets the longest hand-held time by a rule of thumb: one over the focal length on 36×24, in seconds.
     pub fn for_focal_length(self, equivalent_35mm: f64) -> Self {
         Self { hand_held_s: (1.0 / equivalent_35mm).clamp(self.shortest_s, self.longest_s), ..self }
     }
@@ -135,16 +134,15 @@ impl Limits {
 }
 
 fn within(mut series: Vec<Stop>, least: f64, most: f64) -> Vec<Stop> {
-    // The limits themselves belong to it, however they were rounded.
+    // Includes the limits themselves in spite of rounding.
     series.retain(|stop| stop.exact >= least * (1.0 - 1e-6) && stop.exact <= most * (1.0 + 1e-6));
     series
 }
 
-/// Chooses settings for an illuminance (lux, above 0): what the mode leaves to the camera, from
-/// third stops within the limits; what it does not, and the film speed, as `set`.
-/// `compensation_ev` stops brighter than right are wanted.
+/// Chooses settings for an illuminance (lux, above 0), from third stops within the limits. What the mode does not
+/// choose, and the film speed, stay as `set`. `compensation_ev` is how many stops brighter than correct is wanted.
 pub fn meter(mode: Mode, illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64, limits: &Limits) -> Metered {
-    // What the settings have to give for the picture to be as bright as wanted.
+    // The EV of settings that make the picture as bright as wanted.
     let ev = scene_ev(illuminance_lx, set.iso) - compensation_ev;
     let time_for = |f_number: f64| {
         stops::nearest(&limits.times_s(), f_number * f_number / ev.exp2()).map_or(set.time_s, |stop| stop.exact)
@@ -164,20 +162,20 @@ pub fn meter(mode: Mode, illuminance_lx: f64, set: ExposureSettings, compensatio
     Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
 }
 
-/// The program line: in the dark the opening is as wide as it goes and the time as long as it
-/// takes; from where a hand holds still on, further light is shared between both, stop by stop.
+/// The program line: in the dark the widest opening, and as long a time as it takes. From the light at which the camera
+/// can be hand-held, more light is shared between both, stop by stop.
 fn program_time_s(ev: f64, limits: &Limits) -> f64 {
     let widest = 2.0 * limits.widest_f_number.log2();
     let spare_ev = ev - widest + limits.hand_held_s.log2();
     if spare_ev <= 0.0 {
         return (widest - ev).exp2();
     }
-    // Where the shutter goes no faster, the rest is the opening's.
+    // At the shortest time, the opening takes the rest.
     (limits.hand_held_s * (-0.5 * spare_ev).exp2()).max(limits.shortest_s)
 }
 
-/// The film speed that would make manual settings right, from third stops of ISO 100 to 25600,
-/// with what is left over or under then.
+/// The film speed that would make manual settings correct, from third stops of ISO 100 to 25600, and the deviation that
+/// remains.
 pub fn iso_for(illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64) -> Metered {
     let wanted = set.iso * (compensation_ev - set.over_ev(illuminance_lx)).exp2();
     let iso = stops::nearest(&stops::iso_speeds(Step::Third), wanted).map_or(set.iso, |stop| stop.exact);
@@ -195,13 +193,13 @@ mod tests {
 
     #[test]
     fn light_of_a_picture_worked_by_hand() {
-        // Half of a linear picture at 51/255 = 0.2, half at full red: 0.5·0.2 + 0.5·0.2126
+        // Half of a linear picture at 51/255 = 0.2, half at full red: 0.5·0.2 + 0.5·0.2126.
         let linear = Response { curve: Curve::Linear, ..Default::default() };
         let pixels = Pixels::from_u8(2, 1, vec![51, 51, 51, 255, 0, 0]).unwrap();
         let light = PictureLight::of(&pixels, &linear);
         close(light.mean, 0.2063, 1e-12);
         assert_eq!(light.clipped, 0.5);
-        // Code 118 of sRGB is a grey card's 18 %, in 16 bits too.
+        // sRGB code 118 is a grey card's 18 %, in 16 bits too.
         let grey = PictureLight::of(&Pixels::from_u8(1, 1, vec![118; 3]).unwrap(), &Response::default());
         close(grey.mean, 0.1812, 1e-4);
         let deep = Pixels::from_u16(1, 1, vec![118 * 257; 3]).unwrap();
@@ -213,13 +211,13 @@ mod tests {
     #[test]
     fn modes_worked_by_hand() {
         let limits = Limits::default();
-        // EV 12 at ISO 100: f/8 wants 64/4096 = 1/64 s, marked 1/60.
+        // EV 12 at ISO 100: f/8 needs 64/4096 = 1/64 s, marked 1/60.
         let lux = illuminance_lx(12.0, 100.0);
         let a = meter(Mode::AperturePriority, lux, set(8.0, 1.0, 100.0), 0.0, &limits);
         assert_eq!(a.settings, set(8.0, 1.0 / 64.0, 100.0));
         assert_eq!(a.settings.to_string(), "f/8, 1/60 s, ISO 100");
         close(a.over_ev, 0.0, 1e-9);
-        // 1/256 s wants √16 = f/4.
+        // 1/256 s needs √16 = f/4.
         let s = meter(Mode::ShutterPriority, lux, set(1.0, 1.0 / 256.0, 100.0), 0.0, &limits);
         close(s.settings.f_number, 4.0, 1e-12);
         // Program: AV 3 and TV 6 are 9; the 3 EV above are shared: AV 4.5 (4.33 or 4.67 in thirds).
@@ -229,7 +227,7 @@ mod tests {
         // In the dark (EV 5): f/2.8 and 1/4 s.
         let p = meter(Mode::Program, illuminance_lx(5.0, 100.0), set(1.0, 1.0, 100.0), 0.0, &limits);
         assert_eq!(p.settings.to_string(), "f/2.8, 1/4 s, ISO 100");
-        // Manual stays and says: EV 9 settings under EV 12 light.
+        // Manual keeps the settings and reports: EV 9 settings in EV 12 light.
         let m = meter(Mode::Manual, lux, set(8.0, 0.125, 100.0), 0.0, &limits);
         assert_eq!(m.settings, set(8.0, 0.125, 100.0));
         close(m.over_ev, 3.0, 1e-9);
@@ -251,12 +249,12 @@ mod tests {
         // EV 20 at f/2.8: 1/8000 s is for EV 16, 4 over.
         let bright = illuminance_lx(20.0, 100.0);
         close(meter(Mode::AperturePriority, bright, set(8f64.sqrt(), 1.0, 100.0), 0.0, &limits).over_ev, 4.0, 1e-9);
-        // ISO 100 settings for EV 15 under EV 13: ISO 400 makes them right.
+        // ISO 100 settings for EV 15 in EV 13 light: ISO 400 makes them correct.
         let lux = illuminance_lx(13.0, 100.0);
         let m = iso_for(lux, set(16.0, 1.0 / 128.0, 100.0), 0.0);
         close(m.settings.iso, 400.0, 1e-9);
         close(m.over_ev, 0.0, 1e-9);
-        // Nothing is slower than ISO 100.
+        // There is no film slower than ISO 100.
         close(iso_for(lux, set(1.0, 1.0, 100.0), 0.0).over_ev, 13.0, 1e-9);
         close(Limits::default().for_focal_length(200.0).hand_held_s, 0.005, 1e-12);
     }

@@ -31,7 +31,7 @@ pub use noise::{NoiseBin, NoiseProfile, correlations, side_tap, variance_left};
 pub use response::{Curve, Response};
 pub use thin_lens::{Sharpness, ThinLens, ThinLensError};
 
-/// A camera: what is measured of it once and holds for all its frames.
+/// A camera: what is measured once and holds for all its frames.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Camera {

@@ -1,22 +1,22 @@
 //! The cameras of the lecture slides as matrices: look-at, perspective, window, parallel, viewport.
 //!
-//! Axes here are those of the slides and of OpenGL: x right, y up, the camera looks along −z. Device coordinates are
-//! x and y from −1 to 1, y up, and z in one of two [`Depth`]s. The program itself goes by [`super::Geometry`] (x right,
-//! y down, z forward); the tests hold both to each other. What is corrected of the slides is said where it stands.
+//! Axes here are those of the slides and of OpenGL: x right, y up, the camera looks along −z. Device coordinates are x
+//! and y from −1 to 1, y up, and z in one of two [`Depth`] ranges. The program itself uses [`super::Geometry`] (x
+//! right, y down, z forward); the tests compare the two. Corrections to the slides are noted where they apply.
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 
-/// What depth becomes between the near and the far plane.
+/// The range of depth between the near and the far plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// −1 to 1: the slides, OpenGL.
     Signed,
-    /// 0 to 1: wgpu. Lemme p.20 says this, p.22's matrix gives 0 to −1.
+    /// 0 to 1: wgpu. Lemme p.20 says this; the matrix on p.22 gives 0 to −1.
     ZeroToOne,
 }
 
 impl Depth {
-    /// From −1..1 to this depth.
+    /// From −1..1 to this range.
     fn of_signed(self) -> DMat4 {
         match self {
             Self::Signed => DMat4::IDENTITY,
@@ -25,7 +25,7 @@ impl Depth {
     }
 }
 
-/// A rectangle through which is looked, x right and y up, metres.
+/// A rectangle to look through, x right and y up, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
     pub low: DVec2,
@@ -42,8 +42,8 @@ impl Window {
     }
 }
 
-/// World to camera: Wu's look-at, with `dir` = position − target, right = norm(up × dir), up' = norm(dir × right),
-/// and the view as the rotation after the translation by −position. `None` where the three do not span a view.
+/// World to camera: Wu's look-at, with `dir` = position − target, right = norm(up × dir), up' = norm(dir × right), and
+/// the view as the rotation after the translation by −position. `None` if the three do not define a view.
 pub fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DMat4> {
     from_reference_point(position, position - target, up)
 }
@@ -58,7 +58,7 @@ pub fn from_reference_point(prp: DVec3, vpn: DVec3, vup: DVec3) -> Option<DMat4>
     Some(DMat4::from_mat3(camera_from_world) * DMat4::from_translation(-prp))
 }
 
-/// Perspective through a window around the axis; `aspect` is width over height.
+/// Perspective through a window centred on the axis; `aspect` is width over height.
 ///
 /// Wu p.57-60 for a camera along −z: A = (n+f)/(n−f), B = 2fn/(n−f), last row −1. As printed, B has far·far and the
 /// last row +1, which with its A is a camera along +z.
@@ -76,8 +76,8 @@ pub fn perspective(fov_y_rad: f64, aspect: f64, near_m: f64, far_m: f64, depth: 
 
 /// The shear that moves the centre of a window, at a distance in front of the camera, onto the axis.
 ///
-/// Lemme p.16, with x' = x + (CW/f)·z: a point of the plane z = −f goes by −CW. As printed, with −CW/f, it would move
-/// the window away by as much again.
+/// Lemme p.16, with x' = x + (CW/f)·z: a point of the plane z = −f moves by −CW. As printed, with −CW/f, it would move
+/// the window away by the same amount.
 pub fn window_shear(centre: DVec2, distance_m: f64) -> DMat4 {
     let mut shear = DMat4::IDENTITY;
     shear.z_axis.x = centre.x / distance_m;
@@ -85,14 +85,14 @@ pub fn window_shear(centre: DVec2, distance_m: f64) -> DMat4 {
     shear
 }
 
-/// Perspective through a window at the near plane that need not lie around the axis: shear, then [`perspective`].
+/// Perspective through a window at the near plane that need not be centred on the axis: shear, then [`perspective`].
 pub fn off_centre(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
     let half = window.half_size();
     let fov_y_rad = 2.0 * (half.y / near_m).atan();
     perspective(fov_y_rad, half.x / half.y, near_m, far_m, depth) * window_shear(window.centre(), near_m)
 }
 
-/// Parallel projection of what lies behind a window, from z = −near to z = −far (Lemme p.20).
+/// Parallel projection of everything behind a window, from z = −near to z = −far (Lemme p.20).
 pub fn orthographic(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
     let to_middle = DVec3::new(-window.centre().x, -window.centre().y, 0.5 * (near_m + far_m));
     let half = window.half_size();
@@ -100,7 +100,7 @@ pub fn orthographic(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DM
     depth.of_signed() * DMat4::from_scale(to_unit) * DMat4::from_translation(to_middle)
 }
 
-/// Device coordinates to places in a picture, px; depth stays. With `y_down` row 0 is the upper one (Lemme p.24-27).
+/// Device coordinates to places in a picture, px; depth stays. With `y_down`, row 0 is at the top (Lemme p.24-27).
 pub fn viewport(width_px: u32, height_px: u32, y_down: bool) -> DMat4 {
     let half = 0.5 * DVec2::new(width_px.into(), height_px.into());
     let scale = DVec3::new(half.x, if y_down { -half.y } else { half.y }, 1.0);
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn worked_by_hand() {
-        // From (0, −5, 1) along +y, z up: a metre to the right and two above the target.
+        // From (0, −5, 1) along +y, z up: a metre to the right of the target and two above it.
         let m = look_at(DVec3::new(0.0, -5.0, 1.0), DVec3::new(0.0, 0.0, 1.0), DVec3::Z).unwrap();
         let p = m.transform_point3(DVec3::new(1.0, 0.0, 3.0));
         assert!((p - DVec3::new(1.0, 2.0, -5.0)).length() < 1e-12, "{p}");
@@ -131,7 +131,7 @@ mod tests {
         let p = p.project_point3(DVec3::new(1.0, 1.0, -2.0));
         assert!((p - DVec3::new(0.375, 0.5, 0.5)).length() < 1e-12, "{p}");
 
-        // A window from 0 to 1 at a distance of 2: what lies behind its middle is in the picture's.
+        // A window from 0 to 1 at a distance of 2: what is behind its centre is at the picture's.
         let window = Window { low: DVec2::ZERO, high: DVec2::ONE };
         let m = off_centre(window, 2.0, 9.0, Depth::ZeroToOne);
         assert!(m.project_point3(DVec3::new(0.5, 0.5, -2.0)).length() < 1e-12);
@@ -139,7 +139,7 @@ mod tests {
         let corner = m.project_point3(DVec3::new(4.5, 4.5, -9.0));
         assert!((corner - DVec3::ONE).length() < 1e-12, "{corner}");
 
-        // 2 m wide at 640 px: 320 px a metre; rows count downwards, or upwards.
+        // 2 m wide at 640 px: 320 px per metre; rows count downwards, or upwards.
         let m = orthographic(
             Window { low: DVec2::new(-1.0, -0.75), high: DVec2::new(1.0, 0.75) },
             0.0,
@@ -174,11 +174,11 @@ mod tests {
             near in 0.01f64..1.0, depth in 0.1f64..100.0, low in prop::array::uniform2(-2.0f64..0.5),
             size in prop::array::uniform2(0.1f64..3.0),
         ) {
-            // Relative to the matrix' own size.
+            // Relative to the matrix's own size.
             let same = |a: DMat4, b: DMat4| a.abs_diff_eq(b, 1e-6 * b.to_cols_array().iter().fold(1.0, |m, v| v.abs().max(m)));
             let [eye, target, up] = [eye, target, up].map(DVec3::from);
             prop_assume!((target - eye).normalize().cross(up).length() > 0.05);
-            // glam wants an up of unit length.
+            // glam needs an up vector of unit length.
             prop_assert!(same(look_at(eye, target, up).unwrap(), view::look_at_mat4(eye, target, up.normalize())));
             let far = near + depth;
             let w = Window { low: DVec2::from(low), high: DVec2::from(low) + DVec2::from(size) };
@@ -191,14 +191,14 @@ mod tests {
             prop_assert!(same(orthographic(w, near, far, Depth::ZeroToOne), proj::directx::orthographic(l, r, b, t, near, far)));
         }
 
-        /// The slides' chain from world to raster is the program's camera: OpenCV's axes, focal lengths in px.
+        /// The slides' chain from world to raster gives the program's camera: OpenCV's axes, focal lengths in px.
         #[test]
         fn the_program_s_camera_is_the_same(
             point in prop::array::uniform3(-2.0f64..2.0), eye in prop::array::uniform3(4.0f64..9.0),
             low in prop::array::uniform2(-0.9f64..-0.1), size in 0.5f64..1.5,
         ) {
             let (point, eye, target) = (DVec3::from(point), DVec3::from(eye), DVec3::new(0.1, -0.2, 0.3));
-            // Square pixels: a window of 4:3.
+            // Square pixels need a window of 4:3.
             let low = DVec2::from(low);
             let window = Window { low, high: low + DVec2::new(4.0, 3.0) * size / 4.0 };
             let near = 0.7;

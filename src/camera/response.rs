@@ -5,7 +5,7 @@ crate::choices! {
     pub enum Curve {
         /// IEC 61966-2-1.
         Srgb = "srgb",
-        /// Code values are light.
+        /// Code values are proportional to light.
         Linear = "linear",
         /// A power law with `gamma`.
         Gamma = "gamma",
@@ -46,10 +46,10 @@ impl Response {
     pub fn slope_at_code(&self, code: f64) -> f64 {
         match self.curve {
             Curve::Srgb if code <= 0.04045 => 12.92,
-            // light = ((c + 0.055)/1.055)^2.4, so d code/d light = 1.055/2.4 · ((c + 0.055)/1.055)^-1.4
+            // light = ((c + 0.055)/1.055)^2.4, so d code/d light = 1.055/2.4 · ((c + 0.055)/1.055)^-1.4.
             Curve::Srgb => 1.055 / 2.4 * ((code + 0.055) / 1.055).powf(-1.4),
             Curve::Linear => 1.0,
-            // light = c^γ, so d code/d light = c^(1-γ)/γ; kept finite at black
+            // light = c^γ, so d code/d light = c^(1-γ)/γ; kept finite at black.
             Curve::Gamma => code.max(1.0 / 255.0).powf(1.0 - self.gamma) / self.gamma,
         }
     }

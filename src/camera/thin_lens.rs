@@ -1,21 +1,20 @@
-//! The thin lens: where the film stands, what it sees, and how large the image of a point is.
+//! The thin lens: where the film is, its angle of view, and the size of a point's image.
 //!
 //! With the opening's diameter D = f/a and the image distance v, vSLRcam (8) is
 //!
 //!   c = D · (d_o − d_s)/d_o · f/(d_s − f)                          (8)
-//!     = D · f·d_s/(d_s − f) · (d_o − d_s)/(d_o·d_s)                 widened by d_s
+//!     = D · f·d_s/(d_s − f) · (d_o − d_s)/(d_o·d_s)                 expanded by d_s
 //!     = D · v · (1/d_s − 1/d_o)                                     with (2)
 //!
-//! In this form a focus at infinity is no special case, and a calibrated camera needs no focal
-//! length: on a picture that is `width` pixels wide, v · width / film width is its fx, so the
-//! circle is fx · D · (1/d_s − 1/d_o) pixels.
+//! In this form a focus at infinity is no special case, and a calibrated camera needs no focal length. In a picture
+//! `width` pixels wide, v · width / film width is its fx, so the circle is fx · D · (1/d_s − 1/d_o) pixels.
 //!
-//! Not modelled: the thickness of real lenses (their distances count from the principal planes,
-//! ours from one), diffraction, aberrations, and that f-numbers of real lenses are nominal.
+//! Not modelled: the thickness of real lenses (their distances are measured from the principal planes, ours from a
+//! single one), diffraction, aberrations, and that f-numbers of real lenses are nominal.
 
 use super::Intrinsics;
 
-/// A lens with an opening and a focus. Distances count from the lens along its axis, metres.
+/// A lens with an opening and a focus. Distances are measured from the lens along its axis, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinLens {
     focal_length_m: f64,
@@ -23,11 +22,11 @@ pub struct ThinLens {
     focus_distance_m: f64,
 }
 
-/// From where to where it is sharp enough, metres from the lens.
+/// The range that is sharp enough, metres from the lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sharpness {
     pub near_m: f64,
-    /// Infinite from the hyperfocal distance on.
+    /// Infinite if focused at the hyperfocal distance or beyond.
     pub far_m: f64,
 }
 
@@ -66,7 +65,7 @@ fn finite_above_zero(value: f64) -> bool {
 }
 
 impl ThinLens {
-    /// A lens by its focal length (m), f-number and focus distance (m, up to infinity).
+    /// A lens from its focal length (m), f-number and focus distance (m, up to infinity).
     pub fn new(focal_length_m: f64, f_number: f64, focus_distance_m: f64) -> Result<Self, ThinLensError> {
         if !finite_above_zero(f_number) {
             return Err(ThinLensError::FNumber { found: f_number });
@@ -74,7 +73,7 @@ impl ThinLens {
         Self::with_diameter(focal_length_m, focal_length_m / f_number, focus_distance_m)
     }
 
-    /// As [`ThinLens::new`], with the diameter of the opening instead (m); 0 is a pinhole.
+    /// Like [`ThinLens::new`], with the diameter of the opening instead (m); 0 is a pinhole.
     pub fn with_diameter(focal_length_m: f64, diameter_m: f64, focus_distance_m: f64) -> Result<Self, ThinLensError> {
         if !finite_above_zero(focal_length_m) {
             return Err(ThinLensError::FocalLength { found_mm: 1e3 * focal_length_m });
@@ -82,15 +81,15 @@ impl ThinLens {
         if !(diameter_m.is_finite() && diameter_m >= 0.0) {
             return Err(ThinLensError::Diameter { found_mm: 1e3 * diameter_m });
         }
-        // NaN does not compare and is refused too.
+        // NaN does not compare, and is refused too.
         if !matches!(focus_distance_m.partial_cmp(&focal_length_m), Some(std::cmp::Ordering::Greater)) {
             return Err(ThinLensError::FocusInsideFocalLength { found_m: focus_distance_m, focal_length_m });
         }
         Ok(Self { focal_length_m, diameter_m, focus_distance_m })
     }
 
-    /// The focal length of a lens whose image distance v is known (m), as a calibrated camera's
-    /// is, when focused at d: (2) turned around, f = v·d/(v + d). It is always shorter than d.
+    /// The focal length of a lens with a known image distance v (m), as in a calibrated camera, when focused at d: (2)
+    /// solved for f, f = v·d/(v + d). It is always shorter than d.
     pub fn focal_length_behind_m(image_distance_m: f64, focus_distance_m: f64) -> f64 {
         image_distance_m / (1.0 + image_distance_m / focus_distance_m)
     }
@@ -109,7 +108,7 @@ impl ThinLens {
         self.diameter_m
     }
 
-    /// Up to infinity.
+    /// May be infinite.
     pub fn focus_distance_m(&self) -> f64 {
         self.focus_distance_m
     }
@@ -119,27 +118,24 @@ impl ThinLens {
         self.focal_length_m / self.diameter_m
     }
 
-    /// From lens to film, vSLRcam (2): d_i = f·d_s/(d_s − f), metres. It grows as the focus
-    /// comes closer.
+    /// Distance from lens to film, vSLRcam (2): d_i = f·d_s/(d_s − f), metres. It grows as the focus gets closer.
     pub fn image_distance_m(&self) -> f64 {
         self.focal_length_m / (1.0 - self.focal_length_m / self.focus_distance_m)
     }
 
-    /// The angle that an extent of the film sees, vSLRcam (1) and (3), rad; the film's diagonal
-    /// (its width, its height) gives the diagonal (horizontal, vertical) angle of view. It
-    /// narrows as the focus comes closer.
+    /// The angle of view of an extent of the film, vSLRcam (1) and (3), rad. The film's diagonal (width, height) gives
+    /// the diagonal (horizontal, vertical) angle of view. It narrows as the focus gets closer.
     pub fn angle_of_view_rad(&self, extent_mm: f64) -> f64 {
         2.0 * (0.5e-3 * extent_mm / self.image_distance_m()).atan()
     }
 
-    /// fx of the picture that this lens takes, px: it narrows with (3) like the angle of view.
+    /// fx of this lens's picture, px. As the focus gets closer it grows, by (3), as the angle of view narrows.
     pub fn fx_px(&self, film_width_mm: f64, width_px: u32) -> f64 {
         self.image_distance_m() * f64::from(width_px) / (1e-3 * film_width_mm)
     }
 
-    /// Diameter on the film of the image of a point at a distance, vSLRcam (8), metres:
-    /// negative before the focus plane (the image of the opening is upside down), positive
-    /// behind. At an infinite distance too.
+    /// Diameter on the film of the image of a point at a distance, vSLRcam (8), metres. Negative in front of the focus
+    /// plane (where the image of the opening is upside down), positive behind. The distance may be infinite.
     pub fn circle_of_confusion_m(&self, distance_m: f64) -> f64 {
         self.diameter_m * self.image_distance_m() * (1.0 / self.focus_distance_m - 1.0 / distance_m)
     }
@@ -149,15 +145,15 @@ impl ThinLens {
         self.circle_of_confusion_m(distance_m) * f64::from(width_px) / (1e-3 * film_width_mm)
     }
 
-    /// The shortest focus distance with which infinity is sharp enough, metres, where circles
-    /// up to `circle_m` on the film count as sharp: H = f²/(a·c) + f. From (8) with
-    /// d_o → ∞: D·f/(H − f) = c. Infinite for a circle of 0, f for a pinhole.
+    /// The shortest focus distance at which infinity is sharp enough, metres, if circles up to `circle_m` on the film
+    /// count as sharp: H = f²/(a·c) + f. From (8) with d_o → ∞: D·f/(H − f) = c. Infinite for a circle of 0, f for a
+    /// pinhole.
     pub fn hyperfocal_distance_m(&self, circle_m: f64) -> f64 {
         self.diameter_m * self.focal_length_m / circle_m + self.focal_length_m
     }
 
-    /// From where to where circles stay within `circle_m` on the film (Lemme p.32-34): (8)
-    /// solved for the distance, 1/d = 1/d_s ± c/(D·v). A pinhole is sharp everywhere.
+    /// The range in which circles stay within `circle_m` on the film (Lemme p.32-34): (8) solved for the distance, 1/d
+    /// = 1/d_s ± c/(D·v). A pinhole is sharp everywhere.
     pub fn sharpness(&self, circle_m: f64) -> Sharpness {
         let by = circle_m / (self.diameter_m * self.image_distance_m());
         let focus = 1.0 / self.focus_distance_m;
@@ -186,7 +182,7 @@ mod tests {
         close(near.image_distance_m(), 0.052_631_579, 1e-9);
         let far = ThinLens::new(0.05, 8.0, f64::INFINITY).unwrap();
         assert_eq!(far.image_distance_m(), 0.05);
-        // vSLRcam (1): 50 mm on 36×24 sees 46.8° on the diagonal, 39.6° across, 27.0° upwards.
+        // vSLRcam (1): 50 mm on 36×24 sees 46.8° diagonally, 39.6° horizontally, 27.0° vertically.
         let film = Film::FULL_FRAME;
         close(far.angle_of_view_rad(film.diagonal_mm()).to_degrees(), 46.793, 1e-3);
         close(far.angle_of_view_rad(film.width_mm()).to_degrees(), 39.598, 1e-3);
@@ -208,12 +204,12 @@ mod tests {
         close(scale, 0.05 / (2.0 - 0.05), 1e-15); // (7): f/(d_s − f)
         close(lens.circle_of_confusion_m(4.0), 2.564_102_6e-4, 1e-11); // (8)
         close(lens.circle_of_confusion_m(4.0), on_focus_plane * scale, 1e-15);
-        // Signed: at 1 m it is −20 mm · 1/1 · 0.0256410, before the focus plane.
+        // Signed: at 1 m it is −20 mm · 1/1 · 0.0256410, in front of the focus plane.
         close(lens.circle_of_confusion_m(1.0), -5.128_205_1e-4, 1e-11);
         assert_eq!(lens.circle_of_confusion_m(2.0), 0.0);
         // 0.25641 mm of 36 mm on 640 px.
         close(lens.circle_of_confusion_px(4.0, 36.0, 640), 4.558_404_6, 1e-6);
-        // The limit far away: D·f/(d_s − f).
+        // The limit at infinity: D·f/(d_s − f).
         close(lens.circle_of_confusion_m(f64::INFINITY), 0.02 * 0.05 / 1.95, 1e-15);
         // Focused at infinity: c = −D·f/d_o.
         let infinite = ThinLens::new(0.05, 2.5, f64::INFINITY).unwrap();
@@ -232,14 +228,14 @@ mod tests {
         close(limits.near_m, 3.389_371, 1e-6);
         close(limits.far_m, 9.527_439, 1e-6);
         close(limits.depth_m(), 6.138_068, 1e-6);
-        // Lemme p.34: the near side is r = g·Δs·(g − f)/(a·f + Δs·(g − f)), a the opening's diameter.
+        // Lemme p.34: the near side is r = g·Δs·(g − f)/(a·f + Δs·(g − f)), where a is the opening's diameter.
         let (g, f, a, s) = (5.0, 0.05, 0.05 / 8.0, 3e-5);
         close(5.0 - limits.near_m, g * s * (g - f) / (a * f + s * (g - f)), 1e-12);
-        // Focused there, it is sharp from half of it to infinity.
+        // Focused there, it is sharp from half that distance to infinity.
         let there = ThinLens::new(0.05, 8.0, hyperfocal * (1.0 + 1e-12)).unwrap().sharpness(3e-5);
         close(there.near_m, 0.5 * hyperfocal, 1e-6);
         assert_eq!(there.far_m, f64::INFINITY);
-        // Focused at infinity: from H − f on.
+        // Focused at infinity: sharp from H − f on.
         let infinite = ThinLens::new(0.05, 8.0, f64::INFINITY).unwrap().sharpness(3e-5);
         close(infinite.near_m, hyperfocal - 0.05, 1e-9);
         assert_eq!(infinite.far_m, f64::INFINITY);

@@ -1,11 +1,11 @@
-//! What real things hide of a layer that is blurred where they are sharp.
+//! Occlusion of a blurred layer by real things that are sharp.
 //!
-//! A thing in focus hides whole pixels: through each of them all points of the lens see it. A blurred object behind it
-//! is hidden there, and beside it is as blurred as if nothing stood before it. So it is drawn as far as its blur
-//! reaches behind the edge, blurred, and cut off then.
+//! A thing in focus hides whole pixels: all points of the lens see it through each of them. A blurred object behind it
+//! is hidden there. Next to it, the object is as blurred as if nothing stood in front of it. So the object is drawn
+//! behind the edge as far as its blur reaches, blurred, and cut off afterwards.
 //!
-//! Not modelled: real things that are blurred themselves (the recording shows them as it saw them; a pixel is theirs or
-//! not).
+//! Not modelled: real things that are blurred themselves (the recording shows them as it saw them, and a pixel either
+//! is theirs or is not).
 
 use crate::gpu::{Recorder, Shader, Texture};
 use crate::render::{COLOR, GEOMETRY, Layer};
@@ -23,10 +23,10 @@ pub fn cut(recorder: &mut Recorder, layer: Layer, real_depth: &Texture, toleranc
     Layer { color, geometry, ..layer }
 }
 
-/// The depths behind which something is hidden however far `reach_px` it is blurred: of the square around each pixel the
-/// farthest, 0 where one is unknown.
+/// The depths behind which something is hidden even when blurred over `reach_px`: the farthest of the square around
+/// each pixel. 0 if one of them is unknown.
 pub fn deep_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
-    // Unknown ones are the farthest of all.
+    // Unknown depths are the farthest of all.
     let known = |m: f32| if m > 0.0 { m } else { f32::INFINITY };
     let height = depth_m.len() / width.max(1);
     let mut rows = vec![0.0; depth_m.len()];
@@ -45,7 +45,7 @@ pub fn deep_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
     out
 }
 
-/// The greatest of those up to `reach` beside each: a queue of falling ones (Lemire 2006).
+/// Sliding maximum over ±`reach`, by a monotonic queue (Lemire 2006).
 fn farthest(count: usize, reach: usize, at: impl Fn(usize) -> f32, mut give: impl FnMut(usize, f32)) {
     let mut queue = std::collections::VecDeque::<(usize, f32)>::new();
     for i in 0..count + reach {
@@ -72,11 +72,11 @@ mod tests {
 
     #[test]
     fn the_farthest_around_by_hand() {
-        // 4 × 3, a step at the third column; one unknown.
+        // 4 × 3, a step at the third column; one is unknown.
         let depth = [1.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0, 2.0, 0.0, 1.0, 2.0, 2.0];
         assert_eq!(deep_within(&depth, 4, 0), depth);
         assert_eq!(deep_within(&depth, 4, 1), [1.0, 2.0, 2.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0, 2.0]);
-        // Wider than all.
+        // A reach wider than the picture.
         assert_eq!(deep_within(&depth[..4], 4, 9), [2.0; 4]);
         assert!(deep_within(&[], 0, 3).is_empty());
     }

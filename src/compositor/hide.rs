@@ -8,14 +8,14 @@ use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
 
-/// The real scene's depth over what is drawn (metres, 0 unknown).
+/// The real scene's depth over the drawn rectangle (metres, 0 unknown).
 #[derive(Debug, Default)]
 pub struct Hidden {
-    /// By which things are cut off as they are drawn.
+    /// Hides objects as they are drawn.
     pub first: Option<Texture>,
-    /// The place among the active effects of the one after which things are cut off, too, and by what.
+    /// The index among the active effects after which objects are cut off as well, and by what.
     pub then: Option<(usize, Texture)>,
-    /// Why the frame's depth, though there is some and it is asked for, hides nothing.
+    /// Why the frame's depth hides nothing although it exists and is asked for.
     pub nothing_because: Option<String>,
 }
 
@@ -43,7 +43,7 @@ impl Hidden {
             RealDepth::Known { grid, .. } => grid.filter(|_| !plan.hides_itself()).map(|grid| grid.over(drawn)),
         };
         let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
-        // Hidden before it is blurred is what is hidden however far it is blurred, if it is cut off after that.
+        // If objects are cut off after the blur, only what stays hidden when blurred is hidden before.
         let after = plan.active.iter().rposition(|effect| !job.capture.whole && effect.on_real().blurs_behind());
         let Some(after) = after else {
             return Self { first: Some(real_depth(recorder, &texels, drawn)), then: None, nothing_because };

@@ -1,4 +1,4 @@
-//! What the compositor is asked for, and what it gives.
+//! The compositor's input and output.
 
 use super::Settings;
 use crate::camera::{Camera, Capture, Geometry, LensError};
@@ -9,31 +9,31 @@ use crate::gpu::GpuError;
 use crate::pixels::{LayerImage, Pixels};
 use crate::tracking::PoseTrack;
 
-/// A picture to be made, with all that it depends on but the camera and the settings.
+/// A picture to be made, and all that it depends on except camera and settings.
 #[derive(Debug)]
 pub struct Job<'a> {
-    /// Its pixels are the real part, as large as the picture.
+    /// Its pixels are the real part, in the picture's size.
     pub frame: Frame,
-    /// Of the picture that is made.
+    /// Geometry of the picture that is made.
     pub picture: &'a Geometry,
     pub capture: Capture<'a>,
     pub real: RealDepth<'a>,
     pub track: &'a PoseTrack,
-    /// Added to the frame's timestamp when a pose is asked for, seconds.
+    /// Added to the frame's timestamp to look up poses, seconds.
     pub time_offset_s: f64,
-    /// To the next frame, seconds.
+    /// Seconds to the next frame.
     pub interval_s: f64,
-    /// Whether the virtual layer is wanted too.
+    /// Whether to return the virtual layer too.
     pub want_layer: bool,
 }
 
-/// How far away real things are.
+/// Depth of the real scene.
 #[derive(Clone, Copy, Debug)]
 pub enum RealDepth<'a> {
-    /// As the frame's own depth map says, where it has one.
+    /// From the frame's own depth map, if it has one.
     OfFrame,
-    /// At the frame's moment over the picture that is made; it hides virtual things. With the surfaces that were made of it,
-    /// effects act on the real part too.
+    /// Known at the frame's moment over the picture that is made; it hides virtual things. With the surfaces made from
+    /// it, effects act on the real part too.
     Known { grid: Option<&'a DepthGrid>, surfaces: Option<&'a Surfaces> },
 }
 
@@ -42,13 +42,14 @@ pub enum RealDepth<'a> {
 pub enum Target<'a> {
     /// Back to the processor: [`Composited::pixels`].
     Pixels,
-    /// Into a view of the picture's size, ready to be shown: the whole picture, the camera's pixels too. It holds
-    /// encoded code values; of a format that encodes by itself, the light that comes out as them.
+    /// Into a view of the picture's size, ready to be shown: the whole picture, including the camera's pixels. The view
+    /// receives encoded code values. If its format is sRGB, which encodes by itself, it receives the light that gives
+    /// them.
     View(&'a wgpu::TextureView, wgpu::TextureFormat),
 }
 
-/// The exposure of a frame, seconds: the camera's shutter angle, what the recording says of the frame (unless the
-/// settings overrule it), the camera's time, half the interval.
+/// A frame's exposure, seconds. In order of precedence: the camera's shutter angle, the recording's time for the frame
+/// (unless the settings overrule it), the camera's time, half the interval.
 pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;
@@ -77,28 +78,28 @@ impl<'a> Job<'a> {
 #[derive(Debug)]
 pub struct Composited {
     pub frame: usize,
-    /// As composited; where the picture went into a view, the camera's.
+    /// The composite. If the picture went into a view, the camera's pixels.
     pub pixels: Pixels,
-    /// Over the whole picture, where it was asked for.
+    /// The layer over the whole picture, if it was asked for.
     pub layer: Option<LayerImage>,
     pub stats: FrameStats,
 }
 
-/// What was found and done for a frame.
+/// A frame's report: what was found and done.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FrameStats {
     pub frame: usize,
     pub timestamp_s: f64,
-    /// Why nothing was drawn: no pose at this time.
+    /// Why nothing was drawn: there is no pose at this time.
     pub no_pose: Option<String>,
-    /// Why the frame's depth, though there is some and it is asked for, hid nothing.
+    /// Why the frame's depth hid nothing although it exists and was asked for.
     pub no_occlusion: Option<String>,
-    /// Columns and rows that were looked at: x0, y0, x1, y1.
+    /// The rectangle of work in the picture: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
-    /// Whether objects can be in what was made of the picture; a photograph is made where there are none, too.
+    /// Whether objects may be in the part of the picture that was made. A photograph is made even without any.
     pub objects_in_sight: bool,
     pub exposure_time_s: f64,
-    /// No point of the objects moves faster.
+    /// An upper bound on how fast any point of the objects moves.
     pub fastest_px_per_s: f32,
     pub effects: Vec<&'static str>,
 }
@@ -119,7 +120,7 @@ impl FrameStats {
     }
 }
 
-/// Why a frame's work was not begun.
+/// Why a frame could not be submitted.
 #[derive(Debug, thiserror::Error)]
 pub enum SubmitError {
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! The composite, and the mixed stage's effects in the same pass; and a whole picture of it to be shown.
+//! The composite, with the mixed stage's effects in the same pass, and drawing the whole picture into a view.
 
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, Capture, NoiseProfile};
@@ -7,19 +7,20 @@ use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::Layer;
 
-/// What of the picture is composited at once: all, or one side of the seam where a layer lies across that of a 360° picture.
+/// A part of the picture that is composited at once: all of it, or one side of the seam if a layer lies across that of
+/// a 360° picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
     pub shown: Rect,
-    /// What the layer covers, as seen from this piece; reaches beyond the picture. Elsewhere the layer is empty.
+    /// The layer's rectangle in this piece's coordinates; may extend beyond the picture. Elsewhere the layer is empty.
     pub drawn: Rect,
 }
 
-/// The camera's codes on the GPU, or as much of them as are read.
+/// The part of the camera's picture that the composite reads, on the GPU.
 #[derive(Clone, Debug)]
 pub struct Sent {
     pub texture: Texture,
-    /// Where in the picture they lie.
+    /// Its rectangle in the picture.
     pub rect: Rect,
     max_code: f32,
 }
@@ -46,7 +47,7 @@ impl Sent {
         Self { texture, rect, max_code: pixels.max_code() as f32 }
     }
 
-    /// Records that a piece of the picture is put in.
+    /// Records copying a composited piece into this picture.
     pub fn put(&self, recorder: &mut Recorder, made: &Texture, shown: Rect) {
         let origin = wgpu::Origin3d { x: (shown.x0 - self.rect.x0) as u32, y: (shown.y0 - self.rect.y0) as u32, z: 0 };
         let to = wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() };
@@ -54,7 +55,7 @@ impl Sent {
         recorder.encoder().copy_texture_to_texture(made.texture.as_image_copy(), to, size);
     }
 
-    /// Draws the whole picture into somebody's view of its size.
+    /// Draws the whole picture into a view of its size.
     pub fn show(&self, recorder: &mut Recorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
         let entry = Entry::from("main").choose("encodes", f64::from(u8::from(format.is_srgb())));
         let pass = recorder.pass(Shader::Show, entry).uniform("show", &Show { max_code: self.max_code });
@@ -99,7 +100,7 @@ fn sigma(gpu: &Gpu, Sigma(noise): &Sigma) -> Bytes {
     Bytes::from(&constants(gpu, "sigma", bytemuck::cast_slice(&table)))
 }
 
-/// The files of a composite with parts of effects, in order, and what calls them one after another.
+/// The files of a composite with the effects' parts, in order, and the function that calls the parts one after another.
 pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, String) {
     let real = if acted_on_real { Shader::CompositeReal } else { Shader::CompositeRecorded };
     let shaders = [Shader::Composite, real].into_iter().chain(parts.iter().map(|(shader, _)| *shader)).collect();

@@ -1,4 +1,4 @@
-//! The per-frame loop: a pure function of a frame, the poses around it, the scene, the camera and the settings.
+//! The frame loop: a pure function of a frame, the poses around it, the scene, the camera and the settings.
 //!
 //! [`Compositor::submit`] reads as its phases: plan (plan.rs), hide (hide.rs), draw (the renderer), affect (the
 //! effects), mix (mix.rs).
@@ -33,8 +33,8 @@ use mix::{Piece, Sent, mix};
 use paste::{paste, paste_layer};
 use plan::{Plan, Sight, moment};
 
-/// Draws a scene into frames. Holds nothing of a frame but what makes the next one faster: each call gives what a new
-/// one would.
+/// Draws a scene into frames. All that it keeps between frames are caches: each call returns what a new compositor
+/// would.
 #[derive(Debug)]
 pub struct Compositor {
     renderer: Renderer,
@@ -50,13 +50,13 @@ pub struct Pending {
     stats: FrameStats,
     want_layer: bool,
     work: Option<Work>,
-    /// What was handed to the GPU before the last of it, in order.
+    /// Earlier submissions of the frame, in order, without the last.
     parts: Vec<wgpu::SubmissionIndex>,
 }
 
 #[derive(Debug, Default)]
 struct Work {
-    /// None where the picture went into a view.
+    /// Empty if the picture went into a view.
     codes: Vec<(Piece, Readback)>,
     layer: Option<LayerBack>,
 }
@@ -79,15 +79,15 @@ impl Compositor {
         }
     }
 
-    /// Another scene. What was compiled stays, so that this costs no more than the scene's way to the GPU.
+    /// Replaces the scene. Compiled pipelines stay, so that this costs no more than uploading the scene.
     pub fn set_scene(&mut self, scene: Scene) {
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }
 
-    /// Where the scene's objects stand from the next frame on. One without parts is not drawn.
+    /// Places the scene's objects from the next frame on. An object without parts is not drawn.
     ///
     /// # Panics
-    /// Where a part's mesh is none of the scene's.
+    /// If a part's mesh is not one of the scene's.
     pub fn place(&mut self, objects: &[Object]) {
         self.renderer.place(objects);
     }
@@ -96,7 +96,7 @@ impl Compositor {
         &self.recorder.gpu
     }
 
-    /// What the scene asks for and is not drawn.
+    /// Things that the scene asks for but that are not drawn.
     pub fn warnings(&self) -> Vec<String> {
         self.renderer.warnings()
     }
@@ -200,7 +200,7 @@ impl Compositor {
         })
     }
 
-    /// A frame to which nothing is added.
+    /// Passes a frame through to which nothing is added.
     fn untouched(&mut self, job: Job<'_>, stats: FrameStats, target: Target<'_>) -> Pending {
         if let Target::View(view, format) = target {
             let pixels = &job.frame.pixels;
@@ -211,7 +211,7 @@ impl Compositor {
         Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new() }
     }
 
-    /// Whether [`Compositor::collect`] would not wait.
+    /// Whether [`Compositor::collect`] would return without waiting.
     pub fn is_done(&self, pending: &Pending) -> Result<bool, GpuError> {
         let Some(work) = &pending.work else { return Ok(true) };
         let layer = work.layer.iter().flat_map(|layer| &layer.parts);
@@ -223,8 +223,8 @@ impl Compositor {
         Ok(true)
     }
 
-    /// Waits for the parts of a frame that takes long, and tells after each what share of them is done. The last is
-    /// [`Compositor::collect`]'s.
+    /// Waits for the parts of a frame that takes long, and calls `done` with the finished share after each.
+    /// [`Compositor::collect`] waits for the last.
     pub fn await_parts(&self, pending: &Pending, mut done: impl FnMut(f64)) -> Result<(), GpuError> {
         for (n, part) in pending.parts.iter().enumerate() {
             self.gpu().wait(Some(part.clone()))?;
@@ -233,8 +233,8 @@ impl Compositor {
         Ok(())
     }
 
-    /// Waits for a frame and gives its picture: the camera's own, and within the rectangle
-    /// what came back from the GPU.
+    /// Waits for a frame and returns its picture: the camera's pixels, and within the rectangle what came back from the
+    /// GPU.
     pub fn collect(&mut self, pending: Pending) -> Result<Composited, GpuError> {
         let Pending { frame, stats, want_layer, work, .. } = pending;
         let index = frame.index;
@@ -255,7 +255,8 @@ impl Compositor {
     }
 }
 
-/// What of the camera's pixels each piece reads: one pixel more on each side, for effects that look at neighbours.
+/// The part of the camera's picture that each piece reads: one more pixel on each side, for effects that read
+/// neighbours.
 fn looked_at_by(pieces: &[Piece], frame: &Frame) -> Vec<Rect> {
     let picture = Rect::full(frame.pixels.width, frame.pixels.height);
     pieces.iter().map(|piece| piece.shown.grown(1).intersection(&picture)).collect()
@@ -265,7 +266,7 @@ fn whole(frame: &Frame) -> Vec<Rect> {
     vec![Rect::full(frame.pixels.width, frame.pixels.height)]
 }
 
-/// Runs the effects over the layer, in order, and cuts off what real things hide of what they have blurred.
+/// Runs the effects over the layer, in order, and cuts off blurred parts that real things hide.
 fn affect(
     run: &mut LayerRun<'_>,
     mut layer: Layer,

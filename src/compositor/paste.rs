@@ -1,9 +1,9 @@
-//! What comes back from the GPU, put into pictures.
+//! Puts what comes back from the GPU into pictures.
 
 use crate::gpu::{Gpu, GpuError, Readback};
 use crate::pixels::{Codes, LayerImage, Pixels, Rect};
 
-/// Writes rows of RGBA texels into the rectangle of a picture.
+/// Writes rows of RGBA texels into a rectangle of a picture.
 pub fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) -> Result<(), GpuError> {
     let width = pixels.width as usize;
     let start = |row: usize| 3 * ((rect.y0 as usize + row) * width + rect.x0 as usize);
@@ -26,8 +26,8 @@ pub fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) ->
     }
 }
 
-/// Fills in a layer that was drawn over `rect`, which may reach beyond the picture; over the seam it goes on at the other
-/// rim.
+/// Fills in a layer that was drawn over `rect`, which may extend beyond the picture. With `over_seam` it continues at
+/// the opposite rim.
 pub fn paste_layer(
     gpu: &Gpu,
     color: &Readback,
@@ -48,7 +48,7 @@ pub fn paste_layer(
     let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
     color.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
-            // Light that rounding left without coverage is nothing, as in the composite.
+            // Light whose coverage was rounded to 0 is dropped, as in the composite.
             if let Some(i) = at(row, column).filter(|_| light_alone || half(&t[6..]) > 0.0) {
                 out.rgba[i] = texel(t);
             }

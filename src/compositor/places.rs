@@ -1,50 +1,51 @@
-//! Where a frame's work takes place: what is drawn, and which parts of the picture are made of it.
+//! Where a frame's work takes place: what is drawn, and which pieces of the picture are composited.
 
 use super::mix::Piece;
 use crate::pixels::Rect;
 
-/// What effects at lower resolutions work in: a multiple of a photograph's tiles and of the largest pixels, both 16 px.
+/// Alignment for effects that work at lower resolutions: a multiple of a photograph's tiles and of the coarsest pixels,
+/// both 16 px.
 const GRID_PX: i32 = 32;
 
-/// What is asked for.
+/// The inputs of `Places`.
 #[derive(Clone, Copy, Debug)]
 pub struct Asked {
-    /// Which columns and rows of the picture may be made.
+    /// The columns and rows of the picture that may be made.
     pub region: Rect,
-    /// Where the objects can be while the shutter is open.
+    /// Where objects can be while the shutter is open.
     pub footprint: Rect,
-    /// How far effects look, and how far beyond the objects they draw, all together, px.
+    /// How far effects look, and how far beyond the objects they draw, px, summed over the effects.
     pub reach_px: i32,
     pub spread_px: i32,
-    /// A 360° picture, whose left and right rims are one.
+    /// A 360° picture, whose left and right rims meet.
     pub round: bool,
-    /// All of the region is made, also where nothing virtual lies.
+    /// Whether all of the region is made, even where nothing virtual is.
     pub whole: bool,
-    /// Effects act on what the camera saw, too.
+    /// Whether effects act on the real part too.
     pub real_too: bool,
 }
 
 #[derive(Debug)]
 pub struct Places {
-    /// What the layer covers; may reach beyond the picture.
+    /// The layer's rectangle; may extend beyond the picture.
     pub drawn: Rect,
     /// Where something virtual can be.
     pub objects_px: Rect,
     /// At least one.
     pub pieces: Vec<Piece>,
-    /// Of one that lies across the seam the end is beyond the picture's width.
+    /// For a rectangle across the seam, x1 exceeds the picture's width.
     pub looked_at: Rect,
 }
 
 impl Places {
-    /// `None` where nothing is to be done.
+    /// `None` if there is nothing to do.
     pub fn of(asked: &Asked) -> Option<Self> {
         let Asked { region, round, reach_px, .. } = *asked;
         let width = region.width() as i32;
-        // What lies outside the picture and can be seen in it is drawn too.
+        // Objects outside the picture that can be seen in it are drawn too.
         let mut reach = region.grown(reach_px);
         if round {
-            // Columns go on over the seam.
+            // Columns continue across the seam.
             (reach.x0, reach.x1) = (-width, 2 * width);
         }
         let objects_px =
@@ -53,7 +54,7 @@ impl Places {
         if round && drawn.width() >= region.width() {
             (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);
         }
-        // Lower resolutions have pixels of their own: the same ones in every part of a photograph.
+        // Lower resolutions have larger pixels, which must be the same in every part of a photograph.
         let on_grid = |edge: i32| if asked.whole { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
         let mut pieces = pieces(drawn, region, round);
@@ -74,10 +75,10 @@ impl Places {
     }
 }
 
-/// The pieces of the picture that a layer covers. In a 360° picture what is beyond a rim is at the other one.
+/// The pieces of the picture that a layer covers. In a 360° picture, what is beyond a rim appears at the opposite one.
 fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
     let width = region.width() as i32;
-    // One that covers all of it holds what is beyond the rims twice.
+    // A layer that spans the whole picture already contains what is beyond the rims.
     let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
         let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };

@@ -1,4 +1,4 @@
-//! The first phase of a frame: what is in view, which effects act, where work takes place.
+//! A frame's first phase: what is in view, which effects act, where work takes place.
 
 use super::places::{Asked, Places};
 use super::{Job, RealDepth, Settings, SubmitError};
@@ -10,7 +10,7 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
 
-/// What of the scene is in view while the shutter is open.
+/// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
 pub struct Sight {
     pub shutter: Shutter,
@@ -50,7 +50,7 @@ fn motions(renderer: &Renderer, geometry: &Geometry, now: &Pose, next: &Pose) ->
         .collect()
 }
 
-/// What effects may know of a picture.
+/// The moment: all that effects may know of a picture.
 pub fn moment<'a>(job: &'a Job<'_>, camera: &'a Camera, settings: &Settings, sight: &'a Sight) -> Moment<'a> {
     let real_depths_m = job.real.surfaces().map(Surfaces::range_m);
     let footprint = &sight.footprint;
@@ -63,7 +63,7 @@ pub fn moment<'a>(job: &'a Job<'_>, camera: &'a Camera, settings: &Settings, sig
         recorded: job.frame.exposure,
         interval_s: job.interval_s,
         fastest_px_per_s: footprint.fastest_px_per_s,
-        // Where there are no objects all that lies between depths is real.
+        // Without objects, the depths are those of the real part.
         depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
         real_depths_m,
         objects: &sight.objects,
@@ -79,15 +79,15 @@ impl<'a> RealDepth<'a> {
     }
 }
 
-/// What is to be done, where.
+/// A frame's plan: what is to be done, and where.
 #[derive(Debug)]
 pub struct Plan<'a> {
-    /// The effects that change something, in order.
+    /// The effects that are not neutral, in order.
     pub active: Vec<&'a dyn Effect>,
     pub samples: SamplePlan,
-    /// Where an effect acts on them.
+    /// Only if an effect acts on them.
     pub surfaces: Option<&'a Surfaces>,
-    /// None where there is nothing to do.
+    /// `None` if there is nothing to do.
     pub places: Option<Places>,
 }
 
@@ -145,7 +145,7 @@ impl<'a> Plan<'a> {
         Ok(())
     }
 
-    /// Whether virtual things are hidden behind real ones by an effect, and not before it.
+    /// Whether an effect itself hides virtual things behind real ones, so that they are not hidden before it.
     pub fn hides_itself(&self) -> bool {
         self.surfaces.is_some() && self.active.iter().any(|effect| effect.on_real() == OnReal::ActsAndHides)
     }

@@ -1,4 +1,4 @@
-//! The real part of a photograph as effects see it: its light, and how far away its surfaces are.
+//! The real part of a photograph as effects see it: its light, and the depth of its surfaces.
 
 use crate::camera::Response;
 use crate::depth::Surfaces;
@@ -11,7 +11,7 @@ crate::uniform! {
     struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, gamma: f32 }
 }
 
-/// The real part over `drawn`, which may reach beyond the picture: what lies there is as its edge.
+/// The real part over `drawn`, which may extend beyond the picture: the edge continues there.
 pub fn real_layer(
     recorder: &mut Recorder,
     pixels: &Pixels,
@@ -60,7 +60,7 @@ pub fn real_layer(
     RealLayer { light, behind, depths, tolerance_m, ranges_m }
 }
 
-/// 16 bits over a rectangle; beyond the picture those of its edge.
+/// 16-bit codes over a rectangle. Beyond the picture, the edge continues.
 fn codes(pixels: &Pixels, rect: Rect) -> Vec<[u16; 4]> {
     let scale = (65535 / pixels.max_code()) as u16;
     let place = |at: i32, side: u32| at.clamp(0, side as i32 - 1) as usize;

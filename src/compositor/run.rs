@@ -10,10 +10,10 @@ use crate::frame::Frame;
 use crate::gpu::GpuError;
 use crate::tracking::PoseTrack;
 
-/// How many frames are mostly on the GPU before the first of them is waited for: one is drawn while another comes back.
+/// The usual number of frames in flight: one is drawn while another comes back.
 pub const IN_FLIGHT: usize = 2;
 
-/// What all frames of a stream share.
+/// Shared by all frames of a stream.
 #[derive(Clone, Debug)]
 pub struct Stream<'a> {
     pub camera: Cow<'a, Camera>,
@@ -21,16 +21,16 @@ pub struct Stream<'a> {
     pub track: &'a PoseTrack,
     pub time_offset_s: f64,
     pub want_layers: bool,
-    /// How many frames are on the GPU before the first of them is waited for; 0 is taken for 1.
+    /// Frames to submit before waiting for the first. 0 means 1.
     pub in_flight: usize,
 }
 
-/// A frame with what a stream needs to know of it.
+/// A frame, with what the stream needs to know about it.
 #[derive(Clone, Debug)]
 pub struct Input {
     pub frame: Frame,
     pub geometry: Geometry,
-    /// To the next frame, seconds.
+    /// Seconds to the next frame.
     pub interval_s: f64,
 }
 
@@ -45,7 +45,7 @@ pub enum RunError<E: std::error::Error> {
     Submit { frame: usize, source: SubmitError },
 }
 
-/// Composited frames, in order; what [`Compositor::run`] gives. After an error there is nothing more.
+/// Composited frames, in order, from [`Compositor::run`]. After an error there is nothing more.
 #[derive(Debug)]
 pub struct Run<'a, I> {
     compositor: &'a mut Compositor,
@@ -56,7 +56,7 @@ pub struct Run<'a, I> {
 }
 
 impl Compositor {
-    /// Composites each frame that `frames` gives. Memory does not grow with the length of the stream.
+    /// Composites each frame of `frames`. Memory does not grow with the length of the stream.
     pub fn run<'a, E, I>(&'a mut self, stream: Stream<'a>, frames: I) -> Run<'a, I::IntoIter>
     where
         E: std::error::Error,

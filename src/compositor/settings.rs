@@ -1,4 +1,4 @@
-//! Which effects are on, and how.
+//! Which effects are on, and their parameters.
 
 use std::collections::BTreeMap;
 
@@ -7,28 +7,28 @@ use crate::effects::{self, Effect, EffectError, Moment};
 use crate::params::{ParamError, Params, Value, values};
 
 crate::params! {
-    /// What the recording's depth does.
+    /// How the recording's depth is used.
     pub struct Depth in "depth" {
         "hide objects behind what the recording's depth shows nearer" occlusion: bool = true;
         "how much nearer the real surface must be to hide an object" tolerance_m: f32 = 0.02, "m", 0.0..=100.0;
     }
 }
 
-/// What is done to pictures, and how. A plain value.
+/// Everything that is done to pictures. A plain value.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub struct Settings {
-    /// In the order in which they work.
+    /// In the order in which they run.
     effects: Vec<Box<dyn Effect>>,
-    /// One for each effect: whether it may run at all.
+    /// For each effect, whether it may run at all.
     enabled: Vec<bool>,
     pub depth: Depth,
     pub seed: u64,
-    /// Whether the camera's exposure stands above what the recording says of each frame.
+    /// Whether the camera's exposure overrides what the recording reports for each frame.
     pub overrule_recorded_exposure: bool,
 }
 
-/// Settings as text holds them.
+/// The serialised form of settings.
 #[derive(serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
@@ -52,7 +52,7 @@ impl From<Settings> for Written {
     }
 }
 
-/// Why a text holds no settings.
+/// Why a text is not valid settings.
 #[derive(Debug, thiserror::Error)]
 pub enum WrittenError {
     #[error(transparent)]
@@ -82,7 +82,7 @@ impl TryFrom<Written> for Settings {
     }
 }
 
-/// A name that is none of an effect.
+/// A name that is not an effect's.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("there is no effect {name}; there are: {known}")]
 pub struct SettingsError {
@@ -106,14 +106,14 @@ impl Settings {
         })
     }
 
-    /// Leaves on only the effects named.
+    /// Switches all effects off but those named.
     pub fn only(&mut self, names: &[String]) -> Result<(), SettingsError> {
         let wanted = names.iter().map(|n| self.position(n)).collect::<Result<Vec<_>, _>>()?;
         self.enabled.iter_mut().enumerate().for_each(|(i, on)| *on = wanted.contains(&i));
         Ok(())
     }
 
-    /// Switches the effects named off.
+    /// Switches the named effects off.
     pub fn without(&mut self, names: &[String]) -> Result<(), SettingsError> {
         names.iter().try_for_each(|name| self.switch(name, false))
     }
@@ -125,23 +125,23 @@ impl Settings {
         Ok(())
     }
 
-    /// Whether an effect is switched on; it may be neutral all the same. False for a name that is none.
+    /// Whether an effect is switched on. It may still be neutral. False for an unknown name.
     pub fn is_on(&self, name: &str) -> bool {
         self.on().any(|effect| effect.table() == name)
     }
 
-    /// All effects in the order in which they work, on or off.
+    /// All effects in the order in which they run, on or off.
     pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
         self.effects.iter().map(AsRef::as_ref)
     }
 
-    /// Every effect and occlusion off; the camera's geometry stays on.
+    /// Switches every effect and occlusion off. The camera's geometry stays on.
     pub fn plain(&mut self) {
         self.enabled.fill(false);
         self.depth.occlusion = false;
     }
 
-    /// Whether a camera has what the effects that are switched on need: to be asked before anything is written.
+    /// Whether the camera has what the effects that are on need. To be called before anything is written.
     pub fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         self.on().try_for_each(|effect| effect.check(camera, geometry))
     }
@@ -151,17 +151,17 @@ impl Settings {
         self.effects.iter().zip(&self.enabled).filter(|(_, on)| **on).map(|(effect, _)| effect.as_ref())
     }
 
-    /// Those of them that change something in a picture.
+    /// The effects that are on and not neutral.
     pub fn active<'s>(&'s self, moment: &Moment<'_>) -> Vec<&'s dyn Effect> {
         self.on().filter(|effect| !effect.is_neutral(moment)).collect()
     }
 
-    /// Whether an effect that is switched on acts on what the camera saw, too.
+    /// Whether an effect that is on acts on the real part too.
     pub fn acts_on_real(&self) -> bool {
         self.on().any(|effect| effect.on_real().acts())
     }
 
-    /// Settings of effects switched on that do nothing with a camera, each with the reason.
+    /// For each effect that is on but set so that it does nothing with this camera, the reason.
     pub fn idle(&self, camera: &Camera) -> Vec<&'static str> {
         self.on().filter_map(|effect| effect.idle(camera)).collect()
     }
@@ -180,7 +180,7 @@ impl Settings {
         tables
     }
 
-    /// Sets one parameter; the table must be one of [`Settings::tables`].
+    /// Sets one parameter. `None` if the table is not one of [`Settings::tables`].
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Option<Result<(), ParamError>> {
         self.tables_mut().into_iter().find(|t| t.table() == table).map(|t| t.set(name, value))
     }

@@ -1,10 +1,10 @@
-//! What tells surfaces from each other.
+//! Criteria that separate surfaces from each other.
 
-/// Depths beside each other that differ by more than this factor belong to two surfaces; a floor seen under 15° from 4 m
+/// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen under 15° from 4 m
 /// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl is the same.
 pub const JUMP: f32 = 1.04;
 
-/// How far apart two colours are (square roots of light).
+/// The difference of two colours (square roots of light).
 pub fn apart(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
 }

@@ -1,12 +1,13 @@
-//! What stands behind the nearest surface, beside its edges: depth and light, made up.
+//! Synthesises depth and light behind the nearest surface, near its edges.
 //!
-//! A blurred edge lets through what no camera saw (one step of the layered depth images of Shade et al. 1998). It is taken from
-//! beside: what is seen next to an edge goes on behind it, pixel by pixel, each the mean of those around it that are known.
+//! A blurred edge lets light through from places that no camera saw (one step of the layered depth images of Shade et
+//! al. 1998). The surface next to an edge is continued behind it, pixel by pixel, each the mean of the known pixels
+//! around it.
 
 use super::apart::JUMP;
 
-/// Depth and linear light behind, row by row; where nothing is to be uncovered, the surface's own. It goes `reach_px`
-/// far in from an edge.
+/// Depth and linear light behind, row by row. Where nothing can be uncovered they are the surface's own. They are
+/// synthesised up to `reach_px` in from an edge.
 pub fn made_up(depth_m: &[f32], light: &[[f32; 3]], width: usize, reach_px: usize) -> (Vec<f32>, Vec<[f32; 3]>) {
     let height = depth_m.len() / width.max(1);
     let (mut behind_m, mut behind_light) = (depth_m.to_vec(), light.to_vec());
@@ -23,7 +24,7 @@ pub fn made_up(depth_m: &[f32], light: &[[f32; 3]], width: usize, reach_px: usiz
     for _ in 0..reach_px {
         let mut new = Vec::with_capacity(edge.len());
         for &i in &edge {
-            // What is seen there, or was made up there before.
+            // Seen there, or synthesised there before.
             let mut sum = [0.0f32; 5];
             for n in around(i).filter(|&n| is_behind(behind_m[n], i)) {
                 let [r, g, b] = behind_light[n];
@@ -60,7 +61,7 @@ mod tests {
 
     #[test]
     fn what_is_beside_an_edge_goes_on_behind_it() {
-        // A dark post at 1 m, columns 8 to 15, before a wall at 2 m that is brighter at its right.
+        // A dark post at 1 m, columns 8 to 15, in front of a wall at 2 m that is brighter on the right.
         let (width, height) = (24, 9);
         let depth: Vec<f32> =
             (0..width * height).map(|i| if (8..16).contains(&(i % width)) { 1.0 } else { 2.0 }).collect();

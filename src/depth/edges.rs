@@ -1,37 +1,40 @@
-//! Depth whose edges lie where the picture's do.
+//! Moves the edges of a depth map to those of the picture.
 //!
-//! Edges of a measured map are ragged, and lie pixels beside those of the picture: a structured-light sensor matches patches
-//! of several pixels, and neither its time nor its place is quite the picture's. What it says near an edge is doubtful, and what
-//! it says farther from one is not. So each doubtful pixel goes with the trusted one from which it is reached the cheapest way: a
-//! way costs a little for its length, and as much as colours change under it (the geodesic distance of Criminisi et al. 2008,
-//! with the sum of both in place of the root of their squares); to start at a doubtful pixel costs the more the nearer it is to an
-//! edge. Surfaces so meet where colours part most, and half-way where none do, which is where the edge was.
+//! The edges of a measured map are ragged, and pixels away from those of the picture: a structured-light sensor matches
+//! patches of several pixels, and neither its time nor its place is quite the picture's. Its depth is doubtful near an
+//! edge and reliable farther away. So each doubtful pixel takes its depth from the trusted pixel with the cheapest path
+//! to it. A path costs a little for its length, and as much as colours change along it (the geodesic distance of
+//! Criminisi et al. 2008, with the sum of both instead of the root of their squares). Starting at a doubtful pixel
+//! costs more the nearer it is to an edge. Surfaces thus meet where colours differ most, and where no colours differ,
+//! half-way, which is where the edge was.
 //!
-//! Whether a map needs this is asked of itself: one whose edges are on the picture's (a simulated one) is left as it is.
+//! Whether a map needs this is found from the map itself: one whose edges are on the picture's (a simulated one) is
+//! left as it is.
 //!
-//! Not modelled: edges farther off than is doubted; edges between things of one colour (they stay where they were measured); slits
-//! that lie in the shade of their own sides.
+//! Not modelled: edges that are off by more than the range of doubt; edges between things of one colour (they stay
+//! where they were measured); slits within the shade of their own sides.
 
 use super::apart::{JUMP, apart};
 
-/// How far the map's edges may lie beside the picture's, as a share of its width: those of a Kinect do by up to 8 of 640 px.
+/// How far the map's edges may be from the picture's, as a share of its width. A Kinect's are off by up to 8 of 640 px.
 pub const MOST_OFF: f64 = 8.0 / 640.0;
-/// Colours (square roots of light) that are less apart from pixel to pixel are one: noise and fine texture.
+/// Smaller differences of colour (square roots of light) from pixel to pixel are ignored: noise and fine texture.
 const NOISE: f32 = 0.02;
-/// What it costs to believe the map at an edge, in the same unit; less by straight line to nothing where it is trusted.
+/// The cost of trusting the map at an edge, in the same unit. It falls linearly to 0 where the map is trusted.
 const DOUBT: f32 = 0.3;
-/// To believe what was guessed in a shade: less than most contrasts of two things, and more than a way through one.
+/// The cost of trusting a guess in a shade: less than most contrasts between two things, and more than a path through
+/// one.
 const GUESS: f32 = 0.05;
-/// And what the length of a way costs, for one as long as edges are doubted far.
+/// The cost of a path as long as the range of doubt.
 const WAY: f32 = 0.015;
-/// Colours part at an edge that are so far apart, across one pixel.
+/// Colours that differ by more than this across one pixel are an edge of the picture.
 const PARTED: f32 = 0.03;
-/// An edge lies on the picture's where colours part there by this share of the most they do nearby. So do 80 % of a
-/// simulated map's edges, and 25 to 35 % of a Kinect's.
+/// A depth edge is on the picture's if colours differ there by this share of the largest difference nearby. That holds
+/// for 80 % of a simulated map's edges, and 25 to 35 % of a Kinect's.
 const ON_PICTURE: f32 = 0.5;
 
-/// Whether the map's edges lie beside those of the picture: at less than half of them, of those where colours part within
-/// `reach_px`, they do so right there.
+/// Whether the map's edges are away from the picture's. Only edges with an edge of the picture within `reach_px` count;
+/// fewer than half of them are right on it.
 pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usize) -> bool {
     let height = depth_m.len() / width.max(1);
     let (mut all, mut on_picture) = (0usize, 0usize);
@@ -56,8 +59,8 @@ fn is_edge(a: f32, b: f32) -> bool {
     a.max(b) > JUMP * a.min(b)
 }
 
-/// The map with its edges on those of the picture, where it is doubted up to `reach_px` from them, and most where it was
-/// `guessed`. `looks`: square roots of light.
+/// The map with its edges moved to the picture's. It is doubted up to `reach_px` from them, and where it was `guessed`.
+/// `looks`: square roots of light.
 pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: usize, reach_px: usize) -> Vec<f32> {
     let mut out = depth_m.to_vec();
     let reach_px = reach_px.max(1) as f32;
@@ -79,14 +82,14 @@ pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: u
             let (so_far, i) = (f32::from_bits(bits), i as usize);
             for (n, length) in around.of(i) {
                 let way = so_far + WAY / reach_px * length;
-                // Colours only add to it.
+                // Colours only add to the cost.
                 if way >= cost[n] {
                     continue;
                 }
                 let all = way + (apart(&looks[i], &looks[n]) - NOISE).max(0.0);
                 if all < cost[n] {
                     cost[n] = all;
-                    // What was measured there, as long as it is of the surface that comes.
+                    // The depth measured there, if it belongs to the surface that spreads.
                     out[n] = if is_edge(depth_m[n], out[i]) { out[i] } else { depth_m[n] };
                     queue.push(all, n);
                 }
@@ -96,8 +99,8 @@ pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: u
     out
 }
 
-/// Pixels by what it costs to reach them, in levels (Dial 1969). A step costs more than a level is high, so that none of a
-/// level's pixels is on the way to another of them.
+/// Pixels by the cost to reach them, in levels (Dial 1969). A step costs more than the height of a level, so no pixel
+/// of a level is on the path to another.
 struct Queue {
     per_cost: f32,
     levels: Vec<Vec<(u32, u32)>>,
@@ -109,7 +112,7 @@ impl Queue {
         Self { per_cost: 1.01 / least_step, levels: Vec::new(), next: 0 }
     }
 
-    /// No cost is negative, so their bits are in their order.
+    /// Costs are not negative, so their bits sort like the numbers.
     fn push(&mut self, cost: f32, i: usize) {
         let level = (cost * self.per_cost) as usize;
         if level >= self.levels.len() {
@@ -118,7 +121,7 @@ impl Queue {
         self.levels[level].push((cost.to_bits(), i as u32));
     }
 
-    /// Puts the cheapest level in the place of what is there; false where none is left.
+    /// Replaces `level` by the cheapest level left. False if there is none.
     fn next_level(&mut self, level: &mut Vec<(u32, u32)>) -> bool {
         level.clear();
         let Some(next) = self.levels.get_mut(self.next) else { return false };
@@ -128,7 +131,7 @@ impl Queue {
     }
 }
 
-/// The pixels around each.
+/// The neighbours of pixels.
 struct Around {
     width: usize,
     height: usize,
@@ -139,7 +142,7 @@ impl Around {
         Self { width, height: count / width.max(1) }
     }
 
-    /// The eight around a pixel, row by row, and how far they are, px; fewer at the rim.
+    /// The eight neighbours of a pixel, row by row, with their distances, px. Fewer at the rim.
     fn of(&self, i: usize) -> impl Iterator<Item = (usize, f32)> + use<> {
         const FAR: f32 = std::f32::consts::SQRT_2;
         const STEPS: [(isize, isize, f32); 8] = [
@@ -153,7 +156,7 @@ impl Around {
             (1, 1, FAR),
         ];
         let (x, y, width) = (i % self.width, i / self.width, self.width as isize);
-        // Whether there is something left, right, above and below.
+        // Whether there are pixels left, right, above and below.
         let (left, right, above, below) = (x > 0, x + 1 < self.width, y > 0, y + 1 < self.height);
         STEPS.into_iter().filter_map(move |(dx, dy, length)| {
             let inside = (dx >= 0 || left) && (dx <= 0 || right) && (dy >= 0 || above) && (dy <= 0 || below);
@@ -162,7 +165,7 @@ impl Around {
     }
 }
 
-/// From each pixel's middle to the nearest edge of the map, by straight and diagonal steps, px.
+/// Distance from each pixel's centre to the nearest edge of the map, by straight and diagonal steps, px.
 fn from_edges_px(depth_m: &[f32], width: usize) -> Vec<f32> {
     let around = Around::new(width, depth_m.len());
     let mut far = vec![f32::INFINITY; depth_m.len()];
@@ -182,12 +185,12 @@ fn from_edges_px(depth_m: &[f32], width: usize) -> Vec<f32> {
     far
 }
 
-/// Nearer surfaces one pixel wider: a pixel on an edge shows both, and is left with the nearer one, so that it neither
-/// glows in what is blurred behind nor is blurred away. With `looks` only where it does look like a mixture of the two: what
-/// sharpening in the camera makes darker or brighter than both does not.
+/// Nearer surfaces, widened by one pixel. A pixel on an edge shows both surfaces and is given to the nearer one, so
+/// that it neither glows in the blurred background nor is blurred away. With `looks`, only pixels that look like a
+/// mixture of the two are changed: those that the camera's sharpening made darker or brighter than both are not.
 pub fn widened(depth_m: &[f32], looks: Option<&[[f32; 3]]>, width: usize) -> Vec<f32> {
     let height = depth_m.len() / width.max(1);
-    // Beside it on one side, and on the other.
+    // `near` and `far` are the neighbours on either side.
     let is_mixed = |i: usize, near: usize, far: Option<usize>| {
         let Some((looks, far)) = looks.zip(far) else { return true };
         let both = apart(&looks[near], &looks[far]);
@@ -213,12 +216,12 @@ pub fn widened(depth_m: &[f32], looks: Option<&[[f32; 3]]>, width: usize) -> Vec
 mod tests {
     use super::*;
 
-    /// Dark up to column 20, bright from there.
+    /// Dark up to column 20, bright from there on.
     fn parted(width: usize, height: usize) -> Vec<[f32; 3]> {
         (0..width * height).map(|i| [if i % width < 20 { 0.2 } else { 0.8 }; 3]).collect()
     }
 
-    /// At 1 m up to a column that goes by the row, 3 m from there.
+    /// 1 m up to a column that depends on the row, 3 m from there on.
     fn stepped(width: usize, height: usize, edge: impl Fn(usize) -> usize) -> Vec<f32> {
         (0..width * height).map(|i| if i % width < edge(i / width) { 1.0 } else { 3.0 }).collect()
     }
@@ -227,7 +230,7 @@ mod tests {
     fn a_ragged_edge_goes_where_the_colours_part() {
         let (width, height) = (48, 32);
         let looks = parted(width, height);
-        // Off by 1 to 5 px, to either side.
+        // Off by 1 to 5 px, in either direction.
         let depth = stepped(width, height, |y| [15, 18, 23, 25, 21, 16][y / 2 % 6]);
         assert!(are_off(&depth, &looks, width, 8));
         let out = on_colors(&depth, &vec![false; depth.len()], &looks, width, 8);
@@ -243,7 +246,7 @@ mod tests {
         let depth = stepped(width, height, |_| 20);
         assert!(!are_off(&depth, &looks, width, 8));
         assert!(are_off(&stepped(width, height, |_| 22), &looks, width, 8));
-        // Nothing tells of it.
+        // The picture gives no evidence.
         assert!(!are_off(&depth, &vec![[0.3; 3]; depth.len()], width, 8));
         assert!(!are_off(&[], &[], 0, 8));
     }
@@ -253,7 +256,7 @@ mod tests {
         let depth = stepped(48, 32, |_| 21);
         let (grey, measured) = (vec![[0.3; 3]; depth.len()], vec![false; depth.len()]);
         assert_eq!(on_colors(&depth, &measured, &grey, 48, 8), depth);
-        // A floor that recedes by 2 % a row.
+        // A floor that recedes by 2 % per row.
         let floor: Vec<f32> = (0..400).map(|i| 1.02f32.powi(20 - i / 20)).collect();
         assert_eq!(on_colors(&floor, &[false; 400], &[[0.3; 3]; 400], 20, 8), floor);
         assert_eq!(widened(&floor, None, 20), floor);
@@ -261,7 +264,7 @@ mod tests {
 
     #[test]
     fn what_was_guessed_goes_with_what_it_looks_like() {
-        // The thing's own last ten columns were not measured, and are held for the wall in its shade.
+        // The thing's own last ten columns were not measured, and are taken for the wall in its shade.
         let (width, height) = (48, 32);
         let depth = stepped(width, height, |_| 10);
         let guessed: Vec<bool> = (0..depth.len()).map(|i| (10..20).contains(&(i % width))).collect();
@@ -271,7 +274,7 @@ mod tests {
 
     #[test]
     fn a_thin_thing_does_not_get_lost() {
-        // A dark post 3 px wide, measured 1 px beside where it is seen.
+        // A dark post 3 px wide, measured 1 px away from where it is seen.
         let (width, height) = (48, 32);
         let post = |first: usize| move |i: usize| (first..first + 3).contains(&(i % width));
         let looks: Vec<_> = (0..width * height).map(|i| [if post(20)(i) { 0.2 } else { 0.8 }; 3]).collect();

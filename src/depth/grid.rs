@@ -1,4 +1,4 @@
-//! The recorded depth on a grid over a photograph, its gaps filled and its edges put on the picture's.
+//! The recorded depth on a grid over a photograph, with its gaps filled and its edges moved to the picture's.
 
 use glam::DVec2;
 
@@ -6,28 +6,28 @@ use super::{edges, holes};
 use crate::camera::{Framed, Intrinsics, Response};
 use crate::pixels::{Pixels, Rect};
 
-/// The grid has no more pixels.
+/// The largest number of pixels in the grid.
 const MOST_PIXELS: f64 = 2.0e6;
 
-/// What a photograph's real part shows, and how far away it is: `width * height` values each, row by row.
+/// The light and depth of a photograph's real part: `width * height` values each, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthGrid {
     pub width: u32,
     pub height: u32,
-    /// Pixels of the photograph for one of the grid, 1 or more.
+    /// Pixels of the photograph per pixel of the grid, 1 or more.
     pub enlargement: f64,
     /// z, metres; known everywhere.
     pub depth_m: Vec<f32>,
     /// Linear light.
     pub light: Vec<[f32; 3]>,
-    /// Whether its edges were beside the picture's, and are wider now by what a soft edge of the picture takes.
+    /// Whether nearer surfaces have been widened by a pixel, for the picture's soft edges.
     pub is_widened: bool,
 }
 
 impl DepthGrid {
-    /// By the recorded camera's depth (`depth_m`, its picture's size, 0 where nothing is known). `framed` says where in the
-    /// recorded picture the photograph lies. `None` where the depth is of another size, or nothing was measured in what the
-    /// photograph shows.
+    /// From the recorded camera's depth (`depth_m`, of its picture's size, 0 where unknown). `framed` is the
+    /// photograph's place in the recorded picture. `None` if the depth has another size, or nothing was measured in the
+    /// photograph's view.
     pub fn new(
         pixels: &Pixels,
         recorded: &Intrinsics,
@@ -39,7 +39,7 @@ impl DepthGrid {
         if depth_m.len() != whole_width * whole_height {
             return None;
         }
-        // A pixel of the grid for one of the recording, or of the photograph where that is coarser.
+        // One pixel of the grid per pixel of the recording, or of the photograph if those are larger.
         let area = f64::from(pixels.width) * f64::from(pixels.height);
         let enlargement = framed.step.recip().max((area / MOST_PIXELS).sqrt()).max(1.0);
         let side = |pixels: u32| (f64::from(pixels) / enlargement).ceil().max(1.0) as u32;
@@ -64,7 +64,7 @@ impl DepthGrid {
         let of_recorded = framed.step * enlargement;
         let guessed = holes::fill(&mut depth_m, &looks, columns, (recorded.fx_px / of_recorded) as f32)?;
         let off_px = (f64::from(recorded.width_px) * edges::MOST_OFF / of_recorded).round() as usize;
-        // A map whose edges are on the picture's hides to the pixel; it needs nothing wider.
+        // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
         let is_widened = edges::are_off(&depth_m, &looks, columns, off_px);
         if is_widened {
             let on_colors = edges::on_colors(&depth_m, &guessed, &looks, columns, off_px);
@@ -73,7 +73,7 @@ impl DepthGrid {
         Some(Self { width, height, enlargement, depth_m, light, is_widened })
     }
 
-    /// Column and row of the grid under a pixel of the photograph or beside it.
+    /// The index in the grid of a pixel of the photograph, clamped to its rim.
     pub fn index(&self, x: i32, y: i32) -> usize {
         let place = |at: i32, side: u32| ((f64::from(at) + 0.5) / self.enlargement).clamp(0.0, f64::from(side - 1));
         place(y, self.height) as usize * self.width as usize + place(x, self.width) as usize

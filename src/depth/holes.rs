@@ -1,38 +1,42 @@
 //! Depth where the sensor measured none.
 //!
-//! A structured-light sensor sees from one place and lights from another beside it: what a near thing shades from the
-//! light has no depth, and lies behind it, at its side (Khoshelham & Elberink 2012). So has what comes into view
-//! when depth is carried to another moment. Of the two ends of such a gap the farther one is what goes on in it, as in
-//! views made up from depth (Fehn 2004). How wide a shade can be is known: the places at which a point seen at z is
-//! looked for lie f·b/z apart for eyes b apart, so that of an edge between z₁ and z₂ is f·b·(1/z₁ − 1/z₂) wide.
+//! A structured-light sensor sees from one place and projects its light from another next to it. Where a near thing
+//! blocks the light there is no depth: a shade behind the thing, on one side (Khoshelham & Elberink 2012). The same
+//! holds for what comes into view when depth is carried to another moment. The farther of the two ends of such a gap
+//! continues in it, as in views synthesised from depth (Fehn 2004). The largest width of a shade is known: with a
+//! baseline b the disparity of a point at z is f·b/z, so the shade of an edge between z₁ and z₂ is f·b·(1/z₁ − 1/z₂)
+//! wide.
 //!
-//! Wider gaps are dark or shining things, and rims that the sensor does not see. In them 1/z is the smoothest there is
-//! between what was measured around (Laplace's equation: a plane's 1/z is linear in the picture, so planes go on
-//! through them), where smoothness counts little between pixels that do not look alike (as colours are spread by Levin et al. 2004).
-//! So a dark thing takes the depth of what was measured on it, as a whole, and not that of what is beside it.
+//! Wider gaps are dark or shiny things, and rims that the sensor does not see. In them 1/z is the smoothest
+//! interpolation of what was measured around (Laplace's equation: a plane's 1/z is linear in the picture, so planes
+//! continue through them). Smoothness counts little between pixels that look different (as in the colourisation of
+//! Levin et al. 2004). So a dark thing takes the depth measured on it, as a whole, and not that of its surroundings.
 
 use super::apart::apart;
 
-/// From a sensor's light to its eye at most, metres: 75 mm in the Kinect, 95 mm in the widest that is held by hand.
+/// Longest distance between a sensor's projector and its camera, metres: 75 mm in the Kinect, 95 mm in the widest
+/// hand-held one.
 const BASELINE_M: f32 = 0.095;
-/// What else a shade's ends are frayed by, px.
+/// How much the ends of a shade may be frayed in addition, px.
 const FRAYED_PX: f32 = 4.0;
-/// σ of colours (square roots of light) that are of one thing, and what is left between those that are not.
+/// σ of colours (square roots of light) within one thing, and the weight that remains between different things.
 const COLOR_SIGMA: f32 = 0.03;
 const BETWEEN_THINGS: f32 = 1e-3;
-/// Rounds of relaxation at each size, and over-relaxation (1.7: sizes are halved, so that each has its own waves alone to settle).
+/// Rounds of relaxation at each size, and over-relaxation (1.7: sizes are halved, so each has only its own wavelengths
+/// to settle).
 const ROUNDS: usize = 80;
 const OVER: f32 = 1.7;
 
-/// Fills the gaps (0 and what is no distance) of a map, row by row. `looks`: square roots of its picture's light;
-/// `focal_px`: of its pixels. Says which pixels are in a shade. `None` where nothing was measured at all.
+/// Fills the gaps (0 and values that are not distances) of a map, row by row. `looks`: square roots of its picture's
+/// light. `focal_px`: focal length in its pixels. Returns which pixels are in a shade. `None` if nothing was measured
+/// at all.
 pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32) -> Option<Vec<bool>> {
     let known: Vec<bool> = depth_m.iter().map(|z| z.is_finite() && *z > 0.0).collect();
     if width == 0 || !known.contains(&true) {
         return None;
     }
     let height = depth_m.len() / width;
-    // Of each pixel in a shade: how wide it is, and its farther end. The shorter way across decides.
+    // For each pixel in a shade: the shade's width, and the depth of its farther end. The shorter way across decides.
     let mut shade = vec![(usize::MAX, 0.0f32); depth_m.len()];
     for y in 0..height {
         shades(depth_m, &known, &mut shade, [y * width, 1, width], focal_px);
@@ -48,7 +52,7 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
     if is_fixed.contains(&false) {
         let values = depth_m.iter().zip(&is_fixed).map(|(z, fixed)| if *fixed { z.recip() } else { 0.0 }).collect();
         let smooth = Grid { width, values, is_fixed: is_fixed.clone(), looks: looks.to_vec() }.relaxed();
-        // No smooth map goes beyond what it is fixed to; rounding may.
+        // A smooth map stays within the range of what it is fixed to, but rounding may not.
         let measured = || depth_m.iter().zip(&is_fixed).filter(|(_, fixed)| **fixed).map(|(z, _)| *z);
         let range = [measured().fold(f32::INFINITY, f32::min), measured().fold(0.0, f32::max)];
         for i in (0..depth_m.len()).filter(|&i| !is_fixed[i]) {
@@ -58,7 +62,7 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
     Some(is_shade)
 }
 
-/// Along one line of pixels (its first, from one to the next, how many): what is as narrow as a shade between its ends.
+/// Marks, along one line of pixels (first index, step, count), gaps narrow enough to be a shade between their ends.
 fn shades(depth_m: &[f32], known: &[bool], shade: &mut [(usize, f32)], line: [usize; 3], focal_px: f32) {
     let [first, step, count] = line;
     let at = |n: usize| first + n * step;
@@ -79,7 +83,7 @@ fn shades(depth_m: &[f32], known: &[bool], shade: &mut [(usize, f32)], line: [us
     }
 }
 
-/// Values, and which of them stay.
+/// Values, and which of them are fixed.
 struct Grid {
     width: usize,
     values: Vec<f32>,
@@ -88,12 +92,12 @@ struct Grid {
 }
 
 impl Grid {
-    /// With the others smooth between those; there is at least one.
+    /// Makes the others smooth between the fixed ones, of which there is at least one.
     fn relaxed(mut self) -> Self {
         let (width, height) = (self.width, self.values.len() / self.width);
         let open: Vec<usize> = (0..self.values.len()).filter(|&i| !self.is_fixed[i]).collect();
         if width.min(height) > 2 {
-            // Long waves settle on a grid of half the size.
+            // Long wavelengths settle on a grid of half the size.
             let half = self.half().relaxed();
             for &i in &open {
                 self.values[i] = half.values[i / width / 2 * half.width + i % width / 2];
@@ -108,7 +112,7 @@ impl Grid {
         self
     }
 
-    /// Means of squares of 2 × 2; of values those that stay.
+    /// Means of squares of 2 × 2; for values, of the fixed ones.
     fn half(&self) -> Self {
         let height = self.values.len() / self.width;
         let (w, h) = (self.width.div_ceil(2), height.div_ceil(2));
@@ -137,12 +141,12 @@ impl Grid {
     }
 }
 
-/// Open pixels and what they are tied to, from diagonal to diagonal: of one diagonal none is beside another, so that a
-/// processor works on several at a time, and what comes out is what it is row by row.
+/// Open pixels and their links, diagonal by diagonal. No two pixels of a diagonal are neighbours, so that a processor
+/// works on several at a time. The result is the same as row by row.
 struct Links {
-    /// Pixels: the open ones, then those beside them.
+    /// Pixels: the open ones, then their neighbours.
     pixels: Vec<u32>,
-    /// For each open one those beside it, by their places in `pixels`, and how firmly.
+    /// For each open pixel its neighbours, as indices into `pixels`, with weights.
     beside: Vec<[(u32, f32); 4]>,
 }
 
@@ -180,11 +184,11 @@ impl Links {
         Self { pixels, beside }
     }
 
-    /// Relaxes the open ones.
+    /// Relaxes the open pixels.
     fn settle(&self, values: &mut [f32]) {
         let mut held: Vec<f32> = self.pixels.iter().map(|&i| values[i as usize]).collect();
         for round in 0..ROUNDS {
-            // The last rounds settle what over-relaxing leaves.
+            // The last rounds settle what over-relaxation leaves.
             let over = if round + 8 < ROUNDS { OVER } else { 1.0 };
             let mut settle = |(n, beside): (usize, &[(u32, f32); 4])| {
                 let (sum, all) = beside.iter().fold((0.0, 0.0), |(s, a), (n, w)| (s + w * held[*n as usize], a + w));
@@ -192,7 +196,7 @@ impl Links {
                     held[n] += over * (sum / all - held[n]);
                 }
             };
-            // There and back.
+            // Alternating directions.
             if round.is_multiple_of(2) {
                 self.beside.iter().enumerate().for_each(&mut settle);
             } else {
@@ -214,7 +218,7 @@ mod tests {
 
     #[test]
     fn a_shade_is_what_stands_farther_at_its_ends() {
-        // A thing at 1 m before a wall at 3 m, and its shadow right of it.
+        // A thing at 1 m in front of a wall at 3 m, and its shade to the right.
         let row = [3.0, 3.0, 1.0, 1.0, 0.0, 0.0, 3.0, 3.0];
         let mut depth: Vec<f32> = (0..8).flat_map(|_| row).collect();
         let guessed = fill(&mut depth, &[GREY; 64], 8, 500.0).unwrap();
@@ -226,7 +230,7 @@ mod tests {
 
     #[test]
     fn the_shorter_way_through_a_shade_decides() {
-        // A gap two rows high across a thing: between its own rows, and not the walls beside it.
+        // A gap two rows high across a thing: filled from its own rows, not from the walls at its sides.
         let mut depth = vec![1.0f32; 9 * 9];
         for y in 0..9 {
             (depth[y * 9], depth[y * 9 + 8]) = (4.0, 4.0);
@@ -239,7 +243,7 @@ mod tests {
 
     #[test]
     fn a_dark_thing_takes_its_own_depth_where_little_of_it_was_measured() {
-        // A black square at 1 m before a grey wall at 2 m; of it 12 pixels were measured.
+        // A black square at 1 m in front of a grey wall at 2 m; 12 of its pixels were measured.
         let (width, height) = (96, 80);
         let inside = |i: usize| (20..80).contains(&(i % width)) && (10..70).contains(&(i / width));
         let looks: Vec<_> = (0..width * height).map(|i| if inside(i) { BLACK } else { GREY }).collect();
@@ -259,7 +263,7 @@ mod tests {
 
     #[test]
     fn planes_go_on_through_wide_gaps() {
-        // 1/z = 0.4 + 0.004 x + 0.002 y
+        // 1/z = 0.4 + 0.004 x + 0.002 y.
         let (width, height) = (90, 70);
         let plane = |i: usize| 1.0 / (0.4 + 0.004 * (i % width) as f32 + 0.002 * (i / width) as f32);
         let gap = |i: usize| (20..70).contains(&(i % width)) && (15..60).contains(&(i / width));

@@ -1,9 +1,8 @@
 //! The depth sensor's map, seen from where the camera was when the frame was taken.
 //!
-//! Depth and colour have different timestamps: at 1000 px/s 10 ms are 10 px. So each measured
-//! point is carried to the frame's moment by the poses (which are those of a static room).
-//! Not modelled: the sensor's own readout; what came into view between the two moments stays
-//! unknown here (`repaired` fills it).
+//! Depth and colour have different timestamps: at 1000 px/s, 10 ms are 10 px. So each measured point is carried to the
+//! frame's moment by the poses (assuming that the room is static). Not modelled: the sensor's own readout. What came
+//! into view between the two moments stays unknown here (`repaired` fills it).
 
 use glam::{DVec2, DVec3};
 
@@ -12,7 +11,7 @@ use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
 
-/// From where a map of a camera's was measured; or why it can hide nothing.
+/// The pose from which a camera's map was measured, or why the map hides nothing.
 pub fn measured_from(
     depth: &DepthMap,
     camera: &Geometry,
@@ -26,16 +25,16 @@ pub fn measured_from(
     track.at(depth.timestamp_s + time_offset_s).map_err(|why| format!("no pose of the depth: {why}"))
 }
 
-/// The rays through a camera's pixel centres, found once.
+/// The rays through a camera's pixel centres, computed once.
 #[derive(Debug)]
 pub struct Rays {
     geometry: Geometry,
-    /// Row by row, so long that a depth times it is the point; NaN where nothing is seen, or no depth can be told.
+    /// Row by row, scaled so that depth × ray is the point. NaN where nothing is seen, or no depth is defined.
     rays: Vec<[f32; 3]>,
 }
 
-/// A frame's depth as it is seen at the frame's moment, metres, row by row; 0 where nothing is known. None where there is
-/// no pose for one of the moments.
+/// A frame's depth as seen at the frame's moment, metres, row by row; 0 where unknown. `None` if there is no pose for
+/// one of the moments.
 pub fn seen_at_frame(
     recorded: &Geometry,
     depth: &DepthMap,
@@ -49,7 +48,7 @@ pub fn seen_at_frame(
     Some(Rays::new(recorded).reproject(depth, &measured, &taken, whole))
 }
 
-/// The rays of the camera asked for last.
+/// The rays of the camera that was last asked for.
 #[derive(Debug, Default)]
 pub struct RayCache(Option<Rays>);
 
@@ -73,17 +72,16 @@ impl Rays {
         Self { geometry: geometry.clone(), rays }
     }
 
-    /// Of which camera.
+    /// The camera of these rays.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
 
-    /// Depth over `rect` at the frame's moment, metres; 0 where nothing is known. Distance from the camera where a plane
-    /// does not hold the picture, else z. In a 360° picture `rect` may reach over the left and right rims.
+    /// Depth over `rect` at the frame's moment, metres; 0 where unknown. It is distance from the camera if the picture
+    /// does not fit a plane, otherwise z. In a 360° picture `rect` may extend beyond the left and right rims.
     ///
-    /// Each point covers the 2×2 pixels around where it lands, so that a grid of points a little
-    /// magnified leaves no holes; the nearest wins. A map of another size than the camera's
-    /// picture tells nothing.
+    /// Each point covers the 2×2 pixels around where it lands, so that slightly magnified points leave no holes; the
+    /// nearest wins. A map whose size is not the camera's gives 0 everywhere.
     pub fn reproject(&self, depth: &DepthMap, measured: &Pose, frame: &Pose, rect: Rect) -> Vec<f32> {
         let width = rect.width() as usize;
         let mut out = vec![0.0f32; width * rect.height() as usize];
@@ -106,8 +104,7 @@ impl Rays {
             }
         };
         let still = measured == frame;
-        // Points outside the rectangle may move into it, as far as a fast pan between two
-        // sensors' moments goes.
+        // Points outside the rectangle may move into it, by as much as in a fast pan between two sensors' moments.
         let mut source = rect.grown(if still { 0 } else { 64 }).intersection(&full);
         if self.geometry.is_round() {
             source = Rect { x0: full.x0, x1: full.x1, ..source };
@@ -127,7 +124,7 @@ impl Rays {
                 let p = frame.transform_point(measured.inverse_transform_point(ray * f64::from(d)));
                 let told = (if around { p.length() } else { p.z }) as f32;
                 if still {
-                    // NaN is told of nothing.
+                    // NaN means unknown.
                     if told > 0.0 {
                         put(x, y, told);
                     }
@@ -163,17 +160,17 @@ mod tests {
             ..Default::default()
         };
         let geometry = Geometry::new(intrinsics, Distortion::default());
-        // A wall at 2 m whose left half stands at 1 m.
+        // A wall at 2 m, and at 1 m in its left half.
         let depth_m = (0..64 * 48).map(|i| if i % 64 < 32 { 1.0 } else { 2.0 }).collect();
         let depth = DepthMap { width: 64, height: 48, depth_m, timestamp_s: 0.0 };
-        // The camera goes 0.1 m to the left: near points go right by 10 px, far ones by 5.
+        // The camera moves 0.1 m to the left: near points move right by 10 px, far ones by 5.
         let before = Pose::IDENTITY;
         let after = Pose::from_camera_in_world(DVec3::new(-0.1, 0.0, 0.0), DQuat::IDENTITY);
         let out = Rays::new(&geometry).reproject(&depth, &before, &after, Rect::full(64, 48));
         let row = &out[24 * 64..25 * 64];
         assert!((row[40] - 1.0).abs() < 1e-6, "{}", row[40]);
         assert!((row[45] - 2.0).abs() < 1e-6, "{}", row[45]);
-        // What lies left of the old picture was never measured.
+        // The part left of the old picture was never measured.
         assert_eq!(row[3], 0.0);
     }
 }

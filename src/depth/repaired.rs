@@ -1,28 +1,28 @@
-//! A sensor's map at a frame's moment, with what the sensor did not see made good by the frame's own picture.
+//! A sensor's map at a frame's moment, completed with the help of the frame's own picture.
 //!
-//! What hides an object must have no gaps: of a black screen the sensor sees a few places, others in each frame, and between
-//! them the object behind it would show. So gaps are filled (`holes`) and edges put on the picture's (`edges`), as for a
-//! photograph, but around the objects alone.
+//! Depth that hides an object must have no gaps. A sensor sees only a few places of a black screen, different ones in
+//! each frame, and between them the object behind it would show. So gaps are filled (`holes`) and edges moved to the
+//! picture's (`edges`), as for a photograph, but only around the objects.
 //!
-//! Not modelled: gaps go by what was measured within a twentieth of the picture's width around the objects.
+//! Not modelled: gaps depend only on what was measured within a twentieth of the picture's width around the objects.
 
 use super::{Rays, edges, holes};
 use crate::camera::Response;
 use crate::pixels::{Codes, DepthMap, Pixels, Rect};
 use crate::pose::Pose;
 
-/// How far around the objects it is looked, as a share of the picture's width; and in what steps, so that as an object moves
-/// from frame to frame the same is looked at.
+/// How far around the objects the map is read, as a share of the picture's width. Also the step by which that region
+/// grows, so that an object that moves from frame to frame reads the same region.
 const AROUND: f64 = 1.0 / 20.0;
-/// Codes are decoded by the first bits alone: finer ones are noise to what compares looks.
+/// Only the first bits of codes are decoded: finer differences are noise here.
 const BITS: u32 = 10;
 
-/// What a frame's depth is repaired by.
+/// The inputs for repairing a frame's depth.
 #[derive(Clone, Copy, Debug)]
 pub struct Repair<'a> {
     pub rays: &'a Rays,
     pub depth: &'a DepthMap,
-    /// From where the map was measured, and from where the frame was taken.
+    /// The poses at which the map was measured and the frame was taken.
     pub measured: &'a Pose,
     pub frame: &'a Pose,
     pub pixels: &'a Pixels,
@@ -30,8 +30,8 @@ pub struct Repair<'a> {
 }
 
 impl Repair<'_> {
-    /// Depth over `rect` at the frame's moment, as [`Rays::reproject`] gives it, but 0 nowhere, unless nothing was measured
-    /// around at all. It depends on `rect` too: on what was measured near it.
+    /// Depth over `rect` at the frame's moment, like [`Rays::reproject`], but never 0 unless nothing was measured
+    /// around it at all. It depends on `rect` too, through what was measured near it.
     pub fn over(&self, rect: Rect) -> Vec<f32> {
         let region = self.region(rect);
         let width = region.width() as usize;
@@ -40,7 +40,7 @@ impl Repair<'_> {
         let focal_px = self.rays.geometry().intrinsics.fx_px as f32;
         if let Some(guessed) = holes::fill(&mut depth_m, &looks, width, focal_px) {
             let off_px = (f64::from(self.depth.width) * edges::MOST_OFF).round() as usize;
-            // A map whose edges are on the picture's hides to the pixel; it needs nothing wider.
+            // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
             if edges::are_off(&depth_m, &looks, width, off_px) {
                 let on_colors = edges::on_colors(&depth_m, &guessed, &looks, width, off_px);
                 depth_m = edges::widened(&on_colors, Some(&looks), width);
@@ -51,18 +51,18 @@ impl Repair<'_> {
         rows.take(rect.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
     }
 
-    /// The rectangle and what lies around it, as far as there is a picture.
+    /// The rectangle and its surroundings, as far as the picture goes.
     fn region(&self, rect: Rect) -> Rect {
         let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
         let step = ((f64::from(width) * AROUND) as i32).max(1);
         let [x0, y0] = [rect.x0, rect.y0].map(|at| (at - step).div_euclid(step) * step);
         let [x1, y1] = [rect.x1, rect.y1].map(|at| (at + 2 * step - 1).div_euclid(step) * step);
-        // All around there is one at either rim.
+        // A 360° picture continues at either rim.
         let beyond = if self.rays.geometry().is_round() { width } else { 0 };
         Rect::new(x0, y0, x1, y1).intersection(&Rect::new(-beyond, 0, width + beyond, height)).union(&rect)
     }
 
-    /// Square roots of light, row by row; beyond the picture as at its rim.
+    /// Square roots of light, row by row. Beyond the picture the rim continues.
     fn looks(&self, region: Rect) -> Vec<[f32; 3]> {
         let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
         let (bits, over) = match self.pixels.codes {
@@ -89,8 +89,8 @@ mod tests {
     const WIDTH: usize = 160;
     const HEIGHT: usize = 120;
 
-    /// A black screen at 1 m, columns 40 to 119 and rows 30 to 89, before a bright wall at 2 m. Of the screen the sensor sees
-    /// its rim, and one pixel in fifty.
+    /// A black screen at 1 m, columns 40 to 119 and rows 30 to 89, in front of a bright wall at 2 m. The sensor sees
+    /// the screen's rim, and one in fifty of its pixels.
     fn screen() -> (Pixels, DepthMap, impl Fn(usize) -> bool) {
         let inside = |i: usize| (40..120).contains(&(i % WIDTH)) && (30..90).contains(&(i / WIDTH));
         let codes = (0..WIDTH * HEIGHT).flat_map(|i| [if inside(i) { 10 } else { 200 }; 3]).collect();
@@ -145,7 +145,7 @@ mod tests {
         let (pixels, mut depth, inside) = screen();
         depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
         assert_eq!(repaired(&pixels, &depth, Rect::full(160, 120)), depth.depth_m);
-        // And of nothing nothing is made.
+        // Nothing is made from nothing.
         depth.depth_m.fill(0.0);
         assert!(repaired(&pixels, &depth, Rect::new(-3, 5, 30, 50)).iter().all(|z| *z == 0.0));
     }

@@ -4,21 +4,21 @@ use super::grid::DepthGrid;
 use super::{behind, edges};
 use crate::pixels::Rect;
 
-/// What is made up behind a surface reaches at most so far, pixels of the grid.
+/// The farthest that depth and light behind a surface are synthesised, pixels of the grid.
 const MOST_BEHIND_PX: f64 = 96.0;
 
 /// The nearest surfaces on a photograph's grid, and what stands behind them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surfaces {
     pub nearest: DepthGrid,
-    /// z of what stands behind the nearest surface, as far as its blur may uncover it; else the surface's own.
+    /// z of what is behind the nearest surface, as far as its blur may uncover it; otherwise the surface's own.
     pub behind_m: Vec<f32>,
-    /// Its linear light.
+    /// Linear light of the same.
     pub behind_light: Vec<[f32; 3]>,
 }
 
 impl Surfaces {
-    /// For circles of at most `reach_px` of the photograph in radius.
+    /// For circles of up to `reach_px` of the photograph in radius.
     pub fn new(grid: &DepthGrid, reach_px: f64) -> Self {
         let (mut nearest, columns) = (grid.clone(), grid.width as usize);
         if !nearest.is_widened {
@@ -42,7 +42,7 @@ impl Surfaces {
         let side = side_px as i32;
         let tiles = |from: i32, to: i32| (from..to).step_by(side_px as usize);
         let step = (self.nearest.enlargement as usize).clamp(1, side_px as usize);
-        // One pixel of the grid more: light between pixels is picked from its neighbours.
+        // One more pixel of the grid: light is sampled between pixels.
         let more = self.nearest.enlargement.ceil() as i32;
         let range = |x0: i32, y0: i32| {
             let mut range = [f32::INFINITY, 0.0f32];

@@ -14,15 +14,15 @@ pub struct Gpu {
     pub info: wgpu::AdapterInfo,
     /// Whether passes can be timed on the GPU's own clock.
     pub timestamps: bool,
-    /// How many pipelines have been made.
+    /// How many pipelines were made.
     pipelines: Arc<AtomicUsize>,
-    /// The first error that no call returned. Later ones are its consequences.
+    /// The first uncaptured error. Later ones are its consequences.
     failure: Arc<Mutex<Option<GpuError>>>,
 }
 
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum GpuError {
-    /// `besides`: what a variable leaves out, empty where none does.
+    /// `besides`: what an environment variable leaves out; empty if none does.
     #[error(
         "no graphics adapter was found{besides}: Locard needs a Vulkan, Metal or DirectX 12 driver; \
          on Debian or Ubuntu without a graphics card `apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
@@ -44,7 +44,7 @@ pub enum GpuError {
     Failed(String),
 }
 
-/// What `locard doctor` says of one adapter.
+/// An adapter as `locard doctor` reports it.
 #[derive(Clone, Debug)]
 pub struct AdapterReport {
     pub name: String,
@@ -54,7 +54,7 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
-/// All adapters of this machine, best first; none of OpenGL's, by whose shaders nothing is drawn.
+/// All adapters of this machine, best first. OpenGL is left out, because the shaders do not draw with it.
 pub fn adapters() -> Vec<AdapterReport> {
     available().iter().map(report).collect()
 }
@@ -95,7 +95,7 @@ fn names(adapters: &[wgpu::Adapter]) -> Vec<String> {
     adapters.iter().map(name).collect()
 }
 
-/// Why there is none: the machine has none, or none of the kind that `WGPU_BACKEND` asks for.
+/// Why there is no adapter: the machine has none, or none that `WGPU_BACKEND` allows.
 fn no_adapter() -> GpuError {
     let besides = std::env::var("WGPU_BACKEND").ok().map(|asked| {
         let there = names(&ranked(Backends::PRIMARY));
@@ -106,7 +106,7 @@ fn no_adapter() -> GpuError {
     GpuError::NoAdapter { besides: besides.unwrap_or_default() }
 }
 
-/// On one line.
+/// An error on one line.
 fn said(error: &wgpu::Error) -> GpuError {
     match error {
         wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory,
@@ -115,13 +115,12 @@ fn said(error: &wgpu::Error) -> GpuError {
 }
 
 impl Gpu {
-    /// Whether shaders run on this machine's processor.
+    /// Whether shaders run on this machine's CPU.
     pub fn software(&self) -> bool {
         self.info.device_type == DeviceType::Cpu
     }
 
-    /// Opens the best adapter of this machine; `WGPU_ADAPTER_NAME` picks one whose name
-    /// contains it.
+    /// Opens the best adapter of this machine, or the best whose name contains `WGPU_ADAPTER_NAME`.
     pub fn open() -> Result<Self, GpuError> {
         let mut there = available();
         if there.is_empty() {
@@ -140,9 +139,9 @@ impl Gpu {
         Ok(Self::adopt(&adapter, device, queue))
     }
 
-    /// A device that somebody else made, a window say, with at least the limits of [`Gpu::wanted`]. What is drawn with
-    /// it can be shown without leaving it. Its errors that no call returns come here from now on ([`Gpu::check`]); by
-    /// themselves they would end the program.
+    /// Takes a device that somebody else made, such as a window's, with at least the limits of [`Gpu::wanted`]. What is
+    /// drawn with it can be shown without leaving it. From now on its uncaptured errors come here ([`Gpu::check`]); by
+    /// default they would end the program.
     pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let failure = Arc::new(Mutex::new(None));
@@ -152,7 +151,7 @@ impl Gpu {
         };
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| first(&of_a_call, said(&error))));
         device.set_device_lost_callback(move |reason, message| {
-            // The program lets go of it when it ends.
+            // The program releases the device when it ends.
             if reason != wgpu::DeviceLostReason::Destroyed {
                 first(&of_the_device, GpuError::Lost(message.split_whitespace().collect::<Vec<_>>().join(" ")));
             }
@@ -160,7 +159,7 @@ impl Gpu {
         Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure }
     }
 
-    /// What a device is asked for, so that pictures may be as large as the adapter holds: features, limits.
+    /// The features and limits to request, so that pictures may be as large as the adapter allows.
     pub fn wanted(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         wgpu::DeviceDescriptor {
             label: Some("locard"),
@@ -176,7 +175,7 @@ impl Gpu {
         }
     }
 
-    /// Makes a pipeline. Each is counted: a driver takes up to a second for one.
+    /// Makes a pipeline. Each is counted: drivers take up to a second for one.
     pub fn render_pipeline(&self, descriptor: &wgpu::RenderPipelineDescriptor<'_>) -> wgpu::RenderPipeline {
         self.pipelines.fetch_add(1, Ordering::Relaxed);
         self.device.create_render_pipeline(descriptor)
@@ -188,24 +187,24 @@ impl Gpu {
         self.device.create_compute_pipeline(descriptor)
     }
 
-    /// How many pipelines have been made on this device.
+    /// How many pipelines were made on this device.
     pub fn pipelines_made(&self) -> usize {
         self.pipelines.load(Ordering::Relaxed)
     }
 
-    /// The first error that no call returned. Call it before using what was read back: a failed call gives an unusable
-    /// value, not an error.
+    /// The first uncaptured error. Call it before using what was read back: a failed call returns an unusable value,
+    /// not an error.
     pub fn check(&self) -> Result<(), GpuError> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone().map_or(Ok(()), Err)
     }
 
-    /// Takes that error, after which work goes on as if there had been none. What was drawn meanwhile is not to be used,
-    /// and a device that was lost stays lost.
+    /// Takes that error, after which work continues as if there had been none. What was drawn meanwhile must not be
+    /// used, and a lost device stays lost.
     pub fn take_failure(&self) -> Option<GpuError> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Waits until a submission is done, at most two minutes.
+    /// Waits until a submission is done, for at most two minutes.
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
         self.check()?;
         let seconds = 120;
@@ -218,12 +217,12 @@ impl Gpu {
             })
     }
 
-    /// Looks after what is done by now, without waiting.
+    /// Processes what is done by now, without waiting.
     pub fn poll(&self) -> Result<(), GpuError> {
         self.device.poll(wgpu::PollType::Poll).map(|_| ()).map_err(|e| GpuError::Failed(e.to_string()))
     }
 
-    /// The largest side of a picture that this adapter can hold, px.
+    /// The largest side of a picture that this adapter allows, px.
     pub fn max_side_px(&self) -> u32 {
         self.device.limits().max_texture_dimension_2d
     }

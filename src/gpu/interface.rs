@@ -1,11 +1,11 @@
-//! What a module's entries read: their globals by name, from the text itself.
+//! The globals that a module's entry points read, by name, found in the text itself.
 
 use std::collections::BTreeMap;
 
 use wgpu::naga;
 use wgpu::naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 
-/// A module, parsed.
+/// A parsed module.
 #[derive(Debug)]
 pub struct Interface {
     label: String,
@@ -13,7 +13,7 @@ pub struct Interface {
     info: ModuleInfo,
 }
 
-/// A global that shaders read by its name.
+/// A global that a shader reads, by its name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Global {
     pub name: String,
@@ -21,16 +21,16 @@ pub struct Global {
     pub binding: u32,
     pub kind: wgpu::BindingType,
     pub visibility: wgpu::ShaderStages,
-    /// Of a uniform: size in bytes; name and offset of each member, none for tables.
+    /// For a uniform: its size in bytes, and the name and offset of each member. Tables have no members.
     pub size: u32,
     pub members: Vec<(String, u32)>,
 }
 
 impl Global {
-    /// That a uniform's members lie where ours do; those that fill gaps may differ.
+    /// Checks that a uniform's members are where ours are. Those that fill gaps may differ.
     ///
     /// # Panics
-    /// Where they do not: a slip of ours.
+    /// If they are not: a programming error.
     pub fn check_layout(&self, size: usize, members: &[(&str, usize)]) {
         let ours: Vec<_> = members.iter().map(|(name, offset)| (*name, *offset as u32)).collect();
         let theirs: Vec<_> = self.members.iter().map(|(name, offset)| (name.as_str(), *offset)).collect();
@@ -45,7 +45,7 @@ impl Global {
 
 impl Interface {
     /// # Panics
-    /// Where the text is no valid WGSL: a slip of ours that the shader test finds, told with its place.
+    /// If the text is not valid WGSL: a programming error that the shader test finds. The message names the place.
     pub fn new(label: &str, text: &str) -> Self {
         let module =
             naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{label}: {}", e.emit_to_string(text)));
@@ -55,10 +55,10 @@ impl Interface {
         Self { label: label.to_owned(), module, info }
     }
 
-    /// All that some entries read, by name.
+    /// All globals that some entry points read, by name.
     ///
     /// # Panics
-    /// Where there is no such entry.
+    /// If there is no such entry point.
     pub fn globals(&self, entries: &[&str]) -> BTreeMap<String, Global> {
         let mut read = Vec::new();
         for entry in entries {
@@ -85,7 +85,7 @@ impl Interface {
         found
     }
 
-    /// Whether any entry may read a global of this name.
+    /// Whether the module has a global of this name.
     pub fn knows(&self, name: &str) -> bool {
         self.module.global_variables.iter().any(|(_, g)| g.name.as_deref() == Some(name))
     }
@@ -111,7 +111,7 @@ impl Interface {
                     match kind {
                         naga::ScalarKind::Sint => wgpu::TextureSampleType::Sint,
                         naga::ScalarKind::Uint => wgpu::TextureSampleType::Uint,
-                        // 32-bit ones are only loaded.
+                        // 32-bit textures are only loaded.
                         _ => wgpu::TextureSampleType::Float { filterable: sampled && !multi },
                     },
                     multi,
@@ -132,7 +132,7 @@ impl Interface {
     }
 }
 
-/// The layout of each group, and of the pipeline.
+/// The layouts of the groups, and of the pipeline.
 pub fn layouts(
     device: &wgpu::Device,
     label: &str,

@@ -1,28 +1,28 @@
-//! What is worked out from values and kept for as long as they are asked for.
+//! Caches of what is computed from values.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
 
-/// The last of each kind that were made, by what they were made of. A kind is the type of its key.
+/// The values of each kind that were last used, by what they were made from. A kind is the types of its key and value.
 #[derive(Debug, Default)]
 pub struct Kept {
     kinds: HashMap<TypeId, Box<dyn Any + Send + Sync>>,
 }
 
-/// Of a kind no more are kept: those asked for least lately go.
+/// At most this many of a kind are kept; the least recently used goes first.
 pub const MANY: usize = 64;
-/// The same for what takes megabytes.
+/// The same for values of several megabytes.
 pub const FEW: usize = 4;
 
 impl Kept {
-    /// What belongs to a key; made where it is not known.
+    /// The value of a key. It is made if it is not kept.
     pub fn get<K, V>(&mut self, most: usize, key: K, make: impl FnOnce(&K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
         V: Clone + Send + Sync + 'static,
     {
         let all = self.kinds.entry(TypeId::of::<(K, V)>()).or_insert_with(|| Box::new(Vec::<(K, V)>::new()));
-        // The type is its key's: it cannot be another.
+        // The map's key is this very type, so this always succeeds.
         let Some(all) = all.downcast_mut::<Vec<(K, V)>>() else { return make(&key) };
         match all.iter().position(|(of, _)| *of == key) {
             Some(i) => {
@@ -64,7 +64,7 @@ mod tests {
         for key in 100..100 + MANY as u32 - 1 {
             kept.get(MANY, key, |k| 10 * k);
         }
-        // 2 was asked for last and is still there, 1 and 3 are not.
+        // 2 was used last and is still kept, 1 and 3 are not.
         assert_eq!(kept.get(MANY, 2u32, |_| 0u32), 20);
         assert_eq!(kept.get(MANY, 3u32, |_| 0u32), 0);
     }

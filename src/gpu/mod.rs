@@ -1,7 +1,7 @@
 //! The GPU: device, shaders, textures, passes, readback. Knows no optics.
 //!
-//! A [`Recorder`] records what a frame needs. `recorder.pass(Shader::X, "entry")` begins a pass; what the shader reads
-//! is given by the names in its text; `draw` gives the textures that it has drawn.
+//! A [`Recorder`] records what a frame needs. `recorder.pass(Shader::X, "entry")` begins a pass. Its inputs are given
+//! by the names in the shader's text, and `draw` returns the textures that it draws.
 
 mod device;
 mod interface;

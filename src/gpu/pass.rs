@@ -1,4 +1,4 @@
-//! One pass over every pixel of some targets, over quads in them, or over a grid of work groups.
+//! One pass over every pixel of some targets, over quads in them, or over a grid of workgroups.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use super::pipelines::{Entry, Made, Module};
 use super::uniform::{Bytes, Packed, Uniform};
 use super::{Gpu, Recorder, Shader, Texture};
 
-/// What stands where a shader reads.
+/// A resource bound to one of a shader's globals.
 #[derive(Clone, Debug)]
 enum Bound {
     Texture(wgpu::TextureView),
@@ -22,10 +22,10 @@ impl Bound {
     }
 }
 
-/// How a uniform is laid out: its name, its size, and name and offset of each member.
+/// A uniform's layout: its name, its size, and the name and offset of each member.
 type Layout = (&'static str, usize, &'static [(&'static str, usize)]);
 
-/// What is drawn: corners of a strip, and how many of them.
+/// The vertices to draw.
 #[derive(Clone, Debug)]
 enum Shape {
     Whole,
@@ -33,13 +33,12 @@ enum Shape {
     Listed(wgpu::Buffer),
 }
 
-/// A pass that is put together: what its shader reads, by the names that stand in the shader's text; then drawn, once.
+/// A pass being put together: its inputs, by the names in the shader's text. It is then drawn, once.
 ///
-/// A name may be given that the entry does not read, so that entries of a module share what they are given.
+/// A name may be given that the entry does not read, so that entries of a module can share their inputs.
 ///
 /// # Panics
-/// On slips of ours: a name that the module does not have, one that it reads and nobody gave, a uniform that is laid
-/// out otherwise than the shader's.
+/// Panics on programming errors: an unknown name, a missing binding, a wrong layout.
 #[derive(Debug)]
 #[must_use = "a pass is recorded by draw, draw_into or dispatch"]
 pub struct Pass<'a> {
@@ -67,7 +66,7 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Another entry over the same targets, after those before.
+    /// Adds another entry over the same targets, drawn after those before.
     pub fn also(mut self, entry: impl Into<Entry>) -> Self {
         self.entries.push(entry.into());
         self
@@ -87,7 +86,7 @@ impl<'a> Pass<'a> {
         self.packed(name, &Packed::new(value))
     }
 
-    /// A uniform that an effect gave.
+    /// Binds a uniform from an effect.
     pub fn packed(mut self, name: &'static str, value: &Packed) -> Self {
         let bytes = self.recorder.uniform(&value.bytes);
         self.layouts.push((name, value.bytes.len(), value.members));
@@ -101,30 +100,31 @@ impl<'a> Pass<'a> {
         self.bind(name, Bound::Buffer(bytes))
     }
 
-    /// Of uniforms that several passes share, and of what lasts.
+    /// Binds a uniform that several passes share, or a buffer that is kept.
     pub fn buffer(self, name: &'static str, bytes: impl Into<Bytes>) -> Self {
         self.bind(name, Bound::Buffer(bytes.into()))
     }
 
-    /// How what is drawn goes with what is there; without it, it replaces it.
+    /// Sets how the pass blends with the target. Without it, it overwrites.
     pub fn blend(mut self, blend: wgpu::BlendState) -> Self {
         self.blend = Some(blend);
         self
     }
 
-    /// One quad (a strip of four corners) for each of so many tiles.
+    /// Draws one quad (a strip of four vertices) for each of `count` tiles.
     pub fn tiles(mut self, count: u32) -> Self {
         self.shape = Shape::Tiles(count);
         self
     }
 
-    /// Over what the targets hold, as many quads as a buffer says that the GPU wrote: four corners, their number, two zeros.
+    /// Draws quads over what the targets already contain. Their number is in a buffer that the GPU wrote: four
+    /// vertices, the number of quads, two zeros.
     pub fn listed(mut self, list: &wgpu::Buffer) -> Self {
         self.shape = Shape::Listed(list.clone());
         self
     }
 
-    /// Draws into the upper left `size` of lent textures, which are empty beyond it.
+    /// Draws into the upper left `size` of lent textures, which are transparent beyond it.
     pub fn draw<const N: usize>(self, formats: [wgpu::TextureFormat; N], size: (u32, u32)) -> [Texture; N] {
         let targets = formats.map(|format| self.recorder.pool.lend(&self.recorder.gpu, size, format));
         self.draw_into(&targets.each_ref(), size);
@@ -137,7 +137,7 @@ impl<'a> Pass<'a> {
         self.draw_views(&targets, size);
     }
 
-    /// The same into anybody's views.
+    /// Draws into any views.
     pub fn draw_views(self, targets: &[(&wgpu::TextureView, wgpu::TextureFormat)], (width, height): (u32, u32)) {
         let formats: Vec<_> = targets.iter().map(|(_, format)| *format).collect();
         let gpu = self.recorder.gpu.clone();
@@ -186,7 +186,7 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Runs the entries, which are `@compute`, over a grid of work groups.
+    /// Runs the entries, which are `@compute`, over a grid of workgroups.
     pub fn dispatch(self, (columns, rows): (u32, u32)) {
         let gpu = self.recorder.gpu.clone();
         for entry in &self.entries {
@@ -227,7 +227,7 @@ impl<'a> Pass<'a> {
         (0..).zip(&made.groups).map(group).collect()
     }
 
-    /// That uniforms are laid out as the shader reads them.
+    /// Checks that uniforms are laid out as the shader reads them.
     fn check_layouts<P>(&self, made: &Made<P>) {
         for (name, size, members) in &self.layouts {
             if let Some(global) = made.globals.get(*name) {

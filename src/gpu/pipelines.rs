@@ -1,4 +1,4 @@
-//! Modules and pipelines, each made when it is first asked for.
+//! Modules and pipelines, each made on first use.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -6,25 +6,25 @@ use std::sync::Arc;
 use super::interface::{Global, Interface, layouts};
 use super::{Gpu, Shader, shader};
 
-/// What of a module is run: its entries, and what is chosen among what its `override`s offer. A choice is what a
-/// pipeline is made for: a method, a feature. Numbers that change are uniforms.
+/// A module's entry points, and the values of its `override`s. A pipeline is made for each choice: a method, a feature.
+/// Numbers that change are uniforms.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
     pub vertex: &'static str,
     pub fragment: &'static str,
-    /// Names with the bits of their values.
+    /// Names, with the bits of their values.
     choices: Vec<(&'static str, u64)>,
 }
 
 impl From<&'static str> for Entry {
-    /// Over the whole target.
+    /// A fragment entry over the whole target.
     fn from(fragment: &'static str) -> Self {
         Self { vertex: "fullscreen_vertex", fragment, choices: Vec::new() }
     }
 }
 
 impl Entry {
-    /// Over quads that a vertex entry places.
+    /// A fragment entry over quads that a vertex entry places.
     pub fn over(vertex: &'static str, fragment: &'static str) -> Self {
         Self { vertex, fragment, choices: Vec::new() }
     }
@@ -39,7 +39,7 @@ impl Entry {
     }
 }
 
-/// A module on the GPU, and what it reads.
+/// A module on the GPU, and its interface.
 #[derive(Debug)]
 pub struct Module {
     pub label: &'static str,
@@ -47,7 +47,7 @@ pub struct Module {
     module: wgpu::ShaderModule,
 }
 
-/// A pipeline with the layouts of its groups.
+/// A pipeline, with the layouts of its groups.
 #[derive(Debug)]
 pub struct Made<P> {
     pub pipeline: P,
@@ -71,8 +71,8 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// The module of some files, the first of which names it; `tail` is added where it is not known yet, and must
-    /// follow from them.
+    /// The module of some files, named after the first. `tail` is appended when the module is made, and must depend
+    /// only on the files.
     pub fn module(&mut self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
         if let Some(known) = self.modules.get(shaders) {
             return known.clone();

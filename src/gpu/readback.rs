@@ -1,4 +1,4 @@
-//! Texels back to the CPU, several frames in flight.
+//! Texels back to the CPU, with several frames in flight.
 
 use std::sync::{
     Arc,
@@ -7,13 +7,13 @@ use std::sync::{
 
 use super::{Gpu, GpuError, Recorder, Texture};
 
-/// Buffers that readbacks borrow and give back.
+/// Buffers that readbacks borrow and return.
 #[derive(Debug, Default)]
 pub struct ReadbackSet {
     free: Vec<wgpu::Buffer>,
 }
 
-/// A copy on its way.
+/// A copy in progress.
 #[derive(Debug)]
 pub struct Readback {
     buffer: wgpu::Buffer,
@@ -28,7 +28,7 @@ const PENDING: u8 = 0;
 const READY: u8 = 1;
 
 impl ReadbackSet {
-    /// Records the copy of the upper left `width` × `height` of a texture.
+    /// Records a copy of the upper left `width` × `height` of a texture.
     pub fn copy(&mut self, recorder: &mut Recorder, texture: &Texture, (width, height): (u32, u32)) -> Readback {
         let texel_bytes = texture.format.block_copy_size(None).unwrap_or(4);
         let row_bytes = width * texel_bytes;
@@ -37,7 +37,7 @@ impl ReadbackSet {
         let buffer = match self.free.iter().position(|b| b.size() >= size) {
             Some(i) => self.free.swap_remove(i),
             None => {
-                // One that is too small would never be used again.
+                // A buffer that is too small would never be used again.
                 self.free.pop();
                 recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
                     label: Some("readback"),
@@ -65,14 +65,14 @@ impl ReadbackSet {
         }
     }
 
-    /// Takes a finished readback's buffer for the next one.
+    /// Keeps a finished readback's buffer for the next one.
     pub fn give_back(&mut self, readback: Readback) {
         self.free.push(readback.buffer);
     }
 }
 
 impl Readback {
-    /// To be called once after the encoder was submitted.
+    /// To be called once, after the encoder was submitted.
     pub fn submitted(&mut self, submission: wgpu::SubmissionIndex) {
         let state = Arc::clone(&self.state);
         self.buffer.map_async(wgpu::MapMode::Read, 0..self.size, move |result| {
@@ -81,7 +81,7 @@ impl Readback {
         self.submission = Some(submission);
     }
 
-    /// Whether [`Readback::rows`] would not wait. Never waits itself.
+    /// Whether [`Readback::rows`] would return without waiting. Never waits itself.
     pub fn is_ready(&self, gpu: &Gpu) -> Result<bool, GpuError> {
         if self.state.load(Ordering::Acquire) == PENDING {
             gpu.poll()?;
@@ -89,7 +89,7 @@ impl Readback {
         Ok(self.state.load(Ordering::Acquire) != PENDING)
     }
 
-    /// Waits and hands each row's bytes to `take(row, bytes)`.
+    /// Waits, then passes each row's bytes to `take(row, bytes)`.
     pub fn rows(&self, gpu: &Gpu, mut take: impl FnMut(usize, &[u8])) -> Result<(), GpuError> {
         gpu.check()?;
         if self.state.load(Ordering::Acquire) == PENDING {
@@ -109,7 +109,7 @@ impl Readback {
         Ok(())
     }
 
-    /// Waits and gathers all bytes, rows without padding.
+    /// Waits, then returns all bytes, rows without padding.
     pub fn bytes(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
         let mut out = Vec::with_capacity(self.size as usize);
         self.rows(gpu, |_, row| out.extend_from_slice(row))?;

@@ -1,4 +1,4 @@
-//! What the work of a frame is recorded with.
+//! Records a frame's work.
 
 use super::kept::{FEW, Kept, MANY};
 use super::pass::Pass;
@@ -6,13 +6,12 @@ use super::pipelines::{Entry, Pipelines};
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, Shader, TexturePool};
 
-/// Records passes, and has what they need for longer than a frame: pipelines, textures, uniforms, what was worked out
-/// from values.
+/// Records passes, and keeps what outlasts a frame: pipelines, textures, uniforms, cached values.
 #[derive(Debug)]
 pub struct Recorder {
     pub gpu: Gpu,
     pub pool: TexturePool,
-    /// Reads between texels, and at the edge takes the last one: what every shader's sampler is, unless it is given another.
+    /// Interpolates between texels and clamps to the edge. Every shader's sampler, unless it is given another.
     pub(super) linear: wgpu::Sampler,
     pub(super) pipelines: Pipelines,
     uniforms: Uniforms,
@@ -41,35 +40,35 @@ impl Recorder {
         }
     }
 
-    /// Where to record what is no pass of ours.
+    /// The encoder, for commands other than our passes.
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         let gpu = &self.gpu;
         self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()))
     }
 
-    /// A pass over targets with a shader.
+    /// Begins a pass with a shader.
     pub fn pass(&mut self, shader: Shader, entry: impl Into<Entry>) -> Pass<'_> {
         self.pass_of(&[shader], String::new, entry)
     }
 
-    /// A pass with a module of several files; `tail` is added to their texts where the module is made, and must follow
-    /// from them.
+    /// Begins a pass with a module of several files. `tail` is appended to their texts when the module is made, and
+    /// must depend only on the files.
     pub fn pass_of(&mut self, shaders: &[Shader], tail: impl FnOnce() -> String, entry: impl Into<Entry>) -> Pass<'_> {
         let module = self.pipelines.module(&self.gpu, shaders, tail);
         Pass::new(self, shaders, module, entry.into())
     }
 
-    /// Bytes for a `var<uniform>` of what is recorded until the next submission.
+    /// Stores bytes for a `var<uniform>`, for what is recorded until the next submission.
     pub fn uniform(&mut self, bytes: &[u8]) -> Bytes {
         self.uniforms.push(&self.gpu, bytes, 16)
     }
 
-    /// The same for a `var<storage, read>`, which knows how long it is.
+    /// The same for a `var<storage, read>`, whose length the shader knows.
     pub fn storage(&mut self, bytes: &[u8]) -> Bytes {
         self.uniforms.push(&self.gpu, bytes, 4)
     }
 
-    /// What was made of a key; made where it is not known. The type of the key tells what it is.
+    /// The cached value of a key, made if there is none. The key's type says what it is.
     pub fn kept<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
@@ -79,7 +78,7 @@ impl Recorder {
         self.kept.get(MANY, key, |key| make(gpu, key))
     }
 
-    /// The same for what takes megabytes: of those no more than a few are kept.
+    /// The same for values of several megabytes, of which only a few are kept.
     pub fn kept_few<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
@@ -89,7 +88,7 @@ impl Recorder {
         self.kept.get(FEW, key, |key| make(gpu, key))
     }
 
-    /// Hands what was recorded to the GPU.
+    /// Submits what was recorded to the GPU.
     pub fn submit(&mut self) -> wgpu::SubmissionIndex {
         self.encoder();
         self.uniforms.write(&self.gpu);
@@ -98,13 +97,13 @@ impl Recorder {
         submission
     }
 
-    /// Hands over a part of something long: a long plan in one submission would hold all its buffers at once.
+    /// Submits a part of a long frame: a long plan in one submission would occupy all its buffers at once.
     pub fn submit_part(&mut self) {
         let part = self.submit();
         self.parts.push(part);
     }
 
-    /// The parts that were handed over since this was last asked, in order.
+    /// The parts submitted since the last call, in order.
     pub fn parts(&mut self) -> Vec<wgpu::SubmissionIndex> {
         std::mem::take(&mut self.parts)
     }

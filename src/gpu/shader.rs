@@ -1,7 +1,7 @@
 //! WGSL sources, embedded, and their one-line import.
 //!
-//! `// @import shared/hash` on a line of its own stands for that file's text, once a module. In development builds the
-//! files themselves are read, so that an edit is seen without building anew.
+//! `// @import shared/hash` on a line of its own stands for that file's text, once per module. Development builds read
+//! the files themselves, so that an edit takes effect without a rebuild.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -14,7 +14,7 @@ macro_rules! shaders {
         pub enum Shader { $($(#[$meta])* $variant),* }
 
         impl Shader {
-            /// Every one of them.
+            /// All of them.
             pub const ALL: &[Self] = &[$(Self::$variant),*];
 
             /// Its path below shaders/, without `.wgsl`.
@@ -75,11 +75,11 @@ shaders! {
 }
 
 impl Shader {
-    /// The text of the file, imports not yet in place.
+    /// The file's text, without its imports.
     pub fn text(self) -> Cow<'static, str> {
         if cfg!(debug_assertions) {
             let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(self.name()).with_extension("wgsl");
-            // Not there once the program has left the folder that it was built in.
+            // Missing if the program runs outside the folder where it was built.
             if let Ok(text) = std::fs::read_to_string(file) {
                 return text.into();
             }
@@ -88,18 +88,18 @@ impl Shader {
     }
 
     /// # Panics
-    /// Where an import names no file: a slip of ours that the shader test finds.
+    /// If an import names no file: a programming error that the shader test finds.
     fn named(name: &str) -> Self {
         *Self::ALL.iter().find(|s| s.name() == name).unwrap_or_else(|| panic!("no shader is called {name}"))
     }
 
-    /// Its text with its imports.
+    /// The text with its imports.
     pub fn module(self) -> String {
         module(&[self])
     }
 }
 
-/// The texts of several files in one module, each with its imports, no file twice.
+/// The texts of several files as one module, each with its imports, no file twice.
 pub fn module(shaders: &[Shader]) -> String {
     let (mut seen, mut out) = (Vec::new(), String::new());
     shaders.iter().for_each(|shader| append(*shader, &mut seen, &mut out));
@@ -122,7 +122,7 @@ fn append(shader: Shader, seen: &mut Vec<Shader>, out: &mut String) {
     }
 }
 
-/// The number that a text of WGSL has as `const NAME`, for tests that compare it with ours.
+/// The value of `const NAME` in a WGSL text, for tests that compare it with ours.
 #[cfg(test)]
 pub fn constant(wgsl: &str, name: &str) -> f64 {
     let line = wgsl.lines().find_map(|l| l.strip_prefix("const ")?.strip_prefix(name)?.strip_prefix(": ")).expect(name);

@@ -6,8 +6,8 @@ use bytemuck::Pod;
 
 use super::Gpu;
 
-/// A 2-D texture with its view. Cheap to clone: handles only. One that a [`TexturePool`] lent goes back to it with the
-/// last of its clones.
+/// A 2-D texture with its view. Cheap to clone: handles only. A texture lent by a [`TexturePool`] returns to it when
+/// its last clone is dropped.
 #[derive(Clone, Debug)]
 pub struct Texture {
     pub texture: wgpu::Texture,
@@ -18,7 +18,7 @@ pub struct Texture {
     _lease: Option<Arc<Lease>>,
 }
 
-/// What a texture is made for.
+/// A texture's size, format, samples and levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spec {
     pub width: u32,
@@ -29,7 +29,7 @@ pub struct Spec {
 }
 
 impl Texture {
-    /// One that nobody else uses.
+    /// A texture of the caller's own, outside any pool.
     pub fn new(gpu: &Gpu, label: &str, width: u32, height: u32, format: wgpu::TextureFormat, samples: u32) -> Self {
         Self::of(gpu, label, Spec { width, height, format, samples, levels: 1 })
     }
@@ -64,8 +64,8 @@ impl Texture {
         Spec { width: self.width, height: self.height, format: self.format, samples, levels }
     }
 
-    /// Writes rows of texels into the upper left corner, before anything of what is submitted next. So it must be one
-    /// that nothing recorded since the last submission uses: of one's own, or from [`TexturePool::lend_to_write`].
+    /// Writes texels into the upper left corner, ahead of the next submission. Nothing recorded since the last
+    /// submission may use this texture: it must be the caller's own, or from [`TexturePool::lend_to_write`].
     pub fn write<T: Pod>(&self, gpu: &Gpu, width: u32, height: u32, texels: &[T]) {
         if width == 0 || height == 0 {
             return;
@@ -84,26 +84,25 @@ impl Texture {
     }
 }
 
-/// No multiple of it is a power of two: software drivers compile a shader anew for each mixture
-/// of sides that are powers of two and sides that are not, a second each time.
+/// No multiple of it is a power of two. Software drivers compile a shader anew for each combination of sides that are
+/// powers of two and sides that are not, a second each time.
 const STEP_PX: u32 = 48;
-/// For so many submissions a texture that nobody asks for is kept.
+/// Unused textures are kept for this many submissions.
 const KEPT_FOR: u64 = 24;
-/// What passes ask for beyond the rectangle that is drawn, px: neighbours, the lattice of the noise.
+/// How far passes' textures extend beyond the drawn rectangle, px: neighbours, the noise's lattice.
 const MARGIN_PX: u32 = 16;
-/// Of the largest texture: multisampled colour.
+/// For the largest texture: multisampled colour.
 const BYTES_PER_PX: u64 = 32;
 
-/// Lends textures, and takes them back when the last clone of one is dropped. What is recorded later may then be lent
-/// it: the GPU works in the order of recording.
+/// Lends textures, and takes each back when its last clone is dropped. It may then be lent to what is recorded later,
+/// because the GPU works in the order of recording.
 ///
-/// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new
-/// textures each frame; what lies beyond the asked size is empty once it is drawn into, for passes clear all of
-/// their targets.
+/// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new textures each frame. Beyond
+/// the requested size a texture is transparent once drawn into, because passes clear all of their targets.
 #[derive(Clone, Debug, Default)]
 pub struct TexturePool(Arc<Mutex<Idle>>);
 
-/// Those that are not lent, each with the submission before which it was last used.
+/// Textures that are not lent, each with the number of the submission current when it was returned.
 #[derive(Debug, Default)]
 struct Idle {
     textures: Vec<(Texture, u64)>,
@@ -112,7 +111,7 @@ struct Idle {
 
 #[derive(Debug)]
 struct Lease {
-    /// Without a lease of its own.
+    /// Has no lease of its own.
     texture: Texture,
     pool: TexturePool,
 }
@@ -126,12 +125,12 @@ impl Drop for Lease {
 }
 
 impl TexturePool {
-    /// No side of what is drawn may be longer, px.
+    /// The longest side that can be drawn, px.
     pub fn largest_side_px(gpu: &Gpu) -> u32 {
         gpu.max_side_px() / STEP_PX * STEP_PX - MARGIN_PX
     }
 
-    /// What is drawn may have no more pixels; as far as the adapter tells, by the largest piece of memory that it gives.
+    /// The largest area that can be drawn, px, estimated from the adapter's largest buffer.
     pub fn largest_area_px(gpu: &Gpu) -> u32 {
         (gpu.device.limits().max_buffer_size / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
     }
@@ -145,12 +144,12 @@ impl TexturePool {
         self.of(gpu, size, format, 1, false)
     }
 
-    /// The same with several samples a pixel.
+    /// The same with several samples per pixel.
     pub fn lend_samples(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, samples: u32) -> Texture {
         self.of(gpu, size, format, samples, false)
     }
 
-    /// One to [`Texture::write`] into.
+    /// A texture to [`Texture::write`] into.
     pub fn lend_to_write(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat) -> Texture {
         self.of(gpu, size, format, 1, true)
     }
@@ -171,7 +170,7 @@ impl TexturePool {
         Texture { _lease: Some(Arc::new(lease)), ..texture }
     }
 
-    /// To be told of each submission: what was used before it may be written into after it.
+    /// To be called at each submission: textures used before it may be written into after it.
     pub fn submitted(&self) {
         let mut idle = self.idle();
         idle.submission += 1;
@@ -179,8 +178,8 @@ impl TexturePool {
         idle.textures.retain(|(_, used)| used + KEPT_FOR > now);
     }
 
-    /// At half the size and `levels` levels in all, to draw into. Level l (1 is the half) has texels of 2^l
-    /// pixels whatever the size, up to level 4.
+    /// A pyramid to draw into, with `levels` levels starting at half the size. Level l (1 is the half) has texels of
+    /// 2^l pixels for any size, up to level 4.
     pub fn lend_pyramid(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, levels: u32) -> Pyramid {
         let [width, height] = [size.0, size.1].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX / 2);
         let all = self.find(gpu, Spec { width, height, format, samples: 1, levels }, false);
@@ -201,13 +200,13 @@ impl TexturePool {
 /// A picture at half, a quarter, an eighth of a size and so on.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
-    /// All levels, for samplers; level 0 is the half.
+    /// All levels, for samplers. Level 0 is the half.
     pub all: Texture,
-    /// Each level to be drawn into; the first is the half.
+    /// Each level, to draw into. The first is the half.
     pub levels: Vec<Texture>,
 }
 
-/// Four 32-bit floats a texel to the bits of 16-bit ones.
+/// Four 32-bit floats per texel to the bits of 16-bit floats.
 pub fn half_texels(texels: &[[f32; 4]]) -> Vec<[u16; 4]> {
     texels.iter().map(|t| t.map(|v| half::f16::from_f32(v).to_bits())).collect()
 }
@@ -230,14 +229,14 @@ mod tests {
         drop(first);
         assert_ne!(pool.lend(&gpu, (50, 20), format).texture, kept, "a clone holds it still");
         drop(clone);
-        // A pass may draw into it at once; what is written goes before all passes.
+        // A pass may draw into it at once, but what is written comes before all passes.
         let written = pool.lend_to_write(&gpu, (50, 20), format);
         assert_ne!(written.texture, kept);
         pool.submitted();
         drop((written, other));
         let again = pool.lend_to_write(&gpu, (50, 20), format);
         assert_eq!(again.texture, kept);
-        // Long unused.
+        // Unused for long.
         drop(again);
         (0..=KEPT_FOR).for_each(|_| pool.submitted());
         assert!(pool.idle().textures.is_empty());

@@ -1,4 +1,4 @@
-//! Values for `var<uniform>`: declared once in Rust, compared with the shader's own struct wherever they are bound.
+//! Values for `var<uniform>`: declared once in Rust, and compared with the shader's own struct when they are bound.
 
 use super::Gpu;
 
@@ -8,9 +8,9 @@ pub trait Uniform: bytemuck::Pod {
     const MEMBERS: &'static [(&'static str, usize)];
 }
 
-/// Declares a uniform, which needs no padding behind its last member: members of scalars, `[T; 2]`, `[T; 4]` and arrays of `[T; 4]`, by the names that the shader's
-/// struct has. Their offsets are WGSL's where pairs begin at multiples of 8 bytes and fours at multiples of 16; a slip
-/// is found when it is bound ([`Pass::uniform`](super::Pass::uniform)).
+/// Declares a uniform. Its members have the names of the shader's struct and are scalars, `[T; 2]`, `[T; 4]` or arrays
+/// of `[T; 4]`, without padding after the last one. Offsets equal WGSL's if pairs begin at multiples of 8 bytes and
+/// fours at multiples of 16. A mistake is found when the uniform is bound ([`Pass::uniform`](super::Pass::uniform)).
 #[macro_export]
 macro_rules! uniform {
     ($(#[$meta:meta])* $vis:vis struct $name:ident { $($(#[$fmeta:meta])* $field:ident : $type:ty),* $(,)? }) => {
@@ -33,7 +33,7 @@ where
     const MEMBERS: &'static [(&'static str, usize)] = &[];
 }
 
-/// A uniform whose type is forgotten, but not how it is laid out.
+/// A uniform without its type, but with its layout.
 #[derive(Clone, Debug)]
 pub struct Packed {
     pub(super) bytes: Vec<u8>,
@@ -46,12 +46,12 @@ impl Packed {
     }
 }
 
-/// A part of a buffer.
+/// Part of a buffer.
 #[derive(Clone, Debug)]
 pub struct Bytes {
     pub buffer: wgpu::Buffer,
     pub offset: u64,
-    /// The rest of the buffer where there is none.
+    /// `None`: the rest of the buffer.
     pub size: Option<wgpu::BufferSize>,
 }
 
@@ -71,22 +71,22 @@ impl From<&wgpu::Buffer> for Bytes {
     }
 }
 
-/// Of a chunk; a larger value gets one of its own.
+/// The size of a chunk. A larger value gets a chunk of its own.
 const CHUNK_BYTES: u64 = 1 << 18;
-/// What every adapter allows.
+/// An alignment that every adapter allows.
 const ALIGNED_BYTES: u64 = 256;
 
-/// Uniforms of what is recorded, side by side in a few buffers that are written when it is submitted, and used again
-/// after that: the queue writes them behind whatever read them before.
+/// The uniforms of what is recorded, in a few shared buffers. They are written at submission and reused after it: the
+/// queue orders the next write after earlier reads.
 #[derive(Debug, Default)]
 pub struct Uniforms {
     chunks: Vec<wgpu::Buffer>,
-    /// What is to be written into the chunk of that number.
+    /// The bytes to write into the chunk of the same index.
     staged: Vec<Vec<u8>>,
 }
 
 impl Uniforms {
-    /// A place for bytes, padded to a multiple of so many.
+    /// Reserves a place for bytes, padded to a multiple of `padded_to`.
     pub fn push(&mut self, gpu: &Gpu, bytes: &[u8], padded_to: u64) -> Bytes {
         let size = (bytes.len() as u64).next_multiple_of(padded_to).max(padded_to);
         let fits = |staged: &Vec<u8>, chunk: &wgpu::Buffer| staged.len() as u64 + size <= chunk.size();
@@ -95,7 +95,7 @@ impl Uniforms {
         let staged = &mut self.staged[number];
         let offset = staged.len() as u64;
         staged.extend_from_slice(bytes);
-        // The next one begins where one may.
+        // The next value must be aligned.
         staged.resize(((offset + size).next_multiple_of(ALIGNED_BYTES)) as usize, 0);
         Bytes { buffer: self.chunks[number].clone(), offset, size: wgpu::BufferSize::new(size) }
     }
@@ -115,7 +115,7 @@ impl Uniforms {
         number
     }
 
-    /// Hands all that was pushed to the queue, before what is submitted next.
+    /// Writes all that was pushed, ahead of the next submission.
     pub fn write(&mut self, gpu: &Gpu) {
         for (chunk, staged) in self.chunks.iter().zip(&mut self.staged) {
             staged.truncate(chunk.size() as usize);
@@ -125,11 +125,11 @@ impl Uniforms {
     }
 }
 
-/// A buffer of its own that holds `bytes`, padded to 16, for `var<uniform>` of what lasts.
+/// A buffer with `bytes`, padded to 16, for a lasting `var<uniform>`.
 ///
-/// No value in a uniform may decide a branch or a loop by itself: a software driver (lavapipe) writes such values into
-/// the shader and compiles it anew for each, up to a second each time. What is chosen is an `override` of the pipeline;
-/// a count is read from a storage buffer, or is its length.
+/// No value in a uniform may decide a branch or a loop by itself: a software driver (lavapipe) compiles such values
+/// into the shader, anew for each value, up to a second each time. A choice is an `override` of the pipeline; a count
+/// is read from a storage buffer, or is its length.
 pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     use wgpu::util::DeviceExt;
     let mut padded = bytes.to_vec();

@@ -1,9 +1,11 @@
-//! How far one picture's content lies from another's, by phase correlation of patches (Kuglin and Hines 1975).
+//! The displacement of one picture's content relative to another's, by phase correlation of patches (Kuglin and Hines
+//! 1975).
 //!
-//! Each patch is weighted with a Hann window; its cross-power spectrum, whitened and transformed back, peaks at the
-//! whole-pixel shift. The fraction is the slope of the phase plane: the d that maximises Σ W(k)·cos(arg C(k) − k·d) over
-//! the low frequencies, W = |C| (noise-weighted least squares of the phases, for small errors). The second picture's
-//! patch is then taken anew at that shift (bicubic), so that the window does not pull towards 0, until nothing is left.
+//! Each patch is weighted with a Hann window. Its cross-power spectrum, whitened and transformed back, peaks at the
+//! whole-pixel shift. The fraction is the slope of the phase plane: the d that maximises Σ W(k)·cos(arg C(k) − k·d)
+//! over the low frequencies, W = |C| (noise-weighted least squares of the phases, for small errors). The second
+//! picture's patch is then resampled at that shift (bicubic), so that the window does not pull towards 0. This repeats
+//! until no shift remains.
 
 use super::{Grey, MeasureError, check_mask};
 use rustfft::num_complex::Complex;
@@ -11,16 +13,16 @@ use rustfft::{Fft, FftPlanner};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Which patches are looked at, and which are believed.
+/// Which patches are used, and which are trusted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisplacementOptions {
     /// Side of a patch, pixels, 8 to 512.
     pub patch_px: usize,
-    /// From patch to patch, pixels.
+    /// Distance between patches, pixels.
     pub step_px: usize,
-    /// A patch whose windowed standard deviation is less tells nothing, in the pictures' unit.
+    /// Patches with a smaller windowed standard deviation are skipped, in the pictures' unit.
     pub min_contrast: f64,
-    /// A patch whose phases agree less is not believed, 0 to 1.
+    /// Patches whose phases agree less are not trusted, 0 to 1.
     pub min_confidence: f64,
     /// Share of a patch that must lie in the mask, 0 to 1.
     pub min_mask_share: f64,
@@ -32,34 +34,34 @@ impl Default for DisplacementOptions {
     }
 }
 
-/// What one patch told.
+/// One patch's displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchDisplacement {
-    /// The patch's middle in the first picture, raster coordinates.
+    /// The patch's centre in the first picture, raster coordinates.
     pub centre_px: [f64; 2],
-    /// What lies at x in the first picture lies at x + this in the second.
+    /// Content at x in the first picture is at x + this in the second.
     pub displacement_px: [f64; 2],
     /// How well the phases agree, weighted: 0 to 1.
     pub confidence: f64,
 }
 
-/// What all patches told.
+/// The displacements of all patches.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Displacements {
     pub patches: Vec<PatchDisplacement>,
-    /// Patches left out: outside the mask, without contrast, not believed.
+    /// Patches left out: outside the mask, without contrast, not trusted.
     pub masked: usize,
     pub flat: usize,
     pub doubtful: usize,
 }
 
 impl Displacements {
-    /// Median length of the displacements, pixels; `None` without patches.
+    /// Median length of the displacements, pixels. `None` without patches.
     pub fn median_length_px(&self) -> Option<f64> {
         median(self.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])))
     }
 
-    /// Median along x and along y, pixels; `None` without patches.
+    /// Median along x and along y, pixels. `None` without patches.
     pub fn median_px(&self) -> Option<[f64; 2]> {
         Some([
             median(self.patches.iter().map(|p| p.displacement_px[0]))?,
@@ -76,7 +78,7 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     Some(if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + upper) } else { *upper })
 }
 
-/// Measures how far the content of `b` lies from that of `a`, patch by patch where `mask` is true (in `a`'s place).
+/// Measures the displacement of `b`'s content relative to `a`'s, patch by patch where `mask` is true (at `a`'s place).
 pub fn displacements(
     a: &Grey,
     b: &Grey,
@@ -147,7 +149,7 @@ impl Correlator {
         }
         let mut shift = [0.0; 2];
         for _ in 0..4 {
-            // the nearer the windows, the more they share: until the peak stays
+            // The nearer the windows, the more they share, so repeat until the peak stays.
             let (moved, _) = self.patch(b, x as f64 + shift[0], y as f64 + shift[1]);
             let rest = self.peak(&cross(&spectrum_a, &moved));
             shift = [shift[0] + rest[0], shift[1] + rest[1]];
@@ -168,7 +170,7 @@ impl Correlator {
                 break;
             }
         }
-        // farther than half a patch, both windows see different things
+        // Farther than half a patch, the two windows see different things.
         if confidence < options.min_confidence || shift[0].hypot(shift[1]) > 0.5 * self.side as f64 {
             return Told::Doubtful;
         }
@@ -196,27 +198,28 @@ impl Correlator {
                 data.swap(row * self.side + column, column * self.side + row);
             }
         }
-        // the transpose stays: frequency (kx, ky) lies at kx * side + ky
+        // The result stays transposed: frequency (kx, ky) is at kx * side + ky.
         self.fft.process(data);
     }
 
     /// The whole-pixel shift at which the phases of `cross` agree best.
     fn peak(&self, cross: &Spectrum) -> [f64; 2] {
-        // half-way between pure phases, which frequencies without content spoil, and plain correlation, whose peak is wide
+        // Half-way between pure phases, which frequencies without content spoil, and plain correlation, whose peak is
+        // wide.
         let mut phases: Spectrum =
             cross.iter().map(|c| if c.norm() > 0.0 { c / c.norm().sqrt() } else { *c }).collect();
-        // its phase rises with frequency times shift: the forward transform is what peaks at the shift
+        // The phase of `cross` rises with frequency times shift, so the forward transform peaks at the shift.
         self.both_ways(&mut phases);
-        // transposed twice: back in rows
+        // Transposed twice: rows are rows again.
         let best = (0..phases.len()).max_by(|&i, &j| phases[i].re.total_cmp(&phases[j].re)).unwrap_or(0);
         let signed = |i: usize| if 2 * i > self.side { i as f64 - self.side as f64 } else { i as f64 };
         [signed(best % self.side), signed(best / self.side)]
     }
 
-    /// The shift that the phases' slope tells, and how well they agree with it, 0 to 1.
+    /// The shift given by the slope of the phases, and how well they agree with it, 0 to 1.
     fn slope(&self, cross: &Spectrum) -> ([f64; 2], f64) {
         let n = self.side as i64;
-        // above half of Nyquist aliasing and interpolation spoil the phases
+        // Above half of Nyquist, aliasing and interpolation spoil the phases.
         let reach = n / 4;
         let mut terms = Vec::new();
         for kx in -reach..=reach {
@@ -233,7 +236,7 @@ impl Correlator {
         }
         let mut d = [0.0f64; 2];
         for _ in 0..20 {
-            // Newton on Σ w cos(φ − ω·d), with cos kept at 0.1 or more so that it climbs
+            // Newton on Σ w cos(φ − ω·d), with cos kept at 0.1 or more so that it climbs.
             let (mut g, mut h) = ([0.0; 2], [0.0; 3]);
             for &(wx, wy, phase, weight) in &terms {
                 let rest = phase - wx * d[0] - wy * d[1];
@@ -261,12 +264,12 @@ fn cross(a: &Spectrum, b: &Spectrum) -> Spectrum {
     a.iter().zip(b).map(|(a, b)| a * b.conj()).collect()
 }
 
-/// A square of `side` pixels whose corner lies at (x, y) pixels, bicubic (Catmull and Rom) between pixels.
+/// A square of `side` pixels whose corner is at (x, y) pixels, bicubic (Catmull and Rom) between pixels.
 fn resampled(picture: &Grey, x: f64, y: f64, side: usize) -> Vec<f64> {
     let (i, j) = (x.floor(), y.floor());
     let (wx, wy) = (cubic(x - i), cubic(y - j));
     let (i, j) = (i as i64 - 1, j as i64 - 1);
-    // rows first: side + 3 of them
+    // Along rows first: side + 3 of them.
     let rows: Vec<f64> = (0..side as i64 + 3)
         .flat_map(|row| (0..side as i64).map(move |column| (row, column)))
         .map(|(row, column)| (0..4).map(|k| wx[k as usize] * picture.at(i + column + k, j + row)).sum())

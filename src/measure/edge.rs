@@ -1,21 +1,21 @@
-//! One edge looked at closely: where it is, how wide, and how long the blur was that made it so.
+//! Measures one edge: its position, its width, and the length of the blur that caused it.
 
 use super::{Grey, MeasureError};
 
 /// An edge along a profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
-    /// Where the profile passes half way between its ends, in pixels from its first sample.
+    /// Where the profile passes half-way between its ends, in pixels from its first sample.
     pub position_px: f64,
-    /// From 10 % to 90 % of the way, pixels.
+    /// From 10 % to 90 % of the step, pixels.
     pub width_10_90_px: f64,
-    /// Values before and after.
+    /// Values before and after the edge.
     pub before: f64,
     pub after: f64,
 }
 
-/// Finds the edge in a profile of evenly spaced samples, `pitch_px` apart, rising or falling. Its first and last tenth
-/// (a sample at least) must lie on the flat before and after; their means are 0 % and 100 %.
+/// Finds the edge in a profile of evenly spaced samples, `pitch_px` apart, rising or falling. The first and last tenth
+/// of the profile (at least one sample) must be flat; their means are 0 % and 100 %.
 pub fn edge(profile: &[f64], pitch_px: f64) -> Result<Edge, MeasureError> {
     if !(pitch_px.is_finite() && pitch_px > 0.0) {
         return Err(MeasureError::Option { what: "pitch_px", found: pitch_px, accepted: "more than 0" });
@@ -32,7 +32,7 @@ pub fn edge(profile: &[f64], pitch_px: f64) -> Result<Edge, MeasureError> {
         return Err(MeasureError::Nothing("the profile has no edge: both its ends are alike"));
     }
     let share: Vec<f64> = profile.iter().map(|v| (v - before) / step).collect();
-    // from the half-way crossing outwards, so that ripples on the flats do not count
+    // From the half-way crossing outwards, so that ripples on the flats do not count.
     let crossing = |level: f64, i: usize| i as f64 + (level - share[i]) / (share[i + 1] - share[i]);
     let rises = |level: f64, i: usize| share[i] < level && share[i + 1] >= level;
     let missing = MeasureError::Nothing("the profile does not pass 10, 50 and 90 %");
@@ -50,16 +50,17 @@ pub fn edge(profile: &[f64], pitch_px: f64) -> Result<Edge, MeasureError> {
 /// A straight movement while the shutter was open, as an edge shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoxBlur {
-    /// How far the edge moved, pixels. Below one sample it cannot be told from a sharp edge between two samples.
+    /// How far the edge moved, pixels. Below one sample it cannot be distinguished from a sharp edge between two
+    /// samples.
     pub length_px: f64,
     /// The middle of the movement, in pixels from the profile's first sample.
     pub position_px: f64,
-    /// Root mean square of what the fit leaves, as a share of the step: large where the edge is no blurred step.
+    /// Root mean square residual of the fit, as a share of the step. Large if the edge is not a blurred step.
     pub residual: f64,
 }
 
-/// Fits a box-blurred step to a profile (as [`edge`] takes it) by least squares. Each sample is the mean over
-/// `aperture_px`: 1 for pixels. Unlike a width between crossings, the fit does not mind how coarse the samples are.
+/// Fits a box-blurred step to a profile (as for [`edge`]) by least squares. Each sample is the mean over `aperture_px`:
+/// 1 for pixels. Unlike a width between crossings, the fit does not depend on how coarse the samples are.
 pub fn box_blur(profile: &[f64], pitch_px: f64, aperture_px: f64) -> Result<BoxBlur, MeasureError> {
     let start = edge(profile, pitch_px)?;
     if !(aperture_px.is_finite() && aperture_px > 0.0) {
@@ -84,10 +85,10 @@ pub fn box_blur(profile: &[f64], pitch_px: f64, aperture_px: f64) -> Result<BoxB
     Ok(BoxBlur { length_px: length, position_px: position, residual: best / (start.after - start.before).abs() })
 }
 
-/// What is left of a profile after the best offset and height of a blurred step.
+/// The residual of a profile after fitting a blurred step's offset and height.
 fn residual(profile: &[f64], pitch: f64, aperture: f64, position: f64, length: f64) -> f64 {
     let half = 0.5 * length;
-    // ∫ clamp(s/L + 1/2, 0, 1) ds
+    // ∫ clamp(s/L + 1/2, 0, 1) ds.
     let area = |s: f64| {
         if s <= -half {
             0.0
@@ -112,8 +113,8 @@ fn residual(profile: &[f64], pitch: f64, aperture: f64, position: f64, length: f
     ((vv - explained).max(0.0) / n).sqrt()
 }
 
-/// The values along a line from `from` to `to` (raster coordinates, pixel centres at +0.5), `pitch_px` apart, each the
-/// mean over `across_px` at right angles to the line; bilinear between pixels.
+/// The values along a line from `from` to `to` (raster coordinates, pixel centres at +0.5), `pitch_px` apart. Each is
+/// the mean over `across_px` at right angles to the line, bilinear between pixels.
 pub fn profile(
     picture: &Grey,
     from: [f64; 2],
@@ -185,7 +186,7 @@ mod tests {
             for shift in [0.0, 0.3, 0.5] {
                 let profile = blurred(80, 40.0 + shift, length);
                 let found = box_blur(&profile, 1.0, 1.0).unwrap();
-                // sample 0 is the pixel whose centre is at 0.5
+                // Sample 0 is the pixel whose centre is at 0.5.
                 assert!((found.position_px + 0.5 - 40.0 - shift).abs() < 0.02, "{found:?} at {shift}");
                 assert!((found.length_px - length).abs() < 0.05, "{found:?} for {length} at {shift}");
                 assert!(found.residual < 0.01);
@@ -225,7 +226,7 @@ mod tests {
 
     #[test]
     fn a_profile_crosses_a_slanted_edge_at_right_angles() {
-        // pixels whose centres have x + y > 40: the last dark centres at 40, the first bright ones at 41
+        // Pixels whose centres have x + y > 40: the last dark centres are at 40, the first bright ones at 41.
         let picture = Grey::new(60, 60, (0..3600).map(|i| f64::from(i % 60 + i / 60 + 1 > 40)).collect()).unwrap();
         let along = profile(&picture, [8.0, 8.0], [32.0, 32.0], 0.25, 9.0).unwrap();
         let found = edge(&along, 0.25).unwrap();

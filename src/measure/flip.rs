@@ -3,11 +3,11 @@
 use super::{MeasureError, check_mask, comparable};
 use crate::pixels::{Codes, Pixels};
 
-/// What a person sees 0.7 m before a 0.7 m wide monitor of 3840 pixels.
+/// For a viewer 0.7 m in front of a 0.7 m wide monitor of 3840 pixels.
 pub const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
 
-/// Mean FLIP, 0 (alike) to 1, where `mask` is true; everywhere without one. The pictures are sRGB-encoded; 16-bit
-/// codes are taken to 8. The whole pictures are compared; the mask chooses which pixels' errors are averaged.
+/// Mean FLIP, 0 (alike) to 1, where `mask` is true; everywhere without one. The pictures are sRGB-encoded; 16-bit codes
+/// are reduced to 8. The whole pictures are compared; the mask only selects the pixels whose errors are averaged.
 pub fn mean_flip(
     reference: &Pixels,
     test: &Pixels,
@@ -61,7 +61,7 @@ mod tests {
         half[3 * 32 * 16..].fill(200);
         let half = Pixels::from_u8(32, 32, half).unwrap();
         let rows = |from: usize, to: usize| (0..32 * 32).map(|i| (from..to).contains(&(i / 32))).collect::<Vec<_>>();
-        // the filters reach over a few rows
+        // The filters extend over a few rows.
         assert!(mean_flip(&flat(90), &half, Some(&rows(0, 4)), PIXELS_PER_DEGREE).unwrap() < 0.01);
         assert!(mean_flip(&flat(90), &half, Some(&rows(28, 32)), PIXELS_PER_DEGREE).unwrap() > 0.3);
         assert!(mean_flip(&flat(90), &half, Some(&rows(0, 0)), PIXELS_PER_DEGREE).is_err());

@@ -1,6 +1,6 @@
-//! Pictures in, figures out: where something lies, how wide an edge is, how alike two pictures look.
+//! Measures pictures: where something is, how wide an edge is, how alike two pictures look.
 //!
-//! Plain slices and [`Pixels`]; nothing here knows how the pictures were made.
+//! Uses plain slices and [`Pixels`]; nothing here knows how the pictures were made.
 
 pub mod displacement;
 pub mod edge;
@@ -24,7 +24,7 @@ pub enum MeasureError {
     Option { what: &'static str, found: f64, accepted: &'static str },
 }
 
-/// A grey picture: row by row from the top left.
+/// A grey picture, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grey {
     pub width: usize,
@@ -34,7 +34,7 @@ pub struct Grey {
 }
 
 impl Grey {
-    /// `None` where the length is not `width * height`.
+    /// `None` if the length is not `width * height`.
     pub fn new(width: usize, height: usize, values: Vec<f64>) -> Option<Self> {
         (width.checked_mul(height) == Some(values.len())).then_some(Self { width, height, values })
     }
@@ -50,7 +50,7 @@ impl Grey {
         Self { width, height, values }
     }
 
-    /// The value of a pixel; those beyond the border repeat it. 0 for an empty picture.
+    /// The value of a pixel. The border is repeated beyond it. 0 for an empty picture.
     pub fn at(&self, x: i64, y: i64) -> f64 {
         let inside = |v: i64, n: usize| v.clamp(0, n as i64 - 1).max(0) as usize;
         self.values.get(inside(y, self.height) * self.width + inside(x, self.width)).copied().unwrap_or(0.0)
@@ -70,7 +70,7 @@ fn comparable(a: &Pixels, b: &Pixels) -> Result<(), MeasureError> {
     Ok(())
 }
 
-/// Refuses a mask that is not one value a pixel.
+/// Refuses a mask without exactly one value per pixel.
 fn check_mask(mask: Option<&[bool]>, pixels: usize) -> Result<(), MeasureError> {
     match mask {
         Some(mask) if mask.len() != pixels => {

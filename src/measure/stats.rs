@@ -1,16 +1,16 @@
-//! Differences counted: mean absolute error, PSNR, how many pixels differ.
+//! Difference statistics: mean absolute error, PSNR, how many pixels differ.
 
 use super::{MeasureError, check_mask, comparable};
 use crate::pixels::{Codes, Pixels};
 
-/// How two pictures differ, over the pixels looked at.
+/// How two pictures differ, over the selected pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
-    /// Pixels looked at.
+    /// Pixels compared.
     pub pixels: usize,
-    /// Pixels of which any channel differs.
+    /// Pixels in which any channel differs.
     pub differing: usize,
-    /// Largest difference of a code value.
+    /// Largest difference of code values.
     pub largest: u32,
     /// Mean absolute difference of code values.
     pub mean_absolute: f64,
@@ -57,8 +57,8 @@ fn summed<T: Copy + Into<u32>>(a: &[T], b: &[T], mask: Option<&[bool]>, peak: u3
     Ok(Difference { pixels, differing, largest, mean_absolute: absolute as f64 / values, mean_squared, psnr_db })
 }
 
-/// Mean absolute difference of R, G, B, A over the pixels where either layer is not 0. Linear premultiplied layers of
-/// the same length.
+/// Mean absolute difference of R, G, B, A over the pixels where either layer is not 0. The layers are linear,
+/// premultiplied and of the same length.
 pub fn layer_error(a: &[[f32; 4]], b: &[[f32; 4]]) -> Result<f64, MeasureError> {
     if a.len() != b.len() {
         return Err(MeasureError::Length { what: "the second layer", found: b.len(), expected: a.len() });
@@ -87,7 +87,7 @@ mod tests {
         let all = difference(&a, &b, None).unwrap();
         assert_eq!((all.pixels, all.differing, all.largest), (2, 2, 4));
         assert!((all.mean_absolute - 7.0 / 6.0).abs() < 1e-12 && (all.mean_squared - 25.0 / 6.0).abs() < 1e-12);
-        // 10 log10(65025 · 6/25) = 41.933
+        // 10 log10(65025 · 6/25) = 41.933.
         assert!((all.psnr_db - 41.933).abs() < 1e-3, "{}", all.psnr_db);
         let first = difference(&a, &b, Some(&[true, false])).unwrap();
         assert_eq!((first.pixels, first.largest), (1, 3));
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn a_layers_error_counts_the_union_only() {
         let (none, red, dim) = ([0.0; 4], [1.0, 0.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0]);
-        // red against dim: 0.5; dim against none: 1.5; the third pixel does not count
+        // Red against dim: 0.5; dim against none: 1.5; the third pixel does not count.
         assert_eq!(layer_error(&[red, dim, none], &[dim, none, none]), Ok(2.0 / 8.0));
         assert!(layer_error(&[none], &[none]).is_err() && layer_error(&[none], &[]).is_err());
     }

@@ -1,14 +1,14 @@
-//! What an automatic focus looks at: the nearest thing, real or virtual, around the picture's middle.
+//! Automatic focus: on the nearest thing, real or virtual, around the picture's centre.
 
 use crate::pixels::{DepthMap, LayerImage, Rect};
 
-/// Side of the focus field as a part of the picture's.
+/// Side of the focus field as a share of the picture's.
 const FIELD: f64 = 0.06;
-/// What covers less of a pixel is no thing to focus on.
+/// Pixels covered less than this are not focused on.
 const COVERED: f32 = 0.5;
 
-/// How far away it is, metres: the median over the focus field of what is nearer at each pixel, real or virtual; where
-/// nothing is known there, over the virtual things of the whole picture. `None` without any.
+/// The focus distance, metres: the median over the focus field of the nearer depth at each pixel, real or virtual. If
+/// nothing is known there, the median over the virtual things of the whole picture. `None` without any.
 pub fn distance_m(layer: &LayerImage, depth: Option<&DepthMap>, picture: Rect) -> Option<f64> {
     let around = |part: f64| {
         let half = |side: u32| (0.5 * part * f64::from(side)).ceil() as i32;
@@ -46,12 +46,12 @@ mod tests {
         let whole = Rect::full(100, 100);
         assert_eq!(distance_m(&layer, None, whole), None);
         assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
-        // A thing at the side counts where nothing else is known.
+        // A thing off the centre counts if nothing else is known.
         (layer.rgba[10 * 100 + 10], layer.depth_m[10 * 100 + 10]) = ([1.0; 4], 0.7);
         assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
         depth.depth_m.fill(0.0);
         assert_eq!(distance_m(&layer, Some(&depth), whole), Some(f64::from(0.7f32)));
-        // One in the middle, nearer than the wall; a faint one is not looked at.
+        // A thing in the centre, nearer than the wall; a faint one is ignored.
         depth.depth_m.fill(2.0);
         for y in 45..55 {
             for x in 45..55 {

@@ -1,35 +1,35 @@
-//! What of the recorded picture a film and a lens see.
+//! The part of the recorded picture that a film and a lens see.
 
 use glam::DVec2;
 
 use crate::camera::{Film, FilmError, Framed, Geometry, ThinLens, ThinLensError};
 
-/// What of the recorded picture is wanted in the photograph; as a default its middle, as far as the lens sees.
+/// The part of the recorded picture that is wanted in the photograph. By default its middle, as far as the lens sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
-    /// What is in the middle, px of the recorded picture; moved so far that nothing is seen that was not recorded.
+    /// The centre, px of the recorded picture. It is moved just far enough that nothing unrecorded is seen.
     pub at_px: Option<DVec2>,
-    /// Width and height of what is seen at least, px of the recorded picture, instead of a focal length.
+    /// Width and height that must be seen at least, px of the recorded picture, instead of a focal length.
     pub around_px: Option<DVec2>,
 }
 
-/// The virtual camera's film, lens and picture, and where that lies in the recorded one.
+/// The virtual camera's film, lens and picture, and where that is in the recorded one.
 #[derive(Clone, Debug)]
 pub struct Framing {
     pub film: Film,
-    /// Of the lens focused at infinity, metres.
+    /// Focal length of the lens focused at infinity, metres.
     pub focal_length_m: f64,
-    /// Up to infinity.
+    /// May be infinite.
     pub focus_distance_m: f64,
     pub framed: Framed,
     /// The camera that takes the photograph.
     pub geometry: Geometry,
-    /// How much later than the middle row of the recorded picture that of the photograph was read, seconds; 0 where the
-    /// middle is what was aimed at.
+    /// How much later the photograph's middle row was read than the recorded picture's, seconds. 0 if the photograph
+    /// was not aimed.
     pub later_s: f64,
 }
 
-/// What cannot be framed.
+/// Why something cannot be framed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FramingError {
     #[error(
@@ -56,9 +56,10 @@ pub enum FramingError {
 const SIDE_PX: std::ops::RangeInclusive<u32> = 16..=20000;
 
 impl Framing {
-    /// Frames the middle of a camera's picture. Without a film, the camera's own; without a focal length (metres), the
-    /// one that sees as much as there is; without a width, as many pixels as the recording has there.
-    /// With a focal length f the image stands at v = f·d/(d − f) (vSLRcam (2)): focusing nearer narrows the view.
+    /// Frames the middle of a camera's picture. Without a film, it is the camera's own; without a focal length
+    /// (metres), the one that sees as much as there is; without a width, as many pixels as the recording has there.
+    ///
+    /// With a focal length f the image distance is v = f·d/(d − f) (vSLRcam (2)): focusing nearer narrows the view.
     pub fn new(
         whole: &Geometry,
         film: Option<Film>,
@@ -69,7 +70,7 @@ impl Framing {
         Self::aimed(whole, film, focal_length_m, focus_distance_m, width_px, Aim::default())
     }
 
-    /// The same of what is aimed at. What is wanted around it takes the place of the focal length.
+    /// The same for an aim. `Aim::around_px` replaces the focal length.
     pub fn aimed(
         whole: &Geometry,
         film: Option<Film>,
@@ -86,7 +87,7 @@ impl Framing {
         };
         let aspect = film.width_mm() / film.height_mm();
         let most = whole_width.min(whole_height * aspect);
-        // A part `columns` wide is what stands on the film at the image distance fx · film width / columns.
+        // A part `columns` wide fills the film at the image distance fx · film width / columns.
         let across = i.fx_px * 1e-3 * film.width_mm();
         let focal_length_m = focal_length_m.filter(|_| aim.around_px.is_none());
         let columns = match (focal_length_m, aim.around_px) {
@@ -98,9 +99,9 @@ impl Framing {
                 columns.min(most)
             }
             (Some(f), None) => {
-                // Refuses a focus within the focal length, and what is no length.
+                // Refuses a focus within the focal length, and invalid lengths.
                 let columns = across / ThinLens::with_diameter(f, 0.0, focus_distance_m)?.image_distance_m();
-                // A ten-thousandth is what EXIF and the message below round away.
+                // EXIF and the message below round to about a ten-thousandth.
                 if columns > most * 1.0001 {
                     let degrees = |columns: f64| 2.0 * (0.5 * columns / i.fx_px).atan().to_degrees();
                     let least_m = ThinLens::focal_length_behind_m(across / most, focus_distance_m);
@@ -109,7 +110,7 @@ impl Framing {
                         film,
                         sees_deg: degrees(columns),
                         has_deg: degrees(most),
-                        // So that what is printed is accepted.
+                        // Rounded so that the printed value is accepted.
                         least_mm: (1e5 * least_m).ceil() * 1e-2,
                     });
                 }
@@ -126,11 +127,11 @@ impl Framing {
         let edge = |whole: f64, pixels: u32, aimed: Option<f64>| {
             let left_over = whole - step * f64::from(pixels);
             let edge = match aimed {
-                // Rounding may make the part wider than the whole by nothing that matters.
+                // Rounding may make the part slightly wider than the whole.
                 Some(at) => (at - 0.5 * step * f64::from(pixels)).clamp(0.0, left_over.max(0.0)),
                 None => 0.5 * left_over,
             };
-            // Pixel on pixel where it can be.
+            // Pixel on pixel if possible.
             if step == 1.0 { edge.floor() } else { edge }
         };
         let framed = Framed {
@@ -156,7 +157,7 @@ impl Framing {
         (self.geometry.intrinsics.width_px, self.geometry.intrinsics.height_px)
     }
 
-    /// Pixels of the photograph for one of the recording.
+    /// Pixels of the photograph per pixel of the recording.
     pub fn enlargement(&self) -> f64 {
         1.0 / self.framed.step
     }
@@ -182,7 +183,7 @@ mod tests {
         assert_eq!(framing.geometry, whole());
         assert!(framing.framed.is_exact());
         close(framing.focal_length_m, 0.029_531_25, 1e-12);
-        // Focused at 1 m the same image distance is that of a shorter lens: 29.53125 / 1.02953125.
+        // Focused at 1 m, a shorter lens has the same image distance: 29.53125 / 1.02953125.
         let near = Framing::new(&whole(), None, None, 1.0, None).unwrap();
         close(near.focal_length_m, 0.028_684_17, 1e-8);
         assert_eq!(near.geometry, whole());
@@ -200,7 +201,7 @@ mod tests {
         assert_eq!(tele.size(), (960, 640));
         close(tele.framed.left_px, 160.0, 1e-9);
         close(tele.geometry.intrinsics.fx_px, 1575.0, 1e-6);
-        // At 1 m it stands at 59.0625 / 0.9409375 = 62.770 mm: 301.1 columns.
+        // At 1 m the image distance is 59.0625 / 0.9409375 = 62.770 mm: 301.1 columns.
         let near = Framing::new(&whole(), Some(film), Some(0.059_062_5), 1.0, None).unwrap();
         close(near.framed.step * f64::from(near.size().0), 301.1, 1e-6);
         // A smaller film behind the same lens sees less.
@@ -214,14 +215,14 @@ mod tests {
             let aim = Aim { at_px: Some(at.into()), around_px: Some(around.into()) };
             Framing::aimed(&whole(), None, None, f64::INFINITY, None, aim).unwrap()
         };
-        // 160 of 640 columns and 120 of 480 rows around (400, 100): from (320, 40) on, pixel on pixel.
+        // 160 of 640 columns and 120 of 480 rows around (400, 100), starting at (320, 40), pixel on pixel.
         let part = aimed([400.0, 100.0], [160.0, 90.0]);
         assert_eq!((part.size(), part.framed), ((160, 120), Framed { left_px: 320.0, top_px: 40.0, step: 1.0 }));
-        // What sees a quarter is four times as long a lens.
+        // Seeing a quarter needs a lens four times as long.
         close(part.focal_length_m, 4.0 * 0.029_531_25, 1e-12);
-        // Rows from 40 to 160 have 100 in the middle, 140 above that of the whole.
+        // Rows from 40 to 160 have their middle at 100, 140 above that of the whole.
         close(part.later_s, -140.0 / 480.0 * whole().intrinsics.readout_time_s, 1e-15);
-        // A thing that is high: as many columns as 4:3 asks for. In the corner nothing beyond it is seen.
+        // Something tall: as many columns as 4:3 needs. At the corner nothing beyond the picture is seen.
         let part = aimed([639.0, 479.0], [10.0, 120.0]);
         assert_eq!((part.size(), part.framed), ((160, 120), Framed { left_px: 480.0, top_px: 360.0, step: 1.0 }));
         let all = aimed([0.0, 0.0], [640.0, 10.0]);

@@ -1,5 +1,5 @@
-//! The real part of a photograph: the recording's own pixels, summed and enlarged. They are exposed where the virtual part is
-//! put in, so that nothing is clipped before.
+//! The real part of a photograph: the recording's own pixels, summed and enlarged. They are exposed later, in the
+//! composite, so that nothing is clipped before.
 
 use std::ops::Range;
 
@@ -11,12 +11,12 @@ use crate::rows::{over_rows, processors};
 #[derive(Clone, Debug)]
 pub struct RealPart {
     pub pixels: Pixels,
-    /// What summing and enlarging leave of the variance of a pixel's noise, on average, up to 1.
+    /// The share of the variance of a pixel's noise that remains after summing and enlarging, on average; up to 1.
     pub noise_left: f64,
 }
 
-/// Which frames a shutter sees, and how much of its time each of them takes: frame n stands for its interval, half of
-/// it before its timestamp. The parts sum to 1 over the frames that there are.
+/// The frames that a shutter sees, and the share of its time that each takes. A frame stands for its interval, centred
+/// on its timestamp. The shares of the frames that exist sum to 1.
 pub fn shutter_weights(timestamps_s: &[f64], interval_s: f64, frame: usize, time_s: f64) -> (Range<usize>, Vec<f64>) {
     let alone = (frame..frame + 1, vec![1.0]);
     let Some(&middle) = timestamps_s.get(frame).filter(|_| time_s > interval_s && interval_s > 0.0) else {
@@ -34,7 +34,7 @@ pub fn shutter_weights(timestamps_s: &[f64], interval_s: f64, frame: usize, time
     (first..end, parts.iter().map(|p| p / whole).collect())
 }
 
-/// Linear light of pictures that are summed, in rows of R, G, B.
+/// Summed linear light of pictures, in rows of R, G, B.
 #[derive(Clone, Debug)]
 struct Light {
     width: usize,
@@ -43,9 +43,9 @@ struct Light {
 }
 
 impl RealPart {
-    /// Sums frames of one size (weight, pixels) and takes the part that is framed at a size in pixels. Where nothing of that is to
-    /// be done, the code values are the recording's. `neighbours`: how a pixel's noise correlates with the next one's to the right
-    /// and below.
+    /// Sums frames of one size (weight, pixels) and resamples the framed part to a size in pixels. If neither is
+    /// needed, the code values are the recording's. `neighbours`: correlation of a pixel's noise with the neighbours'
+    /// to the right and below.
     pub fn new(
         frames: &[(f64, Pixels)],
         response: &Response,
@@ -80,7 +80,7 @@ impl RealPart {
     }
 }
 
-/// Pixel for pixel.
+/// Copies pixel for pixel.
 fn cut(pixels: &Pixels, framed: &Framed, width: u32, height: u32) -> Pixels {
     let (left, top) = (framed.left_px as u32, framed.top_px as u32);
     let scale = 65535 / pixels.max_code();
@@ -110,14 +110,14 @@ fn sum(frames: &[(f64, Pixels)], response: &Response) -> Light {
     Light { width, height, rgb }
 }
 
-/// Which pixels of a row make up those of another, and how much of each they take.
+/// Which pixels of a row make up those of another, and with what weights.
 struct Taps {
-    /// One for each: the first pixel's number, and its weights, which sum to 1.
+    /// For each pixel: the first source pixel's number, and weights that sum to 1.
     parts: Vec<(i64, Vec<f32>)>,
     last: i64,
 }
 
-/// The cubic of Catmull and Rom (Keys 1981, a = −1/2): interpolates, with a slope that is the neighbours'.
+/// The cubic of Catmull and Rom (Keys 1981, a = −1/2): interpolates, with slopes from the neighbours.
 fn cubic(x: f64) -> f64 {
     let x = x.abs();
     match x {
@@ -128,8 +128,8 @@ fn cubic(x: f64) -> f64 {
 }
 
 impl Taps {
-    /// `count` pixels, `step` of the source's wide, from the place `edge` on. Where they are wider than the source's, so
-    /// is the filter.
+    /// `count` pixels, each `step` source pixels wide, starting at `edge`. If they are wider than the source's, so is
+    /// the filter.
     fn new(source: usize, edge: f64, step: f64, count: u32) -> Self {
         let spread = step.max(1.0);
         let parts = (0..count).map(|n| {
@@ -143,7 +143,7 @@ impl Taps {
         Self { parts: parts.collect(), last: source as i64 - 1 }
     }
 
-    /// What lies beyond the source is as its edge.
+    /// Beyond the source, its edge continues.
     fn of(&self, n: usize, at: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
         let (first, weights) = &self.parts[n];
         let mut sum = [0.0; 3];
@@ -191,10 +191,10 @@ mod tests {
         let framed = Framed { left_px: 0.0, top_px: 0.0, step: 1.0 };
         let frames = [(0.25, row(&[40, 80])), (0.75, row(&[80, 0]))];
         let real = RealPart::new(&frames, &linear(), &framed, (2, 1), [0.0; 2]);
-        // 0.25 · 40 + 0.75 · 80 = 70; 0.25 · 80 = 20
+        // 0.25 · 40 + 0.75 · 80 = 70; 0.25 · 80 = 20.
         assert_eq!(greens(&real), [70 * 257, 20 * 257]);
         assert!((real.noise_left - 0.625).abs() < 1e-12);
-        // Half of 0.181 and half of nothing is 0.09 of light, code 84.6 of sRGB.
+        // Half of 0.181 and half of nothing is 0.09 of light, sRGB code 84.6.
         let halves = [(0.5, row(&[118])), (0.5, row(&[0]))];
         let grey = RealPart::new(&halves, &Response::default(), &framed, (1, 1), [0.0; 2]);
         assert_eq!((f64::from(greens(&grey)[0]) / 257.0).round(), 85.0);
@@ -205,13 +205,13 @@ mod tests {
         let framed = Framed { left_px: 4.0, top_px: 0.0, step: 0.5 };
         let ramp: Vec<u8> = (0..16).map(|i| 10 * i).collect();
         let real = RealPart::new(&[(1.0, row(&ramp))], &linear(), &framed, (8, 2), [0.0; 2]);
-        // The first pixel's middle lies at 4.25: a quarter before that of pixel 4.
+        // The first pixel's centre is at 4.25: a quarter before that of pixel 4.
         let expected: Vec<u32> = (0..8).map(|n| (257.0 * (37.5 + 5.0 * f64::from(n))).round() as u32).collect();
         assert_eq!(greens(&real), expected);
-        // Of Catmull and Rom's weights at a quarter: (−9, 111, 29, −3)/128, squares sum to 0.80627.
+        // Catmull and Rom's weights at a quarter are (−9, 111, 29, −3)/128; their squares sum to 0.80627.
         let at_a_quarter = [9.0f64, 111.0, 29.0, 3.0].map(|w| (w / 128.0).powi(2)).iter().sum::<f64>();
         assert!((real.noise_left - at_a_quarter * at_a_quarter).abs() < 1e-6, "{}", real.noise_left);
-        // Three source pixels in one: widened to their mean, nearly.
+        // Three source pixels in one: nearly their mean, by the widened filter.
         let small = Framed { left_px: 0.5, top_px: 0.0, step: 3.0 };
         let real = RealPart::new(&[(1.0, row(&ramp))], &linear(), &small, (5, 1), [0.0; 2]);
         assert!(greens(&real)[1..4].windows(2).all(|w| (w[1] - w[0]).abs_diff(30 * 257) < 20), "{:?}", greens(&real));
@@ -223,13 +223,13 @@ mod tests {
         let times: Vec<f64> = (0..10).map(|n| 0.1 * f64::from(n)).collect();
         let (range, parts) = shutter_weights(&times, 0.1, 5, 0.2);
         assert_eq!(range, 4..7);
-        // 0.2 s around frame 5: all of it and half of each neighbour's.
+        // 0.2 s around frame 5: all of it and half of each neighbour.
         for (found, expected) in parts.iter().zip([0.25, 0.5, 0.25]) {
             assert!((found - expected).abs() < 1e-9, "{parts:?}");
         }
         assert_eq!(shutter_weights(&times, 0.1, 5, 0.1), (5..6, vec![1.0]));
         assert_eq!(shutter_weights(&times, 0.1, 5, 0.004), (5..6, vec![1.0]));
-        // At the recording's end there is less.
+        // At the recording's end there are fewer frames.
         let (range, parts) = shutter_weights(&times, 0.1, 9, 0.3);
         assert_eq!(range, 8..10);
         assert!((parts.iter().sum::<f64>() - 1.0).abs() < 1e-12);

@@ -1,24 +1,24 @@
-//! A contact sheet: photographs of a series side by side, each with its settings below.
+//! A contact sheet: the photographs of a series, each with its settings below.
 
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 use image::{ImageBuffer, Rgb, imageops};
 
 use crate::pixels::{Codes, Pixels};
 
-/// Width of each picture on the sheet, px, and what is left free around it.
+/// Width of each picture on the sheet, px, and the margin around it.
 const PICTURE_PX: u32 = 480;
 const MARGIN_PX: u32 = 12;
-/// From the top of a line's letters to their lowest, and from line to line.
+/// Height of the letters, and line spacing.
 const LETTERS_PX: f32 = 24.0;
 const LINE_PX: u32 = 26;
-/// Open Sans; its licence lies beside it.
+/// Open Sans; its licence is next to it.
 const FONT: &[u8] = include_bytes!("../../assets/OpenSans-Regular.ttf");
 const PAPER: Rgb<u8> = Rgb([24, 24, 24]);
 const INK: Rgb<u8> = Rgb([230, 230, 230]);
 
 type Picture = ImageBuffer<Rgb<u8>, Vec<u8>>;
 
-/// A photograph as small as on the sheet, so that the large ones need not be kept. `None` for 16 bits, which no photograph
+/// A photograph in the sheet's size, so that the large ones need not be kept. `None` for 16 bits, which no photograph
 /// has.
 pub fn small(pixels: &Pixels) -> Option<Picture> {
     let codes = pixels.codes.eight_bit()?;
@@ -30,7 +30,7 @@ pub fn small(pixels: &Pixels) -> Option<Picture> {
     Some(imageops::resize(&picture, PICTURE_PX, height, imageops::FilterType::CatmullRom))
 }
 
-/// The sheet: as many columns as make it about square, from the upper left. Labels may have several lines.
+/// The sheet, filled from the upper left, with as many columns as make it about square. Labels may have several lines.
 pub fn contact_sheet(pictures: &[(Picture, String)]) -> Pixels {
     let count = pictures.len().max(1) as u32;
     let columns = f64::from(count).sqrt().ceil() as u32;
@@ -52,7 +52,7 @@ pub fn contact_sheet(pictures: &[(Picture, String)]) -> Pixels {
 
 /// Writes a line whose upper left corner is at (x, y). What does not fit below a picture is cut off.
 fn write(sheet: &mut Picture, x: u32, y: u32, text: &str) {
-    // The file is part of the program, and a test reads it.
+    // The font is part of the program, and a test reads it.
     let Ok(font) = FontRef::try_from_slice(FONT) else { return };
     let font = font.as_scaled(PxScale::from(LETTERS_PX));
     let baseline = y as f32 + font.ascent();
@@ -80,7 +80,7 @@ fn write(sheet: &mut Picture, x: u32, y: u32, text: &str) {
     }
 }
 
-/// Ink that covers a part of a pixel, by code values: letters are no light of the scene.
+/// Blends ink into a pixel by its coverage, in code values: letters are not light of the scene.
 fn ink(pixel: &mut Rgb<u8>, coverage: f32) {
     for (code, ink) in pixel.0.iter_mut().zip(INK.0) {
         *code = (f32::from(*code) + coverage * (f32::from(ink) - f32::from(*code))).round() as u8;
@@ -110,7 +110,8 @@ mod tests {
         assert!(inked(12) > inked(504) && inked(504) > 50, "{} {}", inked(12), inked(504));
     }
 
-    /// Smooth letters: many shades, the stem of an l as high as a T and narrow, and none beyond the picture's width.
+    /// Anti-aliased letters: many shades, the stem of an l as high as a T and narrow, and none beyond the picture's
+    /// width.
     #[test]
     fn letters_are_a_fonts() {
         let written = |text: &str| {
@@ -125,7 +126,7 @@ mod tests {
         let (columns, rows): (Vec<_>, Vec<_>) = inked.unzip();
         let across = columns.iter().max().unwrap() - columns.iter().min().unwrap();
         let down = rows.iter().max().unwrap() - rows.iter().min().unwrap();
-        // Open Sans: 1556 of its 2789 units a line.
+        // Open Sans: 1556 of its 2789 units per line.
         assert!(across <= 2 && down.abs_diff((24.0 * 1556.0 / 2789.0) as u32) <= 1, "{across}x{down}");
         let long = written(&"W".repeat(100));
         assert!(long.enumerate_pixels().all(|(x, _, p)| x < 20 + PICTURE_PX || *p == PAPER));

@@ -1,4 +1,4 @@
-//! A photograph, tile by tile, so that memory does not grow with its size but for its pixels.
+//! Takes a photograph tile by tile, so that only its pixels grow in memory with its size.
 
 use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
@@ -11,44 +11,44 @@ use crate::tracking::PoseTrack;
 
 use super::{Framing, RealPart};
 
-/// Side of a tile, px: multisampled colour and depth take 48 bytes a pixel, 113 MB.
+/// Side of a tile, px: multisampled colour and depth take 48 bytes per pixel, 113 MB.
 const TILE_PX: i32 = 1536;
-/// Of a tile with all that is blurred into it, and of the least tile.
+/// Side of a tile including what is blurred into it, and the smallest side of a tile.
 const DRAWN_PX: i32 = 1500;
 const LEAST_TILE_PX: i32 = 512;
 
-/// Where and when it is taken.
+/// Where and when the photograph is taken.
 #[derive(Clone, Copy, Debug)]
 pub struct Standpoint<'a> {
-    /// As it was calibrated.
+    /// The calibrated camera.
     pub camera: &'a Camera,
     pub settings: &'a Settings,
-    /// The recording's camera.
+    /// The recording's geometry.
     pub recorded: &'a Geometry,
     pub track: &'a PoseTrack,
     pub time_offset_s: f64,
-    /// To the next frame, seconds.
+    /// Seconds to the next frame.
     pub interval_s: f64,
     pub frame: usize,
     pub timestamp_s: f64,
-    /// The recording's frames that the real part sums; empty for one.
+    /// The recording's frames that the real part sums. Empty if there is one.
     pub summed: &'a [Summed],
-    /// What the recording says of the frame's exposure.
+    /// The frame's exposure as the recording reports it.
     pub exposure: FrameExposure,
-    /// What hides virtual things, and what the real part's depth of field goes by.
+    /// Depth that hides virtual things, and on which the real part's depth of field depends.
     pub depth: Option<&'a DepthMap>,
 }
 
-/// How it is exposed.
+/// How the photograph is exposed.
 #[derive(Clone, Copy, Debug)]
 pub struct Exposed {
-    /// None for a pinhole.
+    /// `None` for a pinhole.
     pub opening: Option<Opening>,
-    /// How long what moves is blurred, seconds.
+    /// How long motion is blurred, seconds.
     pub time_s: f64,
     /// Stops brighter than the recording.
     pub over_ev: f64,
-    /// Film speed over that at which the recording's noise was measured.
+    /// Film speed over the speed at which the recording's noise was measured.
     pub iso_ratio: f64,
 }
 
@@ -60,16 +60,17 @@ pub enum TakeError {
     Gpu(#[from] GpuError),
 }
 
-/// What was taken.
+/// The finished photograph.
 #[derive(Clone, Debug)]
 pub struct Taken {
     /// 8 bits.
     pub pixels: Pixels,
-    /// Whether any object is before the camera.
+    /// Whether any object is in front of the camera.
     pub shows_objects: bool,
 }
 
-/// Puts the compositor's scene into the real part and exposes both. Tells what share of the picture is done.
+/// Puts the compositor's scene into the real part and exposes both. Calls `done` with the finished share of the
+/// picture.
 pub fn take(
     compositor: &mut Compositor,
     standpoint: &Standpoint<'_>,
@@ -98,7 +99,7 @@ pub fn take(
     };
     let depth_m = standpoint.depth.and_then(seen);
     let mut pixels = real.pixels;
-    // For how far circles can be seen to reach it takes no more than the depths that were measured.
+    // The largest visible circles follow from the measured depths alone.
     let least_m = depth_m.iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
     let circles_px = exposed.opening.map_or(0.0, |opening| {
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
@@ -149,7 +150,7 @@ pub fn take(
     Ok(Taken { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
 }
 
-/// The rows' places in a picture's codes.
+/// The ranges of the rows in a picture's codes.
 fn rows(width: u32, region: Rect) -> impl Iterator<Item = std::ops::Range<usize>> {
     let place = move |x: i32, y: i32| 3 * (y as usize * width as usize + x as usize);
     (region.y0..region.y1).map(move |y| place(region.x0, y)..place(region.x1, y))
@@ -163,7 +164,8 @@ fn copied(pixels: &Pixels, region: Rect) -> Codes {
     }
 }
 
-/// Takes a part that is made out of the picture, in 8 bits, and puts back what was there: what lies beside it is blurred from that.
+/// Copies a finished region out of the picture, in 8 bits, and restores the pixels there, because its neighbours' blur
+/// reads them.
 fn develop(pixels: &mut Pixels, before: Codes, region: Rect, out: &mut [u8]) {
     let columns = 3 * region.width() as usize;
     for (n, row) in rows(pixels.width, region).enumerate() {
@@ -184,7 +186,7 @@ fn develop(pixels: &mut Pixels, before: Codes, region: Rect, out: &mut [u8]) {
 }
 
 fn tiles(width: u32, height: u32, most_px: i32) -> Vec<Rect> {
-    // As equal as they can be.
+    // The tiles are as equal as possible.
     let cuts = |side: u32| {
         let count = (side as i32 + most_px - 1) / most_px;
         (0..=count).map(move |n| (i64::from(side) * i64::from(n) / i64::from(count.max(1))) as i32)

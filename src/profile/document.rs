@@ -1,4 +1,4 @@
-//! A profile as a text that is edited: what a person wrote beside it stays.
+//! A profile as an edited text: comments and layout written by people stay.
 
 use std::fmt;
 use std::path::Path;
@@ -11,17 +11,17 @@ use crate::compositor::Settings;
 use crate::document::{self, Problem, merge, table_of};
 use crate::params::Params;
 
-/// How the line over a table of noise begins that says where it came from.
+/// Start of the comment above a noise table that says where it came from.
 const SIGNATURE: &str = "# By `locard calibrate noise";
 
-/// A profile, and every comment, blank and order of its text.
+/// A profile, with the comments, spacing and order of its text.
 #[derive(Clone, Debug)]
 pub struct Document {
     text: DocumentMut,
 }
 
 impl Document {
-    /// A profile that says nothing yet; `heading` stands over it as a comment.
+    /// An empty profile, with `heading` as a comment at the top.
     pub fn new(heading: &str) -> Self {
         let mut text = DocumentMut::new();
         text.insert("version", toml_edit::value(1));
@@ -31,20 +31,21 @@ impl Document {
         Self { text }
     }
 
-    /// A text that reads as a profile; `path` is named in errors. Another file, a recording's or a scene's, is refused.
+    /// Parses the text of a profile; `path` is named in errors. Other files, such as a recording's or a scene's, are
+    /// refused.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ProfileError> {
         Rig::default().read_text(text, path, &mut Settings::default())?;
         let failed = |source: Problem| ProfileError::Syntax { path: path.to_owned(), source };
         Ok(Self { text: document::edited(text).map_err(failed)? })
     }
 
-    /// Whether it has a table of noise.
+    /// Whether there is a table of noise.
     pub fn has_noise(&self) -> bool {
         self.text.get("camera").and_then(|camera| camera.get("noise")).is_some()
     }
 
-    /// Puts a camera's noise in place of what was there. `origin` goes into a comment over it, in place of one that was put
-    /// there so before, as in "by `locard calibrate noise`, from 20 frames"; empty for none.
+    /// Replaces the camera's noise. `origin` goes into a comment above it, as in "by `locard calibrate noise`, from 20
+    /// frames", and replaces an earlier such comment. Empty for none.
     pub fn set_noise(&mut self, profile: &NoiseProfile, origin: &str) {
         self.put("camera.noise", &noise::to_toml(profile));
         let noise = self.text.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
@@ -55,12 +56,12 @@ impl Document {
         decor.set_prefix(kept + &says);
     }
 
-    /// Puts a table of parameters in place of what was there; those without a value are left out.
+    /// Replaces a table of parameters. Those without a value are left out.
     pub fn set_params(&mut self, params: &dyn Params) {
         self.put(params.table(), &table_of(params));
     }
 
-    /// Makes the table of a name, as in `camera.noise`, hold these keys and no others but tables.
+    /// Makes the named table, such as `camera.noise`, contain exactly these keys, apart from its subtables.
     fn put(&mut self, name: &str, table: &Table) {
         let mut at: &mut dyn TableLike = self.text.as_table_mut();
         for part in name.split('.') {
@@ -73,7 +74,7 @@ impl Document {
             let Some(inner) = item.as_table_like_mut() else { return };
             at = inner;
         }
-        // Tables within are others' business.
+        // Subtables are not ours to change.
         let mine: Table = at.iter().filter(|(_, item)| !item.is_table_like()).map(|(k, v)| (k, v.clone())).collect();
         merge(at, Some(&mine), table);
         if let Some(table) = table_at(&mut self.text, name) {
@@ -188,7 +189,7 @@ mod tests {
             profile.set_noise(&noise, "");
             let mut rig = Rig::default();
             rig.read_text(&profile.to_string(), Path::new("p.toml"), &mut Settings::default()).unwrap();
-            // The shortest text of a number tells every bit of it.
+            // The shortest text of a number preserves every bit of it.
             prop_assert_eq!(format!("{:?}", rig.noise.unwrap()), format!("{noise:?}"));
             prop_assert_eq!(format!("{:?}", rig.intrinsics), format!("{intrinsics:?}"));
             prop_assert_eq!(rig.exposure, exposure);

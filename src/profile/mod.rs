@@ -1,7 +1,7 @@
-//! `profiles/<name>.toml`: what was measured of a camera, and the parameters of each effect.
+//! `profiles/<name>.toml`: a camera's measured values, and the parameters of each effect.
 //!
-//! A profile may hold any of the tables of [`Rig::tables`] and of the settings; a key that is
-//! none of theirs is an error that names it.
+//! A profile may have any of the tables of [`Rig::tables`] and of the settings. An unknown key is an error that names
+//! it.
 
 mod document;
 mod noise;
@@ -30,11 +30,11 @@ pub struct Rig {
     pub exposure: CameraExposure,
     pub response: Response,
     pub noise: Option<NoiseProfile>,
-    /// Which keys of the geometry somebody gave: table and name. What stands in the others is nobody's word.
+    /// The geometry's keys that were given: table and name. The others have meaningless defaults.
     given: BTreeSet<(&'static str, &'static str)>,
 }
 
-/// What makes a camera whole. Without all of these no geometry is made of the others.
+/// The keys that make a camera complete. Without all of them there is no geometry.
 const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
 #[derive(Debug, thiserror::Error)]
@@ -64,7 +64,7 @@ pub enum ProfileError {
     Coefficient { path: PathBuf, name: &'static str, model: Value },
 }
 
-/// What is wrong with a `--set table.name=value`.
+/// A problem with a `--set table.name=value`.
 #[derive(Debug, thiserror::Error)]
 pub enum SetError {
     #[error("--set {text}: expected table.name=value, as in --set noise.scale=1.5")]
@@ -84,27 +84,28 @@ impl Rig {
         [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
     }
 
-    /// Whether the width of the film was told.
+    /// Whether the film's width was given.
     pub fn gives_film_width(&self) -> bool {
         self.given.contains(&(self.intrinsics.table(), "film_width_mm"))
     }
 
-    /// The keys of `[camera]` that are missing for a whole camera: none, or some or all of width, height, focal lengths and principal point.
+    /// The keys of `[camera]` that a complete camera still needs, out of width, height, focal lengths and principal
+    /// point.
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let table = self.intrinsics.table();
-        // All else of a 360° picture follows from its size.
+        // Everything else of a 360° picture follows from its size.
         let round = self.distortion.model == LensModel::Equirectangular;
         let asked = WHOLE.into_iter().filter(|name| !round || matches!(*name, "width_px" | "height_px"));
         asked.filter(|name| !self.given.contains(&(table, name))).collect()
     }
 
-    /// Whether somebody gave any key of a camera's geometry.
+    /// Whether any key of a camera's geometry was given.
     pub fn gives_geometry(&self) -> bool {
         !self.given.is_empty()
     }
 
-    /// What was given as a whole camera; else what was given laid over a recording's own camera, key by key. `None` where
-    /// neither makes a camera.
+    /// The given camera if it is complete. Otherwise the recording's own camera with the given keys laid over it.
+    /// `None` if neither makes a camera.
     pub fn geometry_over(&self, own: Option<&Geometry>) -> Option<Geometry> {
         if self.missing_keys().is_empty() {
             return Some(Geometry::new(self.intrinsics.clone(), self.distortion.clone()));
@@ -122,7 +123,7 @@ impl Rig {
         Some(Geometry::new(intrinsics, distortion))
     }
 
-    /// Lays what was given over a recording's own camera; what is set from here on goes above both.
+    /// Lays what was given over a recording's own camera. Later settings override both.
     pub fn lay_over(&mut self, own: &Geometry) {
         if let Some(geometry) = self.geometry_over(Some(own)) {
             (self.intrinsics, self.distortion) = (geometry.intrinsics, geometry.distortion);
@@ -130,7 +131,7 @@ impl Rig {
         }
     }
 
-    /// The camera, with a geometry where one was given whole.
+    /// The camera, with a geometry if it is complete.
     pub fn camera(&self) -> Camera {
         Camera {
             geometry: self.geometry_over(None),
@@ -155,7 +156,7 @@ impl Rig {
             if let Some((table, specs)) = spec {
                 self.given.extend(specs.into_iter().filter(|s| s.name == name).map(|s| (table, s.name)));
             }
-            // Two ways to say one thing: the later word counts, as with any other setting.
+            // These are two ways to say one thing. The later one counts, as with any other setting.
             match (table, name) {
                 ("camera.lens", "f_number") if *value != Value::None => self.lens.aperture_diameter_mm = None,
                 ("camera.lens", "aperture_diameter_mm") if *value != Value::None => self.lens.f_number = None,
@@ -174,14 +175,14 @@ impl Rig {
         self.table_names(settings).join(", ")
     }
 
-    /// Reads a profile over what the rig and the settings hold.
+    /// Reads a profile, overriding the rig and the settings.
     pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
         let text = file::read_text(path, MOST_DOCUMENT)
             .map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
         self.read_text(&text, path, settings)
     }
 
-    /// As [`Rig::read`], from a text; `path` is named in errors.
+    /// Like [`Rig::read`], from a text; `path` is named in errors.
     pub fn read_text(&mut self, text: &str, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
         let path = path.to_owned();
         let mut root: toml::Table =
@@ -260,7 +261,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Carries out a `--set table.name=value`.
+    /// Applies a `--set table.name=value`.
     pub fn set_text(&mut self, text: &str, settings: &mut Settings) -> Result<(), SetError> {
         let syntax = || SetError::Syntax { text: text.to_owned() };
         let (key, value) = text.split_once('=').ok_or_else(syntax)?;
@@ -318,7 +319,7 @@ mod tests {
         let expected = Intrinsics { fx_px: 500.0, readout_time_s: 0.01, ..own.intrinsics.clone() };
         assert_eq!(laid.intrinsics, expected);
         assert_eq!((laid.distortion.k1, laid.distortion.k2), (-0.2, 0.1));
-        // Laid once, the rest goes above.
+        // Once laid over, later settings override.
         rig.lay_over(&own);
         rig.set_text("camera.fx_px=600", &mut settings).unwrap();
         let geometry = rig.camera().geometry.unwrap();
@@ -327,7 +328,7 @@ mod tests {
             (600.0, 310.0, -0.2)
         );
 
-        // A whole camera stands alone.
+        // A complete camera stands on its own.
         let whole =
             "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 50\nfy_px = 51\ncx_px = 32\ncy_px = 24\n";
         let (rig, _) = read(whole).unwrap();

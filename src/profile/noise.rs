@@ -1,4 +1,4 @@
-//! The table `[camera.noise]`: what a calibration measured, as text and back.
+//! The table `[camera.noise]`: a calibration's results, as text and back.
 
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::document::numbers as numbers_of;
@@ -25,7 +25,7 @@ pub enum NoiseTableError {
     Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
 }
 
-/// The table of a profile's noise. Channels that were measured at different codes are written at the codes of all.
+/// The table of a profile's noise. If channels were measured at different codes, each is written at the codes of all.
 pub fn to_toml(profile: &NoiseProfile) -> toml_edit::Table {
     let mut codes: Vec<f64> = profile.bins.iter().flatten().map(|b| b.code).collect();
     codes.sort_by(f64::total_cmp);

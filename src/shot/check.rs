@@ -1,4 +1,4 @@
-//! What is checked before anything is drawn or written.
+//! Checks before anything is drawn or written.
 
 use std::ops::Range;
 
@@ -9,13 +9,13 @@ use crate::profile::Rig;
 use crate::recording::Recording;
 
 impl Shot {
-    /// That a range of frames can be composited as all is set: cameras, the lens, what effects need. That a frame has no pose
-    /// is no error, that none has one is.
+    /// Checks that a range of frames can be composited as set: cameras, lens, what effects need. It is no error if some
+    /// frames have no pose, but it is if none has.
     pub fn check(&self, range: Range<usize>) -> Result<(), ShotError> {
         let first = self.geometry_at(0)?;
         range.into_iter().try_for_each(|frame| self.geometry_at(frame).map(drop))?;
         let camera = self.camera();
-        // A lens that cannot be is refused.
+        // Refuses an impossible lens.
         camera.lens.opening(&first)?;
         let frames = self.recording.frame_count();
         let mut poses = (0..frames).map(|frame| self.recording.pose_at_frame(frame));
@@ -25,7 +25,7 @@ impl Shot {
         Ok(self.settings.check(&camera, &first)?)
     }
 
-    /// That every frame of a range has a pose.
+    /// Checks that every frame of a range has a pose.
     pub fn check_poses(&self, mut range: Range<usize>) -> Result<(), ShotError> {
         range.try_for_each(|frame| match self.recording.pose_at_frame(frame) {
             Ok(_) => Ok(()),
@@ -34,7 +34,7 @@ impl Shot {
     }
 }
 
-/// The camera that took a frame: what is given, over the recording's own.
+/// The camera that took a frame: what was given, over the recording's own.
 pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry, ShotError> {
     let own = recording.geometry_at_frame(frame);
     let Some(geometry) = rig.geometry_over(own) else {
@@ -61,7 +61,7 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
     }
 }
 
-/// Of a camera that takes 360° pictures, or is said to take a recording's: that it can.
+/// Checks a camera that takes 360° pictures, or that is given for a recording of them.
 fn round(geometry: &Geometry) -> Result<(), ShotError> {
     let Intrinsics { width_px, height_px, readout_time_s, .. } = geometry.intrinsics;
     match () {

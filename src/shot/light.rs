@@ -5,10 +5,10 @@ use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, PictureLight};
 use crate::profile::Rig;
 
-/// The film speed that is taken where nobody says: EVs are usually told for it.
+/// The default film speed: EVs are usually given for it.
 pub const USUAL_ISO: f64 = 100.0;
 
-/// Aperture, time (seconds) and film speed as far as they are known.
+/// Aperture, time (seconds) and film speed, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known {
     pub f_number: Option<f64>,
@@ -36,17 +36,17 @@ impl Known {
     }
 }
 
-/// The light on the scene, and where that is known from.
+/// The light on the scene, and how it is known.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneLight {
     pub lux: f64,
-    /// `None` where the light was given.
+    /// `None` if the light was given.
     pub picture: Option<PictureLight>,
 }
 
 impl Shot {
-    /// The settings that a frame was taken with, as it was opened. What `Given::sets` says stands above what the picture says,
-    /// that above profiles.
+    /// The settings with which a frame was taken, as opened. `Given::sets` overrides the picture's own data, which
+    /// overrides profiles.
     pub fn taken(&self, frame: usize) -> Known {
         let said = self.recording.exposure.get(frame).copied().unwrap_or_default();
         let photo = said.photo;
@@ -54,17 +54,17 @@ impl Shot {
         self.said_by(&self.by_sets, frame).or(recorded).or(self.said_by(&self.by_profile, frame))
     }
 
-    /// An instant or a pinhole is no exposure.
+    /// An instant or a pinhole does not count as an exposure.
     fn said_by(&self, rig: &Rig, frame: usize) -> Known {
         let time_s = rig.exposure.time_s.filter(|t| *t > 0.0);
-        // Where a diameter stands instead, the lens knows what that makes.
+        // If a diameter was given instead, the lens converts it.
         let geometry = rig.geometry_over(self.recording.geometry_at_frame(frame));
         let lens = geometry.and_then(|geometry| rig.lens.thin_lens(&geometry).ok().flatten());
         let f_number = rig.lens.f_number.or(lens.map(|lens| lens.f_number()));
         Known { f_number, time_s, iso: rig.exposure.iso }
     }
 
-    /// The light on a frame's scene: as given, lux, else by its picture and the settings that it was taken with.
+    /// The light on a frame's scene: as given (lux), or else from its picture and the settings with which it was taken.
     pub fn scene_light(&self, frame: usize, lux: Option<f64>) -> Result<SceneLight, ShotError> {
         if let Some(lux) = lux {
             return Ok(SceneLight { lux, picture: None });
@@ -76,7 +76,7 @@ impl Shot {
         Ok(SceneLight { lux, picture: Some(picture) })
     }
 
-    /// What a camera that takes a frame anew can choose from: a usual lens', and the person's own aperture.
+    /// The range of a camera that takes a frame anew: a usual lens's, extended by the person's own aperture.
     pub fn limits(&self, frame: usize, f_number: Option<f64>) -> Limits {
         let mut limits = Limits::default();
         if let Some(f_number) = f_number {
@@ -85,7 +85,7 @@ impl Shot {
         }
         match self.given_geometry_at(frame) {
             Some(geometry) => {
-                // As long as a 35 mm film's side by the picture's longer one.
+                // The focal length on 35 mm film, by the longer side of the picture.
                 let i = &geometry.intrinsics;
                 limits.for_focal_length(36.0 * i.fx_px / f64::from(i.width_px.max(i.height_px)))
             }

@@ -1,6 +1,6 @@
 //! Footage with what is put into it: a recording, its camera, a scene and settings, held together.
 //!
-//! A [`Shot`] is what the program, a window and a test hold alike. Its camera (`rig`) and `settings` may change between
+//! A [`Shot`] is used alike by the program, a window and a test. Its camera (`rig`) and `settings` may change between
 //! two pictures, and the next one follows; nothing is read again. The GPU is the caller's: [`Shot::compositor`].
 
 mod check;
@@ -24,14 +24,14 @@ pub use light::{Known, SceneLight, USUAL_ISO};
 pub use note::Note;
 pub use stream::Composites;
 
-/// What a person gives beside the recording.
+/// A person's input in addition to the recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Given {
-    /// The camera and the effects' parameters, above what the recording brings, key by key.
+    /// The camera and the effects' parameters. Overrides what the recording brings, key by key.
     pub profile: Option<PathBuf>,
-    /// Above both, one after the other: `table.name=value`.
+    /// Override both, one after another: `table.name=value`.
     pub sets: Vec<String>,
-    /// What is put into the footage; without one it stays as it is.
+    /// Put into the footage. Without it the footage stays as it is.
     pub scene: Option<PathBuf>,
 }
 
@@ -39,28 +39,29 @@ pub struct Given {
 #[derive(Debug)]
 pub struct Shot {
     pub recording: Recording,
-    /// The camera as profiles and settings give it; of each frame it lies over the recording's own ([`Shot::geometry_at`]).
+    /// The camera from profiles and settings. For each frame it overrides the recording's own ([`Shot::geometry_at`]).
     pub rig: Rig,
     pub settings: Settings,
-    /// Drawn by compositors that are made of it ([`Shot::compositor`]). They follow where its objects stand; to what else
-    /// changes in it, they take [`Compositor::set_scene`].
+    /// Drawn by compositors made from it ([`Shot::compositor`]). They follow its objects' placement; for other changes
+    /// call [`Compositor::set_scene`].
     pub scene: Scene,
     /// The profiles that were read.
     profiles: Vec<PathBuf>,
-    /// The camera before `Given::sets`, and these alone: which of them says how a frame was exposed has a rank.
+    /// The camera before `Given::sets`, and from `Given::sets` alone: for a frame's exposure they have different ranks
+    /// ([`Shot::taken`]).
     by_profile: Rig,
     by_sets: Rig,
-    /// The frame of the last picture, as it came: the next one's is mostly the same.
+    /// The frame of the last picture, as recorded: usually the next one's too.
     held: Option<Frame>,
 }
 
 impl Shot {
-    /// Opens a recording and what is given with it. Of the frames' files headers are read, no pixels.
+    /// Opens a recording and what is given with it. Only the headers of the frames' files are read.
     pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
         Self::of(Recording::open(recording, options)?, given)
     }
 
-    /// As [`Shot::open`], of a recording that is open.
+    /// Like [`Shot::open`], for a recording that is open.
     pub fn of(recording: Recording, given: &Given) -> Result<Self, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
@@ -84,7 +85,7 @@ impl Shot {
         Ok(Self { recording, rig, settings, scene, profiles, by_profile, by_sets, held: None })
     }
 
-    /// Draws the scene, as it is now, on a device.
+    /// A compositor on a device, with the scene as it is now.
     pub fn compositor(&self, gpu: Gpu) -> Compositor {
         Compositor::new(gpu, self.scene.clone())
     }
@@ -95,8 +96,8 @@ impl Shot {
         self.recording.files().chain(given)
     }
 
-    /// The camera of all frames, geometry aside. Where nothing says how long they were exposed and their times mean nothing,
-    /// for an instant: between such pictures there is no motion to blur along.
+    /// The camera of all frames, without their own geometry. If no exposure is known and the frames' times mean
+    /// nothing, they are exposed for an instant: between such pictures there is no motion to blur along.
     pub fn camera(&self) -> Camera {
         let mut camera = self.rig.camera();
         if self.lacks_exposure() && !self.recording.kind.has_times() {
@@ -105,20 +106,20 @@ impl Shot {
         camera
     }
 
-    /// What took a frame: what is given, over the recording's own. Of a frame whose camera nobody knows, and which therefore
-    /// has no pose either, the first one that is known.
+    /// The camera that took a frame: what was given, over the recording's own. A frame with an unknown camera, which
+    /// therefore has no pose either, gets the first known one.
     pub fn geometry_at(&self, frame: usize) -> Result<Geometry, ShotError> {
         let count = self.recording.frame_count();
         let known = std::iter::once(frame).chain(0..count).find(|frame| self.given_geometry_at(*frame).is_some());
         check::geometry(&self.recording, &self.rig, known.unwrap_or(frame))
     }
 
-    /// As [`Shot::geometry_at`], unchecked; `None` where nobody says.
+    /// Like [`Shot::geometry_at`], unchecked. `None` if unknown.
     pub fn given_geometry_at(&self, frame: usize) -> Option<Geometry> {
         self.rig.geometry_over(self.recording.geometry_at_frame(frame))
     }
 
-    /// From a frame to the next one, seconds.
+    /// Seconds from a frame to the next.
     pub fn interval_s(&self, frame: usize) -> f64 {
         interval_s(&self.recording.timestamps_s, frame, self.recording.frame_interval_s)
     }
@@ -130,7 +131,7 @@ impl Shot {
         Ok(self.recording.frames(frame..end)?.next().ok_or_else(missing)??)
     }
 
-    /// Nothing says how long frames were exposed, and there are effects to which it might matter.
+    /// Whether no exposure is known, and effects are on to which it might matter.
     fn lacks_exposure(&self) -> bool {
         let exposure = &self.rig.exposure;
         let given = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();

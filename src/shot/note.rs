@@ -1,4 +1,4 @@
-//! What is worth a word and no error.
+//! Warnings that do not stop a run.
 
 use std::fmt;
 use std::ops::Range;
@@ -7,30 +7,30 @@ use super::Shot;
 use crate::compositor::FrameStats;
 use crate::words::count;
 
-/// Something odd, or something that nobody said; as text a line for a person.
+/// Something odd or unknown. Displays as a line for a person.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Note {
-    /// Of the recording, the scene.
+    /// Warnings of the recording and the scene.
     Recording(String),
     Scene(String),
-    /// Frames that are passed through.
+    /// Frames without a pose, which are passed through.
     MissingPoses(String),
-    /// Nothing says how long frames were exposed; of some their times mean nothing either.
+    /// The frames' exposure is unknown. `has_times`: whether their times mean anything.
     UnknownExposure {
         has_times: bool,
     },
     /// The camera's noise is not known.
     UnknownNoise,
-    /// An effect's settings that do nothing.
+    /// Settings of an effect that do nothing.
     Idle(&'static str),
-    /// Depth that hid nothing, in so many of these frames.
+    /// Depth that hid nothing, in `number` of `frames` frames.
     NothingHides {
         number: usize,
         frames: usize,
         first: usize,
         because: String,
     },
-    /// No object came into any picture.
+    /// No object was in any picture.
     NothingSeen,
 }
 
@@ -64,7 +64,7 @@ impl fmt::Display for Note {
 }
 
 impl Note {
-    /// Of frames that were composited.
+    /// Notes on frames that were composited.
     pub fn of_frames(stats: &[FrameStats]) -> Vec<Self> {
         let mut notes = Vec::new();
         let mut lacking = stats.iter().filter_map(|s| Some((s.frame, s.no_occlusion.as_ref()?)));
@@ -80,7 +80,7 @@ impl Note {
 }
 
 impl Shot {
-    /// What is worth a word before a range of frames is composited as all is set.
+    /// Notes to show before a range of frames is composited as set.
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));

@@ -1,4 +1,4 @@
-//! Pictures: a single moment, or a range of frames one after the other.
+//! Pictures: a single moment, or a range of frames one after another.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -8,7 +8,7 @@ use crate::camera::Geometry;
 use crate::compositor::{Composited, Compositor, Input, Job, Pending, Stream, SubmitError, Target};
 use crate::frame::Frame;
 
-/// The composited frames of a range, in order; what [`Shot::frames`] gives. After an error there is nothing more.
+/// The composited frames of a range, in order, from [`Shot::frames`]. After an error there is nothing more.
 pub struct Composites<'a>(Box<dyn Iterator<Item = Result<Composited, ShotError>> + 'a>);
 
 impl std::fmt::Debug for Composites<'_> {
@@ -26,8 +26,8 @@ impl Iterator for Composites<'_> {
 }
 
 impl Shot {
-    /// Starts a frame's picture as all is set now: for single moments, again and again. The frame is decoded when it is first
-    /// asked for, and kept until another one is.
+    /// Starts a frame's picture with the current settings: for single moments, again and again. The frame is decoded on
+    /// first use, and kept until another one is asked for.
     pub fn picture(
         &mut self,
         compositor: &mut Compositor,
@@ -44,8 +44,8 @@ impl Shot {
         pending
     }
 
-    /// Starts a frame's picture as all is set now, with its layer where that is wanted. The frame is one of the recording's,
-    /// its pixels may be anybody's; the geometry that of [`Shot::geometry_at`], or one made of it.
+    /// Starts a frame's picture with the current settings, with its layer if wanted. The frame is one of the
+    /// recording's, but its pixels may be others; the geometry is that of [`Shot::geometry_at`], or derived from it.
     pub fn submit(
         &self,
         compositor: &mut Compositor,
@@ -63,8 +63,8 @@ impl Shot {
         compositor.submit(job, &camera, &self.settings, target).map_err(failed)
     }
 
-    /// Composites a range of frames: decoded ahead, `in_flight` of them on the GPU at a time (at least one). Memory does not grow
-    /// with the range's length.
+    /// Composites a range of frames: decoded ahead, with `in_flight` of them on the GPU at a time (at least one).
+    /// Memory does not grow with the range's length.
     pub fn frames<'a>(
         &'a self,
         compositor: &'a mut Compositor,
