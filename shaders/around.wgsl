@@ -1,32 +1,32 @@
-// The picture of a camera that sees all around, out of views around it (the sides of a cube, drawn finer than it).
+// The picture of a camera that sees all around, gathered from views around it (the sides of a cube, drawn finer).
 //
-// Each pixel is the mean of places inside it, each read between four texels of the view that its direction goes through.
-// Depth becomes distance from the camera. Velocity becomes that of the picture: the chord of the exposure, by the shorter
-// way where the picture is round. What the real scene hides is left out here.
+// Each pixel is the mean of places inside it. Each place is interpolated between four texels of the view that its
+// direction goes through. Depth becomes distance from the camera. Velocity becomes the picture's: the chord over the
+// exposure, by the shorter way round. What the real scene hides is left out here.
 // @import shared/fullscreen
 // @import shared/layer
 
-override fisheye: bool = false;       // OpenCV's fisheye model; else longitude and latitude
+override fisheye: bool = false;       // OpenCV's fisheye model; otherwise longitude and latitude
 
 const PI: f32 = 3.14159265;
-// Places in a pixel along each side.
+// Places per side of a pixel.
 const PLACES: i32 = 4;
 
 struct Around {
     focal_px: vec2<f32>,
     middle_px: vec2<f32>,
-    lens: vec4<f32>,          // of a fisheye k1 to k4
+    lens: vec4<f32>,          // k1 to k4 of a fisheye
     in_picture: vec2<f32>,    // where the target begins
     size_px: vec2<f32>,       // of the picture
     valid_angle: f32,         // of a fisheye, rad
-    rim_slope: f32,           // there
-    rim_radius: f32,          // there
-    step_s: f32,              // half of that for velocity
-    most_px_per_s: f32,       // velocity
+    rim_slope: f32,           // at the valid angle
+    rim_radius: f32,          // at the valid angle
+    step_s: f32,              // half the time step for velocity
+    most_px_per_s: f32,       // largest velocity
     view_focal: f32,          // texels from a view's middle to 45° off its axis
-    view_middle: f32,         // place of its middle
-    tolerance_m: f32,         // by how much nearer the real scene hides
-    // Of each view: x0, y0, x1, y1 of what is drawn of it; its axes in the camera's.
+    view_middle: f32,         // coordinate of its middle
+    tolerance_m: f32,         // how much nearer the real scene must be to hide
+    // For each view: x0, y0, x1, y1 of the part that is drawn, and its axes in the camera's.
     drawn: array<vec4<f32>, 6>,
     right: array<vec4<f32>, 6>,
     down: array<vec4<f32>, 6>,
@@ -72,7 +72,7 @@ fn geometry_at(view: u32, p: vec2<i32>) -> vec4<f32> {
     return unpack_geometry(g);
 }
 
-// θ_d of a fisheye's angle, and its slope, within the valid angle.
+// A fisheye's θ_d for an angle, and its slope there, within the valid angle.
 fn radius_slope(theta: f32) -> vec2<f32> {
     let k = around.lens;
     let t = theta * theta;
@@ -82,18 +82,18 @@ fn radius_slope(theta: f32) -> vec2<f32> {
     );
 }
 
-// The direction (unit length) of a place in the picture, and 1; 0 where nothing is seen (camera/distortion.rs).
+// The direction (unit length) of a place in the picture, and 1. 0 where nothing is seen (camera/distortion.rs).
 fn direction(at_px: vec2<f32>) -> vec4<f32> {
     let p = (at_px - around.middle_px) / around.focal_px;
     if !fisheye {
-        // Rows go on over the poles.
+        // Rows continue over the poles.
         return vec4<f32>(sin(p.x) * cos(p.y), sin(p.y), cos(p.x) * cos(p.y), 1.0);
     }
     let r = length(p);
     let valid = around.valid_angle;
     var theta = valid + (r - around.rim_radius) / around.rim_slope;
     if r <= around.rim_radius {
-        // Newton's method kept between bounds.
+        // Newton's method, kept between bounds.
         var low = 0.0;
         var high = valid;
         theta = min(r, valid);
@@ -124,7 +124,7 @@ fn place(d: vec3<f32>) -> vec2<f32> {
     return p * around.focal_px + around.middle_px;
 }
 
-// Of the places that show the same as `at`, the one nearest to `to`: a turn away, or over a pole.
+// The place nearest to `to` among those that show the same as `at`: a full turn away, or over a pole.
 fn nearest(at: vec2<f32>, to: vec2<f32>) -> vec2<f32> {
     if fisheye {
         return at;
@@ -156,7 +156,7 @@ fn view_of(d: vec3<f32>) -> u32 {
     return select(4u, 5u, d.y > 0.0);
 }
 
-// Texels from the view's corner.
+// In texels from the view's corner.
 fn on_view(view: u32, d: vec3<f32>) -> vec2<f32> {
     let p = vec2<f32>(dot(d, around.right[view].xyz), dot(d, around.down[view].xyz));
     return p / dot(d, around.forward[view].xyz) * around.view_focal + around.view_middle;
@@ -167,7 +167,7 @@ fn from_view(view: u32, q: vec2<f32>) -> vec3<f32> {
     return p.x * around.right[view].xyz + p.y * around.down[view].xyz + around.forward[view].xyz;
 }
 
-// Whether a pixel this wide (texels) may see what is drawn of any view.
+// Whether a pixel this wide (texels) may see anything drawn in any view.
 fn may_see(d: vec3<f32>, wide: f32) -> bool {
     var sees = false;
     for (var view = 0u; view < 6u; view++) {
@@ -189,7 +189,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
 
     let a = direction(corner);
     let b = direction(corner + 1.0);
-    // Texels at a view's rim are up to three times as fine.
+    // At a view's rim, texels are up to three times as fine.
     let wide = 4.0 + 6.0 * distance(a.xyz, b.xyz) * around.view_focal;
     if a.w * b.w > 0.0 && !may_see(direction(corner + 0.5).xyz, wide) {
         return Out(vec4<f32>(0.0), vec4<u32>(0u));
@@ -219,7 +219,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
             }
             let p = vec2<i32>(texel - r.xy);
             let color = color_at(view, p);
-            // Geometry is told where there is colour.
+            // Geometry is known only where there is colour.
             if color.a == 0.0 {
                 continue;
             }

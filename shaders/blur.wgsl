@@ -3,12 +3,12 @@
 // @import shared/half
 // @import shared/layer
 
-// Along columns, else along rows.
+// Along columns; otherwise along rows.
 override down: i32 = 0;
 
 struct Blur { size: vec2<i32> }  // of the layer
 @group(0) @binding(0) var<uniform> blur: Blur;
-// The tap in the middle and those to one side of it.
+// The middle tap and those on one side of it.
 @group(0) @binding(1) var<storage, read> taps: array<f32>;
 @group(0) @binding(2) var layer: texture_2d<f32>;
 
@@ -36,7 +36,7 @@ fn halved(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return rounded_to_half(0.25 * (upper + lower));
 }
 
-// Straight between the middles of texels twice as wide; nothing beyond them. `size` is that of the texels.
+// Linear interpolation between the centres of texels twice as wide; nothing beyond them. `size` is in those texels.
 @fragment
 fn doubled(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let place = 0.5 * at.xy - 0.5;

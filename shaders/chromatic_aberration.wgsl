@@ -1,4 +1,4 @@
-// Red and blue enlarged against green around the principal point (src/effects/chromatic_aberration.rs).
+// Red and blue enlarged relative to green around the principal point (src/effects/chromatic_aberration.rs).
 // @import shared/fullscreen
 // @import shared/half
 // @import shared/layer
@@ -12,10 +12,10 @@ struct Chromatic {
 @group(0) @binding(0) var<uniform> chromatic: Chromatic;
 @group(0) @binding(1) var layer: texture_2d<f32>;
 
-// Of grey light (Rec. 709).
+// Luminance weights (Rec. 709).
 const LUMINANCE: vec3<f32> = vec3<f32>(0.2126, 0.7152, 0.0722);
 
-// What a colour of these parts has brought to a place, px: r' = r (1 + a + b r²) solved for r.
+// Where the light at a place comes from, px, for a colour with these a and b: r' = r (1 + a + b r²) solved for r.
 fn source(at: vec2<f32>, parts: vec2<f32>) -> vec2<f32> {
     let d = at - chromatic.middle;
     let r = dot(d, d) * chromatic.per_diagonal * chromatic.per_diagonal;

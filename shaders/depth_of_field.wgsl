@@ -1,27 +1,27 @@
-// Depth of field in layers: each pixel gathers over the image of the aperture, the nearer surface and what lies behind
-// it apart (src/effects/depth_of_field/layered.rs).
+// Depth of field in layers: each pixel gathers over the image of the aperture, keeping the nearer surface apart from
+// what lies behind it (src/effects/depth_of_field/layered.rs).
 // @import shared/layer
 // @import shared/lens
 // @import shared/highlights
 
-// The resolution that is drawn: 0 the layer's, 1 half of it and so on.
+// The resolution drawn: 0 is the layer's, 1 half of it, and so on.
 override level: i32 = 0;
-// How many points of the aperture are looked through at the layer's resolution: 4 or 12.
+// Number of points of the aperture at the layer's resolution: 4 or 12.
 override taps: i32 = 4;
 
-// src/effects/depth_of_field/image.rs writes it.
+// Written by src/effects/depth_of_field/image.rs.
 struct Aperture {
-    // Two points each, in radii.
+    // Two points per vector, in radii.
     four: array<vec4<f32>, 2>,
     twelve: array<vec4<f32>, 6>,
-    // Of each radius (in quarters of a texel) that an image of the opening is to have, and of the next one: the rim, and how far
-    // from its middle the outermost texels lie.
+    // For each radius of the opening's image (in quarters of a texel), and for the next one: the rim, and how far from
+    // the middle the outermost texels lie.
     rims: array<vec4<f32>, RIMS>,
-    // Row by row around the image's middle: on which rim a texel lies, in the image of what is behind the focus plane and of
-    // what is before it; the same where the middle lies between four texels.
+    // Row by row around the image's middle: the rim on which a texel lies, in the image of what is behind the focus
+    // plane and of what is in front of it; then the same with the middle between four texels.
     places: array<vec4<f32>, PLACES>,
-    // Angle between the middles of two sides (0 for a circle) and that of one of them, rad; the apothem, in radii; the area, in
-    // squares of the apothem.
+    // Angle between the middles of two sides (0 for a circle) and the angle of one of them, rad; the apothem, in radii;
+    // the area, in squares of the apothem.
     shape: vec4<f32>,
 }
 const RIMS: u32 = 64u;
@@ -32,12 +32,12 @@ const PLACES: u32 = 729u;
 @group(0) @binding(0) var<uniform> lens: Lens;
 @group(0) @binding(1) var<uniform> aperture: Aperture;
 @group(0) @binding(2) var tiles: texture_2d<f32>;     // nearest and farthest circle, kind, levels
-@group(0) @binding(3) var corners: texture_2d<f32>;   // of tiles: the circle of the surface around
+@group(0) @binding(3) var corners: texture_2d<f32>;   // at the tiles' corners: the circle of the surface around
 @group(0) @binding(4) var color: texture_2d<f32>;
 @group(0) @binding(5) var geometry: texture_2d<u32>;
-@group(0) @binding(6) var colors: texture_2d<f32>;    // from half the resolution on
+@group(0) @binding(6) var colors: texture_2d<f32>;    // at half the resolution and below
 @group(0) @binding(7) var circles: texture_2d<f32>;   // nearest and farthest in each texel
-// What was gathered at lower resolutions: the picture, and where two surfaces are, the nearer and the farther one.
+// The results of lower resolutions: the picture, and where there are two surfaces, the nearer and the farther.
 @group(0) @binding(8) var blurred: texture_2d<f32>;
 @group(0) @binding(9) var blurred_front: texture_2d<f32>;
 @group(0) @binding(10) var blurred_back: texture_2d<f32>;
@@ -48,16 +48,16 @@ fn texel_px() -> f32 { return exp2(f32(level)); }
 
 struct Corner {
     @builtin(position) at: vec4<f32>,
-    // Of the tile: nearest and farthest circle.
+    // The tile's nearest and farthest circle.
     @location(0) @interpolate(flat) range: vec2<f32>,
-    // Of the surface around, for where there is none.
+    // The circle of the surface around, for pixels without a surface.
     @location(1) @interpolate(linear) around: f32,
 }
 
-// A corner of a tile's quad; all corners in one point where it is not drawn.
+// A corner of a tile's quad. All corners coincide if the tile is not drawn.
 fn tile_corner(vertex: u32, instance: u32, first: f32, last: f32, by_level: bool) -> Corner {
     let columns = f32(lens.columns);
-    // Floats: whole numbers are divided one by one on software drivers.
+    // In floats: software drivers divide integers one by one.
     let row = floor((f32(instance) + 0.5) / columns);
     let tile = vec2<f32>(f32(instance) - row * columns, row);
     let what = textureLoad(tiles, vec2<i32>(tile), 0);
@@ -126,13 +126,13 @@ fn circles_at(p: vec2<i32>) -> vec2<f32> {
     return textureLoad(circles, p, level - 1).xy;
 }
 
-// The circle at a place with one surface: its own; beside it, that of the surface around.
+// The circle at a place with one surface: its own; next to it, that of the surface around.
 fn circle_of_one(p: vec2<i32>, around: f32) -> f32 {
     let own = circles_at(p);
     return select(around, 0.5 * (own.x + own.y), own.x <= own.y);
 }
 
-// Of a point before the focus plane the image of the opening is upside down.
+// The image of the opening is upside down for a point in front of the focus plane.
 fn side_of(circle: f32) -> f32 {
     return select(1.0, -1.0, circle < 0.0);
 }
@@ -142,31 +142,31 @@ fn two_taps(i: i32) -> vec4<f32> {
     return aperture.four[i];
 }
 
-// Where the image of an opening is looked up, and how.
+// Where and how the image of an opening is looked up.
 struct Image {
-    // The resolution, and the texel in whose middle (or at whose upper left corner) the image's lies.
+    // The resolution, and the texel whose centre (or upper left corner) is the image's middle.
     level: i32,
     middle: vec2<i32>,
-    // How far from its middle the outermost texels lie, and rows to each side.
+    // How far from the middle the outermost texels lie, and rows to each side.
     far: f32,
     reach: i32,
-    // The middle lies between texels.
+    // Whether the middle lies between texels.
     between: bool,
-    // A radius in px, and what blurs besides (px²) and is to be taken off it, in texels.
+    // Texels per px, and the variance that other blurs add, to be subtracted from a squared radius (texels²).
     scale: f32,
     off: f32,
 }
 
-// For circles of up to this radius (px). Smaller ones that are drawn at a quarter are looked up at a half.
+// For circles of up to this radius (px). Smaller ones drawn at a quarter are looked up at a half.
 fn image_at(p: vec2<i32>, radius: f32) -> Image {
     var image: Image;
     image.between = level == 2 && radius < FINER_PX;
     image.level = select(level, 1, image.between);
     image.middle = select(p, 2 * p + 1, image.between);
     image.scale = exp2(-f32(image.level));
-    // Texels are squares, and between those that are drawn here lie straight lines. An edge through a disc is wider from 10 to
-    // 90 % (2.75 σ) than one through what is rounder (2.56 σ): not all of their variance counts. The share is found by
-    // measuring (tests/depth_of_field.rs).
+    // Texels are squares, and what is drawn here is interpolated linearly. An edge through a disc is wider from 10 to
+    // 90 % (2.75 σ) than one through something rounder (2.56 σ), so not all of their variance counts. The share was
+    // found by measuring (tests/depth_of_field.rs).
     let drawn = texel_px() * image.scale;
     image.off = 0.85 * ((1.0 - image.scale * image.scale) / 12.0 + drawn * drawn / 6.0) / lens.variance;
     image.far = rim_of(image, radius).y;
@@ -174,14 +174,14 @@ fn image_at(p: vec2<i32>, radius: f32) -> Image {
     return image;
 }
 
-// The rim of a circle's image for which edges are as wide as the circle makes them, and how far the image reaches.
+// The rim at which edges in a circle's image are as wide as the circle makes them, and how far the image reaches.
 fn rim_of(image: Image, radius_px: f32) -> vec2<f32> {
     // Larger ones are not looked up here.
     let radius = min(radius_px, most_of_level(level)) * image.scale;
     return rim_at(4.0 * sqrt(max(radius * radius - image.off, 0.0)));
 }
 
-// Of so many quarters of a texel.
+// The rim for a radius in quarters of a texel.
 fn rim_at(quarters: f32) -> vec2<f32> {
     let i = min(u32(quarters), RIMS - 1u);
     let rims = aperture.rims[i];
@@ -195,13 +195,13 @@ fn columns_of(image: Image, y: i32) -> i32 {
     return min(i32(sqrt(max(image.far * image.far - away * away, 0.0)) + beside), REACH);
 }
 
-// Which part of a place it goes by.
+// The component of a place that applies.
 fn part_of(between: bool, circle: f32) -> vec4<f32> {
     let side = select(vec2<f32>(1.0, 0.0), vec2<f32>(0.0, 1.0), circle < 0.0);
     return select(vec4<f32>(side, 0.0, 0.0), vec4<f32>(0.0, 0.0, side), between);
 }
 
-// How much of a texel lies in an image of the opening.
+// The share of a texel that lies in an image of the opening.
 fn share_of(place: vec4<f32>, part: vec4<f32>, rim: f32) -> f32 {
     return clamp(rim - dot(place, part), 0.0, 1.0);
 }
@@ -218,7 +218,7 @@ fn gather(p: vec2<i32>, circle: f32) -> vec4<f32> {
         let columns = columns_of(image, y);
         for (var x = -columns; x <= columns; x++) {
             let w = share_of(aperture.places[(y + REACH) * COLUMNS + x + REACH], part, rim);
-            // Beside the layer there is no light.
+            // Outside the layer there is no light.
             sum += w * textureLoad(colors, image.middle + vec2<i32>(x, y), image.level - 1);
             weight += w;
         }
@@ -229,7 +229,7 @@ fn gather(p: vec2<i32>, circle: f32) -> vec4<f32> {
 // One surface with small circles, at the layer's resolution.
 fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
-    // As in `image_at`; straight lines between pixels add 1/6 to the variance, of which four points want less taken off.
+    // As in `image_at`. Linear interpolation adds 1/6 px² to the variance; with four points less must be subtracted.
     let added = select(1.2, 0.35, taps == 4) / 6.0;
     let r = side_of(circle) * sqrt(max(radius * radius - added / lens.variance, 0.0));
     var sum = vec4<f32>(0.0);
@@ -241,8 +241,8 @@ fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     return sum / f32(taps);
 }
 
-// Two surfaces, one behind the other, parted in the middle of the circles: their signed circles at a place, and the
-// radii over which they are gathered.
+// Two surfaces, one behind the other, split at the middle of the range of circles: their signed circles at a place, and
+// the radii over which they are gathered.
 struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32, hidden: bool, one_is_sharp: bool }
 
 fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
@@ -253,7 +253,7 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
     let front = select(range.x, own.x, in_front);
     let back = select(range.y, own.y, seen_behind);
     let front_px = 0.5 * abs(front);
-    // What the nearer one hides is made up of what is seen around it, as far as its blur uncovers it.
+    // The part that the nearer one hides is filled from what is seen around it, as far as its blur uncovers it.
     let smallest = smallest_radius(range.x, range.y);
     let back_px = max(0.5 * abs(back), select(0.0, front_px, in_front));
     return Two(split, front, back, front_px, back_px, in_front, smallest < TWO_HALF_PX);
@@ -261,8 +261,8 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
 
 struct Layers { front: vec4<f32>, back: vec4<f32> }
 
-// Of sums and of the weights that went into them. What shows through the nearer one is known to be empty. Where nothing
-// is known of the farther one, the nearer one is whole.
+// From weighted sums and their weights. What shows through the nearer surface is known to be empty. Where nothing is
+// known of the farther one, the nearer one is opaque.
 fn layers(near: vec4<f32>, near_weight: f32, far: vec4<f32>, far_weight: f32) -> Layers {
     let front = near / max(near_weight, 1e-6);
     let back = select(front / max(front.a, 1e-6), far / max(far_weight, 1e-6), far_weight > 0.0);
@@ -273,11 +273,11 @@ fn over(l: Layers) -> vec4<f32> {
     return l.front + (1.0 - l.front.a) * l.back;
 }
 
-// At a lower resolution, each texel being the nearer surface's or the farther one's.
+// At a lower resolution, where each texel belongs to the nearer surface or to the farther one.
 fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
     let two = two_at(p, around);
     let front_px = max(two.front_px, TWO_HALF_PX);
-    // Beside the nearer one lie texels that hold both: what it hides is looked for behind them.
+    // Texels next to the nearer surface contain both: search beyond them for what it hides.
     let beyond = select(1.5, 2.0, level == 1) * texel_px();
     let back_px = max(two.back_px + select(0.0, beyond, two.hidden), TWO_HALF_PX);
     let image = image_at(p, min(max(front_px, back_px), most_of_level(level)));
@@ -296,7 +296,7 @@ fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
             let place = aperture.places[(y + REACH) * COLUMNS + x + REACH];
             let light = textureLoad(colors, q, image.level - 1);
             let range = textureLoad(circles, q, image.level - 1);
-            // A texel with both has the nearer one's light, and of the farther one nothing is known there.
+            // A texel with both has the nearer one's light; nothing is known there of the farther one.
             let w = share_of(place, front_part, front);
             near += select(w, 0.0, range.x >= two.split) * light;
             near_weight += w;
@@ -309,7 +309,7 @@ fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
     return layers(near, near_weight, far, far_weight);
 }
 
-// At the layer's resolution: what has small circles here, the rest from lower resolutions.
+// At the layer's resolution: surfaces with small circles are gathered here, the rest comes from lower resolutions.
 fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
     let two = two_at(p, around);
     let front_is_fine = two.front_px < TWO_HALF_PX;
@@ -318,7 +318,7 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers 
     var near_weight = 0.0;
     var far = vec4<f32>(0.0);
     var far_weight = 0.0;
-    // Without a turn where there is nothing to do: software drivers work through both sides of a branch.
+    // No iterations where there is nothing to do: software drivers execute both sides of a branch.
     let reach = i32(ceil(max(select(-1.0, two.front_px, front_is_fine), select(-1.0, two.back_px, back_is_fine))));
     let front_rim = rim_at(4.0 * two.front_px).x;
     let back_rim = rim_at(4.0 * two.back_px).x;
@@ -340,7 +340,7 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers 
     }
     let fine = layers(near, near_weight, far, far_weight);
     let uv = at_px * lens.texel;
-    // Where one of the two is sharp, only the level of the other was drawn.
+    // Where one of the two is sharp, only the other's level was drawn.
     let lowest = select(1.0, level_of_two(0.5 * max(abs(around.x), abs(around.y))), two.one_is_sharp);
     let front_coarse = textureSampleLevel(blurred_front, between, uv, max(level_of_two(two.front_px), lowest) - 1.0);
     let back_coarse = textureSampleLevel(blurred_back, between, uv, max(level_of_two(two.back_px), lowest) - 1.0);
@@ -393,7 +393,7 @@ fn two_deep(in: Corner) -> @location(0) vec4<f32> {
     return over(gather_two_fine(vec2<i32>(in.at.xy), in.at.xy, in.range));
 }
 
-// The geometry of what is newly covered: of the nearest surface around.
+// The geometry of newly covered pixels: that of the nearest surface around.
 @fragment
 fn passing(in: Corner) -> @location(0) vec4<u32> {
     let own = textureLoad(geometry, vec2<i32>(in.at.xy), 0);
@@ -404,15 +404,15 @@ fn passing(in: Corner) -> @location(0) vec4<u32> {
 struct Spot {
     @builtin(position) at: vec4<f32>,
     @location(0) @interpolate(flat) middle: vec2<f32>,
-    // Apothem of its image, circle (px).
+    // Apothem of its image and circle (px).
     @location(1) @interpolate(flat) size: vec2<f32>,
-    // In a pixel that lies inside.
+    // In a pixel that lies fully inside.
     @location(2) @interpolate(flat) light: vec3<f32>,
-    // How the light spreads over its block, px²: along x, along y, both.
+    // How the light spreads over its block, px²: variance along x, along y, covariance.
     @location(3) @interpolate(flat) spread: vec3<f32>,
 }
 
-// A light's image: around the middle of its block's light, its rim as wide as that light is.
+// A light's image: centred on the light of its block, with a rim as wide as that light.
 @vertex
 fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Spot {
     let highlight = highlights.all[i];
@@ -434,11 +434,11 @@ fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -
     }
     middle /= max(sum, 1e-6);
     let spread = second / max(sum, 1e-6) - vec3<f32>(middle * middle, middle.x * middle.y);
-    // The mean over all sides.
+    // Averaged over all sides.
     let rim = sqrt(max(6.0 * (spread.x + spread.y), 1.0));
     let circle = highlight.place.w;
     let apothem = 0.5 * abs(circle) * aperture.shape.z;
-    // What a rim spreads evenly to both sides adds to the area.
+    // A rim that spreads evenly to both sides adds to the area.
     let area = aperture.shape.w * (apothem * apothem + rim * rim / 12.0);
     let reach = (apothem + f32(BLOCK_PX)) / aperture.shape.z;
     var out: Spot;
@@ -452,7 +452,7 @@ fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -
     return out;
 }
 
-// Where the side of the opening looks that lies towards a place: away from the middle.
+// The outward normal of the opening's side that lies towards a place.
 fn side_towards(place: vec2<f32>) -> vec2<f32> {
     let side = aperture.shape.x;
     let angle = atan2(place.y, place.x);
@@ -461,7 +461,7 @@ fn side_towards(place: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(cos(towards), sin(towards));
 }
 
-// So little that it hides nothing, and that the pixel is not taken for one of the camera's.
+// Small enough to hide nothing, but large enough that the pixel does not count as the camera's.
 const LEAST_ALPHA: f32 = 0.0009765625;
 
 @fragment
@@ -469,20 +469,20 @@ fn spot(in: Spot) -> @location(0) vec4<f32> {
     let circle = in.size.y;
     let place = side_of(circle) * (in.at.xy - in.middle);
     let n = side_towards(place);
-    // Across it the light is as wide as a square that spreads like it; a pixel at least.
+    // Along the normal the light is as wide as a square of the same variance; at least a pixel.
     let across = in.spread.x * n.x * n.x + in.spread.y * n.y * n.y + 2.0 * in.spread.z * n.x * n.y;
     let share = clamp((in.size.x - dot(place, n)) / sqrt(max(12.0 * across, 1.0)) + 0.5, 0.0, 1.0);
     if share == 0.0 {
         discard;
     }
-    // Where two surfaces are, the nearer one hides the farther one's lights as it hides all else.
+    // Where there are two surfaces, the nearer one hides the farther one's lights like everything else.
     let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.side_px)), 0);
     let p = vec2<i32>(in.at.xy);
     var seen = 1.0;
     if tile.z == 6.0 && circle >= 0.5 * (tile.x + tile.y) {
         seen = 1.0 - gather_two_fine(p, in.at.xy, tile.xy).front.a;
     }
-    // So does what is nearer and in focus here, whichever of the two it belongs to.
+    // So does anything nearer that is in focus here, whichever of the two it belongs to.
     let own = circles_in_layer(p).x;
     if own < circle && !is_one_surface(own, circle) && 0.5 * abs(own) < TWO_HALF_PX {
         seen = min(seen, 1.0 - textureLoad(color, p, 0).a);

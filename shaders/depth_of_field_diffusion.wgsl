@@ -1,31 +1,31 @@
-// Depth of field as Wang's (src/effects/depth_of_field/diffusion.rs): each pixel's light spread by the operator of its
-// blur factor, from the largest to the smallest, and what is nearly in focus mixed with the original.
+// Wang's depth of field (src/effects/depth_of_field/diffusion.rs): each pixel's light is spread by the operator of its
+// blur factor, from the largest to the smallest, and what is nearly in focus is mixed with the original.
 // @import shared/fullscreen
 // @import shared/half
 // @import shared/layer
 // @import shared/lens
 
-// How what comes from different depths is mixed: as in the paper, else light is kept.
+// How light from different depths is mixed: true as in the paper, false keeps light.
 override printed: bool = false;
 
 struct Wang {
     mix_ratio: f32,
     blend_below: f32,
-    margin: i32,       // texels of an operator beyond the radius
+    margin: i32,       // texels of an operator beyond its radius
     half_side: i32,    // of every operator's square
 }
 @group(0) @binding(0) var<uniform> lens: Lens;
 @group(0) @binding(1) var geometry: texture_2d<u32>;
 @group(0) @binding(1) var factors: texture_2d<f32>;
 @group(0) @binding(2) var color: texture_2d<f32>;
-// One below the other.
+// Stacked vertically.
 @group(0) @binding(3) var operators: texture_2d<f32>;
 @group(0) @binding(4) var around_tiles: texture_2d<f32>;
 @group(0) @binding(5) var<storage, read> wang: Wang;
 
 const MOST_STEPS: i32 = 32;
 
-// Step of the blur factor, the factor, the side on which the opening's image lies, and 1 (0 where nothing was drawn).
+// Step of the blur factor, the factor, the orientation of the opening's image, and 1 (0 where nothing was drawn).
 @fragment
 fn blur_factors(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let depth = unpack_geometry(textureLoad(geometry, vec2<i32>(at.xy), 0)).x;
@@ -35,7 +35,7 @@ fn blur_factors(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return select(vec4<f32>(0.0), found, depth > 0.0);
 }
 
-// Wang (2) and (3) of one channel.
+// Wang (2) and (3) for one channel.
 fn mixed_channel(a: f32, b: f32) -> f32 {
     let low = min(a, b);
     let high = max(a, b);

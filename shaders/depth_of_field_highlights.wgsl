@@ -1,39 +1,41 @@
-// Finds lights that stand out in a picture that is out of focus, and takes them out of its pyramid
+// Finds lights that stand out in a picture out of focus, and removes them from its pyramid
 // (src/effects/depth_of_field/highlights.rs).
 // @import shared/layer
 // @import shared/lens
 // @import shared/highlights
 @group(0) @binding(0) var<uniform> lens: Lens;
-// The pyramid: its first level is the half.
+// The pyramid: its first level is half the resolution.
 @group(0) @binding(1) var colors: texture_2d<f32>;
 @group(0) @binding(2) var circles: texture_2d<f32>;
-// What is left of each block's light, cell by cell, where the cell has any that stands out; how many those are in each cell.
+// The share left of each block's light, cell by cell, in cells where any stands out; and how many do in each cell.
 @group(0) @binding(3) var<storage, read_write> left: array<f32>;
 @group(0) @binding(4) var<storage, read_write> numbers: array<u32>;
 @group(0) @binding(5) var<storage, read_write> found: Highlights;
 // The layer itself.
 @group(0) @binding(6) var color: texture_2d<f32>;
 @group(0) @binding(7) var geometry: texture_2d<u32>;
-// The same, for drawing.
+// The same list, for drawing.
 @group(0) @binding(1) var<storage, read> drawn: Highlights;
 
-// The level that is drawn into: its texels are parts of blocks, or whole ones.
+// For the level that is drawn into: its texels are parts of blocks, or whole ones.
 override texels_to_block: f32 = 1.0;
 
-// How much brighter than all around (it or one beside it) and than white a block's mean is that stands out.
+// A block stands out if its mean, or that of a block next to it, exceeds these multiples of its surroundings and of
+// white.
 const TIMES_AROUND: f32 = 8.0;
 const BRIGHT: f32 = 2.0;
-// How much brighter than the darkest around are those beside one that goes with it.
+// A block goes with a brighter one next to it if it exceeds this multiple of the darkest around.
 const TIMES_DARKEST: f32 = 2.0;
-// From this radius on gathering shows its texels (px).
+// From this radius on, gathering shows its texels (px).
 const LEAST_RADIUS_PX: f32 = 2.9;
-// What is left of a block of two surfaces whose farther one's light stands out: all that the pyramid has of it, the nearer one's.
+// Marks a block of two surfaces where the farther one's light stands out. The pyramid has only the nearer one's light
+// there, and all of that is left.
 const FARTHER: f32 = 2.0;
-// No more are drawn, and of no more pixels than so many times the layer's.
+// The most lights that are drawn, and the most pixels they may cover, as a multiple of the layer's.
 const MOST: u32 = 8192u;
 const MOST_AREA: f32 = 4.0;
 
-// Blocks to a side of a cell: the fourth level of the pyramid.
+// Blocks per side of a cell: the fourth level of the pyramid.
 const CELL: i32 = 4;
 const BLOCKS: u32 = 16u;
 
@@ -50,12 +52,12 @@ fn is_blurred(circle: f32) -> bool {
     return 0.5 * abs(circle) >= LEAST_RADIUS_PX && abs(circle) < NOTHING;
 }
 
-// Whether a block's range of circles is that of two surfaces, of which the pyramid has the nearer one's light alone.
+// Whether a block's range of circles spans two surfaces. The pyramid then has only the nearer one's light.
 fn hides_one(range: vec2<f32>) -> bool {
     return range.x < range.y && !is_one_surface(range.x, range.y) && is_blurred(range.y);
 }
 
-// Of a block of two surfaces the farther one's light, the mean over the block, and its circle, that of what is bright.
+// In a block of two surfaces: the farther one's light, averaged over the block, and the circle of its bright part.
 fn farther_light(b: vec2<i32>, range: vec2<f32>) -> vec4<f32> {
     let split = 0.5 * (range.x + range.y);
     var sum = vec3<f32>(0.0);
@@ -73,7 +75,7 @@ fn farther_light(b: vec2<i32>, range: vec2<f32>) -> vec4<f32> {
     return vec4<f32>(sum / f32(BLOCK_PX * BLOCK_PX), circle / weight);
 }
 
-// What is taken of a block, the mean over it, and the circle that goes with it.
+// The light taken from a block, averaged over it, and its circle.
 fn taken_of(b: vec2<i32>, left: f32) -> vec4<f32> {
     let range = textureLoad(circles, b, 1).xy;
     if left == FARTHER {
@@ -118,7 +120,8 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
         if hides_one(range) {
             farther = brightest(farther_light(b, range));
         }
-        // Of a light on two blocks the fainter part goes with the brighter one, down to what is as dark as all around.
+        // Where a light lies on two blocks, the fainter part goes with the brighter, unless it is as dark as the
+        // surroundings.
         var beside = max(light, farther);
         for (var k = 0; k < 9; k++) {
             beside = max(beside, brightest(textureLoad(colors, b + vec2<i32>(k % 3, k / 3) - 1, 1)));
@@ -143,7 +146,7 @@ fn area_of(b: vec2<i32>, left: f32) -> f32 {
     return select(side * side, 0.0, left == 1.0);
 }
 
-// Cell by cell in rows, so that it is the same list each time.
+// Cell by cell in rows, so that the list is the same each time.
 @compute @workgroup_size(THREADS)
 fn list(@builtin(local_invocation_index) thread: u32) {
     let size = cells();
@@ -192,7 +195,7 @@ fn list(@builtin(local_invocation_index) thread: u32) {
             }
         }
     }
-    // Those that the budget leaves out are the last.
+    // The ones that the budget leaves out come last.
     counts[thread] = listed;
     workgroupBarrier();
     if thread == 0u {
@@ -218,7 +221,7 @@ fn block_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) 
     return out;
 }
 
-// Times what is there.
+// The blend state multiplies by this.
 @fragment
 fn dim(in: Corner) -> @location(0) vec4<f32> {
     return vec4<f32>(vec3<f32>(in.keep), 1.0);

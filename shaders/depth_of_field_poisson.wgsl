@@ -1,12 +1,12 @@
-// Depth of field as vSLRcam's (src/effects/depth_of_field/poisson.rs): the mean over a Poisson disc as wide as the
-// pixel's own circle, and over a smaller one of what came of that.
+// vSLRcam's depth of field (src/effects/depth_of_field/poisson.rs): the mean over a Poisson disc as wide as the pixel's
+// own circle, then the mean of the result over a smaller disc.
 // @import shared/fullscreen
 // @import shared/half
 // @import shared/layer
 // @import shared/lens
 
 struct Discs {
-    radii: vec2<f32>,                // of both discs over the circle's
+    radii: vec2<f32>,                // of both discs, relative to the circle's
     second: array<vec2<f32>, 16>,    // in radii
     first: array<vec2<f32>>,
 }
@@ -24,7 +24,7 @@ struct Filtered { @location(0) color: vec4<f32>, @location(1) radius: vec4<f32> 
 fn first(@builtin(position) at: vec4<f32>) -> Filtered {
     let p = vec2<i32>(at.xy);
     let depth = unpack_geometry(textureLoad(geometry, p, 0)).x;
-    // Where nothing was drawn, the widest circle around may reach.
+    // Where nothing was drawn, the widest circle around may reach this pixel.
     let around = textureLoad(around_tiles, p / lens.side_px, 0).y;
     let wide = select(around, 0.5 * abs(circle_of(depth)), depth > 0.0);
     let radius = select(wide, 0.0, 2.0 * wide < SHARP_PX);

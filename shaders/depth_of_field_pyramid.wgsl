@@ -1,17 +1,17 @@
-// The layer at a half, a quarter and so on: colour averaged, and the range of its circles of confusion. Where a texel holds
-// two surfaces behind each other its colour is the nearer one's alone, with the coverage that it has there.
+// The layer at a half, a quarter and so on: averaged colour, and the range of circles of confusion. Where a texel
+// contains two surfaces, its colour is the nearer one's alone, with the coverage that one has there.
 // @import shared/fullscreen
 // @import shared/layer
 // @import shared/lens
 @group(0) @binding(0) var<uniform> lens: Lens;
 @group(0) @binding(1) var color: texture_2d<f32>;
-// Of the layer, then of the level before: nearest and farthest circle.
+// From the layer, then from the previous level: nearest and farthest circle.
 @group(0) @binding(2) var geometry: texture_2d<u32>;
 @group(0) @binding(2) var circles: texture_2d<f32>;
 
 struct Out { @location(0) color: vec4<f32>, @location(1) circles: vec4<f32> }
 
-// A texel of four: their nearest and farthest circles, and colours.
+// One texel from four: their nearest and farthest circles, and colours.
 fn merged(near: vec4<f32>, far: vec4<f32>, colors: mat4x4<f32>) -> Out {
     let nearest = min(min(near.x, near.y), min(near.z, near.w));
     let farthest = max(max(far.x, far.y), max(far.z, far.w));
@@ -53,7 +53,7 @@ fn next(@builtin(position) at: vec4<f32>) -> Out {
     let colors =
         mat4x4<f32>(textureLoad(color, a, 0), textureLoad(color, b, 0), textureLoad(color, c, 0), textureLoad(color, d, 0));
     let by_range = transpose(ranges);
-    // Beside the layer there is no light, and no circle either.
+    // Outside the layer there is no light and no circle.
     let there = transpose(colors)[3] > vec4<f32>(0.0);
     let near = select(vec4<f32>(NOTHING), by_range[0], there);
     return merged(near, select(vec4<f32>(-NOTHING), by_range[1], there), colors);

@@ -7,31 +7,31 @@ override layer_too: f32 = 1.0;
 
 struct Slice {
     size: vec2<i32>,     // of the layer
-    place: vec2<f32>,    // of a sampler, for a pixel
+    place: vec2<f32>,    // sampler coordinates per pixel
     columns: i32,        // of tiles
     side_px: i32,        // of a tile
     fx_diameter: f32,    // fx · diameter, px·m
     per_focus: f32,      // 1 / focus distance, 1/m
     largest_px: f32,     // diameter
-    tolerance_m: f32,    // how much nearer hides
+    tolerance_m: f32,    // how much nearer real things must be to hide
     number: f32,
-    noise: f32,          // share of the noise's σ that it leaves
+    noise: f32,          // share of the noise's σ that the slice's blur leaves
     texel_px: f32,       // pixels in a texel
-    with_layer: f32,     // 1 where the layer is blurred too
+    with_layer: f32,     // 1 if the layer is blurred too
 }
 @group(0) @binding(0) var<uniform> slice: Slice;
 
-// As in slices.rs; a test compares them.
+// The same as in slices.rs; a test compares them.
 const SHARP_PX: f32 = 0.7;
 const GROWS_FROM_PX: f32 = 3.0;
 const RATIO: f32 = 1.25;
 const MOST: f32 = 31.0;
-// From here on real surfaces hide nothing (m).
+// From this tolerance on, real surfaces hide nothing (m).
 const HIDES_NOTHING: f32 = 1e9;
-// The place of what is not there.
+// The place of a pixel without a virtual surface.
 const NOWHERE: f32 = 100.0;
 
-// Where among the slices a depth lies.
+// Where a depth lies among the slices.
 fn place_of(depth_m: f32) -> f32 {
     let circle = clamp(slice.fx_diameter * (slice.per_focus - 1.0 / max(depth_m, 1e-6)), -slice.largest_px, slice.largest_px);
     let beyond = max(abs(circle) - SHARP_PX, 0.0);
@@ -64,7 +64,7 @@ fn places(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 @vertex
 fn tiles(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
     let columns = f32(slice.columns);
-    // Floats: whole numbers are divided one by one on software drivers.
+    // In floats: software drivers divide integers one by one.
     let row = floor((f32(instance) + 0.5) / columns);
     let tile = vec2<f32>(f32(instance) - row * columns, row);
     let is_reached = textureLoad(reached, vec2<i32>(tile), 0).x > 0u;
@@ -91,18 +91,18 @@ fn share(@builtin(position) at: vec4<f32>) -> Both {
     let p = vec2<i32>(at.xy);
     let s = textureLoad(place, p, 0);
     let drawn = select(vec4<f32>(0.0), textureLoad(color, p, 0), s.z < NOWHERE);
-    // As far as both are in the same slices, the nearer one at this pixel counts.
+    // To the extent that both lie in the same slices, only the nearer one at this pixel counts.
     let together = clamp(2.0 - abs(s.x - s.z), 0.0, 1.0);
     let of_real = belongs(s.x) * (1.0 - together * drawn.a * (1.0 - s.w));
-    // Never in a slice that the nearer one is in: there they would show side by side, not one behind the other.
+    // Never in a slice that contains the nearer one: there they would show side by side, not one behind the other.
     let of_behind = belongs(max(s.y, floor(s.x) + 2.0)) * clamp(s.y - s.x - 1.0, 0.0, 1.0);
     let real = of_real * textureLoad(light, p, 0).rgb + of_behind * textureLoad(behind_light, p, 0).rgb;
-    // So is a virtual one that the real one hides.
+    // The same goes for a virtual surface that the real one hides.
     let of_hidden = belongs(max(s.z, floor(s.x) + 2.0)) * clamp(s.z - s.x - 1.0, 0.0, 1.0);
     return Both(vec4<f32>(real, of_real + of_behind), select(belongs(s.z), of_hidden, s.w > 0.0) * drawn);
 }
 
-// --- At half the resolution of what was before.
+// --- At half the previous resolution.
 
 @group(0) @binding(2) var before_real: texture_2d<f32>;
 @group(0) @binding(3) var before_layer: texture_2d<f32>;
@@ -122,7 +122,7 @@ fn smaller(@builtin(position) at: vec4<f32>) -> Both {
     return out;
 }
 
-// --- The opening's image over it.
+// --- Convolved with the opening's image.
 
 @group(0) @binding(4) var<uniform> kernel: array<vec4<f32>, 183>;
 
@@ -146,8 +146,8 @@ fn blur(@builtin(position) at: vec4<f32>) -> Both {
     return out;
 }
 
-// --- Put together from the nearest: visible light of both with coverage, and how much of each slices have held so far,
-// seen or not (x real, y layer; z: σ of noise, by what is seen).
+// --- Put together from the nearest: visible light of both, with coverage, and how much of each the slices have
+// contained so far, seen or not (x real, y layer; z: σ of noise, weighted by what is seen).
 
 struct Sums { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32>, @location(2) held: vec4<f32> }
 
@@ -165,10 +165,10 @@ fn nothing(@builtin(position) at: vec4<f32>) -> Sums {
 
 fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
     let held = textureLoad(sum_held, p, 0);
-    // Surfaces of one kind share a pixel among them.
+    // Surfaces of the same kind share a pixel.
     let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
     let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
-    // What the nearer slices of the other kind let through.
+    // The part that the nearer slices of the other kind let through.
     let hides = select(1.0, 0.0, slice.tolerance_m >= HIDES_NOTHING);
     let seen = fits * max(vec2<f32>(1.0) - held.yx * vec2<f32>(1.0, hides), vec2<f32>(0.0));
     let noise = slice.noise * seen.x * real.a;
@@ -192,7 +192,7 @@ fn add_sharp(@builtin(position) at: vec4<f32>) -> Sums {
     return added(p, textureLoad(slice_real, p, 0), textureLoad(slice_layer, p, 0));
 }
 
-// --- The layer, and the real part beside and behind it.
+// --- The layer, and the real part next to and behind it.
 
 @group(0) @binding(1) var recorded: texture_2d<f32>;
 @group(0) @binding(2) var all_real: texture_2d<f32>;
@@ -206,7 +206,7 @@ fn finish(@builtin(position) at: vec4<f32>) -> Finished {
     let p = vec2<i32>(at.xy);
     let real = textureLoad(all_real, p, 0);
     let noise = textureLoad(all_held, p, 0).z / max(real.a, 1e-6);
-    // Where nothing of it is seen nothing is known, and hardly anything needed.
+    // Where none of it is seen, its light is unknown and hardly needed.
     let known = real.a > 1e-3 && slice.size.x > 0;
     let light = select(textureLoad(recorded, p, 0), vec4<f32>(real.rgb / max(real.a, 1e-6), noise), known);
     return Finished(textureLoad(all_layer, p, 0), light);

@@ -1,4 +1,4 @@
-// The circles of confusion around each tile, by which methods know what reaches pixels where nothing was drawn.
+// The circles of confusion around each tile. They tell the methods what reaches pixels where nothing was drawn.
 // @import shared/fullscreen
 // @import shared/layer
 // @import shared/lens
@@ -15,7 +15,7 @@ fn joined(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return vec4<f32>(min(a.x, b.x), max(a.yzw, b.yzw));
 }
 
-// Of a tile: nearest circle (signed), largest radius, and 1 (0 where the tile is empty).
+// For each tile: nearest circle (signed), largest radius, and 1 (0 where the tile is empty).
 @fragment
 fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let low = vec2<i32>(at.xy) * lens.side_px;
@@ -32,7 +32,7 @@ fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return all;
 }
 
-// Of it and those around.
+// The same for the tile and its neighbours.
 @fragment
 fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
@@ -46,7 +46,7 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return all;
 }
 
-// The geometry of what is newly covered: of the nearest surface around.
+// The geometry of newly covered pixels: that of the nearest surface around.
 @fragment
 fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);

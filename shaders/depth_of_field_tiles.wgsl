@@ -1,24 +1,24 @@
-// What there is to do in each tile: the range of circles that may reach into it, and from that its kind; and the circle
-// at each corner of tiles.
+// What to do in each tile: the range of circles that may reach into it, and the kind that follows from it; and the
+// circle at each corner of tiles.
 // @import shared/fullscreen
 // @import shared/lens
 @group(0) @binding(0) var<uniform> lens: Lens;
-// Circles at a quarter; then what the step before made.
+// Circles at a quarter of the resolution; later the output of the previous step.
 @group(0) @binding(1) var before: texture_2d<f32>;
 @group(0) @binding(2) var touched: texture_2d<f32>;
 
-// Kinds, as shaders/depth_of_field.wgsl draws them.
+// The kinds, as drawn by shaders/depth_of_field.wgsl.
 const SHARP: f32 = 1.0;
 const FINE: f32 = 2.0;
 const WIDER: f32 = 3.0;
 const COARSE: f32 = 4.0;
 const ANY: f32 = 5.0;
-// Two surfaces behind each other.
+// Two surfaces, one behind the other.
 const TWO_DEEP: f32 = 6.0;
 
 fn side() -> i32 { return lens.side_px; }
 
-// Of a tile: nearest and farthest circle, their middle, and 1 (0 where the tile is empty).
+// For each tile: nearest and farthest circle, their middle, and 1 (0 where the tile is empty).
 @fragment
 fn own(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let low = vec2<i32>(at.xy) * side() / 4;
@@ -43,17 +43,17 @@ fn last_tile() -> vec2<i32> {
 // Tiles to each side from which light can come.
 fn reach_tiles() -> i32 { return i32(lens.reach_tiles); }
 
-// How far apart two tiles are at least, px.
+// The least distance between two tiles, px.
 fn apart_px(tiles: vec2<i32>) -> f32 {
     return f32(side()) * length(max(abs(vec2<f32>(tiles)) - 1.0, vec2<f32>(0.0)));
 }
 
-// How far a circle is spread (as reach_px of src/effects/depth_of_field/layered.rs), px.
+// How far a circle spreads (as reach_px of src/effects/depth_of_field/layered.rs), px.
 fn spread_px(circle: f32) -> f32 {
     return 0.75 * abs(circle) + 3.0;
 }
 
-// Of a tile: how far what spreads into it is spread.
+// For each tile: the widest spread of the circles that reach into it.
 @fragment
 fn touching(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
@@ -71,8 +71,8 @@ fn touching(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4<f32>(spread, 0.0, 0.0, 0.0);
 }
 
-// Of a tile and all that is seen through circles that touch it: nearest and farthest circle, the kind, and the levels of
-// resolution that it needs (first + 8 · last; 7 for none).
+// For each tile and all that is seen through the circles that touch it: nearest and farthest circle, the kind, and the
+// levels of resolution needed (first + 8 · last; 7 for none).
 @fragment
 fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
@@ -99,7 +99,7 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     kind = select(kind, FINE, largest < FEW_PX);
     kind = select(kind, SHARP, 2.0 * largest < SHARP_PX);
     kind = select(TWO_DEEP, kind, one);
-    // Of two surfaces of which one is sharp, only the other needs a lower resolution.
+    // With two surfaces of which one is sharp, only the other needs a lower resolution.
     let lowest = select(smallest, largest, !one && smallest < TWO_HALF_PX);
     let coarse = largest >= select(TWO_HALF_PX, HALF_PX, one);
     let first_level = select(level_of_two(lowest), max(level_of(lowest), 1.0), one);
@@ -108,7 +108,7 @@ fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return select(vec4<f32>(0.0, 0.0, 0.0, 7.0), vec4<f32>(near, far, kind, levels), near <= far);
 }
 
-// The same, with the levels that the tiles around need too: they are read across the borders.
+// The same, including levels that the neighbouring tiles need: they are read across the borders.
 @fragment
 fn needed(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
@@ -124,8 +124,8 @@ fn needed(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4<f32>(textureLoad(before, p, 0).xyz, first + 8.0 * last);
 }
 
-// At a corner, the mean of the tiles that meet there: the middle of their own circles, or of those around (0 where
-// nothing is).
+// At a corner, the mean over the tiles that meet there: the middle of their own circles, or of those around (0 where
+// there are none).
 @fragment
 fn corners(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let corner = vec2<i32>(at.xy);

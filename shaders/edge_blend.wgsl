@@ -1,5 +1,5 @@
 // Antialiasing against camera pixels (Fischer 2006, antialiasing; src/effects/edge_blend.rs):
-// (current + Σ w_i camera_i) / (Σ w_i + 1) over the 3×3 neighbourhood, w_i the part of a neighbour that is the camera's.
+// (current + Σ w_i camera_i) / (Σ w_i + 1) over the 3×3 neighbourhood; w_i is the camera's share of a neighbour.
 struct EdgeBlend { impact: f32 }
 @group(1) @binding(0) var<uniform> edge_blend: EdgeBlend;
 
@@ -17,7 +17,7 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
             variance += w * w * camera.camera_variance;
         }
     }
-    // A pixel that is the camera's stays it; in a photograph the function is called for those, too.
+    // The camera's own pixels stay as they are; in a photograph the function is called for them too.
     let covered = layer_at(p).a;
     if n == 0.0 || covered == 0.0 {
         return current;

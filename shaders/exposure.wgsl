@@ -1,20 +1,20 @@
-// Brighter or darker by stops (vSLRcam (11) and its remedy).
+// Brighter or darker by stops: vSLRcam (11) and its correction.
 // @import shared/fullscreen
 // @import shared/response
 
-// The curve of the camera's response, for equation (11).
+// The camera's response curve, for equation (11).
 override curve: f32 = 0.0;
 
 struct Exposure {
     gain: f32,     // on light
     step: f32,     // added to display values
-    picture: f32,  // factor by which the whole picture is exposed
+    picture: f32,  // exposure factor of the whole picture
     gamma: f32,    // of the camera's response
 }
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 @group(0) @binding(1) var layer: texture_2d<f32>;
 
-// The largest light that 16 bits hold, so that it stays a number.
+// The largest light kept in 16-bit floats, so that it stays finite.
 const BRIGHTEST: f32 = 60000.0;
 
 @fragment
@@ -23,7 +23,7 @@ fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4<f32>(min(light.rgb * (exposure.gain * exposure.picture), vec3<f32>(BRIGHTEST)), light.a);
 }
 
-// On display values, which know no coverage: the surface's own colour.
+// Works on display values, which carry no coverage, so on the surface's own colour.
 @fragment
 fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);

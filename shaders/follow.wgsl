@@ -1,12 +1,12 @@
-// The geometry of what is newly covered: of the nearest surface around, along one axis (src/effects/follow.rs).
+// The geometry of newly covered pixels: that of the nearest surface around, along one axis (src/effects/follow.rs).
 // @import shared/fullscreen
 // @import shared/layer
 
-// Along columns, else along rows.
+// Along columns; otherwise along rows.
 override down: i32 = 0;
 
-// In a storage buffer: a loop's end in a uniform is compiled into the shader by software drivers.
-struct Follow { size: vec2<i32>, radius: i32 }  // of the layer; how far is looked, px
+// In a storage buffer: software drivers compile a loop bound from a uniform into the shader.
+struct Follow { size: vec2<i32>, radius: i32 }  // of the layer; how far to look, px
 @group(0) @binding(0) var<storage, read> follow: Follow;
 @group(0) @binding(1) var geometry: texture_2d<u32>;
 

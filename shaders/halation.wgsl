@@ -1,4 +1,4 @@
-// Light that the film's base sends back into it (src/effects/halation.rs): a share of it lies around where it came from.
+// Light that the film's base reflects back into it (src/effects/halation.rs): a share of it ends up around its origin.
 // @import shared/fullscreen
 // @import shared/half
 struct Halation { share: f32 }

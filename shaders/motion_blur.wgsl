@@ -1,5 +1,5 @@
-// Motion blur by velocity: each pixel gathers, for each moment of the shutter, the surface that
-// is there at that moment. Silhouettes dissolve because moments without a surface are empty.
+// Motion blur by velocity: for each moment of the shutter, each pixel gathers the surface that is there at that moment.
+// Silhouettes dissolve because moments without a surface are empty.
 // @import shared/fullscreen
 // @import shared/layer
 struct Blur {
@@ -15,34 +15,34 @@ struct Blur {
 @group(0) @binding(3) var color: texture_2d<f32>;
 @group(0) @binding(4) var between: sampler;
 
-// Beyond the layer's border its border stands: empty, or too far from the picture to be seen.
+// Beyond the layer's border its edge texels repeat: they are empty, or too far from the picture to be seen.
 fn geometry_at(p: vec2<i32>) -> vec4<f32> {
     return unpack_geometry(textureLoad(geometry, clamp(p, vec2<i32>(0), blur.size - 1), 0));
 }
 
-// Between the four pixels around a point; whole numbers are pixels.
+// Interpolated between the four pixels around a point; whole numbers are pixels.
 fn color_between(p: vec2<f32>) -> vec4<f32> {
     return textureSampleLevel(color, between, (p + 0.5) * blur.texel, 0.0);
 }
 
-// Of the pixel's tile and those around it the fastest motion (px in the whole shutter), and what is to be done in the tile:
-// 0 nothing, 1 one motion, 2 many (shaders/motion_blur_tiles.wgsl).
+// The fastest motion in the pixel's tile and its neighbours (px over the whole shutter), and what to do in the tile: 0
+// nothing, 1 one motion, 2 many (shaders/motion_blur_tiles.wgsl).
 struct Tile { motion: vec2<f32>, kind: f32 }
 
 fn tile_at(p: vec2<i32>) -> Tile {
-    // Floats: whole numbers are divided one by one on software drivers.
+    // In floats: software drivers divide integers one by one.
     let tile = textureLoad(fastest, vec2<i32>((vec2<f32>(p) + 0.5) / f32(blur.side_px)), 0);
     return Tile(tile.xy * blur.exposure_s, tile.w);
 }
 
-// A motion shorter than is drawn is none.
+// A motion too short to be drawn counts as none.
 fn drawn_motion(motion: vec2<f32>, dominant: vec2<f32>) -> vec2<f32> {
     let still = length(dominant) <= blur.threshold_px || max(abs(motion.x), abs(motion.y)) < 0.25;
     return select(motion, vec2<f32>(0.0), still);
 }
 
-// The box of the shutter along a motion: a tap for each pixel of the major axis, those at the
-// ends weighted by the part of them that the box covers.
+// The shutter's box along a motion: a tap for each pixel of the major axis, the end taps weighted by how much of them
+// the box covers.
 struct Line { step: vec2<f32>, half: f32, taps: i32 }
 
 fn line_along(motion: vec2<f32>) -> Line {
@@ -57,19 +57,19 @@ fn tap_weight(line: Line, k: f32) -> f32 {
 
 struct Sum { color: vec4<f32>, weight: f32 }
 
-// Less than a 16-bit float's step at 1 is what a sampler's rounding brings from next door.
+// Less than a 16-bit float's step at 1 comes from a neighbour, by the sampler's rounding.
 fn mean_of(sum: vec4<f32>, weight: f32) -> vec4<f32> {
     return select(sum / weight, vec4<f32>(0.0), sum.a < weight / 2048.0);
 }
 
-// The sum over the shutter, and its weight, where all that passes has one motion: the pixel's own.
+// The sum over the shutter, and its weight, where everything that passes has one motion: the pixel's own.
 fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -> Sum {
     let x = vec2<f32>(p);
     let line = line_along(drawn_motion(select(dominant, own.zw * blur.exposure_s, own.x > 0.0), dominant));
     let center = tap_weight(line, 0.0);
     var sum = center * color_between(x);
     var weight = center;
-    // Two neighbouring taps are one look between them, nearer to the one that weighs more.
+    // Two neighbouring taps are one sample between them, nearer to the heavier one.
     let taps = select(0, line.taps, wanted);
     for (var k = 1; k <= taps; k += 2) {
         let near = tap_weight(line, f32(k));
@@ -82,15 +82,15 @@ fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -
     return Sum(sum, weight);
 }
 
-// Whether the surface that going back along `motion` (px in the whole shutter) meets does come
-// from there: within three quarters of a pixel.
+// Whether the surface met by going back along `motion` (px over the whole shutter) really comes from there: within
+// three quarters of a pixel.
 fn comes_from(surface: vec4<f32>, motion: vec2<f32>, moment: f32) -> bool {
     let error = (surface.zw * blur.exposure_s - motion) * moment;
     return surface.x > 0.0 && dot(error, error) < 0.5625;
 }
 
-// The surface at x at one moment (-1/2..1/2 of the shutter), where motions differ: from the
-// fastest motion, from x's own, and from whatever the first met; the nearest that holds true.
+// The surface at x at one moment (-1/2..1/2 of the shutter), where motions differ. Three candidates: by the fastest
+// motion, by x's own, and by that of whatever the first met. The nearest consistent one wins.
 fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_major: bool) -> vec4<f32> {
     let by_dominant = x - dominant * moment;
     let met = geometry_at(vec2<i32>(round(by_dominant)));
@@ -100,9 +100,9 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     let by_met = x - met_motion * moment;
     let met_met = geometry_at(vec2<i32>(round(by_met)));
 
-    // Where nothing holds true. Where the ways back meet nothing, nothing is there; where they
-    // meet another surface, what was here is hidden behind it, and its neighbourhood stands for
-    // it, unless that surface itself has come from elsewhere.
+    // If none is consistent: where the ways back meet nothing, nothing is there. Where they meet another surface, what
+    // was here is hidden behind it and its neighbourhood stands in for it, unless that surface itself has come from
+    // elsewhere.
     let met_is_near = met.x > 0.0 && met_met.x > 0.0;
     let uncovers = met_is_near && (own.x == 0.0 || depth_m(met) > depth_m(own));
     let stays = own.x > 0.0 && own_met.x > 0.0;
@@ -124,7 +124,7 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
         source = by_met;
         there = true;
     }
-    // Whole pixels of the major axis: what lies between them is another tap's.
+    // Whole pixels of the major axis: what lies between them belongs to another tap.
     let color = color_between(select(vec2<f32>(source.x, round(source.y)), vec2<f32>(round(source.x), source.y), x_major));
     return select(vec4<f32>(0.0), color, there);
 }
@@ -144,8 +144,8 @@ fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool)
     return Sum(sum, weight);
 }
 
-// Software drivers work through both sides of a branch, and many motions cost several times what one costs; a loop that
-// no pixel of a group enters costs nothing.
+// Software drivers execute both sides of a branch, and many motions cost several times as much as one. A loop that no
+// pixel of a group enters costs nothing.
 @fragment
 fn blurred(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
@@ -157,7 +157,7 @@ fn blurred(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return mean_of(select(one.color, many.color, is_many), select(one.weight, many.weight, is_many));
 }
 
-// The geometry of what is newly covered: of the nearest surface that passes.
+// The geometry of newly covered pixels: that of the nearest surface that passes.
 @fragment
 fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
@@ -169,8 +169,7 @@ fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let tile = tile_at(p);
     let line = line_along(drawn_motion(tile.motion, tile.motion));
     let taps = select(-1, line.taps, tile.kind > 0.5);
-    // All that a look between pixels can touch: of each column (row) of the major axis four
-    // pixels across it.
+    // Everything that a sample between pixels can touch: four pixels across for each column (row) of the major axis.
     let across = select(vec2<i32>(1, 0), vec2<i32>(0, 1), abs(tile.motion.x) >= abs(tile.motion.y));
     for (var k = -taps; k <= taps; k++) {
         let q = vec2<i32>(floor(vec2<f32>(p) - f32(k) * line.step));

@@ -1,4 +1,4 @@
-// The fastest motion and the range of motions of each tile, then the same of each 3×3 tiles.
+// The fastest motion and the range of motions in each tile, then the same over 3×3 tiles.
 // @import shared/fullscreen
 // @import shared/layer
 struct Tiles {
@@ -7,10 +7,10 @@ struct Tiles {
     exposure_s: f32,
 }
 @group(0) @binding(0) var<uniform> tiles: Tiles;
-// Over tiles: their ranges. Over pixels: the layer's geometry.
+// Over tiles: the ranges of the tiles. Over pixels: the layer's geometry.
 @group(0) @binding(1) var second: texture_2d<f32>;
 @group(0) @binding(1) var geometry: texture_2d<u32>;
-// Over tiles: their fastest.
+// Over tiles: the fastest motion of each tile.
 @group(0) @binding(2) var first: texture_2d<f32>;
 
 struct Out { @location(0) fastest: vec4<f32>, @location(1) range: vec4<f32> }
@@ -43,8 +43,8 @@ fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
     return sum;
 }
 
-// Of each tile's neighbourhood the fastest motion, and what is to be done in the tile
-// (shaders/motion_blur.wgsl): 0 nothing, 1 one motion, 2 many motions.
+// The fastest motion in each tile's neighbourhood, and what to do in the tile (shaders/motion_blur.wgsl): 0 nothing, 1
+// one motion, 2 many motions.
 @fragment
 fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));
@@ -58,7 +58,7 @@ fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
             }
         }
     }
-    // Motions that end within a pixel of each other are one motion: at a pixel its own.
+    // Motions that end within a pixel of each other count as one: each pixel uses its own.
     let span = (sum.range.zw - sum.range.xy) * tiles.exposure_s;
     let kind = select(2.0, 1.0, max(span.x, span.y) < 1.0);
     return vec4<f32>(sum.fastest.xyz, kind * sum.fastest.z);

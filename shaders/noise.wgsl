@@ -1,6 +1,6 @@
 // @import shared/noise
 
-// As calibrated.
+// The calibrated variance.
 fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
     let s = sigma_at(code) * noise.scale;
     return s * s;

@@ -1,5 +1,5 @@
-// The pattern at lattice points: white noise filtered to the camera's neighbour correlation by
-// taps (a, 1, a) each way, and mixed to its channel correlation; variance 1, in 1/4096 σ.
+// The pattern at lattice points: white noise filtered to the camera's neighbour correlation by taps (a, 1, a) in both
+// directions, and mixed to its channel correlation. Variance 1, in units of σ/4096.
 // @import shared/fullscreen
 struct Pattern {
     side: vec2<f32>,    // weight of the three-tap filters across and down
@@ -12,7 +12,7 @@ struct Pattern {
     l33: f32,
 }
 @group(0) @binding(0) var<uniform> pattern: Pattern;
-// One texel more on each side than the pattern has.
+// One texel larger than the pattern on each side.
 @group(0) @binding(1) var white: texture_2d<i32>;
 
 fn white_at(p: vec2<i32>) -> vec3<f32> {

@@ -1,13 +1,13 @@
-// White normal noise at lattice points, in whole numbers: a hash of (seed, frame, lattice
-// point, channel) through a table of the normal distribution.
+// White normal noise at lattice points, in integers: a hash of (seed, frame, lattice point, channel) through a table of
+// the normal distribution.
 // @import shared/fullscreen
 // @import shared/hash
 struct White {
-    key: vec4<u32>,     // where in the endless hash this frame's pattern lies
+    key: vec4<u32>,     // where this frame's pattern lies in the endless hash
     origin: vec2<i32>,  // the lattice point of the first texel
 }
 @group(0) @binding(0) var<uniform> white: White;
-// 4096 quantiles of the normal distribution, 64 × 64, in 1/4096 σ.
+// 4096 quantiles of the normal distribution, 64 × 64, in units of σ/4096.
 @group(0) @binding(1) var normal_table: texture_2d<i32>;
 
 @fragment

@@ -1,14 +1,14 @@
-// Triangles to multisampled colour and depth.
+// Draws triangles to multisampled colour and depth.
 //
-// A vertex is seen by the pose of the moment at which its own row is read, plus the sample's
-// time in the shutter; distortion is applied to vertices, whose triangles are fine enough.
+// A vertex is seen from the pose at the moment its own row is read, plus the sample's time in the shutter. Distortion
+// is applied to vertices, so triangles must be fine enough.
 
-// What a draw call is made for: each mixture is a pipeline of its own, so that an untextured
-// thing does not pay for five textures (software drivers work through both sides of an `if`).
-override rolling: bool = false;                // rows have times of their own
-override fisheye: bool = false;                // the lens's model is OpenCV's fisheye
-override around: bool = false;                 // a view out of a picture all around: rows are that picture's
-override parallel: bool = false;               // rays are parallel; focal lengths are px a metre
+// The features of a draw call. Each combination is a pipeline of its own, so that an untextured object does not pay for
+// five textures (software drivers execute both sides of an `if`).
+override rolling: bool = false;                // rows have their own times
+override fisheye: bool = false;                // the lens model is OpenCV's fisheye
+override around: bool = false;                 // one view of a picture that sees all around; rows are that picture's
+override parallel: bool = false;               // rays are parallel; focal lengths are px per metre
 override has_colors: bool = false;             // of vertices
 override has_base_color: bool = false;         // textures
 override has_metallic_roughness: bool = false;
@@ -19,7 +19,7 @@ override unlit: bool = false;
 override masked: bool = false;
 override blended: bool = false;
 override hidden_by_depth: bool = false;        // the real scene's depth is known
-override suns: u32 = 0u;                       // lights
+override suns: u32 = 0u;                       // number of lights
 override points: u32 = 0u;
 override has_map: bool = false;                // the environment is a picture
 
@@ -33,18 +33,18 @@ struct View {
     rect_px: vec4<f32>,       // x0, y0, width, height of the target in the picture
     focal_px: vec2<f32>,      // fx, fy
     middle_px: vec2<f32>,     // cx, cy
-    distortion: vec4<f32>,    // k1, k2, p1, p2; of a fisheye k1, k2, k3, k4
-    outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it is a part of
+    distortion: vec4<f32>,    // k1, k2, p1, p2; for a fisheye k1, k2, k3, k4
+    outer_turn: vec4<f32>,    // from a view's axes to those of the camera whose picture it belongs to
     // The camera's rotation and position at the sample time.
     rotation: vec4<f32>,
     eye: vec4<f32>,
-    lens_m: vec2<f32>,        // point on the aperture through which is looked
+    lens_m: vec2<f32>,        // point of the aperture that is looked through
     in_depth: vec2<f32>,      // column and row of the target in the real depth
-    outer_fy_px: f32,         // of the camera whose picture it is a part of
+    outer_fy_px: f32,         // of the camera whose picture it belongs to
     outer_cy_px: f32,
     k3: f32,
-    valid_radius: f32,        // of a fisheye an angle
-    rim_slope: f32,           // there
+    valid_radius: f32,        // for a fisheye an angle
+    rim_slope: f32,           // at the valid radius
     near_m: f32,              // plane
     time_s: f32,              // of the sample
     readout_s: f32,
@@ -68,7 +68,7 @@ struct PointLight {
 }
 
 struct Light {
-    environment: vec4<f32>, // where there is no picture, its colour; w: levels of the picture
+    environment: vec4<f32>, // colour where there is no picture; w: mipmap levels of the picture
     sun_towards: array<vec4<f32>, MAX_SUNS>,
     sun_color: array<vec4<f32>, MAX_SUNS>,
     points: array<PointLight, MAX_POINTS>,
@@ -87,7 +87,7 @@ struct Material {
     unused0: f32,
     unused1: f32,
     unused2: f32,
-    // For each texture two rows of its transform; the first row's w holds the uv set.
+    // Two rows of each texture's transform; the w of the first row is the uv set.
     transforms: array<vec4<f32>, 10>,
 }
 
@@ -118,8 +118,8 @@ struct Corner {
     @location(3) uv0: vec2<f32>,
     @location(4) uv1: vec2<f32>,
     @location(5) color: vec4<f32>,
-    // Of the object: rows of the 3×4 matrix from the mesh to world axes around the camera;
-    // the sign of its determinant, and the plan's offset (px).
+    // Per object: rows of the 3×4 matrix from the mesh to world axes around the camera, the sign of its determinant,
+    // and the plan's offset (px).
     @location(6) row0: vec4<f32>,
     @location(7) row1: vec4<f32>,
     @location(8) row2: vec4<f32>,
@@ -146,7 +146,7 @@ fn in_camera(point: vec3<f32>, time_s: f32) -> vec3<f32> {
     let i = u32(min(floor(x), view.last_key - 1.0));
     let f = x - f32(i);
     let q = normalize(mix(view.key_rotation[i], view.key_rotation[i + 1u], f));
-    // The camera's position goes along a line, as between recorded poses.
+    // The camera's position moves along a line, as between recorded poses.
     let eye = mix(view.key_translation[i].xyz, view.key_translation[i + 1u].xyz, f);
     return rotate(q, point - eye);
 }
@@ -169,7 +169,7 @@ fn fisheye_radius(theta: f32) -> f32 {
     return rim + view.rim_slope * (theta - valid);
 }
 
-// In which row of the picture (px from its upper edge) a point is read; the fisheye's where this is a view out of it.
+// The row of the picture (px from its upper edge) in which a point is read. For a view of a fisheye: the fisheye's row.
 fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
     if !around {
         return at.y;
@@ -179,9 +179,10 @@ fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
     return q.y / max(r, 1e-12) * fisheye_radius(atan2(r, q.z)) * view.outer_fy_px + view.outer_cy_px;
 }
 
-// OpenCV's models, carried on along their tangent beyond the valid radius (camera/distortion.rs). Through a point l of the
-// aperture what is at the focus distance d is seen where the middle sees it: (p − l)/z + l/d. What is beside or behind
-// is not drawn: triangles end at the near plane; a fisheye that sees it is put together from views (shaders/around.wgsl).
+// OpenCV's models, continued along their tangent beyond the valid radius (camera/distortion.rs). Through a point l of
+// the aperture, what lies at the focus distance d is seen where the middle sees it: (p − l)/z + l/d. What is beside or
+// behind the camera is not drawn: triangles end at the near plane. A fisheye that sees it is assembled from views
+// (shaders/around.wgsl).
 fn project(p: vec3<f32>) -> vec2<f32> {
     if parallel {
         return p.xy * view.focal_px + view.middle_px;
@@ -204,8 +205,8 @@ fn project(p: vec3<f32>) -> vec2<f32> {
 
 struct Seen { at_px: vec2<f32>, depth_m: f32 }
 
-// Where the point is seen from the middle of its own row's exposure. The row's time depends on the row found, a
-// contraction by readout · speed / height (≲ 0.1) a step.
+// Where a point is seen at the middle of its own row's exposure. The row's time depends on the row found: a contraction
+// by readout · speed / height (≲ 0.1) per step.
 fn see(point: vec3<f32>) -> Seen {
     if !rolling {
         let p = rotate(view.rotation, point - view.eye.xyz);
@@ -217,7 +218,7 @@ fn see(point: vec3<f32>) -> Seen {
     var at = project(p);
     for (var i = 0; i < 4; i++) {
         let row_s = (row_of(p, at) / view.height_px - 0.5) * readout_s;
-        // Rows far outside the picture are never read; their time stays near it.
+        // Rows far outside the picture are never read; their time is kept close to it.
         p = in_camera(point, sample_s + clamp(row_s, -readout_s, readout_s));
         at = project(p);
     }
@@ -234,7 +235,7 @@ fn vertex(corner: Corner) -> Fragment {
     let position = vec3<f32>(dot(row0, p), dot(row1, p), dot(row2, p));
     let here = see(position);
 
-    // The inverse transpose up to a positive factor: rows of cofactors, and the mirror's sign.
+    // The inverse transpose up to a positive factor: rows of cofactors, times the sign of the determinant.
     let n = vec3<f32>(
         dot(cross(row1.xyz, row2.xyz), corner.normal),
         dot(cross(row2.xyz, row0.xyz), corner.normal),
@@ -249,10 +250,10 @@ fn vertex(corner: Corner) -> Fragment {
     let local_px = here.at_px + corner.mirror_offset.yz - view.rect_px.xy;
     let device = vec2<f32>(2.0, -2.0) * local_px / view.rect_px.zw + vec2<f32>(-1.0, 1.0);
     var w = max(here.depth_m, 0.5 * view.near_m);
-    // Depth reversed without a far plane: near/z, 1 at the near plane.
+    // Reversed depth without a far plane: near/z, 1 at the near plane.
     var z = view.near_m;
     if parallel {
-        // Along a line, 1 at the near plane and 0 at the far one.
+        // Linear, 1 at the near plane and 0 at the far one.
         w = 1.0;
         z = (view.parallel_to_m - here.depth_m) / (view.parallel_to_m - view.near_m);
     }
@@ -274,9 +275,9 @@ fn texture_uv(in: Fragment, index: u32) -> vec2<f32> {
 }
 
 struct Surface {
-    matt: vec3<f32>,   // reflected in all directions
+    matt: vec3<f32>,   // diffuse reflectance
     f0: vec3<f32>,
-    // What light that leaves after several bounces between facets adds to that of one bounce.
+    // The factor by which light that leaves after several bounces between facets raises that of one bounce.
     gain: vec3<f32>,
     a2: f32,           // roughness⁴
     normal: vec3<f32>,
@@ -285,9 +286,9 @@ struct Surface {
     n_v: f32,
 }
 
-// GGX with Smith's height-correlated visibility, as glTF 2.0 appendix B; times π.
+// GGX with Smith's height-correlated visibility, as in glTF 2.0 appendix B; times π.
 fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
-    // 1 − (n·h)² as the square of a sine: beside 1, the peak of a smooth surface would drown in rounding.
+    // 1 − (n·h)² as a squared sine: computed as a difference, the peak of a smooth surface would drown in rounding.
     let n_h = dot(s.normal, h);
     let sine = cross(s.normal, h);
     let f = dot(sine, sine) + n_h * n_h * s.a2;
@@ -295,11 +296,11 @@ fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
     return s.a2 / (f * f) * visibility;
 }
 
-// What the surface sends to the eye from one light whose matt white would be `color`.
+// The radiance towards the eye from one light. A white diffuse surface would have the radiance `color`.
 fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     let n_l = dot(s.normal, towards);
-    // A bump gets no light where the surface that bears it turns away, and little close to there: at most ten times
-    // what that surface gets. Without a normal map this is n_l.
+    // A bump gets no light where its underlying surface faces away, and little close to there: at most ten times what
+    // that surface gets. Without a normal map this is n_l.
     let reached = min(n_l, 10.0 * dot(s.smooth_normal, towards));
     if reached <= 0.0 {
         return vec3<f32>(0.0);
@@ -310,13 +311,13 @@ fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     return color * reached * (s.matt + f * s.gain * specular_pi(s, n_l, h));
 }
 
-// Where a direction lies in the environment's picture, 0 to 1: y up, −z in the middle.
+// Where a direction lies in the environment's picture, 0 to 1: y is up, −z is in the middle.
 fn on_map(direction: vec3<f32>) -> vec2<f32> {
     let d = vec3<f32>(dot(light.map_rows[0].xyz, direction), dot(light.map_rows[1].xyz, direction), dot(light.map_rows[2].xyz, direction));
     return vec2<f32>(atan2(d.x, -d.z) / (2.0 * PI) + 0.5, acos(clamp(d.y, -1.0, 1.0)) / PI);
 }
 
-// What a white matt surface that faces there looks like: render/irradiance.rs.
+// The radiance of a white diffuse surface with this normal: render/irradiance.rs.
 fn irradiance_over_pi(n: vec3<f32>) -> vec3<f32> {
     if !has_map {
         return light.environment.xyz;
@@ -328,7 +329,7 @@ fn irradiance_over_pi(n: vec3<f32>) -> vec3<f32> {
     return textureSampleLevel(irradiance_table, environment_sampler, between, 0.0).rgb;
 }
 
-// Radiance of the environment blurred as a lobe of this roughness around the direction.
+// The environment's radiance, blurred by a lobe of this roughness around the direction.
 fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     if !has_map {
         return light.environment.xyz;
@@ -338,7 +339,7 @@ fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
 
 // Scale and bias of F0 under uniform light, and the mean of their sum over all views: render/albedo.rs.
 fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
-    // From the middle of the first texel to the middle of the last.
+    // From the centre of the first texel to the centre of the last.
     let at = (vec2<f32>(sqrt(n_v), roughness) * (ALBEDO_STEPS - 1.0) + 0.5) / ALBEDO_STEPS;
     return textureSampleLevel(albedo_table, environment_sampler, at, 0.0).xyz;
 }
@@ -371,7 +372,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     if !front {
         n = -n;
     }
-    // The eye is the origin: positions are around the camera.
+    // The eye is the origin: positions are relative to the camera.
     var towards_eye = -normalize(in.position);
     if parallel {
         let q = view.rotation;
@@ -380,12 +381,13 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
     let f0 = mix(vec3<f32>(0.04), base, metallic);
     let once = albedo(roughness, n_v);
-    // Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks": what one bounce between facets
-    // loses, tinted by those that follow; of dielectrics it is next to nothing. Schlick's mean is F0 + (1 − F0)/21.
+    // Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks": the light that one bounce between
+    // facets loses, tinted by the bounces that follow. For dielectrics it is next to nothing. Schlick's mean is
+    // F0 + (1 − F0)/21.
     let f_mean = min(base + (1.0 - base) / 21.0, vec3<f32>(1.0));
     let more = f_mean * once.z / (1.0 - f_mean * (1.0 - once.z)) * (1.0 / (once.x + once.y) - 1.0);
     let gain = 1.0 + more * base * metallic / max(f0, vec3<f32>(1e-4));
-    // Below a dielectric's shine lies what the shine lets through; a metal has nothing below it.
+    // Below a dielectric's specular layer is what that layer lets through. A metal has nothing below it.
     let matt = base * (1.0 - metallic) * (1.0 - 0.04 * once.x - once.y);
     let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
@@ -414,8 +416,8 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     return sum + shadowed * (irradiance_over_pi(n) * sky * matt + radiance(reflect(-towards_eye, n), roughness) * specular);
 }
 
-// What is printed on evidence must be read, at a slant too: four taps at four places each way across the pixel, from
-// finer mipmaps. One trilinear tap blurs more than the pixel does, and drivers differ in what they make of anisotropy.
+// Print on evidence must be legible, even at a slant: four taps at four places each way across the pixel, from finer
+// mipmaps. One trilinear tap blurs more than the pixel does, and drivers differ in how they do anisotropy.
 const FINER: f32 = -1.5;
 
 fn base_texel(uv: vec2<f32>) -> vec4<f32> {
@@ -440,7 +442,7 @@ fn base_of(in: Fragment) -> vec4<f32> {
     return base;
 }
 
-// Premultiplied, within the range of 16-bit floats.
+// Premultiplied, and within the range of 16-bit floats.
 fn surface(in: Fragment, front: bool, base: vec4<f32>) -> vec4<f32> {
     var color = base.rgb;
     if !unlit {
@@ -459,11 +461,11 @@ fn whole(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4<
     return surface(in, front, base_of(in));
 }
 
-// Which of the four samples of a pixel are there, where some of the surface is cut out, or hidden by the real scene.
+// Which of a pixel's four samples are covered, where parts of the surface are cut out or hidden by the real scene.
 fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
     var mask = 0xfu;
     if masked {
-        // The cut-off's edge as coverage of the four samples, one pixel wide.
+        // The cut-off's edge, one pixel wide, as coverage of the four samples.
         let slope = max(fwidth(base.a), 1e-4);
         let covered = clamp((base.a - material.cutoff) / slope + 0.5, 0.0, 1.0);
         mask = (1u << u32(round(covered * 4.0))) - 1u;
@@ -489,7 +491,7 @@ fn partly(in: Fragment, @builtin(front_facing) front: bool) -> PartlyOut {
     return PartlyOut(surface(in, front, base), samples_of(in, base));
 }
 
-// Of what is blended, after all its colours: its depth, where it can be seen at all.
+// The depth of a blended surface, drawn after all its colours, where it is visible at all.
 @fragment
 fn depth_of_blended(in: Fragment) -> @builtin(sample_mask) u32 {
     let base = base_of(in);

@@ -1,8 +1,8 @@
-// The layer's light times a gain that is given at the corners of a grid over the picture; coverage stays. Beyond the image
-// circle, whose rim is one pixel wide, is nothing.
+// Multiplies the layer's light by a gain given at the corners of a grid over the picture; coverage stays. Beyond the
+// image circle, whose rim is one pixel wide, there is nothing.
 // @import shared/fullscreen
 struct Vignetting {
-    cell_share: vec2<f32>,   // of a pixel
+    cell_share: vec2<f32>,   // per pixel
     cells: vec2<f32>,        // across and down
     in_picture: vec2<i32>,   // where the layer begins
     circle_at: vec2<f32>,    // the image circle's middle in the picture

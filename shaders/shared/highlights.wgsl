@@ -1,14 +1,14 @@
 // Lights that stand out, drawn one by one (src/effects/depth_of_field/highlights.rs).
 struct Highlight {
-    place: vec4<f32>,   // column and row of its block, what is left of the block's light, its circle (px)
-    light: vec4<f32>,   // what is taken of the block's light, summed over its pixels; 1 where it is the farther surface's
+    place: vec4<f32>,   // column and row of its block, share left of the block's light, its circle (px)
+    light: vec4<f32>,   // what is taken of the block's light, summed over its pixels; 1 if it is the farther surface's
 }
 struct Highlights {
-    draw: vec4<u32>,    // corners, how many there are, two zeros: what draws them
+    draw: vec4<u32>,    // corners, number of lights, two zeros: arguments of the indirect draw
     all: array<Highlight>,
 }
 
-// Pixels to a side of a block: the second level of the pyramid.
+// Pixels per side of a block: the second level of the pyramid.
 const BLOCK_PX: i32 = 4;
 
 fn brightest(light: vec4<f32>) -> f32 {

@@ -1,8 +1,8 @@
-// The virtual layer: premultiplied linear colour, and the geometry of its nearest sample.
-// Geometry texels are four 16-bit words: the two of depth (m, a 32-bit float; 0: nothing is
-// there) and two 16-bit floats of velocity (px/s): one texel holds both, each as exact as it is wanted.
+// The virtual layer: premultiplied linear colour, and the geometry of its nearest sample. Geometry texels are four
+// 16-bit words: two for depth (m, a 32-bit float; 0 where there is nothing) and two 16-bit floats of velocity (px/s).
+// One texel has both, each as exact as needed.
 
-// A texel in two words of 32 bits, depth and velocity, for buffers; and back.
+// A texel as two 32-bit words, depth and velocity, for buffers; and back.
 fn words_of(texel: vec4<u32>) -> vec2<u32> {
     return texel.xz | (texel.yw << vec2<u32>(16u));
 }
@@ -26,7 +26,7 @@ fn inside_layer(p: vec2<i32>, size: vec2<i32>) -> bool {
     return all(p >= vec2<i32>(0)) && all(p < size);
 }
 
-// Premultiplied; nothing outside of the layer, whose texture is larger.
+// Premultiplied; zero outside the layer, whose texture is larger.
 fn light_within(colors: texture_2d<f32>, p: vec2<i32>, size: vec2<i32>) -> vec4<f32> {
     return select(vec4<f32>(0.0), textureLoad(colors, p, 0), inside_layer(p, size));
 }

@@ -1,7 +1,7 @@
 // A pixel on its way through the mixed stage.
 struct Mixed {
-    // Code values as fractions of full scale; above 1 until the very end, where they clip.
+    // Code values as fractions of full scale. They may exceed 1 until the very end, where they clip.
     code: vec3<f32>,
-    // Variance that the camera's share of the pixel brought along, 8-bit codes squared.
+    // Variance that the camera's share of the pixel contributes, in squared 8-bit codes.
     camera_variance: vec3<f32>,
 }

@@ -1,15 +1,15 @@
-// Calibrated noise over virtual pixels (Fischer 2006, noise overlay): the pattern, scaled to
-// the variance that the pixel lacks.
+// Calibrated noise over virtual pixels (Fischer 2006, noise overlay): the pattern, scaled to the variance that the
+// pixel lacks.
 struct Noise {
-    neighbours: vec2<f32>,   // correlation of lattice neighbours right and below
+    neighbours: vec2<f32>,   // correlation of neighbouring lattice points, right and below
     origin: vec2<i32>,       // the lattice point of the pattern's first texel
-    read: vec4<f32>,         // σ of reading out, in linear light where 255 is full scale
+    read: vec4<f32>,         // σ of the read noise, in linear light where 255 is full scale
     patch_px: f32,           // size of a patch
     in_patch: f32,           // where in a patch its lattice point lies
     scale: f32,
-    speed: f32,              // film speed over the profile's
-    recorded: f32,           // 1: the camera's pixels have another speed than the profile's
-    recorded_speed: f32,     // that speed over the profile's
+    speed: f32,              // film speed relative to the profile's
+    recorded: f32,           // 1 if the camera's pixels have another speed than the profile's
+    recorded_speed: f32,     // that speed relative to the profile's
 }
 @group(2) @binding(0) var<uniform> noise: Noise;
 @group(2) @binding(1) var noise_pattern: texture_2d<i32>;

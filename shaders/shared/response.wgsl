@@ -1,4 +1,4 @@
-// Code value ↔ linear light, both from 0 on, 1 where codes end, for curve 0 sRGB (IEC 61966-2-1), 1 linear, 2 power law.
+// Code value ↔ linear light, both 0 to 1 (full scale). Curve 0: sRGB (IEC 61966-2-1), 1: linear, 2: power law.
 
 fn decode(code: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
     if curve > 1.5 {
@@ -21,10 +21,10 @@ fn encode(light: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
     return select(1.055 * pow(l, vec3<f32>(1.0 / 2.4)) - 0.055, l * 12.92, l <= vec3<f32>(0.0031308));
 }
 
-// d code / d light at a code value and its light: of a power law, code / light times the power.
+// d code / d light at a code value and its light.
 fn slope_at(code: vec3<f32>, light: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
     if curve > 1.5 {
-        // Endless at 0: taken at the first of 255 codes.
+        // Infinite at 0: taken at the first of 255 codes.
         let first = vec3<f32>(1.0 / 255.0);
         return max(code, first) / (gamma * max(light, pow(first, vec3<f32>(gamma))));
     }

@@ -47,11 +47,11 @@ struct NoiseArgs {
 
 pub fn run(args: Args) -> Result<()> {
     let What::Noise(args) = args.what;
-    // Before the work: what the user has is not lost.
+    // Checked before the work starts, so that nothing the user has is lost.
     let failed = |what: &str| format!("{}: {what}", args.output.display());
     let read = args.frames.iter().chain(&args.mean);
     Inputs::default().and(read.clone()).and(&pictures_beside(read)).check_file(&args.output)?;
-    // A profile that is there is added to.
+    // An existing profile is extended.
     sink::check_file(&args.output, true)?;
     let (is_there, mut profile) = match file::read_text(&args.output, MOST_DOCUMENT) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => (false, Document::new("")),
@@ -76,13 +76,13 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
-/// The pictures in those of the inputs that are folders. What else lies there, a recording's profile for one, is not read.
+/// The pictures in those inputs that are folders. Anything else there, such as a recording's profile, is not read.
 fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
     let entries = inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
     entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()
 }
 
-/// By which method its noise was found.
+/// The method by which the noise was found.
 fn origin(calibration: &NoiseCalibration) -> String {
     let frames = count(calibration.frames, "frame");
     match calibration.motion {

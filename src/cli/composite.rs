@@ -73,7 +73,7 @@ pub struct Args {
     quiet: bool,
 }
 
-/// `A..B`, either end may be left out.
+/// `A..B`; either end may be left out.
 pub fn parse_range(text: &str) -> Result<(Option<usize>, Option<usize>), String> {
     let wrong = || format!("{text} is not a range; expected A..B, as in 40..50");
     let (a, b) = text.split_once("..").ok_or_else(wrong)?;
@@ -81,7 +81,7 @@ pub fn parse_range(text: &str) -> Result<(Option<usize>, Option<usize>), String>
     Ok((end(a)?, end(b)?))
 }
 
-/// The frames asked for, checked against those there are.
+/// The requested frames, checked against the available ones.
 pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) -> Result<Range<usize>> {
     let (a, b) = asked.unwrap_or_default();
     if let (Some(a), Some(b)) = (a, b)
@@ -100,7 +100,7 @@ pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) 
     Ok(range)
 }
 
-/// What frames are handed to while the next ones are drawn.
+/// Receives frames while the next ones are drawn.
 struct Writer {
     sink: Box<dyn sink::Sink + Send>,
     layers: Option<PathBuf>,
@@ -203,7 +203,7 @@ fn is_stdout(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// That all outputs can be written, before any is begun.
+/// Checks that all outputs can be written, before any is begun.
 fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usize>) -> Result<()> {
     match out {
         OutPath::Folder(folder) => inputs.check_folder(folder, range.clone().map(sink::folder::frame_name))?,
@@ -231,13 +231,13 @@ fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usiz
     }
     inputs.check_file(report)?;
     let folder = report.parent().unwrap_or(Path::new(""));
-    // Those of the other outputs are made before it is written.
+    // The folders of the other outputs are created before the report is written.
     let made = matches!(out, OutPath::Folder(out) if outputs::same(out, folder))
         || args.layers.as_ref().is_some_and(|layers| outputs::same(layers, folder));
     if made && !folder.is_dir() { Ok(()) } else { Ok(sink::check_file(report, args.force)?) }
 }
 
-/// That no two of the files that are written have one name, nor one the name of another's folder.
+/// Checks that no two written files have the same name, and that none has the name of another's folder.
 fn check_apart(args: &Args, out: &OutPath, range: &Range<usize>) -> Result<()> {
     let named = |folder: &Path, name: fn(usize) -> String| {
         let folder = outputs::resolved(folder);
@@ -264,10 +264,10 @@ fn check_apart(args: &Args, out: &OutPath, range: &Range<usize>) -> Result<()> {
     Ok(())
 }
 
-/// Decoding on the recording's threads, drawing here, writing on a thread of its own.
+/// Decodes on the recording's threads, draws here, and writes on a thread of its own.
 fn write(mut frames: Composites<'_>, mut writer: Writer, mut done: impl FnMut(&Composited)) -> Result<()> {
     std::thread::scope(|scope| {
-        // The end is said: a writer whose frames only cease must not call the output finished.
+        // The end is announced: if the frames merely stop, the writer must not report the output as finished.
         let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
         let write = move || -> Result<()> {
             for frame in receiver {
@@ -288,7 +288,7 @@ fn write(mut frames: Composites<'_>, mut writer: Writer, mut done: impl FnMut(&C
         });
         let finished = drawn.and_then(|()| sender.send(None).map_err(|_| stopped()));
         drop(sender);
-        // What the writer has to say comes first: it is why the frames stopped.
+        // The writer's error comes first: it is why the frames stopped.
         writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?.and(finished)
     })
 }

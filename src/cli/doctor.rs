@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use crate::gpu::{Gpu, adapters};
 use crate::source::ffmpeg;
 
-/// What steers the choice of an adapter.
+/// How to control the choice of an adapter.
 pub const HELP: &str = "\
 Environment variables:
   WGPU_ADAPTER_NAME=TEXT  use the first adapter whose name contains TEXT

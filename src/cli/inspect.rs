@@ -37,7 +37,7 @@ pub struct Args {
     metres_per_unit: Option<f64>,
 }
 
-/// More damaged pictures than these are counted only.
+/// Beyond this number, damaged pictures are only counted.
 const MOST_DAMAGED: usize = 10;
 
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
@@ -52,7 +52,7 @@ enum Found {
     Profile,
 }
 
-/// By ending, and for .toml by what stands in it.
+/// By file extension; a .toml by its contents.
 fn kind(path: &Path) -> Result<Found> {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     Ok(match ending.as_str() {
@@ -150,7 +150,7 @@ fn recording(args: &Args) -> Result<()> {
     if let Some(frame) = args.frame {
         return one_frame(args, recording, frame, &mut out);
     }
-    // What is given lies over the recording's own.
+    // A given profile overrides the recording's own.
     let (recording, given) = match &args.profile {
         None => (recording, None),
         Some(_) => {
@@ -263,7 +263,7 @@ fn one_frame(args: &Args, recording: Recording, frame: usize, out: &mut impl Wri
     if z <= 0.0 {
         bail!("the depth sensor measured nothing at {place}: pick a pixel beside it, or give a plane");
     }
-    // Depth belongs to its own moment.
+    // Depth belongs to its own time.
     let recording = &shot.recording;
     let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s).unwrap_or(pose);
     let p = measured.inverse_transform_point(ray * z);

@@ -1,4 +1,4 @@
-//! What the meter and the photograph ask alike.
+//! Options shared by `locard meter` and `locard photo`.
 
 use std::path::PathBuf;
 
@@ -43,7 +43,7 @@ pub struct LightArgs {
 }
 
 impl LightArgs {
-    /// The recording, and what is put into it for a photograph.
+    /// The recording, with what is put into it for a photograph.
     pub fn open(&self, scene: Option<PathBuf>) -> Result<Shot> {
         let options = OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() };
         let recording = Recording::open(&self.recording, &options)?;

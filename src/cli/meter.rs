@@ -12,7 +12,7 @@ use crate::camera::stops;
 use crate::shot::{Known, SceneLight, USUAL_ISO};
 use crate::words::short;
 
-/// From this part of clipped pixels on, the picture's mean says too little.
+/// From this share of clipped pixels on, the picture's mean says too little.
 const CLIPPED: f64 = 0.01;
 
 #[derive(clap::Args)]
@@ -56,7 +56,7 @@ impl Report<'_> {
         self.asked.iso.unwrap_or(USUAL_ISO)
     }
 
-    /// Settings that would expose correctly, for each mode of which what it needs is known.
+    /// Settings that would expose correctly, for each mode whose inputs are known.
     fn proposals(&self) -> Vec<(Mode, Metered)> {
         let (lux, plus) = (self.scene.lux, self.args.compensation);
         let possible = |mode: &Mode| match mode {
@@ -65,7 +65,7 @@ impl Report<'_> {
             Mode::ShutterPriority => self.asked.time_s.is_some(),
             Mode::Manual => self.asked.f_number.is_some() && self.asked.time_s.is_some(),
         };
-        // What a mode chooses itself is left out of account.
+        // The values that a mode chooses itself are ignored.
         let set = ExposureSettings {
             f_number: self.asked.f_number.unwrap_or(1.0),
             time_s: self.asked.time_s.unwrap_or(1.0),
@@ -73,7 +73,7 @@ impl Report<'_> {
         }
         .exact();
         let propose = |mode: Mode| match mode {
-            // Aperture and time stay; what is left is the film.
+            // Aperture and time stay; only the film speed is left.
             Mode::Manual => iso_for(lux, set, plus),
             _ => meter(mode, lux, set, plus, &self.limits),
         };
@@ -152,7 +152,7 @@ impl Report<'_> {
     }
 }
 
-/// As in "0.50 stops over".
+/// For example "0.50 stops over".
 fn over(ev: f64) -> String {
     match ev {
         ev if ev.abs() < 0.005 => "correctly".to_owned(),

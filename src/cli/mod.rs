@@ -1,5 +1,5 @@
-//! The command line. Data on stdout, messages on stderr; exit 0, or 2 with one line that says
-//! what is wrong. Names no effect: it takes them from the list.
+//! The command line. Data goes to stdout, messages to stderr. Exits with 0, or with 2 and one line that says what is
+//! wrong. Names no effect: effects come from the list.
 
 mod bench;
 mod calibrate;
@@ -58,13 +58,13 @@ enum Command {
     Simulate(simulate::Args),
 }
 
-/// Runs the program on the process' arguments.
+/// Runs the program with the process' arguments.
 pub fn main() -> ExitCode {
     start::without_device_selection();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
-            // A closed pipe is no reason to fail while printing help.
+            // A closed pipe while printing help is no reason to fail.
             let _ = error.print();
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
@@ -81,7 +81,7 @@ pub fn main() -> ExitCode {
         Command::Bench(args) => bench::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     });
-    // Waits here where the program is being ended already, which needs no second message.
+    // Blocks here if the program is already being ended, which needs no second message.
     drop(undo_all());
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -95,7 +95,7 @@ pub fn main() -> ExitCode {
 
 const FAILED: u8 = 2;
 
-/// Whether whoever read our stdout has had enough (`locard params | head`). Another closed pipe is a failure.
+/// Whether the reader of our stdout has had enough (`locard params | head`). Any other closed pipe is a failure.
 fn is_closed_stdout(error: &anyhow::Error) -> bool {
     let bare = error.downcast_ref::<std::io::Error>();
     let of_sink = error.downcast_ref::<SinkError>().and_then(|error| match error {
@@ -105,8 +105,8 @@ fn is_closed_stdout(error: &anyhow::Error) -> bool {
     bare.or(of_sink).is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// An error and its causes on one line. A cause that the text before it quotes is left out. An error of writing that
-/// nobody put a name to is the standard output's.
+/// An error and its causes on one line. A cause already quoted by the text before it is left out. A bare I/O error
+/// comes from standard output.
 fn message(error: &anyhow::Error) -> String {
     if let Some(error) = error.chain().next().and_then(|error| error.downcast_ref::<std::io::Error>()) {
         return format!("standard output: cannot be written: {}", reason(error));
@@ -122,7 +122,7 @@ fn message(error: &anyhow::Error) -> String {
     })
 }
 
-/// A line on stderr; that it may be closed is no reason to fail.
+/// A line on stderr. A closed stderr is no reason to fail.
 fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "locard: {}", crate::words::shown(text));
 }
@@ -132,7 +132,7 @@ fn frame_number(text: &str) -> Result<usize, String> {
     text.trim().parse().map_err(|_| format!("{text} is refused: accepted is the number of a frame, from 0 on"))
 }
 
-/// That a recording has a frame.
+/// Checks that a recording has a frame.
 fn check_frame(frame: usize, count: usize) -> anyhow::Result<()> {
     match count.checked_sub(1) {
         Some(last) if frame > last => {
@@ -146,31 +146,31 @@ fn check_frame(frame: usize, count: usize) -> anyhow::Result<()> {
     }
 }
 
-/// A line on stderr that is no error.
+/// A line on stderr that is not an error.
 fn warn(quiet: bool, text: &str) {
     if !quiet {
         say(text);
     }
 }
 
-/// Whether there is a person to tell how it goes: at a terminal, not behind a pipe.
+/// Whether a person is watching: stderr is a terminal, not a pipe.
 fn watched(quiet: bool) -> bool {
     !quiet && std::io::stderr().is_terminal()
 }
 
-/// A closing line for whoever watches.
+/// A closing line, if somebody is watching.
 fn tell(quiet: bool, text: &str) {
     if watched(quiet) {
         say(text);
     }
 }
 
-/// A bar over frames on a terminal, nothing in a pipe.
+/// A progress bar over frames on a terminal, nothing in a pipe.
 fn progress(quiet: bool, length: usize) -> indicatif::ProgressBar {
     progress_of(quiet, length, "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left")
 }
 
-/// A bar as a template of indicatif's says.
+/// A progress bar by a template of indicatif's.
 fn progress_of(quiet: bool, length: usize, template: &str) -> indicatif::ProgressBar {
     if !watched(quiet) {
         return indicatif::ProgressBar::hidden();

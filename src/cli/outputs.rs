@@ -6,13 +6,13 @@ use anyhow::{Result, bail};
 
 use crate::shot::Shot;
 
-/// What a run reads.
+/// The files and folders that a run reads.
 #[derive(Debug, Default)]
 pub struct Inputs {
     files: Vec<PathBuf>,
     /// The recording's own folder.
     recording: Option<PathBuf>,
-    /// Where frames and depth pictures lie.
+    /// Folders with frames and depth pictures.
     folders: Vec<PathBuf>,
 }
 
@@ -24,13 +24,13 @@ impl Inputs {
         Self { files, recording: Some(resolved(&shot.recording.path)), folders }
     }
 
-    /// Reads these files too.
+    /// Adds files that are also read.
     pub fn and<'a>(mut self, files: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.files.extend(files.into_iter().cloned());
         self
     }
 
-    /// That a file can be written there.
+    /// Checks that a file can be written there.
     pub fn check_file(&self, path: &Path) -> Result<()> {
         let at = resolved(path);
         if self.is_read(path, &at) {
@@ -49,7 +49,7 @@ impl Inputs {
         Ok(())
     }
 
-    /// That files of these names can be written into a folder.
+    /// Checks that files of these names can be written into a folder.
     pub fn check_folder(&self, path: &Path, names: impl IntoIterator<Item = String>) -> Result<()> {
         let at = resolved(path);
         if self.recording.as_ref() == Some(&at) {
@@ -65,27 +65,27 @@ impl Inputs {
         Ok(())
     }
 
-    /// Whether a folder of frames belongs to the recording alone: others may hold anything beside the frames.
+    /// Whether a folder of frames belongs to the recording alone. Any other may contain anything next to the frames.
     fn is_its(&self, folder: &Path) -> bool {
         self.recording.as_deref().is_some_and(|own| folder != own && folder.starts_with(own))
     }
 
     fn is_read(&self, path: &Path, at: &Path) -> bool {
-        // What does not exist is none of them.
+        // A path that does not exist is none of them.
         path.exists() && self.files.iter().any(|file| file.canonicalize().is_ok_and(|file| file == at))
     }
 }
 
 const NEVER: &str = "which is not written to, with --force neither; choose another place";
 
-/// Whether two paths mean one place.
+/// Whether two paths are the same place.
 pub fn same(a: &Path, b: &Path) -> bool {
     resolved(a) == resolved(b)
 }
 
-/// A path from the root without links, of which the last parts need not exist.
+/// An absolute path without links. Its last parts need not exist.
 pub fn resolved(path: &Path) -> PathBuf {
-    // No name at all is the folder one is in.
+    // An empty path is the current folder.
     let path = std::path::absolute(Path::new(".").join(path)).unwrap_or_else(|_| path.to_owned());
     let parts: Vec<_> = path.components().collect();
     for there in (1..=parts.len()).rev() {
@@ -133,7 +133,7 @@ mod tests {
         }
         assert!(inputs.check_folder(&at("r/out"), names()).is_ok());
 
-        // Frames beside everything else, and files of the names that would be written.
+        // Frames next to everything else, and files with the names that would be written.
         let inputs = Inputs { folders: vec![resolved(&at("r"))], ..inputs };
         assert!(inputs.check_file(&at("r/picture.png")).is_err() && inputs.check_file(&at("r/report.json")).is_ok());
         assert!(

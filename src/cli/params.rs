@@ -48,7 +48,7 @@ pub fn run(args: &Args) -> Result<()> {
             None => writeln!(out, "[{}]", table.table())?,
         }
         for s in table.specs() {
-            // Where nothing is the default, the unit stands behind the range.
+            // Where the default is none, the unit follows the range.
             let (unit, of_range) = match s.default {
                 Value::None => (String::new(), shown_unit(s.unit)),
                 _ => (shown_unit(s.unit), String::new()),

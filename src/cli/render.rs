@@ -89,7 +89,7 @@ impl Kind {
         }
     }
 
-    /// The largest angle that is accepted.
+    /// The largest accepted angle.
     fn largest_fov_deg(self) -> f64 {
         match self {
             Self::Perspective | Self::OffCentre | Self::Orthographic => 175.0,
@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// That what was given belongs to the camera.
+/// Checks that the given options belong to the camera.
 fn check(args: &Args) -> Result<()> {
     let kind = args.camera;
     if let Some((fov, second)) = args.fov {
@@ -184,7 +184,7 @@ fn check(args: &Args) -> Result<()> {
     }
 }
 
-/// Around all corners of the scene: middle and radius, metres. A metre at the origin where there is nothing.
+/// Sphere around all vertices of the scene: middle and radius, metres. A metre at the origin if there are none.
 fn bounding_sphere(scene: &Scene) -> (DVec3, f64) {
     let points = || {
         scene.objects.iter().flat_map(|o| &o.parts).flat_map(|part| {
@@ -198,12 +198,13 @@ fn bounding_sphere(scene: &Scene) -> (DVec3, f64) {
     (middle, points().map(|p| p.distance(middle)).fold(1e-3, f64::max))
 }
 
-/// From where and where to, as far as nobody says: from the front, a side and above, so far away that all is seen; an
-/// environment from above the middle, looking ahead; a little planet from there, looking down.
+/// Where the camera stands and what it looks at, unless given. Default: from the front, one side and above, far enough
+/// away to see everything. An environment: from above the middle, looking ahead. A little planet: from there, looking
+/// down.
 fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<Pose> {
     let given_up = args.up.map(DVec3::from);
     let up = given_up.unwrap_or(scene_up).normalize_or_zero();
-    // Across up: the axis that is least along it, turned.
+    // Perpendicular to up: the axis least aligned with it, projected.
     let aside = [DVec3::X, DVec3::Y, DVec3::Z]
         .into_iter()
         .reduce(|best, axis| if axis.dot(up).abs() < best.dot(up).abs() { axis } else { best })
@@ -217,7 +218,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
         match args.camera {
             Kind::Environment | Kind::LittlePlanet => at + radius * up,
             kind => {
-                // What the circle in the picture sees of the axis' sides; the sphere fills nine tenths of it.
+                // Half the angle across the smaller side of the picture. The sphere fills nine tenths of it.
                 let fov = args.fov.map_or(kind.default_fov_deg(), |fov| fov.0).to_radians();
                 let (w, h) = picture_size(args);
                 let narrow = (f64::from(w) / f64::from(h)).min(1.0);
@@ -233,7 +234,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
         Kind::LittlePlanet => eye - up,
         _ => middle,
     });
-    // Where it looks along up and nobody said what else is up, ahead is.
+    // If the camera looks along up and no other up was given, ahead becomes up.
     let along = (target - eye).normalize_or_zero().cross(up).length() < 1e-6;
     let up = if along && given_up.is_none() { ahead } else { up };
     let Some(pose) = Pose::look_at(eye, target, up) else {
@@ -267,13 +268,13 @@ fn projection(args: &Args, (_, radius): (DVec3, f64)) -> Projection {
             curved(Curve::Environment { fov_rad: DVec2::new(fov_rad, vertical) })
         }
         Kind::Orthographic => {
-            // All of the scene's sphere, and a tenth more.
+            // The whole sphere of the scene, and a tenth more.
             let height_m = args.height.unwrap_or(2.2 * radius * (size.y / size.x).max(1.0));
             Projection::Orthographic { width_px, height_px, px_per_m: size.y / height_m }
         }
         Kind::Perspective | Kind::OffCentre => {
             let focal_px = 0.5 * size.y / (0.5 * fov_rad).tan();
-            // A window to the right of the axis has the axis on its left; rows count downwards.
+            // With a window right of the axis, the axis is on its left; rows count downwards.
             let shift = args.shift.map_or(DVec2::ZERO, DVec2::from) * DVec2::new(-1.0, 1.0);
             let DVec2 { x: cx_px, y: cy_px } = size * (0.5 + shift);
             let intrinsics = Intrinsics {

@@ -1,10 +1,10 @@
-//! What is done before anything else.
+//! Restarts the program where its environment must change.
 
-/// Starts the program anew with Mesa's device selection off, where it would complain: a layer of Vulkan that Mesa puts
-/// into every program, which looks for a Wayland display, and says on stderr that `XDG_RUNTIME_DIR` is unset, twice, in
-/// containers, by ssh and in CI. It puts one adapter before the others, and Locard chooses among all of them itself. The
-/// layer is told so by its environment alone, and a program that runs cannot change its own safely; the new one keeps
-/// the process' number, and takes 1.5 ms longer to start.
+/// Restarts the program with Mesa's device selection off, where it would complain. That is a Vulkan layer that Mesa
+/// puts into every program. It looks for a Wayland display and reports on stderr, twice, that `XDG_RUNTIME_DIR` is
+/// unset: in containers, over ssh and in CI. All it does is put one adapter before the others, and Locard chooses among
+/// all of them itself. The layer is controlled only by the environment, which a running program cannot change safely.
+/// The new program keeps the process id and takes 1.5 ms longer to start.
 pub fn without_device_selection() {
     #[cfg(target_os = "linux")]
     {
@@ -13,7 +13,7 @@ pub fn without_device_selection() {
         const OFF: &str = "NODEVICE_SELECT";
         let has_folder =
             env::var_os("XDG_RUNTIME_DIR").is_some_and(|folder| std::path::Path::new(&folder).is_absolute());
-        // Never twice.
+        // Never restart twice.
         if has_folder || env::var_os(OFF).is_some() {
             return;
         }
@@ -23,7 +23,7 @@ pub fn without_device_selection() {
         if let Some(name) = arguments.next() {
             command.arg0(name);
         }
-        // Comes back only where that cannot be; then there are two lines more.
+        // Returns only on failure; then the two lines appear.
         let _ = command.args(arguments).env(OFF, "1").exec();
     }
 }

@@ -1,4 +1,4 @@
-//! Which effects may run: asked alike by all that draw into recordings.
+//! Which effects may run: options shared by everything that draws into recordings.
 
 use anyhow::{Result, bail};
 
@@ -21,7 +21,7 @@ impl Which {
         self.only.as_ref().is_none_or(named) && !self.without.as_ref().is_some_and(named)
     }
 
-    /// An error for a name that no effect has; it lists those that there are.
+    /// Fails on a name that no effect has, and lists the known ones.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {
             let known: Vec<&str> = settings.effects().map(|e| e.table()).collect();

@@ -1,29 +1,29 @@
-//! A Gaussian over a layer, for effects that spread light: along rows and then along columns.
+//! A Gaussian over a layer, for effects that spread light: along rows, then along columns.
 //!
 //! Its taps are the discrete Gaussian exp(−σ²)·Iₙ(σ²) (Lindeberg 1990), whose variance is exactly σ² however small σ is
-//! (a sampled or integrated Gaussian misses σ below a pixel). They sum to 1, so that light is kept; what is left out at
-//! the ends is less than 1e-4.
+//! (a sampled or integrated Gaussian misses σ below a pixel). They sum to 1, so that light is kept; less than 1e-4 is
+//! left out at the ends.
 //!
-//! Where it is wider than [`WIDE_PX`] it is made at half the resolution, and there again. Means of 2×2 pixels and
-//! straight lines between them blur besides: together by a variance of 1 px² (a mean of two by 1/4; a line between
-//! texels that lie two pixels apart by 3/4), which is taken off σ².
+//! A blur wider than [`WIDE_PX`] is made at half the resolution, recursively. Means of 2×2 pixels and linear
+//! interpolation between them add a variance of 1 px² (1/4 by a mean of two, 3/4 by interpolation between texels two
+//! pixels apart), which is subtracted from σ².
 
 use super::LayerRun;
 use crate::gpu::{Entry, Shader, Texture};
 use crate::render::COLOR;
 
-/// What is cut off at the ends of the taps.
+/// The weight cut off at the ends of the taps.
 const LEFT_OUT: f64 = 1e-4;
-/// Wider ones are made at half the resolution, px.
+/// Wider blurs are made at half the resolution, px.
 pub const WIDE_PX: f64 = 8.0;
-/// So many taps are enough for that.
+/// Enough taps for that width.
 const MOST_TAPS: usize = 40;
-/// What halving and doubling add to the variance, px².
+/// The variance added by halving and doubling, px².
 const HALVING_PX2: f64 = 1.0;
 
 /// exp(−t)·Iₙ(t), by the series of the modified Bessel function; t from 0 to some hundreds.
 fn discrete_gaussian(n: u32, t: f64) -> f64 {
-    // Terms (t/2)^(2k+n) / (k! (k+n)!), all above 0; the first by its factors, so that none overflows.
+    // Terms (t/2)^(2k+n) / (k! (k+n)!), all positive. The first is built factor by factor so that none overflows.
     let mut term = (1..=n).fold((-t).exp(), |product, i| product * 0.5 * t / f64::from(i));
     let mut sum = term;
     for k in 1..1000 {
@@ -55,13 +55,13 @@ fn halved_px(sigma_px: f64) -> f64 {
     0.5 * (sigma_px * sigma_px - HALVING_PX2).sqrt()
 }
 
-/// How far from a pixel is looked, px.
+/// How far from a pixel the blur looks, px.
 pub fn reach_px(sigma_px: f64) -> u32 {
     if sigma_px > WIDE_PX { 2 * reach_px(halved_px(sigma_px)) + 3 } else { taps(sigma_px).len() as u32 - 1 }
 }
 
 impl LayerRun<'_> {
-    /// Premultiplied light and coverage of a picture of `size` (px), spread; outside of it is nothing.
+    /// Blurs premultiplied light and coverage of a picture of `size` (px). There is nothing outside it.
     pub fn blurred(&mut self, light: &Texture, size: (u32, u32), sigma_px: f64) -> Texture {
         let uniform = |size: (u32, u32)| Blur { size: [size.0 as i32, size.1 as i32] };
         if sigma_px > WIDE_PX {
@@ -101,7 +101,7 @@ mod tests {
             assert!((discrete_gaussian(n, 1.0) - expected * (-1f64).exp()).abs() < 1e-6);
         }
         assert_eq!(taps(0.0), [1.0]);
-        // Far out it is the Gaussian: 1/(8·√2π).
+        // For large σ it is the continuous Gaussian: 1/(8·√2π).
         assert!((taps(WIDE_PX)[0] / 0.049_867_8 - 1.0).abs() < 3e-3, "{}", taps(WIDE_PX)[0]);
         assert!(taps(WIDE_PX).len() <= MOST_TAPS);
     }
@@ -113,7 +113,7 @@ mod tests {
             let sum: f64 = taps[0] + 2.0 * taps[1..].iter().sum::<f64>();
             let variance: f64 = taps.iter().enumerate().map(|(n, tap)| 2.0 * (n * n) as f64 * tap).sum();
             prop_assert!((sum - 1.0).abs() < 1e-12);
-            // Less what the ends would add: at most 1e-4 at 4 σ, or at a pixel or two where σ is small.
+            // Minus what the ends would add: at most 1e-4 at 4 σ, or at a pixel or two if σ is small.
             prop_assert!((variance - sigma * sigma).abs() < 4e-3 * sigma * sigma + 4e-4, "{variance}");
         }
     }

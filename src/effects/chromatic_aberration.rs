@@ -1,18 +1,19 @@
-//! Lateral chromatic aberration: red and blue are enlarged a little otherwise than green (camera/falloff.rs, `Lateral`).
+//! Lateral chromatic aberration: red and blue are enlarged slightly differently from green (camera/falloff.rs,
+//! `Lateral`).
 //!
-//! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of the picture; green
-//! stays, as calibrations of geometry go by it or by all three. Objects part as the real scene did, so at a silhouette
-//! each colour has a coverage of its own. One alpha cannot tell that: the layer carries three ([`Layer::coverage`]),
-//! and the composite puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c, exactly. The layer's own
-//! alpha is their mean by luminance: above 0 where any colour is covered, so that untouched pixels stay the camera's,
-//! and for whoever composites the exported layer with it, right in luminance over grey.
+//! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of the picture. Green
+//! stays, since calibrations of geometry use it alone or all three colours. Objects part as the real scene did, so at a
+//! silhouette each colour has its own coverage. One alpha cannot express that: the layer carries three
+//! ([`Layer::coverage`]), and the composite puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c,
+//! exactly. The layer's own alpha is their mean by luminance. It is above 0 where any colour is covered, so that
+//! untouched pixels stay the camera's; and a composite of the exported layer by it has the right luminance over grey.
 //!
-//! It comes last on the layer, as no other effect has to carry three coverages then. What stands before it treats all
-//! colours alike and changes slowly across the picture, so the order matters by the shift's share of that only.
+//! It comes last on the layer, so that no other effect has to carry three coverages. The effects before it treat all
+//! colours alike and change slowly across the picture, so the order matters only by the shift's share of that change.
 //!
-//! Not modelled: a spectrum within each colour (fringes have two hues), longitudinal aberration, the light's thinning
-//! out over a larger picture (2a of it); red and blue are interpolated linearly and get softer, as by a blur with a
-//! variance of at most 1/4 px².
+//! Not modelled: a spectrum within each colour (fringes have two hues), longitudinal aberration, light thinned out over
+//! a larger picture (by 2a). Red and blue are interpolated linearly and get softer, as by a blur with a variance of at
+//! most 1/4 px².
 
 use glam::DVec2;
 
@@ -55,7 +56,7 @@ impl ChromaticAberration {
         Lateral { a: self.blue, b: self.blue_cubic }
     }
 
-    /// How far a colour is shifted at most, px.
+    /// The largest shift of a colour, px.
     fn shift_px(&self, moment: &Moment<'_>) -> f32 {
         let (middle, half_diagonal) = (middle_px(moment.picture), of_whole_px(moment));
         let i = &moment.picture.intrinsics;
@@ -63,7 +64,7 @@ impl ChromaticAberration {
         let farthest = middle.abs().max((size - middle).abs()).length();
         let r = farthest / half_diagonal;
         let shift = |part: Lateral| (part.a.abs() + part.b.abs() * r * r) * farthest;
-        // The other way round the shift is a little larger; and a pixel for what lies between.
+        // The inverse shift is slightly larger; and one pixel for the interpolation.
         1.1 * shift(self.of_red()).max(shift(self.of_blue())) as f32 + 1.0
     }
 }
@@ -78,7 +79,7 @@ fn half_diagonal_px(geometry: &Geometry) -> f64 {
     0.5 * f64::from(i.width_px).hypot(f64::from(i.height_px))
 }
 
-/// That of the recorded camera's whole picture, of which this one may be a part, px of this one.
+/// Half the diagonal of the recorded camera's whole picture, of which this one may be a part, in px of this one.
 fn of_whole_px(moment: &Moment<'_>) -> f64 {
     moment.capture.enlargement * half_diagonal_px(moment.capture.recorded)
 }
@@ -121,7 +122,7 @@ impl Effect for ChromaticAberration {
     }
 }
 
-/// Where the light of a colour comes from that lands at a place, px: the inverse of [`Lateral::displaced_px`].
+/// Where the light of a colour that lands at a place comes from, px: the inverse of [`Lateral::displaced_px`].
 pub fn source_px(part: Lateral, at_px: DVec2, middle_px: DVec2, half_diagonal_px: f64) -> DVec2 {
     // Newton on the radius: r (1 + a + b r²) = r'.
     let from_middle = at_px - middle_px;
@@ -136,8 +137,8 @@ pub fn source_px(part: Lateral, at_px: DVec2, middle_px: DVec2, half_diagonal_px
     middle_px + from_middle * (r / radius)
 }
 
-/// A layer with parted colours: premultiplied light of each colour and each colour's coverage. `rgba` holds
-/// `width * height` premultiplied pixels of the whole picture; outside is empty.
+/// A layer with parted colours: the premultiplied light and the coverage of each colour. `rgba` has `width * height`
+/// premultiplied pixels of the whole picture; outside is empty.
 pub fn twin(params: &ChromaticAberration, geometry: &Geometry, rgba: &[[f64; 4]]) -> Vec<[[f64; 3]; 2]> {
     let (width, height) = (i64::from(geometry.intrinsics.width_px), i64::from(geometry.intrinsics.height_px));
     let (middle, half_diagonal) = (middle_px(geometry), half_diagonal_px(geometry));

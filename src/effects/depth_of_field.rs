@@ -1,25 +1,25 @@
 //! Depth of field from the lens.
 //!
-//! A point at the depth z is imaged as the opening, fx · D · (1/d_s − 1/z) pixels wide, upside down before the focus
-//! plane (vSLRcam (4)-(8); camera/thin_lens.rs). The lens is the camera's (`camera.lens`); without an opening nothing
+//! A point at depth z is imaged as the opening, fx · D · (1/d_s − 1/z) pixels wide, upside down in front of the focus
+//! plane (vSLRcam (4)-(8); camera/thin_lens.rs). The lens is the camera's (`camera.lens`). Without an opening nothing
 //! is blurred.
 //!
-//! - `layered` (default): gathers over the image of the opening, the nearer of two surfaces apart from the farther.
-//!   What the nearer one hides is made up of what is seen around it; both are put together by the nearer one's own
-//!   blurred alpha (depth_of_field/layered.rs).
+//! - `layered` (default): gathers over the image of the opening, keeping the nearer of two surfaces apart from the
+//!   farther. What the nearer one hides is filled from what is seen around it. The nearer one's own blurred alpha puts
+//!   both together (depth_of_field/layered.rs).
 //! - `reference`: the thin lens itself. The layer is drawn through many points of the opening and summed, at least two
-//!   for each square pixel of the largest circle, up to 16,384: slow, and what the others are judged by.
-//! - `poisson`: vSLRcam's, a Poisson disc as wide as the pixel's own circle, and a second one over it
+//!   for each square pixel of the largest circle, up to 16,384. Slow; the others are judged by it.
+//! - `poisson`: vSLRcam's, a Poisson disc as wide as the pixel's own circle, then a second one over the result
 //!   (depth_of_field/poisson.rs).
-//! - `diffusion`: Wang's, each pixel's light spread over the opening's picture, from the most blurred to the sharpest; the
-//!   only one that knows stars and hearts (depth_of_field/diffusion.rs).
+//! - `diffusion`: Wang's. Each pixel's light is spread over the opening's picture, from the most blurred to the
+//!   sharpest. The only one with stars and hearts (depth_of_field/diffusion.rs).
 //!
-//! Of a photograph whose real surfaces are known the real part is blurred too, slice by slice, by `layered` together
-//! with the virtual one (depth_of_field/slices.rs).
+//! In a photograph whose real surfaces are known, the real part is blurred too, slice by slice; with `layered`,
+//! together with the virtual part (depth_of_field/slices.rs).
 //!
-//! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction; by
-//! `layered`: more than two surfaces behind each other within one circle, and circles wider than a quarter of the
-//! picture and than 400 px (drawn that wide).
+//! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction. With
+//! `layered` also: more than two surfaces behind each other within one circle, and circles wider than a quarter of the
+//! picture or 400 px (drawn that wide).
 
 pub mod diffusion;
 mod highlights;
@@ -37,9 +37,9 @@ use crate::render::{Layer, Sample, SamplePlan};
 use diffusion::Mix;
 use operator::Shape;
 
-/// Circles below this are points, px.
+/// Smaller circles count as points, px.
 const SHARP_PX: f32 = 0.7;
-/// The widest circle that is drawn, px: 12.5 texels to each side at a sixteenth, which is what the shader's table holds.
+/// The widest circle drawn, px: 12.5 texels to each side at a sixteenth, which is what the shader's table covers.
 pub const WIDEST_PX: f32 = 400.0;
 const MOST_POINTS: u32 = 1 << 14;
 
@@ -49,7 +49,7 @@ crate::choices! {
 }
 
 crate::params! {
-    /// Parameters of the depth of field; the lens stands in `camera.lens`.
+    /// Parameters of the depth of field. The lens is in `camera.lens`.
     pub struct DepthOfField in "depth_of_field" {
         "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
         method: Method = Method::Layered;
@@ -72,7 +72,7 @@ crate::params! {
     }
 }
 
-/// Diameters of the circles of all that is drawn, px: the least and the largest.
+/// Diameters of the circles of everything drawn, px: the smallest and the largest.
 fn circles_px(moment: &Moment<'_>) -> [f32; 2] {
     let Some(opening) = moment.capture.opening else { return [0.0; 2] };
     let [nearest, farthest] = moment.depths_m;
@@ -83,13 +83,13 @@ fn circles_px(moment: &Moment<'_>) -> [f32; 2] {
 }
 
 impl DepthOfField {
-    /// Points of the opening for each moment that the plan holds already.
+    /// Points of the opening for each moment already in the plan.
     fn reference(moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
         let Some(opening) = moment.capture.opening else { return plan };
         let [_, largest] = circles_px(moment);
         let area = std::f32::consts::FRAC_PI_4 * largest * largest;
         let moments = plan.samples.len() as u32;
-        // As many for each moment, so that the moments' weights stay what they are.
+        // Equally many for each moment, so that the weights of the moments stay the same.
         let each = ((2.0 * area).ceil() as u32).clamp(64, MOST_POINTS).div_ceil(moments);
         let aperture = Aperture::of(&opening);
         let radius_m = 0.5 * opening.diameter_m;
@@ -135,7 +135,7 @@ impl Effect for DepthOfField {
             Method::Layered => layered::look_px(moment),
             Method::Poisson | Method::Reference => layered::reach_px(moment),
         };
-        // The real part is blurred slice by slice whatever the method; `layered` has the virtual one among them.
+        // The real part is blurred slice by slice whatever the method; `layered` includes the virtual part.
         Reach::both(match (moment.real_depths_m, self.method) {
             (None, _) => own_px,
             (Some(_), Method::Layered) => slices::reach_px(moment),
@@ -143,7 +143,7 @@ impl Effect for DepthOfField {
         })
     }
     fn cases(&self) -> Vec<Case> {
-        // The benchmark's lens is a pinhole; what this costs over a whole picture is measured by itself.
+        // The benchmark's lens is a pinhole; the cost over a whole picture is measured separately.
         ["layered", "poisson", "diffusion", "reference"]
             .map(|m| (m, vec![("method", Value::Text(m.to_owned()))]))
             .to_vec()
@@ -164,7 +164,7 @@ impl Effect for DepthOfField {
         match self.method {
             Method::Layered => OnReal::ActsAndHides,
             Method::Poisson | Method::Diffusion => OnReal::Acts,
-            // Through each point of the lens is drawn what is seen there.
+            // Each point of the lens draws what is seen from there.
             Method::Reference => OnReal::ActsAlone,
         }
     }
@@ -187,9 +187,9 @@ impl Effect for DepthOfField {
     }
 }
 
-/// A layer of one depth through an opening: each pixel's light spread evenly over the image of the aperture, `circle_px`
-/// wide (signed), by `points` points with bilinear shares. `rgba` holds `width * height` premultiplied pixels; outside
-/// is empty.
+/// A layer of one depth through an opening: each pixel's light spread evenly over the image of the aperture,
+/// `circle_px` wide (signed), by `points` points with bilinear weights. `rgba` has `width * height` premultiplied
+/// pixels; outside is empty.
 pub fn twin(
     rgba: &[[f64; 4]],
     width: usize,

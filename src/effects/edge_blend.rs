@@ -1,13 +1,14 @@
 //! Antialiasing against camera pixels: Fischer 2006, §Antialiasing.
 //!
-//! result = (current + Σ cameraᵢ) / (n + 1) over the n camera pixels in the 3×3 neighbourhood,
-//! and `impact` between current (0) and result (1). Works on code values, as in the paper.
+//! result = (current + Σ cameraᵢ) / (n + 1) over the n camera pixels in the 3×3 neighbourhood, and `impact`
+//! interpolates between current (0) and result (1). Works on code values, as in the paper.
 //!
-//! The paper's pixels are an object's or the camera's. Where edges are soft, by samples or by blur, a pixel is partly
-//! either: of a neighbour with coverage Aᵢ counts (1 − Aᵢ), and a pixel with coverage A moves by A of the way. Of hard
-//! edges that is the paper's rule. Off by default: edges are multisampled, and both together would eat the edge.
+//! In the paper a pixel is either an object's or the camera's. With edges softened by sampling or blur, a pixel is
+//! partly both: a neighbour with coverage Aᵢ has the weight (1 − Aᵢ), and a pixel with coverage A moves by A of the
+//! way. For hard edges that is the paper's rule. Off by default: edges are multisampled, and both together would erode
+//! the edge.
 //!
-//! Not modelled: the edge's direction; a pixel in a corner is softened as one on an edge.
+//! Not modelled: the edge's direction. A pixel in a corner is softened like one on an edge.
 
 use super::{Case, Effect, LayerRun, MixedPart, Moment};
 use crate::gpu::Shader;
@@ -42,8 +43,8 @@ impl Effect for EdgeBlend {
     }
 }
 
-/// The rule on one channel: `neighbours` are the camera's code values among the eight, each with the part of the pixel
-/// that is the camera's; `covered` is the pixel's own coverage.
+/// The rule for one channel. `neighbours`: the camera's code values among the eight, each with the camera's share of
+/// the pixel. `covered`: the pixel's own coverage.
 pub fn twin(current: f64, covered: f64, neighbours: &[(f64, f64)], impact: f64) -> f64 {
     let weight: f64 = neighbours.iter().map(|(_, w)| w).sum();
     let blended = (current + neighbours.iter().map(|(code, w)| w * code).sum::<f64>()) / (weight + 1.0);
@@ -60,7 +61,7 @@ mod tests {
         assert_eq!(twin(10.0, 1.0, &[(40.0, 1.0), (70.0, 1.0)], 1.0), 40.0);
         assert_eq!(twin(10.0, 1.0, &[(40.0, 1.0), (70.0, 1.0)], 0.5), 25.0);
         assert_eq!(twin(10.0, 1.0, &[], 1.0), 10.0);
-        // Soft: (10 + 0.5 · 40) / 1.5 = 20, half of the way for a pixel that is half covered.
+        // Soft: (10 + 0.5 · 40) / 1.5 = 20; a half-covered pixel goes half of the way.
         assert_eq!(twin(10.0, 0.5, &[(40.0, 0.5)], 1.0), 15.0);
     }
 }

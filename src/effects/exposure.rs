@@ -1,15 +1,15 @@
 //! Exposure of the virtual layer: brighter or darker by ΔEV stops (camera/exposure.rs).
 //!
-//! - `photographic` (default): light times 2^ΔEV; what is too bright clips at the very end, after mixing and noise.
-//! - `additive`: vSLRcam (11) as printed, 0.2 · ΔEV added to display values, 0 to 1.
+//! - `photographic` (default): light times 2^ΔEV. Overexposed light clips at the very end, after mixing and noise.
+//! - `additive`: vSLRcam (11) as printed: 0.2 · ΔEV added to display values, 0 to 1.
 //!
-//! ΔEV is `ev`, and, where `reference_s` is given, by how many stops the frame was exposed longer than that: a scene
-//! whose lights were measured at one exposure then follows a camera that exposes by itself. A frame that does not say
-//! how it was exposed is taken as exposed like the reference. A photograph's own stops, which real and virtual things share,
-//! are a factor on light whatever the method.
+//! ΔEV is `ev` plus, if `reference_s` is given, the stops by which the frame was exposed longer than that. A scene
+//! whose lights were measured at one exposure then follows a camera with automatic exposure. A frame of unknown
+//! exposure counts as exposed like the reference. A photograph's own stops, which real and virtual things share, are a
+//! factor on light whatever the method.
 //!
-//! Not modelled: what exposure does to noise (noise.rs goes by the code value that comes out) and to blur (its length
-//! is the camera's exposure time already).
+//! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on blur (its length is
+//! the camera's exposure time already).
 
 use super::{Case, Effect, LayerRun, Moment, curve_choice};
 use crate::camera::Response;
@@ -40,8 +40,8 @@ crate::uniform! {
     struct Uniform { gain: f32, step: f32, picture: f32, gamma: f32 }
 }
 
-/// How much light a frame's recording gathered of the same scene, seconds at f/1, ISO 100 and gain 1; a setting that it
-/// does not tell counts as that. `None` where no time is told.
+/// How much light a frame's recording gathered from the same scene, in seconds at f/1, ISO 100 and gain 1. An unknown
+/// setting counts as that; `None` if no time is known.
 pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
     let time_s = recorded.time_s.or(recorded.photo.time_s)?;
     let speed = recorded.photo.iso.map_or(1.0, |iso| iso / 100.0);
@@ -50,14 +50,14 @@ pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
 }
 
 impl Exposure {
-    /// By how many stops the layer of a frame gets brighter; within ±30.
+    /// How many stops brighter a frame's layer gets; within ±30.
     pub fn over_ev(&self, recorded: &FrameExposure) -> f64 {
         let longer = self.reference_s.and_then(|reference_s| Some((gathered_s(recorded)? / reference_s).log2()));
         (self.ev + longer.unwrap_or(0.0)).clamp(-30.0, 30.0)
     }
 }
 
-/// By how many stops more the whole picture is exposed, real and virtual.
+/// The additional stops by which the whole picture is exposed, real and virtual.
 fn of_picture_ev(moment: &Moment<'_>) -> f64 {
     moment.capture.over_ev.clamp(-30.0, 30.0)
 }
@@ -113,7 +113,7 @@ mod tests {
     fn stops_worked_by_hand() {
         let linear = Response { curve: Curve::Linear, ..Default::default() };
         assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Photographic, 2.0, &linear), [0.8, 0.4, 0.0, 0.5]);
-        // Half covered by 0.4 and 0.2: one stop adds 0.2 to the display value.
+        // Half covered, with surface colours of 0.4 and 0.2: one stop adds 0.2 to the display value.
         let [r, g, _, a] = twin([0.2, 0.1, 0.0, 0.5], Method::Additive, 1.0, &linear);
         assert!((r - 0.3).abs() < 1e-12 && (g - 0.2).abs() < 1e-12 && a == 0.5);
         assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Additive, -5.0, &linear), [0.0, 0.0, 0.0, 0.5]);

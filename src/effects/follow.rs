@@ -1,4 +1,5 @@
-//! Geometry follows coverage: where an effect has spread light, depth and velocity of the nearest surface around go with it.
+//! Geometry follows coverage: where an effect has spread light, the depth and velocity of the nearest surface spread
+//! too.
 
 use super::LayerRun;
 use crate::gpu::{Entry, Shader};
@@ -9,7 +10,7 @@ crate::uniform! {
 }
 
 impl LayerRun<'_> {
-    /// A layer whose light has been spread by up to `radius_px`, with its geometry, where that is read still.
+    /// A layer whose light has been spread by up to `radius_px`, with matching geometry if anything still reads it.
     pub fn followed(&mut self, layer: Layer, radius_px: u32) -> Layer {
         if !self.geometry_is_read || radius_px == 0 {
             return layer;

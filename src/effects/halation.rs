@@ -1,11 +1,11 @@
-//! Halation: light goes through the film, comes back from its base, and exposes what lies around.
+//! Halation: light goes through the film, is reflected by its base, and exposes the surroundings.
 //!
-//! out = (1 − s)·L + s·(G ∗ L), with G a Gaussian whose weights sum to 1 (blur.rs): light is kept. It lies over the
-//! camera's picture too, where nothing is covered; coverage stays what it was. A sensor's cover glass does the same. It
-//! follows the exposure, for it is the light on the film that comes back.
+//! out = (1 − s)·L + s·(G ∗ L), with G a Gaussian whose weights sum to 1 (blur.rs): light is kept. The glow also lies
+//! over the camera's picture, where nothing is covered; coverage does not change. A sensor's cover glass does the same.
+//! It follows the exposure, since it is the light on the film that is reflected.
 //!
-//! Not modelled: that it comes back red (the red layer lies deepest), the dark ring of a base that reflects totally,
-//! and the glow of the real light that an object hides.
+//! Not modelled: that the glow is red (the red layer lies deepest), the dark ring of a totally reflecting base, and the
+//! glow of real light that an object hides.
 
 use super::{Case, Effect, LayerRun, Moment, Reach, blur};
 use crate::gpu::Shader;
@@ -49,8 +49,8 @@ impl Effect for Halation {
     }
 }
 
-/// A layer as film shows it: `rgba` holds `width * height` premultiplied pixels; outside is empty. By the Gaussian
-/// itself, sampled.
+/// A layer as film shows it, by the sampled Gaussian itself. `rgba` has `width * height` premultiplied pixels; outside
+/// is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, params: &Halation) -> Vec<[f64; 4]> {
     let (reach, s) = ((5.0 * params.sigma_px).ceil() as i64, params.sigma_px);
     let tap = |d: i64| (-0.5 * (d as f64 / s).powi(2)).exp();

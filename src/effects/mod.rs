@@ -1,4 +1,4 @@
-//! The effects. To add one: ARCHITECTURE.md has the list of what it needs.
+//! The effects. ARCHITECTURE.md lists what adding one takes.
 
 pub mod blur;
 pub mod chromatic_aberration;
@@ -17,8 +17,8 @@ pub use stage::{
     Boxed, Case, Effect, EffectError, LayerRun, MixedPart, Moment, ObjectMotion, OnReal, Reach, curve_choice,
 };
 
-/// Every effect at its defaults, in the order in which they work: that of the light, but for chromatic_aberration,
-/// which says why it comes last.
+/// Every effect at its defaults, in working order: the light's, except for chromatic_aberration, which says why it
+/// comes last.
 pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
         Box::new(motion_blur::MotionBlur::default()),

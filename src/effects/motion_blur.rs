@@ -1,21 +1,20 @@
 //! Motion blur from the poses.
 //!
-//! - `velocity` (default): the layer is drawn once; each pixel gathers along its motion during
-//!   the exposure (a box shutter). Silhouettes dissolve over the camera's pixels, because
-//!   moments without a surface are empty.
-//! - `copies`: Fischer 2006, §Motion blur: semi-transparent copies of each object along the
-//!   blur vector of its centre, centred on it, above a threshold. The paper's vector spans a
-//!   whole frame interval; here it is scaled by exposure time over interval.
-//! - `accumulation`: vSLRcam (13) and (14), the recursive accumulation of frames as the finite sum that it is
-//!   (camera/accumulation.rs): n + 1 frames as long apart as the exposure in all, the newest the strongest. The paper has
-//!   the newest at the end of the exposure; here the mean of all moments, each by its weight, lies in the exposure's
-//!   middle, where the camera saw the thing, and the oldest frame before its beginning. It trails, where a shutter is a
-//!   box, and so few frames are seen apart.
-//! - `reference`: the layer drawn at many moments and summed, two for each pixel of
-//!   blur: slow, and what the others are judged by.
+//! - `velocity` (default): the layer is drawn once; each pixel gathers along its motion during the exposure (a box
+//!   shutter). Silhouettes dissolve over the camera's pixels, because moments without a surface are empty.
+//! - `copies`: Fischer 2006, §Motion blur: semi-transparent copies of each object along the blur vector of its centre,
+//!   centred on it, above a threshold. The paper's vector spans a whole frame interval; here it is scaled by exposure
+//!   time over interval.
+//! - `accumulation`: vSLRcam (13) and (14), the recursive accumulation of frames written as a finite sum
+//!   (camera/accumulation.rs): n + 1 frames spread over the exposure time, the newest with the largest weight. In the
+//!   paper the newest is at the end of the exposure. Here the weighted mean of the moments is the exposure's middle,
+//!   where the camera saw the object, and the oldest frame lies before its beginning. The blur trails off instead of
+//!   being a box, and so few frames can be told apart.
+//! - `reference`: the layer drawn at many moments and summed, two for each pixel of blur. Slow; the others are judged
+//!   by it.
 //!
-//! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at
-//! its ends (its neighbourhood stands for it), and curved motion within one exposure.
+//! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at its ends (its
+//! neighbourhood stands in for it), and curved motion within one exposure.
 
 use super::{Case, Effect, EffectError, LayerRun, Moment, Reach};
 use crate::camera::accumulation::{self, MOST_STEPS};
@@ -58,7 +57,7 @@ crate::uniform! {
 }
 
 impl MotionBlur {
-    /// A slow shutter sees more than one motion: that is drawn moment by moment.
+    /// A slow shutter sees more than one motion: then the picture is drawn moment by moment.
     fn drawn_by(&self, moment: &Moment<'_>) -> Method {
         let slow = moment.capture.whole && moment.capture.exposure_time_s > moment.interval_s;
         if slow && self.method == Method::Velocity { Method::Reference } else { self.method }
@@ -69,7 +68,7 @@ impl MotionBlur {
         moment.fastest_px_per_s * moment.capture.exposure_time_s as f32
     }
 
-    /// Half of it and a little: how far what is blurred lies from where it comes from, px.
+    /// Half of that and a margin: how far blurred light lies from where it comes from, px.
     fn half_px(moment: &Moment<'_>) -> f32 {
         0.5 * Self::longest_px(moment) + 2.0
     }
@@ -95,8 +94,8 @@ impl MotionBlur {
             .collect()
     }
 
-    /// Frames by vSLRcam (13), newest first, as (seconds from the middle of the exposure, weight); no more than 10,000.
-    /// Their mean is 0.
+    /// Frames by vSLRcam (13), newest first, as (seconds from the middle of the exposure, weight); at most 10,000.
+    /// Their weighted mean is 0.
     fn moments(&self, exposure_time_s: f64) -> Vec<(f64, f64)> {
         let n = accumulation::steps(exposure_time_s, self.frames_per_s).unwrap_or(MOST_STEPS);
         let weights = accumulation::weights(n);
@@ -105,10 +104,10 @@ impl MotionBlur {
         weights.into_iter().enumerate().map(|(i, w)| ((mean - i as f64) * back, w)).collect()
     }
 
-    /// Moments evenly over the exposure, two for each pixel of the longest blur: at least 32, and at most 4096 (above
-    /// 2048 px they lie farther apart), of a whole picture 1024 (above 512 px; seconds of a hand-held shutter). Where
-    /// frames are summed, over their exposures, for between them nothing was seen. Fewer of each would show: an edge has
-    /// four samples a moment.
+    /// Moments evenly over the exposure, two for each pixel of the longest blur: at least 32 and at most 4096 (above
+    /// 2048 px they lie farther apart), in a whole picture 1024 (above 512 px: seconds of a hand-held shutter). Where
+    /// frames are summed, the moments lie within their exposures, since nothing was seen between them. Fewer would
+    /// show: an edge has only four samples per moment.
     fn reference(moment: &Moment<'_>) -> Vec<Sample> {
         let most = if moment.capture.whole { 1024 } else { 4096 };
         let n = ((2.0 * Self::longest_px(moment)).ceil() as u32).clamp(32, most);
@@ -145,9 +144,9 @@ impl Effect for MotionBlur {
     fn reach(&self, moment: &Moment<'_>) -> Reach {
         let half_px = Self::half_px(moment);
         match self.drawn_by(moment) {
-            // The renderer's rectangle spans the moments already.
+            // The renderer's rectangle already spans the moments.
             Method::Velocity => Reach { look_px: half_px, spread_px: 1.0 },
-            // Drawn where they are seen.
+            // Copies are shifted as they are drawn.
             Method::Copies => Reach { look_px: 0.0, spread_px: half_px },
             Method::Accumulation | Method::Reference => Reach { look_px: 0.0, spread_px: 1.0 },
         }
@@ -218,9 +217,8 @@ impl Effect for MotionBlur {
     }
 }
 
-/// A layer blurred by one motion for all of it: the mean of the layer over the shutter, each
-/// moment shifted by its part of `motion_px` and sampled bilinearly. `rgba` holds
-/// `width * height` premultiplied pixels; outside is empty.
+/// A layer blurred by one motion everywhere: the mean of the layer over the shutter, each moment shifted by its part of
+/// `motion_px` and sampled bilinearly. `rgba` has `width * height` premultiplied pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, height: usize, motion_px: [f64; 2]) -> Vec<[f64; 4]> {
     let at = |x: i64, y: i64| {
         if x < 0 || y < 0 || x >= width as i64 || y >= height as i64 {

@@ -1,24 +1,24 @@
 //! Calibrated camera noise over virtual pixels: Fischer 2006, §Noise.
 //!
-//! σ depends on channel and intensity (camera/noise.rs). The pattern is a counter-based hash
-//! of (seed, frame, pixel, channel), so any frame can be made alone. A mixed pixel already
-//! carries its camera part's noise and gets only the variance that it lacks.
+//! σ depends on channel and intensity (camera/noise.rs). The pattern is a counter-based hash of (seed, frame, pixel,
+//! channel), so any frame can be made alone. A mixed pixel already has the noise of its camera part and gets only the
+//! variance that it lacks.
 //!
-//! Pattern: white normal noise, filtered by (a, 1, a) along each axis to the neighbour
-//! correlation ρ = 2a/(1 + 2a²) that was measured, variance kept; channels mixed by the
-//! Cholesky factor of their correlation. `magnification` enlarges patches beyond that by
-//! interpolation, and renormalises what interpolation takes from the variance.
+//! Pattern: white normal noise, filtered by (a, 1, a) along each axis to the measured neighbour correlation
+//! ρ = 2a/(1 + 2a²), keeping its variance; channels are mixed by the Cholesky factor of their correlation.
+//! `magnification` enlarges patches further by interpolation, and restores the variance that interpolation removes.
 //!
-//! `iso` and `film_width_mm` take the picture on another film (camera/grain.rs): σ and patches grow with the speed
+//! `iso` and `film_width_mm` put the picture on another film (camera/grain.rs): σ and patches grow with the speed
 //! relative to the profile's own (`camera.exposure.iso`), patches also with a smaller format and a larger picture. At
 //! the profile's own speed and format it is the calibrated noise, bit for bit. Patches finer than calibrated are not
 //! drawn: slower film has less noise, not finer.
 //!
-//! A frame that was recorded at another speed than the profile's (its EXIF's ISO, or the gain that the recording lists)
-//! has that speed's variance, in virtual and real pixels alike; patches stay, for it is a sensor's noise and not film's.
+//! A frame recorded at another speed than the profile's (by its EXIF ISO, or the gain that the recording lists) has
+//! that speed's variance, in virtual and real pixels alike. Patches stay, since this is a sensor's noise and not
+//! film's.
 //!
-//! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, rows
-//! and columns, correlation beyond two pixels, a covariance of mixed neighbours.
+//! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, row and column noise,
+//! correlation beyond two pixels, covariance of mixed neighbours.
 
 mod pattern;
 
@@ -68,8 +68,8 @@ impl Noise {
         }
     }
 
-    /// The recording's own speed for a frame, where no other film is asked for. A sensor's noise does not get coarser with
-    /// it, as film's does: patches stay.
+    /// The speed at which the recording took a frame, if no other film is requested. Unlike film grain, a sensor's
+    /// noise does not get coarser with speed: patches stay.
     fn recorded_speed(&self, moment: &Moment<'_>) -> f64 {
         if self.iso.is_some() && moment.capture.film.is_none() { 1.0 } else { moment.recorded_speed() }
     }
@@ -95,14 +95,14 @@ crate::uniform! {
 }
 
 impl Noise {
-    /// The lattice points that pixels of a rectangle are made of.
+    /// The lattice points needed for the pixels of a rectangle.
     fn lattice(m: f32, shown: Rect) -> Rect {
         if m <= 1.0 {
-            // One more, which a patch of one pixel looks at and takes nothing of.
+            // One more, which a patch of one pixel reads with weight 0.
             return Rect { x1: shown.x1 + 1, y1: shown.y1 + 1, ..shown };
         }
         let first = |pixel: i32| ((pixel as f32 + 0.5) / m).floor() as i32;
-        // Both neighbours, and one more where a rounding falls otherwise.
+        // Both neighbours, and one more in case of rounding.
         let (x, y) = ([shown.x0, shown.x1].map(first), [shown.y0, shown.y1].map(first));
         Rect::new(x[0] - 1, y[0] - 1, x[1] + 3, y[1] + 3)
     }
@@ -153,7 +153,7 @@ impl Effect for Noise {
             patch_px,
             in_patch: if patch_px <= 1.0 { 0.5 } else { 0.0 },
             scale: self.scale,
-            // A photograph's film is told by its own ratio.
+            // A photograph's film has its own ratio.
             speed: (ratios.iso * if moment.capture.film.is_some() { 1.0 } else { recorded }) as f32,
             recorded: if recorded == 1.0 { 0.0 } else { 1.0 },
             recorded_speed: recorded as f32,
@@ -165,8 +165,8 @@ impl Effect for Noise {
     }
 }
 
-/// The pattern's values (R, G, B; mean 0, variance 1) at a pixel of the picture, from the
-/// formulas above in double precision.
+/// The pattern's values (R, G, B; mean 0, variance 1) at a pixel of the picture, by the formulas above in double
+/// precision.
 pub fn twin_pattern(params: &Noise, moment: &Moment<'_>, x: i32, y: i32) -> [f64; 3] {
     let (rho, channels) =
         moment.camera.noise.as_ref().map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
@@ -218,8 +218,7 @@ pub fn twin_pattern(params: &Noise, moment: &Moment<'_>, x: i32, y: i32) -> [f64
     [r, l[0] * r + l[1] * g, l[2] * r + l[3] * g + l[4] * b]
 }
 
-/// A mixed pixel's code value (8-bit scale) with noise: σ at its own value, less the variance
-/// that its camera part brought along.
+/// A mixed pixel's code value (8-bit scale) with noise: σ at its own value, minus the variance of its camera part.
 pub fn twin(code: f64, sigma: f64, scale: f64, camera_variance: f64, pattern: f64) -> f64 {
     code + ((scale * sigma).powi(2) - camera_variance).max(0.0).sqrt() * pattern
 }

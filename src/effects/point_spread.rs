@@ -1,10 +1,10 @@
-//! Point spread: what lens and sensor blur of a picture that is in focus, as one measured width.
+//! Point spread: the blur of lens and sensor in focus, as one measured width.
 //!
-//! A Gaussian of `sigma_px` over premultiplied light and coverage (blur.rs), whose variance is exactly σ²: an edge that the
-//! renderer has covered by areas gets as wide as the camera's. For an edge, σ is its 10-90 % width over 2.563.
+//! A Gaussian of `sigma_px` over premultiplied light and coverage (blur.rs), whose variance is exactly σ²: an edge that
+//! the renderer has covered by area becomes as wide as the camera's. σ is an edge's 10-90 % width over 2.563.
 //!
-//! Not modelled: a width that changes over the picture, by colour or with the opening; tails (veiling glare); what the
-//! camera's own sharpening makes of edges; by how much the renderer's four samples a pixel are coarser than areas.
+//! Not modelled: a width that varies over the picture, by colour or with the opening; tails (veiling glare); the
+//! camera's own sharpening of edges; the coarseness of the renderer's four samples per pixel compared with areas.
 
 use super::{Case, Effect, LayerRun, Moment, Reach, blur};
 use crate::params::Value;
@@ -19,7 +19,7 @@ crate::params! {
 }
 
 impl PointSpread {
-    /// In the picture that is made. What is blurred in the camera's is so in an enlargement of it; at most 8 px.
+    /// σ in the picture that is made. An enlargement also enlarges the camera's blur; at most 8 px.
     fn drawn_px(&self, moment: &Moment<'_>) -> f64 {
         moment.drawn_px(self.sigma_px).min(blur::WIDE_PX)
     }
@@ -30,7 +30,7 @@ impl Effect for PointSpread {
         "makes objects as unsharp as lens and sensor are in focus"
     }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        // Narrower, and no tap reaches the neighbours.
+        // If it is any narrower, no tap reaches the neighbours.
         blur::reach_px(self.drawn_px(moment)) == 0
     }
     fn reach(&self, moment: &Moment<'_>) -> Reach {
@@ -46,7 +46,7 @@ impl Effect for PointSpread {
     }
 }
 
-/// A layer spread: `rgba` holds `width * height` premultiplied pixels; outside is empty.
+/// A blurred layer. `rgba` has `width * height` premultiplied pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, height: usize, sigma_px: f64) -> Vec<[f64; 4]> {
     let taps = blur::taps(sigma_px);
     let tap = |n: i64| taps.get(n.unsigned_abs() as usize).copied().unwrap_or(0.0);

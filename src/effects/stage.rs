@@ -1,4 +1,4 @@
-//! What an effect is: what it may know, what it says of itself, what it gives.
+//! What an effect is: what it may know, what it declares, what it returns.
 
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::frame::FrameExposure;
@@ -10,44 +10,43 @@ use crate::render::{Layer, SamplePlan};
 /// How an object's centre moves across the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObjectMotion {
-    /// From the frame to the next one, px (raster axes).
+    /// From this frame to the next, px (raster axes).
     pub per_frame_px: [f32; 2],
 }
 
-/// What effects may know of a picture before anything is drawn. A pure function of the frames and poses around it.
+/// Everything that effects may know of a picture before it is drawn. A pure function of the frames and poses around it.
 #[derive(Clone, Debug)]
 pub struct Moment<'a> {
-    /// As it was calibrated.
+    /// The calibrated camera.
     pub camera: &'a Camera,
-    /// Of the picture that is made; [`Capture::recorded`] is that of the recorded one, which was calibrated.
+    /// Geometry of the picture that is made; [`Capture::recorded`] is the recorded picture's, which was calibrated.
     pub picture: &'a Geometry,
     pub capture: &'a Capture<'a>,
     /// Position in the recording.
     pub frame: usize,
     pub seed: u64,
-    /// What the recording says of the frame's exposure.
+    /// The frame's exposure according to the recording.
     pub recorded: FrameExposure,
     /// To the next frame, seconds.
     pub interval_s: f64,
-    /// No point of the objects moves faster than this, px/s.
+    /// An upper bound on the speed of any point of the objects, px/s.
     pub fastest_px_per_s: f32,
-    /// Between which depths all points of the objects lie, metres.
+    /// The range of depths of all points of the objects, metres.
     pub depths_m: [f64; 2],
-    /// Where the real part's surfaces are known: between which depths they lie, metres.
+    /// The range of depths of the real part's surfaces, if they are known, metres.
     pub real_depths_m: Option<[f64; 2]>,
     /// One for each object of the scene.
     pub objects: &'a [ObjectMotion],
 }
 
 impl Moment<'_> {
-    /// A length in the recorded camera's pixels, in those of the picture that is made.
+    /// Converts a length in the recorded camera's pixels to pixels of the picture that is made.
     pub fn drawn_px(&self, recorded_px: f64) -> f64 {
         recorded_px * self.capture.enlargement
     }
 
-    /// Film speed at which the recording's frame was taken over that of the camera's profile, at which its noise was
-    /// measured: by the ISO that the frame's file tells, else by the gain that the recording lists. 1 where one of both is
-    /// not known.
+    /// The frame's film speed over the speed at which the noise was measured (the camera profile's): by the ISO in the
+    /// frame's file, else by the gain that the recording lists. 1 if either is unknown.
     pub fn recorded_speed(&self) -> f64 {
         let FrameExposure { gain, photo, .. } = self.recorded;
         let Some(measured) = self.camera.exposure.iso else { return 1.0 };
@@ -69,29 +68,30 @@ pub struct EffectError {
 pub struct Reach {
     /// How far from a pixel it looks.
     pub look_px: f32,
-    /// How far beyond the rectangle of the objects (as they move during the exposure) it draws.
+    /// How far beyond the rectangle of the objects (over their motion during the exposure) it draws.
     pub spread_px: f32,
 }
 
 impl Reach {
-    /// Draws as far as it looks.
+    /// It draws as far as it looks.
     pub fn both(px: f32) -> Self {
         Self { look_px: px, spread_px: px }
     }
 }
 
-/// What an effect has to do with real things. Virtual things are cut off where real ones hide them: before an effect
-/// works, unless it says more.
+/// How an effect relates to real things. Virtual objects are cut off where real ones hide them; by default before an
+/// effect runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnReal {
-    /// Works on virtual things alone.
+    /// Acts on virtual things only.
     #[default]
     Nothing,
-    /// Where the real part's surfaces are known, it works on them too.
+    /// Also acts on the real part where its surfaces are known.
     ActsAlone,
-    /// The same; and it blurs virtual things where real ones before them are sharp, which then cut off what it has made.
+    /// The same. It also blurs virtual objects where real ones in front of them are sharp; those then cut off its
+    /// result.
     Acts,
-    /// The same; and where it works on both, it hides virtual things behind real ones itself.
+    /// The same. Where it acts on both, it hides virtual objects behind real ones itself.
     ActsAndHides,
 }
 
@@ -107,25 +107,25 @@ impl OnReal {
 /// A label, and the parameters that differ from the defaults.
 pub type Case = (&'static str, Vec<(&'static str, Value)>);
 
-/// What an effect of the layer records its passes with.
+/// The context in which an effect of the layer records its passes.
 #[derive(Debug)]
 pub struct LayerRun<'a> {
     pub recorder: &'a mut Recorder,
     pub moment: &'a Moment<'a>,
-    /// What of the picture the layer covers; may reach beyond it.
+    /// The part of the picture that the layer covers; may extend beyond the picture.
     pub drawn: Rect,
-    /// What of the picture virtual things can touch, with what effects spread.
+    /// The part of the picture that virtual objects can touch, including what effects spread.
     pub objects_px: Rect,
-    /// Whether anything still reads the geometry of the layer that is made.
+    /// Whether anything still reads the geometry of the resulting layer.
     pub geometry_is_read: bool,
 }
 
-/// An effect's part of the composite: `apply_<name>` of a shader, and what it reads. Its globals stand in a group of
-/// their own, and their names begin with the effect's.
+/// An effect's part of the composite: `apply_<name>` of a shader, and its inputs. Its globals are in a group of their
+/// own, and their names begin with the effect's.
 #[derive(Debug)]
 pub struct MixedPart {
     pub shader: Shader,
-    /// The effect's, which its uniform bears too.
+    /// The effect's name, which is also its uniform's.
     pub name: &'static str,
     pub uniform: Packed,
     pub textures: Vec<(&'static str, Texture)>,
@@ -140,25 +140,25 @@ pub fn curve_choice(response: &Response) -> f64 {
     }
 }
 
-/// An effect: a table of parameters, whose name is the effect's, with what they do. It keeps nothing between two calls.
+/// An effect: a table of parameters, which bears its name, and what they do. It keeps nothing between two calls.
 ///
-/// One that works on the virtual layer, in linear light, records passes in `run`; it may have the renderer draw more,
-/// by `plan`. One that works on the mixed picture's code values gives its part of the composite in `mix`.
+/// An effect on the virtual layer, in linear light, records passes in `run`; by `plan` it may have the renderer draw
+/// more. An effect on the mixed picture's code values gives its part of the composite in `mix`.
 pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
-    /// One line: what it does.
+    /// What it does, in one line.
     fn summary(&self) -> &'static str;
-    /// Whether it would change no pixel; then it does not run.
+    /// Whether it would change no pixel. If so, it does not run.
     fn is_neutral(&self, moment: &Moment<'_>) -> bool;
-    /// Whether the camera, with the geometry of the frame's, has what the parameters need. Asked of each effect that is
-    /// switched on, before anything is written, also where it may turn out neutral.
+    /// Whether the camera, with the frame's geometry, has what the parameters need. Called for every effect that is
+    /// switched on, before anything is written, even if it may turn out neutral.
     fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {
         Ok(())
     }
-    /// A setting that does nothing with this camera, and why: worth a word.
+    /// A setting that does nothing with this camera, and why: worth a warning.
     fn idle(&self, _: &Camera) -> Option<&'static str> {
         None
     }
-    /// The ways in which it works: what the benchmark measures and what the laws are tested with. At least one.
+    /// The ways in which it works: the benchmark measures them and the laws are tested with them. At least one.
     fn cases(&self) -> Vec<Case> {
         vec![("", Vec::new())]
     }
@@ -166,8 +166,8 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn reach(&self, _: &Moment<'_>) -> Reach {
         Reach::default()
     }
-    /// How far before and behind the exposure lie moments of its plan, seconds. Asked before it is known what is in
-    /// view, which hangs on it.
+    /// How far before and after the exposure the moments of its plan lie, seconds. Called before it is known what is in
+    /// view, which depends on this.
     fn beyond_s(&self, _exposure_time_s: f64) -> f64 {
         0.0
     }
@@ -178,22 +178,23 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn reads_geometry(&self) -> bool {
         false
     }
-    /// What the renderer is to draw, after what the effects before this one have made of the single plain drawing.
+    /// What the renderer is to draw, given the plan that the effects before this one have made of a single plain
+    /// drawing.
     fn plan(&self, _: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
         plan
     }
-    /// Records its passes over the layer; what it gives is the next one's.
+    /// Records its passes over the layer and returns the layer for the next effect.
     fn run(&self, _: &mut LayerRun<'_>, layer: Layer) -> Layer {
         layer
     }
-    /// Its part of the composite, for the rectangle `shown` of the picture: called for every pixel where the whole
-    /// picture is made, else for those that the layer touches.
+    /// Its part of the composite, for the rectangle `shown` of the picture: called for every pixel if the whole picture
+    /// is made, else for those that the layer touches.
     fn mix(&self, _: &mut LayerRun<'_>, _shown: Rect) -> Option<MixedPart> {
         None
     }
 }
 
-/// A copy of an effect whose type is forgotten; every effect that can be cloned has it.
+/// A type-erased copy of an effect. Every effect that implements `Clone` has it.
 pub trait Boxed {
     fn boxed(&self) -> Box<dyn Effect>;
 }

@@ -1,12 +1,12 @@
-//! Vignetting: light is lost away from the picture's middle (camera/falloff.rs).
+//! Vignetting: light falls off away from the picture's middle (camera/falloff.rs).
 //!
-//! gain = cos⁴θ to the power `natural`, times the part of the opening that a rim leaves free. Multiplies the layer's
-//! light; what it covers stays covered, but for what lies beyond a circular fisheye's image circle: there is no picture
-//! there, and the camera's black pixels stay as they are. The rim takes the opening from `camera.lens`: stopping down
-//! makes it go away. The gain is worked out at the corners of 128 cells across the picture and interpolated: within
-//! 1e-4 for the natural part of a lens that sees 90°.
+//! gain = cos⁴θ to the power `natural`, times the share of the opening that a rim leaves free. It multiplies the
+//! layer's light. Coverage stays, except beyond a circular fisheye's image circle: there is no picture there, and the
+//! camera's black pixels stay as they are. The rim acts on the opening of `camera.lens`, so stopping down removes its
+//! effect. The gain is computed at the corners of 128 cells across the picture and interpolated: within 1e-4 for the
+//! natural part of a lens that sees 90°.
 //!
-//! Not modelled: pixel vignetting, colour shading, and what a rim does to the shape of blurred highlights (cat's eyes).
+//! Not modelled: pixel vignetting, colour shading, and how a rim changes the shape of blurred highlights (cat's eyes).
 
 use glam::{DVec2, DVec3};
 
@@ -53,10 +53,10 @@ impl Vignetting {
 
 /// Larger than any picture: no image circle.
 const NO_CIRCLE_PX: f64 = 1e9;
-/// Across the picture.
+/// Number of cells across the picture.
 const CELLS: u32 = 128;
 
-/// What the gain over a picture hangs on.
+/// What determines the gain over a picture (the cache key).
 #[derive(Clone, Debug, PartialEq)]
 struct Of {
     geometry: Geometry,
@@ -137,7 +137,7 @@ impl Effect for Vignetting {
     }
 }
 
-/// The gain on light at a place in the picture (px), 0 to 1; 0 where the lens has no ray.
+/// The gain on light at a place in the picture (px), 0 to 1. 0 where the lens has no ray.
 fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
     if params.keeps_light() {
         return 1.0;
@@ -149,8 +149,8 @@ fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_p
     natural(ray).powf(params.natural) * free
 }
 
-/// The same from the angle itself, and from the points of the opening that see the light: counted on a grid of 96 across,
-/// within 2e-3.
+/// The same from the angle itself, and from the points of the opening that see the light, counted on a grid of 96
+/// across: within 2e-3.
 pub fn twin(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
     let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
     let radius_m = 0.5 * opening.map_or(0.0, |o| o.diameter_m);
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn the_gain_worked_by_hand() {
         let geometry = Geometry::new(Intrinsics { width_px: 2000, ..Default::default() }, Distortion::default());
-        // 525 px beside the middle is 45°: cos⁴ is 1/4, half of it (cos²) is 1/2.
+        // 525 px from the middle is 45°: cos⁴ is 1/4; half the power (cos²) is 1/2.
         let at = DVec2::new(320.0 + 525.0, 240.0);
         let gain = |natural, rim_distance_mm, opening| {
             let params = Vignetting { natural, rim_distance_mm, rim_radius_mm: 10.0, image_circle_px: None };
@@ -185,7 +185,7 @@ mod tests {
         let opening = Opening { diameter_m: 0.02, focus_distance_m: 1.0, blades: 0, rotation_rad: 0.0 };
         assert!((gain(0.0, 10.0, Some(opening)) - 0.391_002).abs() < 1e-6);
         assert!((gain(1.0, 10.0, Some(opening)) - 0.25 * 0.391_002).abs() < 1e-6);
-        // Stopped down to a point, the rim hides nothing until it hides all.
+        // Stopped down to a point, the rim hides nothing until it hides everything.
         assert_eq!((gain(0.0, 9.9, None), gain(0.0, 10.1, None)), (1.0, 0.0));
     }
 }

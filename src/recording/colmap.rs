@@ -24,7 +24,7 @@ const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FU
 const CAMERAS: &str = "cameras.txt";
 const IMAGES: &str = "images.txt";
 
-/// Where in a folder a model may lie.
+/// Where in a folder a model may be.
 pub const MODELS_AT: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
 
 pub static FORMAT: Format = Format {
@@ -48,7 +48,8 @@ struct Image {
     line: usize,
 }
 
-/// Opens the model in the folder `model`; `path` is what the person named, that folder, one around it or one of its files.
+/// Opens the model in the folder `model`. `path` is what the user named: that folder, one around it, or one of its
+/// files.
 fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let path = if path.is_dir() { path } else { model };
     let cameras_file = model.join(CAMERAS);
@@ -76,7 +77,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     }
     let files = names.iter().map(|name| folder.join(name)).collect();
     let mut parts = Parts::new(path, Pictures::Stills(files), timestamps_s);
-    // An image that was not registered stays without a pose: its neighbours say nothing of it.
+    // An image that was not registered has no pose: its neighbours do not determine it.
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
     parts.geometries = geometries;
     parts.described_by = vec![cameras_file, images_file];
@@ -110,7 +111,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
         let value = text::number(&mut record, name)?;
         match *name {
             "f" => values.extend([("fx_px", value), ("fy_px", value)]),
-            // These divide.
+            // These are in a denominator.
             "k4" | "k5" | "k6" if model == "FULL_OPENCV" && value == 0.0 => {}
             "k4" | "k5" | "k6" if model == "FULL_OPENCV" => {
                 return Err(format!("FULL_OPENCV with {name} = {value} is not supported; 0 is needed"));
@@ -123,7 +124,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     geometry_from(lens, &values).map(|geometry| (id, geometry)).map_err(|e| e.to_string())
 }
 
-/// The parameters of a camera model in COLMAP's order, by our names; `f` stands for both focal lengths.
+/// A camera model's parameters in COLMAP's order, by our names. `f` is both focal lengths.
 fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
     Some(match model {
         "SIMPLE_PINHOLE" => &["f", "cx_px", "cy_px"],
@@ -139,7 +140,7 @@ fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
     })
 }
 
-/// Two lines an image: the pose, then the points seen in it, which may be none.
+/// Two lines per image: the pose, then the points seen in it, of which there may be none.
 fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Image>, Option<String>), TextError> {
     let (mut images, mut names, mut odd) = (Vec::new(), BTreeSet::new(), NormNotes::default());
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
@@ -206,8 +207,7 @@ fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, 
     })
 }
 
-/// The frames: the model's images and the others in the same folders, which have no pose, in
-/// their names' order.
+/// The frames: the model's images and the others in the same folders, which have no pose, in the order of their names.
 fn frame_names(folder: &Path, registered: &BTreeMap<&str, &Image>) -> Result<Vec<String>, RecordingError> {
     let mut names: BTreeSet<String> = registered.keys().map(|name| (*name).to_owned()).collect();
     let folders: BTreeSet<&Path> = registered.keys().filter_map(|name| Path::new(name).parent()).collect();

@@ -16,7 +16,7 @@ pub enum RecordingError {
         path.display()
     )]
     NotARecording { path: PathBuf, found: String, accepted: String },
-    /// A file of a recording that does not hold what it should.
+    /// A file of a recording does not contain what it should.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
     #[error("the option {name} = {found} is refused: accepted is {accepted}")]

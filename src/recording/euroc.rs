@@ -1,11 +1,11 @@
-//! A EuRoC MAV folder: `mav0/cam0/data.csv` and `sensor.yaml`, `mav0/state_groundtruth_estimate0/data.csv`. Poses are the
-//! body's in the world (R_RS, p_RS; metres, quaternions w x y z, z up), `T_BS` takes a sensor's axes to the body's. Times are
-//! nanoseconds, of a picture the middle of its exposure; the shutter is global. Pixel centres are counted at whole numbers.
-//! Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016,
+//! A EuRoC MAV folder: `mav0/cam0/data.csv` and `sensor.yaml`, `mav0/state_groundtruth_estimate0/data.csv`. Poses are
+//! the body's in the world (R_RS, p_RS; metres, quaternions w x y z, z up); `T_BS` takes a sensor's axes to the body's.
+//! Times are in nanoseconds, a picture's at the middle of its exposure; the shutter is global. Pixel centres are at
+//! whole numbers. Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016,
 //! <https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets>.
 //!
-//! Of YAML only this much is read: `key: value`, one level of indented keys, lists in brackets. The files hold no more, and a
-//! parser of the whole language refuses the head `%YAML:1.0` that OpenCV's tools put over them.
+//! Only this much of YAML is read: `key: value`, one level of indented keys, lists in brackets. The files contain no
+//! more, and a full YAML parser refuses the header `%YAML:1.0` that OpenCV's tools write.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ pub static FORMAT: Format = Format {
     open: |mav, _, options| open(mav, options),
 };
 
-/// The folder `mav0`, from itself, the one around it, or its camera's list.
+/// The folder `mav0`, from itself, its parent, or its camera's list.
 fn find(path: &Path) -> Option<PathBuf> {
     match path.is_dir() {
         true => [path.join("mav0"), path.to_owned()].into_iter().find(|mav| mav.join(PICTURES).exists()),
@@ -51,7 +51,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let truth = mav.join(TRUTH).join("data.csv");
     let mut described_by = vec![list.clone(), sensor.clone(), truth.clone()];
     let truth_sensor = mav.join(TRUTH).join("sensor.yaml");
-    // What the truth was estimated of is the body itself, where nothing else is said.
+    // Unless stated otherwise, the ground truth is that of the body itself.
     let body_from_truth = match truth_sensor.exists() {
         true => {
             let text = text::read(&truth_sensor)?;
@@ -76,7 +76,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// Where something stands in the axes of something else.
+/// The position and rotation of something in other axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Placed {
     turn: DQuat,
@@ -89,13 +89,13 @@ impl Placed {
         Self { turn, shift_m: -(turn * self.shift_m) }
     }
 
-    /// `a_from_b.after(b_from_c)` is a from c.
+    /// `a_from_b.after(b_from_c)` is `a_from_c`.
     fn after(&self, other: &Self) -> Self {
         Self { turn: self.turn * other.turn, shift_m: self.turn * other.shift_m + self.shift_m }
     }
 }
 
-/// Whole nanoseconds as seconds; each is rounded once.
+/// Whole nanoseconds in seconds, rounded only once.
 fn seconds(nanoseconds: &str, name: &str) -> Result<f64, String> {
     let found = nanoseconds.trim();
     let refuse = |_| format!("{name} is `{}`; whole nanoseconds are needed", quoted(found));
@@ -129,7 +129,7 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         let (time, rest) = record.split_once(',').unwrap_or((record, ""));
         let time_s = seconds(time, "timestamp").map_err(refuse)?;
         ascends(poses.last().map(|before| before.0), time_s).map_err(refuse)?;
-        // Velocities and the like stand behind.
+        // Velocities and the like follow.
         let spaced = rest.replace(',', " ");
         let (mut rest, mut fields) = (spaced.as_str(), [0.0; 7]);
         for (field, name) in fields.iter_mut().zip(["p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z"]) {
@@ -145,7 +145,7 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
     Ok((poses, warning))
 }
 
-/// Keys with their lines, from 1, and values; keys within others as `T_BS.data`. What is no `key: value` is passed over.
+/// Keys with their lines, from 1, and values; inner keys as `T_BS.data`. Anything that is not `key: value` is skipped.
 fn parse_yaml(text: &str) -> BTreeMap<String, (usize, String)> {
     let mut keys: BTreeMap<String, (usize, String)> = BTreeMap::new();
     let (mut parent, mut open): (String, Option<String>) = Default::default();
@@ -155,7 +155,7 @@ fn parse_yaml(text: &str) -> BTreeMap<String, (usize, String)> {
         if bare.is_empty() || bare.starts_with(['#', '%']) {
             continue;
         }
-        // A list goes on over lines until its bracket closes.
+        // A list continues over lines until its bracket closes.
         if let Some(value) = open.as_ref().and_then(|key| keys.get_mut(key)) {
             value.1 += bare;
         } else if let Some((key, value)) = bare.split_once(':') {
@@ -225,7 +225,7 @@ impl Yaml<'_> {
         let [width, height] = self.numbers("resolution")?;
         let [fu, fv, cu, cv] = self.numbers("intrinsics")?;
         let distortion: [f64; 4] = self.numbers("distortion_coefficients")?;
-        // Its pixel centres are at whole numbers, ours half a pixel on.
+        // EuRoC's pixel centres are at whole numbers, ours half a pixel further.
         let values = [
             ("width_px", width),
             ("height_px", height),
@@ -245,7 +245,7 @@ mod tests {
     use glam::DVec2;
     use proptest::prelude::*;
 
-    /// Looks along the body's x from 0.1 m before it: the picture's x is the body's −y, its y the body's −z.
+    /// Looks along the body's x from 0.1 m in front of it: the picture's x is the body's −y, its y the body's −z.
     const SENSOR: &str = "%YAML:1.0\n# a camera\nsensor_type: camera\ncomment: \"cam0: grey\"\nT_BS:\n  cols: 4\n  rows: 4\n  \
         data: [0.0, 0.0, 1.0, 0.1, # along x\n         -1.0, 0.0, 0.0, 0.0,\n         0.0, -1.0, 0.0, 0.0,\n         \
         0.0, 0.0, 0.0, 1.0]\nrate_hz: 20\nresolution: [752, 480]\ncamera_model: pinhole\n\
@@ -260,7 +260,7 @@ mod tests {
     fn a_point_worked_by_hand() {
         let sensor = yaml(SENSOR);
         let camera = sensor.body_from_sensor().unwrap();
-        // The body stands at (1, 2, 3), turned by 90° about z: its x is the world's y. So the camera stands at (1, 2.1, 3).
+        // The body is at (1, 2, 3), turned by 90° about z: its x is the world's y. So the camera is at (1, 2.1, 3).
         let line = "#time, p, q\n1403636579763555584, 1, 2, 3, 0.70710678, 0, 0, 0.70710678, 9, 9, 9\n";
         let (poses, odd) = parse_poses(line, Path::new("data.csv"), &camera).unwrap();
         assert_eq!((poses.len(), odd), (1, None));
@@ -270,14 +270,14 @@ mod tests {
         let seen = poses[0].1.transform_point(DVec3::new(1.4, 4.1, 2.8));
         assert!((seen - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-6, "{seen}");
         // u = 0.2, v = 0.1, r² = 0.05: radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08) = 0.2022;
-        // y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02 = 0.1011. Then half a pixel for where centres are counted.
+        // y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02 = 0.1011. Then half a pixel for the different pixel centres.
         let at = sensor.geometry().unwrap().project(seen).unwrap();
         assert!((at - DVec2::new(367.5 + 80.88, 248.5 + 50.55)).length() < 1e-3, "{at}");
     }
 
     #[test]
     fn what_the_truth_was_estimated_of_is_taken_off() {
-        // The same place said of the camera itself: it is then where its poses are.
+        // With the same transform for truth and camera, the camera is where the poses are.
         let camera = yaml(SENSOR).body_from_sensor().unwrap();
         let none = camera.inverse().after(&camera);
         assert!(none.shift_m.length() < 1e-12 && none.turn.angle_between(DQuat::IDENTITY) < 1e-6);

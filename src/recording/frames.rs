@@ -1,4 +1,4 @@
-//! Frames of a recording, one after the other.
+//! The frames of a recording, in order.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use crate::source::ahead::Ahead;
 use crate::source::video::VideoFrames;
 use crate::source::{SourceError, still};
 
-/// A frame's depth, where it has one.
+/// A frame's depth, if it has any.
 type MaybeDepth = Result<Option<DepthMap>, SourceError>;
 
-/// The frames of a range, in order; what [`Recording::frames`] gives.
+/// The frames of a range, in order, as returned by [`Recording::frames`].
 #[derive(Debug)]
 pub struct Frames {
     decoding: Decoding,
@@ -30,7 +30,7 @@ pub struct Frames {
 #[derive(Debug)]
 enum Decoding {
     Stills(Ahead<Result<(Pixels, Option<DepthMap>), SourceError>>),
-    /// ffmpeg decodes the pictures, our threads the depth.
+    /// ffmpeg decodes the pictures, our own threads the depth.
     Video(VideoFrames, Ahead<MaybeDepth>),
 }
 
@@ -70,7 +70,7 @@ impl Frames {
             ),
         };
         let index = self.next;
-        // It was checked when the recording was opened; the file may have changed since.
+        // The size was checked when the recording was opened, but the file may have changed since.
         if (pixels.width, pixels.height) != self.size {
             let (w, h) = self.size;
             let problem = format!("frame {index} is {}x{}; the others are {w}x{h}", pixels.width, pixels.height);
@@ -100,7 +100,7 @@ impl Iterator for Frames {
 }
 
 impl Pictures {
-    /// The file that holds a frame.
+    /// The file that contains a frame.
     fn file(&self, index: usize) -> PathBuf {
         match self {
             Self::Stills(files) => files.get(index).map_or(Path::new(""), PathBuf::as_path).to_owned(),

@@ -1,4 +1,4 @@
-//! Lists of files and values by time, as the TUM RGB-D benchmark writes them, and folders of pictures.
+//! Lists of files and values by time, as in the TUM RGB-D benchmark, and folders of pictures.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
@@ -10,14 +10,15 @@ use crate::source::SourceError;
 use crate::tracking::text::{self, TextError};
 use crate::words::{self, number, quoted, reason};
 
-/// Reads a list of `timestamp filename` lines: times in seconds, files beside the list.
+/// Reads a list of `timestamp filename` lines: times in seconds, files relative to the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
     let names = parse_pictures(&text::read(list)?, list)?;
     Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
 }
 
-/// A list of pictures as text; [`read_pictures`] reads the same from it, bit for bit. A name that a line cannot hold is an error.
+/// A list of pictures as text, which [`read_pictures`] reads back bit for bit. Fails on a name that cannot be in a
+/// line.
 pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> Result<String, String> {
     let mut text = "# timestamp filename\n".to_owned();
     for (time_s, name) in entries {
@@ -29,7 +30,7 @@ pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> 
     Ok(text)
 }
 
-/// A list of exposures as text, of those that have a time; [`read_exposures`] reads the same from it, bit for bit.
+/// A list of exposures as text, which [`read_exposures`] reads back bit for bit. Exposures without a time are left out.
 pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
     let head = "# timestamp exposure_time_s gain\n".to_owned();
     let told = entries.iter().filter_map(|(time_s, exposure)| Some((time_s, exposure.time_s?, exposure.gain)));
@@ -46,10 +47,10 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
     })
 }
 
-/// No sensor amplifies more: twenty stops.
+/// No sensor has more gain: twenty stops.
 const MOST_GAIN: f64 = 1e6;
 
-/// Reads a list of `timestamp exposure_time_s gain` lines; the gain may be left out.
+/// Reads a list of `timestamp exposure_time_s gain` lines; the gain is optional.
 pub fn read_exposures(list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
     parse_exposures(&text::read(list)?, list)
 }
@@ -88,7 +89,7 @@ fn by_time<T>(
     Ok(entries)
 }
 
-/// The entry nearest in time among ascending ones; `None` where none lies within `within_s`.
+/// The entry nearest in time among ascending ones; `None` if none is within `within_s`.
 pub fn nearest<T>(entries: &[(f64, T)], time_s: f64, within_s: f64) -> Option<&(f64, T)> {
     let after = entries.partition_point(|e| e.0 < time_s);
     let candidates = [after.checked_sub(1).and_then(|i| entries.get(i)), entries.get(after)];
@@ -97,7 +98,7 @@ pub fn nearest<T>(entries: &[(f64, T)], time_s: f64, within_s: f64) -> Option<&(
     (distance(&best) <= within_s).then_some(best)
 }
 
-/// The PNG and JPEG files of a folder in their names' order, numbers by their value.
+/// The PNG and JPEG files of a folder in the order of their names, with numbers by value.
 pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let failed = |source| SourceError::Read { file: folder.to_owned(), source };
     let mut files = Vec::new();
@@ -113,7 +114,7 @@ pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(files)
 }
 
-/// A missing picture's error: with the line of the list that names it, where one does, and how many of `all` are missing.
+/// The error for a missing picture: with the line of the list that names it, if any, and how many of `all` are missing.
 pub fn named_in<'a>(
     lists: &[PathBuf],
     error: SourceError,
@@ -130,7 +131,7 @@ pub fn named_in<'a>(
     let problem = format!("cannot be read: {}{counted}", reason(source));
     for list in lists {
         let text = text::read(list).unwrap_or_default();
-        // A name stands behind a time.
+        // The name follows a time.
         let name = |record: &str| Some(record.split_once([' ', '\t', ','])?.1.trim().to_owned());
         let names = |record: &str| name(record).is_some_and(|name| !name.is_empty() && file.ends_with(name));
         if let Some((line, _)) = text::records(&text).find(|(_, record)| names(record)) {
@@ -140,7 +141,7 @@ pub fn named_in<'a>(
     RecordingError::content(file, problem)
 }
 
-/// What is odd about the numbers in the names of pictures in order: that some are left out.
+/// A warning if numbers are missing in the names of pictures, given in order.
 pub fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     let numbered = |file: &PathBuf| {
         let stem = file.file_stem()?.to_string_lossy().into_owned();
@@ -181,7 +182,7 @@ pub fn natural_order(a: &str, b: &str) -> Ordering {
         }
         match (left.split_first(), right.split_first()) {
             (Some((x, rest_left)), Some((y, rest_right))) if x == y => (left, right) = (rest_left, rest_right),
-            // `007` and `7` are told apart by their text.
+            // `007` and `7` are distinguished by their text.
             (None, None) => return a.cmp(b),
             (x, y) => return x.map(|x| x.0).cmp(&y.map(|y| y.0)),
         }

@@ -1,7 +1,7 @@
-//! Recordings: frames and camera poses on one clock, opened by what they contain.
+//! Recordings: frames and camera poses on one clock. The format is recognized by the contents.
 //!
-//! Each format has a file of its own, which converts axes, units, pixel centres and times at
-//! its border; docs/recordings.md tells every convention.
+//! Each format has its own file, which converts axes, units, pixel centres and times as it reads them.
+//! docs/recordings.md has every convention.
 
 mod colmap;
 mod error;
@@ -33,15 +33,15 @@ use crate::tracking::{NoPose, PoseTrack};
 pub use parts::Format;
 use parts::Pictures;
 
-/// What a recording cannot know of itself.
+/// Facts that a recording cannot know about itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpenOptions {
-    /// How long one unit of the world is, for nerfstudio and COLMAP, whose scale is arbitrary.
+    /// Length of one world unit for nerfstudio and COLMAP, whose scale is arbitrary.
     pub metres_per_unit: f64,
-    /// Added to frame times when poses are looked up, on top of what the recording says, seconds.
+    /// Added to frame times to look up poses, in addition to the recording's own offset, seconds.
     pub time_offset_s: f64,
-    /// The longest interval across which poses are interpolated, seconds; `None`: as the
-    /// recording says, or three usual intervals.
+    /// The longest interval across which poses are interpolated, seconds. `None`: the recording's own, or three usual
+    /// intervals.
     pub max_gap_s: Option<f64>,
 }
 
@@ -51,52 +51,52 @@ impl Default for OpenOptions {
     }
 }
 
-/// The formats, in the order in which they are looked for. A new one is a file of this room and a line here.
+/// The formats, in the order in which they are tried. A new one is a file of this room and a line here.
 static FORMATS: [&Format; 5] = [&own::FORMAT, &nerfstudio::FORMAT, &tum::FORMAT, &euroc::FORMAT, &colmap::FORMAT];
 
-/// When a depth picture was measured, seconds, and its file.
+/// The time when a depth picture was measured, seconds, and its file.
 type DepthFile = (f64, PathBuf);
 
-/// An opened recording: everything but the pixels and depths, which [`Recording::frames`] streams.
+/// An opened recording: everything except the pixels and depths, which [`Recording::frames`] streams.
 #[derive(Debug)]
 pub struct Recording {
     pub name: String,
     pub path: PathBuf,
     pub kind: &'static Format,
-    /// The world's up, unit length; `None` where the format does not say.
+    /// The world's up direction, unit length; `None` if the format does not give it.
     pub up: Option<DVec3>,
     /// Size of every frame, px.
     pub width: u32,
     pub height: u32,
-    /// 8 or 16 bits a code value, the same in every frame.
+    /// 8 or 16 bits per code value, the same in every frame.
     pub bits: u32,
-    /// One a frame, never descending; the middle of the middle row's exposure.
+    /// One per frame, never descending: the middle of the middle row's exposure.
     pub timestamps_s: Arc<[f64]>,
     /// The median interval between frames; 1/30 s for a single frame.
     pub frame_interval_s: f64,
     pub track: PoseTrack,
     /// Added to a frame's time to get the track's.
     pub time_offset_s: f64,
-    /// The camera of all frames, where the format knows it and it is the same in all;
-    /// film width and readout time are not known to any and stand at their defaults.
+    /// The camera of all frames, if the format knows it and it is the same in all. No format knows film width and
+    /// readout time; they are at their defaults.
     pub geometry: Option<Geometry>,
-    /// Where the camera's profile should be; it is not looked at here.
+    /// Where the camera's profile should be; it is not opened here.
     pub camera_profile: Option<PathBuf>,
-    /// One a frame; empty values where nothing is known.
+    /// One per frame; empty values if unknown.
     pub exposure: Arc<[FrameExposure]>,
-    /// What is odd, each said once; [`Recording::missing_poses`] aside.
+    /// Warnings, each given once, except [`Recording::missing_poses`].
     pub warnings: Vec<String>,
     described_by: Vec<PathBuf>,
     geometries: Vec<Option<Geometry>>,
     pictures: Arc<Pictures>,
-    /// The nearest in time, one a frame.
+    /// The depth picture nearest in time, one per frame.
     depth: Option<Arc<[Option<DepthFile>]>>,
     codes_per_metre: f64,
 }
 
 impl Recording {
-    /// Opens a recording: a folder, or the file that describes it. Headers of all frames are
-    /// read, pixels are not. Poses that do not cover the frames are a warning, not an error.
+    /// Opens a recording: a folder, or the file that describes it. Headers of all frames are read, pixels are not.
+    /// Poses that do not cover the frames are a warning, not an error.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, RecordingError> {
         check(options)?;
         let (format, at) = find(path)?;
@@ -111,13 +111,13 @@ impl Recording {
         self.timestamps_s.len()
     }
 
-    /// The camera's pose at a frame's timestamp. A frame that there is not lies after the last pose.
+    /// The camera's pose at a frame's timestamp. A frame that does not exist counts as after the last pose.
     pub fn pose_at_frame(&self, index: usize) -> Result<Pose, NoPose> {
         let time_s = self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s);
         self.track.at(time_s)
     }
 
-    /// How many frames of a range have no pose, and why the first of them has none; `None` where all have one.
+    /// How many frames of a range have no pose, and why the first has none; `None` if all have one.
     pub fn missing_poses(&self, range: Range<usize>) -> Option<String> {
         let mut missing = range.clone().filter_map(|i| self.pose_at_frame(i).err().map(|why| (i, why)));
         let (first, why) = missing.next()?;
@@ -125,12 +125,12 @@ impl Recording {
         Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
     }
 
-    /// The camera of a frame, also where frames differ; `None` where the format does not know it.
+    /// The camera of a frame, even if frames differ; `None` if the format does not know it.
     pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
     }
 
-    /// Every file that is read of it, the camera's profile aside.
+    /// Every file that is read of the recording, except the camera's profile.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let pictures = match &*self.pictures {
             Pictures::Stills(files) => files,
@@ -139,12 +139,12 @@ impl Recording {
         self.described_by.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
     }
 
-    /// The folders that its pictures lie in, depth too, each once.
+    /// The folders that contain its pictures, including depth, each once.
     pub fn folders(&self) -> BTreeSet<&Path> {
         self.stills().chain(self.depth_files()).filter_map(Path::parent).collect()
     }
 
-    /// The frames' pictures; none where they are a video's.
+    /// The frames' pictures; empty for a video.
     pub fn stills(&self) -> impl Iterator<Item = &Path> {
         let files = match &*self.pictures {
             Pictures::Stills(files) => files.as_slice(),
@@ -157,8 +157,8 @@ impl Recording {
         self.depth.iter().flat_map(|depth| depth.iter().flatten()).map(|(_, file)| file.as_path())
     }
 
-    /// How many pictures there are, depth too, and what is wrong with those whose files end too early. Pixels are not
-    /// decoded; of a video nothing is looked at.
+    /// The number of pictures, including depth, and an error for each whose file ends too early. Pixels are not
+    /// decoded; videos are not checked.
     pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
         let mut files: Vec<&Path> = self.stills().chain(self.depth_files()).collect();
         // One depth picture may serve several frames.
@@ -171,8 +171,8 @@ impl Recording {
         self.depth.as_ref().is_some_and(|depth| depth.iter().any(Option::is_some))
     }
 
-    /// Streams the frames of a half-open range in order, decoded ahead on threads of their own.
-    /// Memory does not depend on the range's length. After an error there is nothing more.
+    /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory does not depend on
+    /// the range's length. An error ends the stream.
     pub fn frames(&self, range: Range<usize>) -> Result<Frames, RecordingError> {
         if range.start > range.end || range.end > self.frame_count() {
             return Err(RecordingError::Range { start: range.start, end: range.end, count: self.frame_count() });
@@ -194,7 +194,7 @@ fn check(options: &OpenOptions) -> Result<(), RecordingError> {
     }
 }
 
-/// Which format a path is of, and the file or folder that holds it.
+/// The format of a path, and the file or folder of the recording.
 fn find(path: &Path) -> Result<(&'static Format, PathBuf), RecordingError> {
     if let Some(found) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
         return Ok(found);

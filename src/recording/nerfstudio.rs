@@ -1,5 +1,5 @@
-//! A nerfstudio `transforms.json`: camera to world with OpenGL's axes (x right, y up, looks
-//! along −z), intrinsics with pixel centres at +0.5, depth in millimetres.
+//! A nerfstudio `transforms.json`: camera to world with OpenGL's axes (x right, y up, looking along −z), intrinsics
+//! with pixel centres at +0.5, depth in millimetres.
 //! Source: <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub static FORMAT: Format = Format {
     open: |file, _, options| open(file, options),
 };
 
-/// Keys that we do not use are left alone: programs add their own.
+/// Unused keys are ignored: programs add their own.
 #[derive(Deserialize)]
 struct Transforms {
     #[serde(flatten)]
@@ -51,7 +51,7 @@ struct FrameEntry {
     camera: Camera,
 }
 
-/// What may stand for all frames or for one.
+/// Values that may be given for all frames or for one.
 #[derive(Clone, Deserialize)]
 struct Camera {
     camera_model: Option<String>,
@@ -72,7 +72,7 @@ struct Camera {
 }
 
 impl Camera {
-    /// A frame's own values go before those for all.
+    /// A frame's own values override those for all.
     fn or(self, all: &Self) -> Self {
         Self {
             camera_model: self.camera_model.or_else(|| all.camera_model.clone()),
@@ -93,7 +93,7 @@ impl Camera {
         }
     }
 
-    /// The geometry; sizes that are not given come from the picture. `None` without a focal length.
+    /// The geometry. A missing size is taken from the picture. `None` without a focal length.
     fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
         let known = || MODELS.iter().chain(&FISHEYES).chain(&ROUND);
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
@@ -109,11 +109,11 @@ impl Camera {
                 (header.width.into(), header.height.into())
             }
         };
-        // Its angles follow from its size: what is said of focal lengths is left alone.
+        // Its angles follow from its size: focal lengths are ignored.
         if self.camera_model.as_deref().is_some_and(|m| ROUND.contains(&m)) {
             return equirectangular(w as u32, h as u32).map(Some);
         }
-        // Distortion aside.
+        // Ignoring distortion.
         let from_angle = self.camera_angle_x.map(|angle| match model {
             LensModel::Opencv => 0.5 * w / (0.5 * angle).tan(),
             _ => w / angle,
@@ -143,10 +143,10 @@ impl Camera {
 }
 
 const MODELS: [&str; 4] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "perspective"];
-/// nerfstudio's words for OpenCV's fisheye model.
+/// nerfstudio's names for OpenCV's fisheye model.
 const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 
-/// Of 360° pictures in longitude and latitude.
+/// Names for 360° pictures in longitude and latitude.
 const ROUND: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
@@ -156,7 +156,7 @@ fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&text::read(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
-    // The file's order is whatever its writer found convenient; the names tell the camera's.
+    // The order in the file is whatever suited its writer; the names have the camera's order.
     frames.sort_by(|a, b| listing::natural_order(&a.file_path, &b.file_path));
     let metres_per_code = depth_unit_scale_factor.unwrap_or(1e-3);
     if !(metres_per_code.is_finite() && metres_per_code > 0.0) {
@@ -191,7 +191,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The picture of a name; the older synthetic sets leave `.png` out.
+/// The picture of a name; older synthetic sets leave out `.png`.
 fn picture_file(folder: &Path, name: &str) -> PathBuf {
     let file = folder.join(name);
     if file.extension().is_none() && !file.exists() { file.with_extension("png") } else { file }

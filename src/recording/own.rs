@@ -1,4 +1,4 @@
-//! Our own folder: `recording.toml` names everything. Every key stands in docs/recordings.md.
+//! Our own format: `recording.toml` names everything. docs/recordings.md has every key.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ pub static FORMAT: Format = Format {
     open: |file, _, options| open(file, options),
 };
 
-/// What stands in `recording.toml`. Paths are relative to its folder.
+/// The contents of `recording.toml`. Paths are relative to its folder.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
@@ -66,7 +66,7 @@ pub struct PoseFile {
 #[serde(deny_unknown_fields)]
 pub struct DepthList {
     pub list: PathBuf,
-    /// Code values a metre.
+    /// Code values per metre.
     pub scale: f64,
 }
 
@@ -76,7 +76,7 @@ pub struct ExposureList {
     pub list: PathBuf,
 }
 
-/// At least one of both.
+/// At least one of the two.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFile {
@@ -84,7 +84,7 @@ pub struct CameraFile {
     pub kind: Option<CameraKind>,
 }
 
-/// What a recording may say of its camera by itself.
+/// Facts that a recording itself may state about its camera.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraKind {
@@ -95,7 +95,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// Parses the description and checks all that can be checked without other files.
+/// Parses the description and checks everything that needs no other files.
 pub fn parse(text: &str, file: &Path) -> Result<Description, RecordingError> {
     let description: Description = document::read(text).map_err(|e| RecordingError::content(file, e))?;
     check(&description).map_err(|problem| RecordingError::content(file, problem))?;

@@ -1,4 +1,4 @@
-//! What every format delivers, and what is checked of all of them alike.
+//! The parts that every format delivers, and the checks common to all.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -18,24 +18,24 @@ use crate::source::video::Video;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
 use crate::words;
 
-/// A rate for what has no clock of its own.
+/// The rate assumed for frames without a clock.
 pub const NOMINAL_FPS: f64 = 30.0;
-/// A depth map or an exposure belongs to a frame up to this share of the frame interval away:
-/// half of it, and some for jitter. At 30 a second, where a Kinect's median interval is 0.032 s,
-/// this is the 0.02 s that the TUM benchmark's own association allows.
+/// The largest distance in time between a frame and its depth map or exposure, as a share of the frame interval: half,
+/// plus some jitter. At 30 frames per second, where a Kinect's median interval is 0.032 s, this is the 0.02 s that the
+/// TUM benchmark's own association allows.
 const ASSOCIATION_REACH: f64 = 0.65;
 
 /// A format of recordings.
 #[derive(Debug)]
 pub struct Format {
     pub(super) name: &'static str,
-    /// What one is told by, for people.
+    /// How to recognize one, for people.
     pub(super) marker: &'static str,
     pub(super) has_times: bool,
     pub(super) is_metric: bool,
-    /// The file or folder that holds a recording of this format, where a path, a folder or a file in it, is of one.
+    /// The file or folder of the recording, given a folder or a file in it; `None` if it is not of this format.
     pub(super) find: fn(&Path) -> Option<PathBuf>,
-    /// Opens what was found; the second path is the one that a person named.
+    /// Opens what was found. The second path is the one that the user named.
     pub(super) open: fn(&Path, &Path, &OpenOptions) -> Result<Parts, RecordingError>,
 }
 
@@ -44,12 +44,12 @@ impl Format {
         self.name
     }
 
-    /// Whether the format says when a picture was taken; else times are nominal.
+    /// Whether the format says when a picture was taken; otherwise times are nominal.
     pub fn has_times(&self) -> bool {
         self.has_times
     }
 
-    /// Whether the format's unit is the metre; else it is arbitrary.
+    /// Whether the format's unit is the metre; otherwise it is arbitrary.
     pub fn is_metric(&self) -> bool {
         self.is_metric
     }
@@ -61,13 +61,13 @@ impl fmt::Display for Format {
     }
 }
 
-/// A file of a name, or the one in a folder.
+/// The path itself if it is a file of this name, or the file of this name in it.
 pub fn file_or_in_folder(path: &Path, name: &str) -> Option<PathBuf> {
     let inside = path.join(name);
     if path.is_dir() { inside.exists().then_some(inside) } else { path.ends_with(name).then(|| path.to_owned()) }
 }
 
-/// The folder that a file lies in.
+/// The folder that contains a file.
 pub fn folder_of(file: &Path) -> PathBuf {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
 }
@@ -86,18 +86,18 @@ pub struct DepthFiles {
     pub codes_per_metre: f64,
 }
 
-/// A recording as a format's own module read it, its axes and units converted.
+/// A recording as read by its format's module, with axes and units converted.
 #[derive(Debug)]
 pub struct Parts {
     pub name: String,
     pub path: PathBuf,
     pub up: Option<DVec3>,
     pub pictures: Pictures,
-    /// One a frame.
+    /// One per frame.
     pub timestamps_s: Vec<f64>,
     pub track: PoseTrack,
     pub time_offset_s: f64,
-    /// One a frame, or none at all.
+    /// One per frame, or empty.
     pub geometries: Vec<Option<Geometry>>,
     pub depth: Option<DepthFiles>,
     /// Ascending in time.
@@ -105,7 +105,7 @@ pub struct Parts {
     pub camera_profile: Option<PathBuf>,
     /// Whether the frames are 360° pictures, whose camera follows from their size.
     pub equirectangular: bool,
-    /// The files that describe the recording: all that was read but pictures.
+    /// The files that describe the recording: everything that was read, except pictures.
     pub described_by: Vec<PathBuf>,
     pub warnings: Vec<String>,
 }
@@ -131,7 +131,7 @@ impl Parts {
         }
     }
 
-    /// Checks what holds for every format and notes what is odd.
+    /// Makes the checks that apply to every format and collects warnings.
     pub fn assemble(self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
         let mut warnings = self.warnings;
         if self.timestamps_s.is_empty() {
@@ -175,7 +175,7 @@ impl Parts {
         let photos = photo_settings(&self.pictures, &mut warnings);
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
         let exposure = exposures.map(|(listed, photo)| {
-            // Seconds of the shutter are no seconds of a nominal clock.
+            // The shutter's seconds mean nothing on a nominal clock.
             let time_s = listed.time_s.or(photo.time_s.filter(|_| kind.has_times()));
             FrameExposure { time_s, photo, ..listed }
         });
@@ -204,13 +204,13 @@ impl Parts {
     }
 }
 
-/// A track of poses; `file` is named where they do not ascend.
+/// A track of poses; `file` is named in the error if they do not ascend.
 pub fn track_from(poses: Vec<(f64, Pose)>, max_gap_s: Option<f64>, file: &Path) -> Result<PoseTrack, RecordingError> {
     let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(poses.iter().map(|p| p.0)));
     PoseTrack::new(poses, max_gap_s).map_err(|e| RecordingError::content(file, e))
 }
 
-/// A camera's geometry from its lens's model and parameters by their own names; out of range is an error that names it.
+/// A camera's geometry from its lens model and named parameters. A value out of range is an error that names it.
 pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometry, ParamError> {
     let (mut intrinsics, mut distortion) = (Intrinsics::default(), Distortion { model, ..Distortion::default() });
     for (name, value) in values {
@@ -222,7 +222,7 @@ pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometr
     Ok(Geometry::new(intrinsics, distortion))
 }
 
-/// The camera of 360° pictures of a size, in longitude and latitude.
+/// The camera of 360° pictures of this size, in longitude and latitude.
 pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     if u64::from(width) != 2 * u64::from(height) {
         return Err(format!(
@@ -234,7 +234,7 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
 }
 
-/// The header that all frames share; stills are looked at one by one, which reads only their headers.
+/// The header that all frames share. For stills, the headers of all files are read.
 fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, RecordingError> {
     let files = match pictures {
         Pictures::Video(Video { width, height, bits, .. }) => {
@@ -265,7 +265,7 @@ fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, Recor
     }
 }
 
-/// The EXIF of each picture, and empty ones for ever after. Damaged EXIF is left out and told of.
+/// The EXIF settings of each picture, followed by endless empty ones. Damaged EXIF is left out with a warning.
 fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Iterator<Item = PhotoSettings> + use<> {
     let files: &[PathBuf] = match pictures {
         Pictures::Stills(files) => files,
@@ -280,15 +280,15 @@ fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Itera
     photos.into_iter().chain(std::iter::repeat(PhotoSettings::default()))
 }
 
-/// The geometry of all frames that have one; `None` where they differ.
+/// The geometry of all frames that have one; `None` if they differ.
 fn common_geometry(geometries: &[Option<Geometry>]) -> Option<Geometry> {
     let mut known = geometries.iter().flatten();
     let first = known.next()?;
     known.all(|other| other == first).then(|| first.clone())
 }
 
-/// Depth need not have the picture's size, but it covers the same view, so it is worth a word.
-/// Every depth picture's header is read, so that a missing one is known before the first frame.
+/// Depth need not have the picture's size, but it covers the same view, so a difference is worth a warning. Every depth
+/// picture's header is read, so that a missing one is found before the first frame.
 fn depth_size_warning(
     depth: &[Option<(f64, PathBuf)>],
     width: u32,
@@ -296,7 +296,7 @@ fn depth_size_warning(
     lists: &[PathBuf],
 ) -> Result<Option<String>, RecordingError> {
     let mut warning = None;
-    // One may serve several frames.
+    // One depth picture may serve several frames.
     let files: BTreeSet<&PathBuf> = depth.iter().flatten().map(|(_, file)| file).collect();
     for file in &files {
         let named = |error| listing::named_in(lists, error, files.iter().copied());

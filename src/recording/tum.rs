@@ -1,5 +1,5 @@
-//! A folder as the TUM RGB-D benchmark has it: `rgb.txt`, `groundtruth.txt`, maybe `depth.txt`.
-//! Its world is a motion-capture room with z up; its conventions are ours otherwise.
+//! A folder in the TUM RGB-D benchmark's format: `rgb.txt`, `groundtruth.txt`, optionally `depth.txt`. Its world is a
+//! motion-capture room with z up; otherwise its conventions are ours.
 
 use std::path::Path;
 

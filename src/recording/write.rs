@@ -1,4 +1,4 @@
-//! Recordings as text: what is written here is what the reader of our own folder takes, number for number.
+//! Recordings as text. The reader of our own format reads back what is written here, number for number.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
 use super::{RecordingError, own};
 use crate::document::Document;
 
-/// A description as the text of a `recording.toml`. What would be refused there is refused here.
+/// A description as the text of a `recording.toml`. Anything the reader would refuse is refused here.
 pub fn description(description: Description) -> Result<Document<Description>, RecordingError> {
     let file = Path::new(FILE_NAME);
     let document = Document::new(description).map_err(|problem| RecordingError::content(file, problem))?;

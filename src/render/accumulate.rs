@@ -11,7 +11,7 @@ crate::uniform! {
     struct Stride { stride: u32 }
 }
 
-/// A sum on its way.
+/// An unfinished sum.
 #[derive(Debug)]
 pub struct Sum {
     stride: u32,
@@ -19,10 +19,10 @@ pub struct Sum {
     parts: [wgpu::Buffer; 3],
 }
 
-/// Of each part, bytes a pixel.
+/// Bytes per pixel of each part.
 const BYTES_PER_PX: u64 = 8;
 
-/// No more pixels are summed: an adapter binds no more of a buffer.
+/// The most pixels that can be summed: limited by the adapter's buffer binding size.
 pub fn largest_area_px(gpu: &Gpu) -> u32 {
     let limits = gpu.device.limits();
     let bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
@@ -43,7 +43,7 @@ impl Sum {
         Self { stride: size.0, parts: std::array::from_fn(|_| buffer()) }
     }
 
-    /// Adds `weight` times a layer, which begins at a column and row of the sum.
+    /// Adds `weight` times a layer whose corner is at this column and row of the sum.
     pub fn add(&self, recorder: &mut Recorder, layer: &Layer, from: (u32, u32), weight: f32) {
         let first = from.1 * self.stride + from.0;
         let step = Step { size: [layer.size.0, layer.size.1], stride: self.stride, first, weight };
@@ -59,7 +59,7 @@ impl Sum {
             .dispatch((layer.size.0.div_ceil(8), layer.size.1.div_ceil(8)));
     }
 
-    /// The finished sum into a layer.
+    /// Writes the finished sum into a layer.
     pub fn finish(&self, recorder: &mut Recorder, out: &Layer) {
         let [red_green, blue_alpha, nearest] = &self.parts;
         recorder

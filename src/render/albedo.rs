@@ -1,15 +1,16 @@
-//! How much a rough surface reflects from all around in one bounce between its facets: the table that the
-//! shader weighs specular light by.
+//! How much light from all around a rough surface reflects in one bounce between its facets: the table that the shader
+//! weights specular light by.
 
 use glam::{DVec2, DVec3};
 
-/// Steps of the table each way, as in shaders/raster.wgsl. With 16, values between the entries are off by 0.003
-/// (root mean square over all angles and roughnesses).
+/// Steps of the table in each direction, as in shaders/raster.wgsl. With 16, interpolated values are off by 0.003 (root
+/// mean square over all angles and roughnesses).
 pub const STEPS: usize = 16;
 const SAMPLES: u32 = 512;
 
-/// Row by row from roughness 0 to 1, in a row from grazing to upright view in even steps of √cos: scale and bias of
-/// F0 (Karis 2013, "Environment BRDF"), and for the whole row the mean of their sum over all views, weighted by cos.
+/// Rows from roughness 0 to 1; within a row from grazing to perpendicular view in even steps of √cos. Entries: scale
+/// and bias of F0 (Karis 2013, "Environment BRDF"), and the mean of their sum over all views, weighted by cos, which is
+/// the same for a whole row.
 pub fn table() -> Vec<[f32; 4]> {
     let step = |i: usize| i as f64 / (STEPS - 1) as f64;
     let mut table = Vec::with_capacity(STEPS * STEPS);
@@ -17,21 +18,21 @@ pub fn table() -> Vec<[f32; 4]> {
         let roughness = step(row).max(0.03);
         let entries: Vec<_> = (0..STEPS).map(|i| scale_and_bias(step(i).powi(2).max(1e-3), roughness)).collect();
         let sum = |i: usize| entries[i].x + entries[i].y;
-        // ∫ E 2μ dμ over the steps of √μ, E in straight lines between them.
+        // ∫ E 2μ dμ over the steps of √μ, with E linear between them.
         let mean: f64 = (1..STEPS).map(|i| 0.5 * (sum(i - 1) + sum(i)) * (step(i).powi(4) - step(i - 1).powi(4))).sum();
         table.extend(entries.iter().map(|e| [e.x as f32, e.y as f32, mean as f32, 0.0]));
     }
     table
 }
 
-/// Reflected share of uniform light as x·F0 + y, seen under the cosine: GGX with Smith's height-correlated shadowing
-/// and Schlick's Fresnel term, as the shader has them. Sampled by visible normals (Heitz 2018).
+/// Reflected share of uniform light as x·F0 + y, seen at this cosine: GGX with Smith's height-correlated shadowing and
+/// Schlick's Fresnel term, as in the shader. Sampled by visible normals (Heitz 2018).
 fn scale_and_bias(cos: f64, roughness: f64) -> DVec2 {
     let alpha = roughness * roughness;
     let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
     let lambda = |c: f64| 0.5 * ((1.0 + alpha * alpha * (1.0 - c * c) / (c * c)).sqrt() - 1.0);
     let stretched = DVec3::new(alpha * view.x, 0.0, view.z).normalize();
-    // View lies in the xz plane, so y is across it.
+    // The view lies in the xz plane, so y is perpendicular to it.
     let across = DVec3::Y;
     let along = stretched.cross(across);
     let mut sum = DVec2::ZERO;
@@ -87,7 +88,7 @@ mod tests {
     fn sampling_agrees_with_quadrature() {
         for (cos, roughness) in [(1.0, 0.4), (0.6, 0.5), (0.3, 0.8), (1.0, 1.0)] {
             let (sampled, summed) = (scale_and_bias(cos, roughness), by_quadrature(cos, roughness));
-            // 512 points of low discrepancy.
+            // 512 low-discrepancy points.
             assert!(sampled.abs_diff_eq(summed, 0.005), "{cos} {roughness}: {sampled} {summed}");
         }
     }

@@ -1,5 +1,5 @@
-//! A camera that sees all around, drawn as views around it: the sides of a cube, each as far as objects reach, put together
-//! by shaders/around.wgsl into one layer, on which effects and composite work as on any other.
+//! A camera that sees all around, drawn as views around it: the sides of a cube, each as far as objects reach.
+//! shaders/around.wgsl assembles them into one layer, on which effects and composite work as on any other.
 
 use glam::{DVec2, DVec3};
 
@@ -13,12 +13,12 @@ use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
-/// Texels of a view for one pixel, along each side, where texels are coarsest.
+/// Texels of a view per pixel, along each side, where texels are coarsest.
 const FINER: f64 = 2.0;
-/// Of a view's 90°, px: bounds its memory.
+/// Size of a view's 90°, px; limits its memory.
 const LARGEST_VIEW_PX: f64 = 4096.0;
 
-/// One side of the cube as far as objects are in it.
+/// One side of the cube, as far as objects are in it.
 #[derive(Debug)]
 pub struct SideView {
     face: Face,
@@ -27,11 +27,11 @@ pub struct SideView {
     rect: Rect,
 }
 
-/// The finest picture of a radian, px.
+/// The finest resolution of the picture, px per radian.
 fn px_per_rad(geometry: &Geometry) -> f64 {
     let i = &geometry.intrinsics;
     if geometry.is_round() {
-        // Columns near the poles are finer, and show no more for it.
+        // Columns near the poles are finer, but show no more detail.
         return i.fy_px.max(i.fx_px);
     }
     let steepest = (0..=100)
@@ -59,7 +59,7 @@ pub fn out_of_view(geometry: &Geometry, corners: &[DVec3; 8]) -> bool {
 }
 
 impl SideView {
-    /// Those in which something of the boxes (corners in the world) is seen.
+    /// The views in which some of the boxes (corners in the world) are visible.
     pub fn all(view: &View<'_>, boxes: &[[DVec3; 8]]) -> Vec<Self> {
         let geometry = view_geometry(view.geometry);
         let side = geometry.intrinsics.width_px;
@@ -75,7 +75,7 @@ impl SideView {
             .collect()
     }
 
-    /// As it is drawn.
+    /// The view as it is drawn.
     pub fn view<'a>(&'a self, of: &View<'a>) -> View<'a> {
         View {
             geometry: &self.geometry,
@@ -89,7 +89,7 @@ impl SideView {
         }
     }
 
-    /// What it is drawn into.
+    /// A layer to draw it into.
     pub fn layer(&self, recorder: &Recorder) -> Layer {
         let size = (self.rect.width(), self.rect.height());
         let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
@@ -97,7 +97,7 @@ impl SideView {
     }
 }
 
-/// What of a view the boxes may touch while the shutter is open.
+/// The part of a view that the boxes may touch while the shutter is open.
 fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
     let side = geometry.intrinsics.width_px;
     let mut rect = Rect::new(0, 0, 0, 0);
@@ -120,7 +120,7 @@ fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
 }
 
 crate::uniform! {
-    /// `Around` of shaders/around.wgsl.
+    /// `Around` in shaders/around.wgsl.
     struct AroundUniform {
         focal_px: [f32; 2],
         middle_px: [f32; 2],
@@ -167,7 +167,7 @@ impl AroundUniform {
             size_px: [i.width_px as f32, i.height_px as f32],
             valid_angle: valid as f32,
             rim_slope: geometry.rim_slope() as f32,
-            // The radius of the valid angle, straight to the right.
+            // The radius of the valid angle, measured horizontally to the right.
             rim_radius: d.carried(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
             step_s: view.shutter.velocity_step_s() as f32,
             most_px_per_s: most_px_per_s(geometry, view.shutter) as f32,
@@ -182,11 +182,11 @@ impl AroundUniform {
     }
 }
 
-/// Colour and geometry of a view in which nothing is.
+/// Colour and geometry of an empty view.
 #[derive(Clone, Copy, PartialEq)]
 struct Nothing;
 
-/// Puts views together: the layer of `view`, out of its sides, which are drawn. `no_depth` holds a 0.
+/// Assembles views: the layer of `view`, from its drawn sides. `no_depth` contains a 0.
 pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Layer)], no_depth: &Texture, out: &Layer) {
     const COLORS: [&str; 6] = ["color0", "color1", "color2", "color3", "color4", "color5"];
     const GEOMETRIES: [&str; 6] = ["geometry0", "geometry1", "geometry2", "geometry3", "geometry4", "geometry5"];

@@ -1,8 +1,8 @@
 //! Where the objects can be in a picture that sees all around: a 360° picture, a fisheye of 170° and more.
 //!
-//! A box's outline is made of its edges, so places along them tell where it lies, unless it holds a pole of the picture
-//! (straight up or down in a 360° picture, straight back in a fisheye's). In a 360° picture columns go on beyond its rims:
-//! an object that lies across the seam has one rectangle, which reaches over the right rim.
+//! A box's outline consists of edges, so points along them show where it lies, unless it contains a pole of the picture
+//! (straight up or down in a 360° picture, straight back in a fisheye's). In a 360° picture columns continue beyond its
+//! rims: an object across the seam has one rectangle, which extends over the right rim.
 
 use glam::{DVec2, DVec3};
 
@@ -12,24 +12,24 @@ use crate::camera::Geometry;
 use crate::pixels::Rect;
 use crate::scene::Scene;
 
-/// Places along each edge of a box.
+/// Points along each edge of a box.
 const STEPS: u32 = 16;
 
-/// No faster motion is told, px/s. Near the poles of a 360° picture places move without bound, and not along lines: what
-/// passes an eighth of the picture's width in one exposure is blurred that far.
+/// The fastest motion reported, px/s. Near the poles of a 360° picture speeds are unbounded and motion is not straight.
+/// Anything that passes an eighth of the picture's width in one exposure is blurred that far.
 pub fn most_px_per_s(geometry: &Geometry, shutter: Shutter) -> f64 {
     f64::from(geometry.intrinsics.width_px) / 8.0 / (2.0 * shutter.velocity_step_s())
 }
 
 /// A box's share of the picture.
 struct Seen {
-    /// Beyond the picture where it goes on over a rim.
+    /// May lie beyond the picture if the box extends over a rim.
     low: DVec2,
     high: DVec2,
     fastest: f64,
 }
 
-/// Corners of a box and the points along its edges, in the same order for each box.
+/// Points along a box's edges, corners included, in the same order for each box.
 fn along_edges(corners: &[DVec3; 8]) -> impl Iterator<Item = DVec3> {
     (0..8usize).flat_map(move |a| {
         (0..3).filter(move |bit| a >> bit & 1 == 0).flat_map(move |bit| {
@@ -39,7 +39,7 @@ fn along_edges(corners: &[DVec3; 8]) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// What is seen of a box (corners in the camera's axes) at moments `dt_s` apart. `None` where it may be anywhere.
+/// The visible extent of a box (corners in the camera's axes) at moments `dt_s` apart. `None` if it may be anywhere.
 fn seen(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<Seen> {
     let poles: &[DVec3] = if geometry.is_round() { &[DVec3::Y, DVec3::NEG_Y] } else { &[DVec3::NEG_Z] };
     for corners in moments {
@@ -57,7 +57,7 @@ fn seen(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<Seen> 
         along_edges(corners)
             .map(|p| {
                 let at = start + geometry.way_px(start, geometry.carried_px(p));
-                // An edge's way between two places is curved: half as far to each side at most.
+                // An edge is curved between two points: it deviates by at most half their distance to each side.
                 let step = last.replace(at).map_or(0.0, |last: DVec2| last.distance(at));
                 (at, step)
             })
@@ -124,7 +124,7 @@ pub fn footprint_around(
         (low.x, high.x) = shortest_arc(all.iter().map(|s| (s.low.x, s.high.x)), width);
     }
     if anywhere {
-        // All of it, and over its rims.
+        // The whole picture, and beyond its rims.
         let over = if geometry.is_round() { DVec2::new(0.5 * width, height) } else { DVec2::splat(64.0) };
         (low, high) = (-over, DVec2::new(width, height) + over);
     }
@@ -138,7 +138,7 @@ pub fn footprint_around(
     Footprint { rect, fastest_px_per_s: (1.1 * fastest).min(most) as f32, depths_m: [nearest.min(farthest), farthest] }
 }
 
-/// The shortest stretch of a circle of this length that holds all of some stretches; it begins on the first turn.
+/// The shortest arc of a circle of this length that contains all the given arcs. It starts on the first turn.
 fn shortest_arc(stretches: impl Iterator<Item = (f64, f64)>, length: f64) -> (f64, f64) {
     let mut arcs: Vec<(f64, f64)> = stretches
         .map(|(low, high)| {
@@ -155,7 +155,7 @@ fn shortest_arc(stretches: impl Iterator<Item = (f64, f64)>, length: f64) -> (f6
         })
         .collect();
     let (Some(first), Some(last)) = (arcs.first(), reached.last()) else { return (0.0, 0.0) };
-    // The widest gap, the one over the seam first.
+    // The widest gap, starting with the one across the seam.
     let mut best = (first.0 + length - last, first.0, *last);
     for n in 1..arcs.len() {
         let gap = arcs[n].0 - reached[n - 1].max(last - length);
@@ -174,11 +174,11 @@ mod tests {
     fn the_shortest_arc_by_hand() {
         let arc = |list: &[(f64, f64)]| shortest_arc(list.iter().copied(), 100.0);
         assert_eq!(arc(&[(10.0, 20.0), (40.0, 45.0)]), (10.0, 45.0));
-        // Nearer over the seam: from 90 to 12 on the next turn.
+        // Shorter across the seam: from 90 to 12 on the next turn.
         assert_eq!(arc(&[(5.0, 12.0), (90.0, 97.0)]), (90.0, 112.0));
         assert_eq!(arc(&[(-8.0, 3.0), (30.0, 35.0)]), (92.0, 135.0));
         assert_eq!(arc(&[(95.0, 106.0)]), (95.0, 106.0));
-        // One holds another; one reaches over the seam into the next.
+        // One contains another; one extends over the seam into the next.
         assert_eq!(arc(&[(10.0, 60.0), (20.0, 30.0), (95.0, 115.0)]), (95.0, 160.0));
         assert_eq!(arc(&[(0.0, 40.0), (35.0, 90.0)]), (0.0, 90.0));
     }

@@ -1,5 +1,5 @@
-//! Where in the picture the objects can be, how fast they move there: all wide work stays
-//! inside that rectangle.
+//! Where in the picture the objects can be, and how fast they move there. All full-area work stays inside that
+//! rectangle.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,15 +11,15 @@ use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
 use crate::scene::Scene;
 
-/// The objects' share of a picture.
+/// The part of a picture that objects can touch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
-    /// Whole pixels that objects may touch while the shutter is open; may reach beyond the
-    /// picture. Empty where nothing is in view.
+    /// Whole pixels that objects may touch while the shutter is open; may extend beyond the picture. Empty if nothing
+    /// is in view.
     pub rect: Rect,
-    /// No point of the objects moves faster, px/s.
+    /// An upper bound on the speed of any point of the objects, px/s.
     pub fastest_px_per_s: f32,
-    /// Between which depths all points of the objects lie while the shutter is open, metres.
+    /// The range of depths of all points of the objects while the shutter is open, metres.
     pub depths_m: [f64; 2],
 }
 
@@ -51,11 +51,11 @@ impl Bounds {
 
 /// Cells across the longest side of a box.
 const CELLS: f64 = 6.0;
-/// A mesh of no more vertices is told by them.
+/// A mesh with at most this many vertices is represented by them.
 const FEW: usize = 512;
 
-/// Points in whose convex hull all of some points lie, hardly larger than theirs: the points themselves where they are few,
-/// else the corners of the boxes around those that are near to each other.
+/// Points whose convex hull contains all the given points and is hardly larger than theirs: the points themselves if
+/// they are few, otherwise the corners of boxes around nearby points.
 pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
     let wide = |p: &[f32; 3]| DVec3::from(p.map(f64::from));
     let Some(all) = Bounds::of(points.iter().copied()).filter(|_| points.len() > FEW) else {
@@ -74,8 +74,7 @@ pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
     }
 }
 
-/// Normalised coordinates (x/z, y/z) of points seen with a pose; `None` where one is
-/// not before the camera.
+/// Normalised coordinates (x/z, y/z) of points seen with a pose; `None` if any is not in front of the camera.
 fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> {
     points
         .iter()
@@ -86,11 +85,11 @@ fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> 
         .collect()
 }
 
-/// A mesh's outline of so many points is clipped by them; of more, by the box around them.
+/// An outline of at most this many points is clipped point by point; a larger one, by the box around it.
 const CLIPPED: usize = 16;
 
-/// Normalised coordinates of what of some points' convex hull lies before the near plane: its corners are the points
-/// that do, and where lines from those to the others meet the plane.
+/// Normalised coordinates of the part of some points' convex hull that lies in front of the near plane. Its corners are
+/// the points in front, and where lines from those to the others meet the plane.
 fn before_the_camera(points: &[DVec3], pose: &crate::pose::Pose) -> Vec<DVec2> {
     let near = 2.0 * NEAR_M;
     let seen: Vec<DVec3> = points.iter().map(|&p| pose.transform_point(p)).collect();
@@ -100,8 +99,8 @@ fn before_the_camera(points: &[DVec3], pose: &crate::pose::Pose) -> Vec<DVec2> {
     front.iter().copied().chain(crossing).map(|p| p.truncate() / p.z).collect()
 }
 
-/// The rectangle in the picture that holds those of normalised coordinates, with a pixel for what is curved between the
-/// border's samples.
+/// The rectangle in the picture that contains a rectangle of normalised coordinates, plus a pixel for curvature between
+/// the border's samples.
 fn extent_px(low: DVec2, high: DVec2, geometry: &Geometry) -> Rect {
     let (mut px_low, mut px_high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for p in border(low, high, geometry.distortion.model == LensModel::OpencvFisheye) {
@@ -119,7 +118,7 @@ fn extent_px(low: DVec2, high: DVec2, geometry: &Geometry) -> Rect {
     .grown(1)
 }
 
-/// The corners of a box around points, where there are many.
+/// The corners of a box around the points, if there are many.
 fn few(points: &[DVec3]) -> Vec<DVec3> {
     if points.len() <= CLIPPED {
         return points.to_vec();
@@ -129,13 +128,13 @@ fn few(points: &[DVec3]) -> Vec<DVec3> {
     Bounds { low, high }.corners().to_vec()
 }
 
-/// The footprint of all parts, by their meshes' outlines. A part that lies partly at or behind the camera's plane, and
-/// comes near to the picture before it, counts as everywhere; one that stays farther from the picture than that is
-/// wide, farther than anything is blurred, as nowhere.
+/// The footprint of all parts, by their meshes' outlines. A part that is partly at or behind the camera's plane counts
+/// as everywhere if its front comes near the picture. A part that stays farther from the picture than the picture is
+/// wide, farther than any blur, counts as nowhere.
 ///
-/// Conservative: a part's picture without distortion lies in the rectangle around its outline's, distortion takes that
-/// rectangle's inside to the inside of its border's image, and poses within the shutter are looked at from key to key
-/// ([`ViewKeys::sampled`]).
+/// Conservative: without distortion, a part's image lies in the rectangle around its outline's image; distortion maps
+/// that rectangle's inside to the inside of its border's image; and poses within the shutter are sampled from key to
+/// key ([`ViewKeys::sampled`]).
 pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
@@ -170,7 +169,7 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
             }
         }
         let Some(seen) = seen else {
-            // All of the picture, and beyond it by as much as anything can be blurred in.
+            // The whole picture, and a margin from which anything can be blurred in.
             rect = rect.union(&picture.grown(64));
             fastest = fastest.max(rotation_speed(geometry, keys));
             continue;
@@ -185,13 +184,13 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
         rect = rect.union(&own);
     }
     let depths_m = [nearest.min(farthest), farthest];
-    // A tenth more for what speeds up between the moments.
+    // A tenth more for acceleration between the moments.
     Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m }
 }
 
-/// Places along a rectangle's border, so near to each other that its picture is straight between them. To the sides of a
-/// fisheye lengths grow without end and angles do not: there a step is 3° at most, of which an arc of 500 px radius lies
-/// 0.2 px off its chord.
+/// Points along a rectangle's border, so close together that its image is straight between them. Towards the sides of a
+/// fisheye lengths grow without bound and angles do not, so there a step is at most 3°: an arc of 500 px radius then
+/// lies 0.2 px off its chord.
 fn border(low: DVec2, high: DVec2, fisheye: bool) -> impl Iterator<Item = DVec2> {
     let steps = if fisheye { 64 } else { 16 };
     let between = move |a: f64, b: f64, f: f64| match fisheye {
@@ -205,7 +204,7 @@ fn border(low: DVec2, high: DVec2, fisheye: bool) -> impl Iterator<Item = DVec2>
     })
 }
 
-/// The speed that turning alone gives to far points in the picture's middle, px/s.
+/// The speed that rotation alone gives to far points in the picture's middle, px/s.
 pub fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
     let (Some(first), Some(last)) = (keys.poses.first(), keys.poses.last()) else { return 0.0 };
     let turn = first.rotation.angle_between(last.rotation);
@@ -225,7 +224,7 @@ mod tests {
     fn what_lies_beside_and_behind_the_camera_is_nowhere() {
         let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
         let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.0, beyond_s: 0.0 };
-        // Walks and turns, as a hand does.
+        // Moves and turns like a hand-held camera.
         let keys = ViewKeys::new(shutter, |t| {
             Pose::from_camera_in_world(DVec3::new(0.5 * t, 0.0, 0.0), DQuat::from_rotation_y(0.5 * t))
         });
@@ -236,15 +235,16 @@ mod tests {
                 Scene { objects: vec![Object { name: "cube".to_owned(), parts: vec![part] }], ..Scene::default() };
             footprint(&scene, &[corners.into()], &geometry, &keys)
         };
-        // Beside the camera, a corner of it 1 cm before the plane: more than 3 m beside what is seen there.
+        // Beside the camera, one corner 1 cm in front of its plane: more than 3 m to the side of what is visible there.
         for at in [DVec3::new(1.0, 0.0, -0.04), DVec3::new(-1.0, 0.4, -0.03), DVec3::new(0.3, 0.0, -1.0)] {
             let found = cube(at, 0.1);
             assert!(found.rect.is_empty() && found.fastest_px_per_s == 0.0, "{at}: {found:?}");
         }
-        // Through the camera's plane and before its picture: everywhere.
+        // Through the camera's plane and in front of its picture: everywhere.
         let found = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
         assert_eq!(found.rect, Rect::full(640, 480).grown(64));
-        // A metre before it, 0.1 m wide: 52.5 px, and moving by turning and walking: 525 · (0.5 + 0.5 / 0.95), a tenth more.
+        // A metre in front, 0.1 m wide: 52.5 px. It moves by rotation and translation: 525 · (0.5 + 0.5 / 0.95), and a
+        // tenth more.
         let found = cube(DVec3::new(0.0, 0.0, 1.0), 0.1);
         assert!(found.rect.width() < 90 && found.rect.contains(320, 240), "{found:?}");
         assert!((450.0..650.0).contains(&found.fastest_px_per_s), "{found:?}");
@@ -252,7 +252,7 @@ mod tests {
 
     #[test]
     fn an_outline_holds_its_points_and_little_more() {
-        // A ball of 40 × 40 points and a thorn.
+        // A ball of 40 × 40 points and a spike.
         let mut points: Vec<[f32; 3]> = (0..1600)
             .map(|i| {
                 let (a, b) =
@@ -270,8 +270,8 @@ mod tests {
                 |points: &mut dyn Iterator<Item = DVec3>| points.map(|p| p.dot(towards)).fold(f64::MIN, f64::max);
             let exact = farthest(&mut points.iter().map(|p| DVec3::from(p.map(f64::from))));
             let told = farthest(&mut outline.iter().copied());
-            // Each side of a cell's box holds a point; the corner beyond it is farther by the other two sides' share at
-            // most, 2/√3 of a cell.
+            // Each side of a cell's box touches a point. A corner is farther by at most the other two sides' share,
+            // 2/√3 of a cell.
             assert!(told >= exact && told < exact + 1.155 * 2.5 / CELLS, "{towards}: {told}, exact {exact}");
         }
     }

@@ -1,6 +1,6 @@
-//! Large triangles cut fine: distortion bends straight edges, and a vertex solves its own
-//! row's time, so between vertices the picture must be straight to a fraction of a pixel. And
-//! triangles that pass the camera are cut at the near plane, where projection ends.
+//! Large triangles cut fine: distortion bends straight edges, and each vertex solves for its own row's time, so the
+//! picture must be straight between vertices to a fraction of a pixel. Triangles that pass the camera are cut at the
+//! near plane, where projection ends.
 
 use glam::{DAffine3, DVec2, DVec3};
 
@@ -8,15 +8,14 @@ use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::scene::{Mesh, Vertex};
 
-/// How far the picture of an edge may lie from the drawn one, px.
+/// How far the true image of an edge may lie from the drawn one, px.
 const TOLERANCE_PX: f64 = 0.05;
-/// Longer edges are cut without asking, px: an edge through the centre bends to both sides
-/// and its middle lies right all the same.
+/// Longer edges are always cut, px: an edge through the centre can bend to both sides while its middle is right.
 const LONGEST_PX: f64 = 96.0;
-/// Each cut halves an edge: 2^12 is more than any picture is wide.
+/// Each cut halves an edge, and no picture is wider than 2^12.
 const DEEPEST: u32 = 12;
 
-/// How edges bend under a camera, for a quick answer that nothing needs cutting.
+/// How much edges bend under a camera, to decide quickly that nothing needs cutting.
 #[derive(Clone, Copy, Debug)]
 pub struct Bend {
     /// Edges shorter than this are straight enough anywhere in the picture, px.
@@ -38,10 +37,10 @@ impl Bend {
         Self { safe_px: if readout_time_s > 0.0 { by_curvature.min(LONGEST_PX) } else { by_curvature } }
     }
 
-    /// Radially, where all the bending is: how far an edge's middle lies from its chord's, for edges of 8 px.
+    /// Radial, since that is where all the bending is: how far the middle of an edge of 8 px lies from its chord's.
     fn of_fisheye(geometry: &Geometry) -> f64 {
         let (mut largest, mut steepest) = (0.0f64, 1.0f64);
-        // To 89.5° off the axis; an edge that ends beyond has been looked at up to there.
+        // Up to 89.5° off the axis. An edge that ends beyond was tested up to there.
         for n in 0..200 {
             let theta = f64::from(n) / 200.0 * 89.5f64.to_radians();
             steepest = steepest.max(geometry.distortion.slope(theta.min(geometry.valid_radius())));
@@ -53,8 +52,8 @@ impl Bend {
                 largest = largest.max(middle.distance(at) / 8.0);
             }
         }
-        // 8 px leave it by `largest` · 8: L px by `largest` / 8 · L². What is judged by its length before the lens may
-        // get longer by it.
+        // 8 px leave the chord by `largest` · 8, so L px leave it by `largest` / 8 · L². An edge judged by its
+        // undistorted length may get longer by the slope.
         (8.0 * TOLERANCE_PX / largest.max(1e-9)).sqrt() / steepest
     }
 
@@ -78,7 +77,7 @@ impl Bend {
     }
 }
 
-/// The longest edge of a mesh in its own units.
+/// The longest edge of a mesh, in its own units.
 pub fn longest_edge(mesh: &Mesh) -> f64 {
     let at = |i: u32| DVec3::from(mesh.vertices[i as usize].position.map(f64::from));
     mesh.indices
@@ -87,7 +86,7 @@ pub fn longest_edge(mesh: &Mesh) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// A mesh cut fine for one view; `None` where it can be drawn as it is.
+/// A mesh cut fine for one view; `None` if it can be drawn as it is.
 pub fn dice(
     mesh: &Mesh,
     longest: f64,
@@ -103,7 +102,7 @@ pub fn dice(
         .iter()
         .flat_map(|pose| corners_in_world.iter().map(|&c| pose.transform_point(c).z))
         .fold(f64::INFINITY, f64::min);
-    // At moments beside the middle one a point may be nearer.
+    // At other moments than the middle one a point may be nearer.
     let near = 2.0 * NEAR_M;
     let crosses = nearest < near;
     let scale = world_from_mesh.matrix3;
@@ -170,8 +169,8 @@ struct Dicer<'a> {
 }
 
 impl Dicer<'_> {
-    /// Whether an edge bends too much. Depends on its two ends alone and on neither's order,
-    /// so that both triangles at an edge cut it alike and no crack opens.
+    /// Whether an edge bends too much. Depends only on its two ends, not on their order, so that both triangles at an
+    /// edge cut it alike and no crack opens.
     fn bends(&self, a: &Corner, b: &Corner) -> bool {
         let undistorted = |p: DVec3| p.truncate() / p.z;
         let (p, q) = (undistorted(a.1), undistorted(b.1));
@@ -180,7 +179,7 @@ impl Dicer<'_> {
         if length <= self.safe_px {
             return false;
         }
-        // What lies far outside of the picture is not seen.
+        // Anything far outside the picture is not seen.
         let i = &self.geometry.intrinsics;
         let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
         let (low, high) = (at_p.min(at_q), at_p.max(at_q));
@@ -217,7 +216,7 @@ impl Dicer<'_> {
                 self.cut(m, depth + 1);
             }
             _ => {
-                // One edge at a time; the pieces ask again for the others.
+                // One edge at a time; the pieces test the others again.
                 let i = bends.iter().position(|&b| b).unwrap_or(0);
                 let (a, b, c) = (t[i], t[(i + 1) % 3], t[(i + 2) % 3]);
                 let m = middle(i);

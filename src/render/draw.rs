@@ -22,7 +22,7 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Object, Scene, Vertex};
 
-/// Where the outlines of all parts have more points, boxes stand for them: a millisecond's work.
+/// If the outlines of all parts have more points than this (a millisecond's work), boxes are used instead.
 const MOST_POINTS: usize = 16384;
 
 /// A mesh on the GPU.
@@ -33,7 +33,7 @@ struct GpuMesh {
     longest: f64,
     has_colors: bool,
     bounds: Option<Bounds>,
-    /// Its convex hull holds the mesh.
+    /// The mesh lies in its convex hull.
     outline: Vec<DVec3>,
 }
 
@@ -57,21 +57,21 @@ struct Draw {
     material: usize,
     variant: Variant,
     diced: Option<(i32, Range<u32>)>,
-    /// Of the box's middle, metres: what is blended is drawn from the back.
+    /// Depth of the box's middle, metres: blended parts are drawn back to front.
     depth_m: f64,
 }
 
-/// The draw calls of a view, the vertices and indices of what had to be cut fine for it, and how what is drawn moves.
+/// The draw calls of a view, the vertices and indices of meshes cut fine for it, and the motion of what is drawn.
 struct Draws {
     list: Vec<Draw>,
     diced: Option<(wgpu::Buffer, wgpu::Buffer)>,
     motion: Motion,
 }
 
-/// What all samples of a frame share.
+/// The data shared by all samples of a frame.
 enum Prepared {
     Plane(Draws),
-    /// Views around the camera with what they are drawn into.
+    /// Views around the camera, with the layers they are drawn into.
     Around(Vec<(SideView, Layer)>, Vec<Draws>),
 }
 
@@ -80,15 +80,15 @@ impl Renderer {
         Self::with_pipelines(gpu, scene, Pipelines::new(gpu))
     }
 
-    /// Another scene. What was compiled for the one before stays.
+    /// Replaces the scene. Compiled pipelines are kept.
     pub fn set_scene(&mut self, gpu: &Gpu, scene: Scene) {
         *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());
     }
 
-    /// The objects as they stand from now on, of meshes that the scene has; one without parts is not drawn.
+    /// Replaces the objects. They use the scene's meshes; one without parts is not drawn.
     ///
     /// # Panics
-    /// Where a part's mesh is none of the scene's.
+    /// If a part's mesh is not one of the scene's.
     pub fn place(&mut self, objects: &[Object]) {
         if self.scene.objects != objects {
             let meshes = self.meshes.len();
@@ -142,7 +142,7 @@ impl Renderer {
         &self.scene
     }
 
-    /// What the scene asks for and is not drawn.
+    /// Features that the scene asks for but that are not drawn.
     pub fn warnings(&self) -> Vec<String> {
         unsupported(&self.scene.lighting).into_iter().collect()
     }
@@ -166,7 +166,7 @@ impl Renderer {
         footprint(&self.scene, &outlines, geometry, keys)
     }
 
-    /// The box of each part, corners in the world; none for empty ones.
+    /// The box of each part, corners in the world; empty parts are skipped.
     fn boxes(&self) -> impl Iterator<Item = [DVec3; 8]> {
         self.scene.objects.iter().flat_map(|o| &o.parts).filter_map(|part| {
             let bounds = self.meshes[part.mesh].bounds?;
@@ -174,13 +174,13 @@ impl Renderer {
         })
     }
 
-    /// Whether anything can be in the picture of a pinhole without distortion: no part whose box lies beyond one of the
-    /// picture's sides.
+    /// Whether anything can be in the picture of a pinhole without distortion: some part's box is not entirely beyond
+    /// one of the picture's sides.
     pub fn in_view(&self, geometry: &Geometry, pose: &Pose) -> bool {
         self.boxes().any(|corners| !out_of_view(geometry, &corners.map(|c| pose.transform_point(c))))
     }
 
-    /// The middle of each object's bounding box in the world, metres; `None` for an empty one.
+    /// The middle of each object's bounding box in the world, metres; `None` for an empty object.
     pub fn object_centres(&self) -> Vec<Option<DVec3>> {
         self.scene
             .objects
@@ -197,7 +197,7 @@ impl Renderer {
             .collect()
     }
 
-    /// Draws the plan's samples and gives their weighted sum.
+    /// Draws the plan's samples and returns their weighted sum.
     pub fn draw(&mut self, recorder: &mut Recorder, view: &View<'_>, plan: &SamplePlan) -> Layer {
         let size = (view.rect.width(), view.rect.height());
         let out = layer(recorder, size);
@@ -225,7 +225,7 @@ impl Renderer {
         out
     }
 
-    /// What of a view the objects may touch in one sample of a plan, from cell to cell of its motion's net.
+    /// The part of a view that objects may touch in one sample of a plan, rounded to cells of its motion's net.
     fn part_of(&self, view: &View<'_>, sample: &Sample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
         let Prepared::Plane(Draws { motion, .. }) = prepared else { return view.rect };
         let keys = view.keys.around(sample.time_s, view.shutter.readout_time_s);
@@ -239,7 +239,7 @@ impl Renderer {
         motion.cells_around(&footprint.rect.grown(beside_px.ceil() as i32 + 1)).intersection(&view.rect)
     }
 
-    /// What all samples of a view share.
+    /// The data shared by all samples of a view.
     fn prepare(&mut self, recorder: &mut Recorder, view: &View<'_>) -> Prepared {
         let gpu = &recorder.gpu.clone();
         if !view.geometry.sees_around() {
@@ -276,8 +276,8 @@ impl Renderer {
         }
     }
 
-    /// The draw calls of a view, opaque ones first, blended ones from the back, and the
-    /// buffers of what had to be cut fine for it.
+    /// The draw calls of a view, opaque ones first, then blended ones back to front, and the buffers of meshes cut fine
+    /// for it.
     fn draws(&self, gpu: &Gpu, view: &View<'_>) -> Draws {
         use wgpu::util::DeviceExt;
         let bend = Bend::of(view.geometry, view.shutter.readout_time_s);
@@ -289,13 +289,13 @@ impl Renderer {
             let mesh = &self.scene.meshes[part.mesh];
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
-            // Of the views around a camera most see nothing of it.
+            // Most of the views around a camera see nothing of it.
             let out = |pose: &&Pose| out_of_view(view.geometry, &corners.map(|c| pose.transform_point(c)));
             if view.outer.is_some() && moments.iter().all(out) {
                 continue;
             }
             let cut = || dice(mesh, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
-            // Parallel rays leave straight what is straight, behind the camera too.
+            // Parallel rays keep straight lines straight, even behind the camera.
             let diced = view.parallel_to_m.map_or_else(cut, |_| None).map(|(v, i)| {
                 let (base, start) = (vertices.len() as i32, indices.len() as u32);
                 vertices.extend(v);
@@ -480,7 +480,7 @@ crate::uniform! {
     }
 }
 
-/// An empty one, to be drawn into.
+/// An empty layer to draw into.
 fn layer(recorder: &Recorder, size: (u32, u32)) -> Layer {
     let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
     Layer::new(lend(COLOR), lend(GEOMETRY), size)

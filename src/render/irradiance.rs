@@ -1,4 +1,4 @@
-//! What a panorama sheds on matt surfaces: a small picture of irradiance, by the surface's direction.
+//! The light of a panorama on matt surfaces: a small picture of irradiance by the surface's direction.
 
 use std::f32::consts::{PI, TAU};
 
@@ -6,24 +6,24 @@ use glam::{Vec3, Vec3A};
 
 use super::panorama::{Level, direction, resampled};
 
-/// A lamp's light ends with a kink where a surface turns away from it: between texels that is off by up to a quarter of
-/// their distance, 1.2 % of what faces the lamp. Columns go round; the first and the last row lie on the poles, for what
-/// faces straight up is what there is most of.
+/// A lamp's light ends with a kink where a surface turns away from it: interpolation between texels is off there by up
+/// to a quarter of their distance, 1.2 % of a surface facing the lamp. Columns wrap around. The first and the last row
+/// lie on the poles, since most surfaces face straight up.
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = WIDTH / 2 + 1;
-/// The panorama is summed up in patches, each of so many texels either way.
+/// The panorama is summed in patches, and texels per side of a patch.
 const PATCHES: u32 = 64;
 const PATCH: u32 = 4;
 
-/// A part of the panorama, as seen from the middle.
+/// A part of the panorama, as seen from the centre.
 #[derive(Clone, Copy, Default)]
 struct Patch {
     /// Radiance times solid angle (sr).
     light: Vec3,
-    /// The mean of its directions, weighted by solid angle. As long as that is; so is a surface that sees all of the
-    /// patch lit by n · middle without error.
+    /// The mean of its directions, weighted by solid angle; not of unit length. A surface that sees the whole patch is
+    /// thus lit by n · middle exactly.
     middle: Vec3,
-    /// The same, weighted by the light too: a lamp is smaller than a patch.
+    /// The same, also weighted by the light: a lamp is smaller than a patch.
     middle_of_light: Vec3,
     solid_sr: f32,
 }
@@ -54,8 +54,8 @@ fn patches(panorama: &Level) -> Vec<Patch> {
     patches
 }
 
-/// Irradiance over π by the direction in which a surface faces, in the panorama's axes: what a white matt surface looks
-/// like there. The mean of all light weighted by the cosine, so that of an even panorama it is that panorama.
+/// Irradiance over π by the direction that a surface faces, in the panorama's axes: the radiance of a white matt
+/// surface. It is the mean of all light weighted by the cosine, so a uniform panorama gives itself.
 pub fn irradiance_over_pi(panorama: &Level) -> Level {
     let patches = patches(panorama);
     let lights: Vec<_> = patches.iter().map(|p| (Vec3A::from(p.light), Vec3A::from(p.middle_of_light))).collect();
@@ -66,7 +66,7 @@ pub fn irradiance_over_pi(panorama: &Level) -> Level {
             let (sin_phi, cos_phi) = (((x as f32 + 0.5) / WIDTH as f32 - 0.5) * TAU).sin_cos();
             Vec3::new(sin * sin_phi, cos, -sin * cos_phi)
         };
-        // π, but for the patches' size. All columns see the same patches, turned or mirrored.
+        // π, apart from the patches' size. All columns see the same patches, rotated or mirrored.
         let whole: f32 = patches.iter().map(|patch| patch.solid_sr * patch.middle.dot(facing(0)).max(0.0)).sum();
         texels.extend((0..WIDTH).map(|x| {
             let normal = Vec3A::from(facing(x));
@@ -81,7 +81,7 @@ pub fn irradiance_over_pi(panorama: &Level) -> Level {
 mod tests {
     use super::*;
 
-    /// As the shader looks it up.
+    /// Looked up as in the shader.
     fn seen(level: &Level, n: Vec3) -> Vec3 {
         let (width, height) = (level.0 as usize, level.1 as usize);
         let x = (n.x.atan2(-n.z) / TAU + 0.5) * width as f32 - 0.5;
@@ -109,7 +109,7 @@ mod tests {
         sum / whole
     }
 
-    /// Spread evenly, and along the axes.
+    /// Spread evenly over the sphere, and along the axes.
     fn normals() -> impl Iterator<Item = Vec3> {
         let spiral = (0..300).map(|i| {
             let y = 1.0 - (2.0 * i as f32 + 1.0) / 300.0;
@@ -119,7 +119,7 @@ mod tests {
         spiral.chain(Vec3::AXES.into_iter().flat_map(|a| [a, -a]))
     }
 
-    /// The largest difference from the integral, as a share of what it says there, at least of `least`.
+    /// The largest deviation from the integral, relative to the integral or `least`, whichever is larger.
     fn worst(panorama: &Level, least: f32) -> f32 {
         let level = irradiance_over_pi(panorama);
         let off = |n| {
@@ -139,8 +139,8 @@ mod tests {
 
     #[test]
     fn a_cosine_worked_out() {
-        // Radiance max(0, y). Facing up (1/π) ∫ cos² over the half sphere = 2/3; facing sideways half of it is seen,
-        // (1/π) ∫ y·x = 2/(3π); facing down nothing.
+        // Radiance max(0, y). Facing up: (1/π) ∫ cos² over the half sphere = 2/3. Facing sideways half of it is seen:
+        // (1/π) ∫ y·x = 2/(3π). Facing down: nothing.
         let level = irradiance_over_pi(&panorama(256, 128, |d| Vec3::splat(d.y.max(0.0))));
         for (n, expected) in [(Vec3::Y, 2.0 / 3.0), (Vec3::X, 2.0 / (3.0 * PI)), (Vec3::NEG_Y, 0.0)] {
             assert!((seen(&level, n).x - expected).abs() < 1e-3, "{n}: {} {expected}", seen(&level, n));
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_small_bright_lamp_lights_as_the_integral_says() {
         for towards in [Vec3::Y, Vec3::new(0.3, 0.9, 0.2), Vec3::new(0.7, -0.1, -0.6), Vec3::new(-0.02, 0.3, 1.0)] {
-            // 6° across. Nine tenths of what faces it is its light.
+            // 6° across. Nine tenths of the light on a surface facing it comes from it.
             let shine = |d: Vec3| if d.angle_between(towards) < 3f32.to_radians() { 1300.0 } else { 0.1 };
             let lit = panorama(256, 128, |d| shine(d) * Vec3::new(1.0, 0.8, 0.5));
             let brightest = truth(&lit, towards.normalize());

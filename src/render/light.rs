@@ -12,7 +12,7 @@ use crate::words::count;
 pub const MAX_SUNS: usize = 4;
 pub const MAX_POINTS: usize = 8;
 
-/// `PointLight` of shaders/raster.wgsl.
+/// `PointLight` in shaders/raster.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct PointUniform {
@@ -23,7 +23,7 @@ pub struct PointUniform {
 }
 
 crate::uniform! {
-    /// `Light` of shaders/raster.wgsl.
+    /// `Light` in shaders/raster.wgsl.
     pub struct LightUniform {
         environment: [f32; 4],
         sun_towards: [[f32; 4]; MAX_SUNS],
@@ -33,15 +33,15 @@ crate::uniform! {
     }
 }
 
-/// The environment, made once a scene.
+/// The environment, made once per scene.
 #[derive(Debug)]
 pub struct EnvironmentLight {
-    /// Blurred for shine.
+    /// Panorama blurred for specular light.
     pub view: wgpu::TextureView,
     /// The table of render/irradiance.rs.
     pub irradiance: wgpu::TextureView,
     pub sampler: wgpu::Sampler,
-    /// Where there is no panorama.
+    /// Colour if there is no panorama.
     color: Vec3,
     levels: u32,
     map_from_world: Mat3,
@@ -54,8 +54,8 @@ fn wide(v: Vec3, w: f32) -> [f32; 4] {
 }
 
 impl LightUniform {
-    /// Lights around a camera that stands at `origin_in_world_m`. Lights beyond the limits
-    /// are left out; [`unsupported`] says so.
+    /// Lights relative to a camera at `origin_in_world_m`. Lights beyond the limits are left out; [`unsupported`]
+    /// reports that.
     pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3) -> Self {
         let mut uniform = Self {
             environment: wide(environment.color, environment.levels as f32),
@@ -83,7 +83,7 @@ impl LightUniform {
     }
 }
 
-/// What a scene's lighting asks for beyond what is drawn.
+/// A warning if a scene's lighting exceeds what can be drawn.
 pub fn unsupported(lighting: &Lighting) -> Option<String> {
     (lighting.suns.len() > MAX_SUNS || lighting.points.len() > MAX_POINTS).then(|| {
         format!(

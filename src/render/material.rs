@@ -4,7 +4,7 @@ use crate::gpu::{Gpu, constants};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Wrap};
 
 crate::uniform! {
-    /// `Material` of shaders/raster.wgsl.
+    /// `Material` in shaders/raster.wgsl.
     pub struct MaterialUniform {
         base_color: [f32; 4],
         emissive: [f32; 4],
@@ -49,7 +49,7 @@ fn slots(m: &Material) -> [Option<TextureUse>; 5] {
 
 /// A bind group for each material of a scene.
 pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> Vec<wgpu::BindGroup> {
-    // White stands for no texture: factors then act alone.
+    // Without a texture, white is bound: factors then act alone.
     let white = Texture {
         width: 1,
         height: 1,
@@ -132,8 +132,8 @@ fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
     (gpu_texture.create_view(&Default::default()), sampler)
 }
 
-/// Each level the mean of 2×2 texels of the one before (3 wide where a side is odd), averaged
-/// in linear light for colours.
+/// Each level is the mean of 2×2 texels of the previous one (3 wide if a side is odd), averaged in linear light for
+/// colours.
 fn mip_chain(texture: &Texture) -> Vec<(u32, u32, Vec<u8>)> {
     let to_linear: Vec<f32> = (0..256u32)
         .map(|v| {

@@ -1,4 +1,4 @@
-//! The scene and a sample plan to the virtual layer.
+//! From the scene and a sample plan to the virtual layer.
 
 mod accumulate;
 mod albedo;

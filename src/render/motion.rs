@@ -1,15 +1,15 @@
-//! How what stands still moves through the picture while the camera moves.
+//! How things at rest move through the picture while the camera moves.
 //!
-//! A turning camera moves all depths alike, a camera that goes moves them by their nearness (Longuet-Higgins and Prazdny
-//! 1980, "The interpretation of a moving retinal image"): at every place velocity is V = a + b/z, z the depth seen there.
-//! So a net of a and b, worked out at two depths, holds the velocity of all that can be drawn, and the triangles need not
-//! carry it. It is that through the middle of the lens; other points of it see their own, which is left out.
+//! Rotation moves all depths alike; translation moves them in proportion to 1/z (Longuet-Higgins and Prazdny 1980, "The
+//! interpretation of a moving retinal image"). At every place velocity is V = a + b/z, with z the depth seen there. So
+//! a net of a and b, computed at two depths, has the velocity of everything that can be drawn, and the triangles need
+//! not carry it. It is the velocity through the middle of the lens; that through other points of it is not modelled.
 //!
-//! Where rows have times of their own, a point that is displaced by dx is met by a row that is read g·dx later, g being how a
-//! row's time changes from place to place (s/px). So in a time ds of the exposure dx = V (ds + g·dx), and velocity dx/ds is
+//! If rows have their own times, a point displaced by dx is met by a row that is read g·dx later, where g is the
+//! gradient of the row's time (s/px). So within a time ds of the exposure dx = V (ds + g·dx), and the velocity dx/ds is
 //! V / (1 − g·V).
 //!
-//! V is the chord of the exposure, which is exact at the two depths and as good as straight between them.
+//! V is the chord of the exposure, which is exact at the two depths and nearly linear between them.
 
 use glam::{DQuat, DVec2, DVec3};
 
@@ -20,17 +20,17 @@ use crate::pixels::Rect;
 /// The net over a rectangle, on the GPU.
 #[derive(Debug)]
 pub struct Motion {
-    /// Of a cell, px.
+    /// Side of a cell, px.
     pub side_px: u32,
-    /// What it covers.
+    /// The area covered.
     pub rect: Rect,
-    /// Cells across and down; there is one node more each way.
+    /// Cells across and down; there is one more node in each direction.
     pub cells: (u32, u32),
-    /// At the cells' corners, row by row: [`Node`]s.
+    /// [`Node`]s at the cells' corners, row by row.
     pub nodes: wgpu::Buffer,
 }
 
-/// As in shaders/resolve.wgsl.
+/// The same as in shaders/resolve.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 struct Node {
@@ -44,11 +44,11 @@ struct Node {
 }
 
 impl Motion {
-    /// At the middle of the exposure. 0 for parallel rays, with which single pictures are taken.
+    /// At the middle of the exposure. 0 for parallel rays, which are used for single pictures only.
     pub fn new(gpu: &Gpu, view: &View<'_>) -> Self {
         use wgpu::util::DeviceExt;
-        // Between nodes h apart a turn by ω leaves the straight line by h² ω / (4 f), with this h by f ω / 4096; a lens that
-        // bends adds as much again. Each cell costs two triangles.
+        // Between nodes h apart, a rotation by ω deviates from linear by h² ω / (4 f), which for this h is f ω / 4096.
+        // A lens with distortion adds as much again. Each cell costs two triangles.
         let side_px = (view.geometry.intrinsics.fx_px / 32.0).clamp(8.0, 64.0) as u32;
         let cells = (view.rect.width().div_ceil(side_px).max(1), view.rect.height().div_ceil(side_px).max(1));
         let path = Path::new(view);
@@ -71,7 +71,7 @@ impl Motion {
         Self { side_px, rect: view.rect, cells, nodes }
     }
 
-    /// The cells that a rectangle touches.
+    /// The area of the cells that a rectangle touches.
     pub fn cells_around(&self, rect: &Rect) -> Rect {
         let side = self.side_px as i32;
         let down = |edge: i32, from: i32| from + (edge - from).div_euclid(side) * side;
@@ -79,7 +79,7 @@ impl Motion {
         Rect::new(down(rect.x0, x), down(rect.y0, y), down(rect.x1 - 1, x) + side, down(rect.y1 - 1, y) + side)
     }
 
-    /// The first cell of a part that begins with one, and how many it has across and down.
+    /// The first cell of a part that starts at a cell, and the number of cells across and down.
     pub fn cells_of(&self, part: &Rect) -> ((u32, u32), (u32, u32)) {
         let cell = |from: i32, to: i32| (to - from).max(0) as u32 / self.side_px;
         let first = (cell(self.rect.x0, part.x0), cell(self.rect.y0, part.y0));
@@ -87,11 +87,11 @@ impl Motion {
     }
 }
 
-/// The camera on its way, as shaders/raster.wgsl sees it.
+/// The camera's path, as in shaders/raster.wgsl.
 struct Path<'a> {
     view: &'a View<'a>,
     step_s: f64,
-    /// Rotation and position at the middle of the exposure and a step before and after.
+    /// Rotation and position at the middle of the exposure, and a step before and after.
     moments: [(DQuat, DVec3); 3],
     /// Two depths, metres.
     depths_m: [f64; 2],
@@ -101,8 +101,8 @@ impl<'a> Path<'a> {
     fn new(view: &'a View<'a>) -> Self {
         let step_s = view.shutter.velocity_step_s();
         let moments = [0.0, -step_s, step_s].map(|t| view.keys.at(t));
-        // Those of the objects, an octave apart at least. Nearer than five times the way that the camera goes a chord is far
-        // from straight: not so near, unless all is.
+        // The objects' depths, at least an octave apart. Nearer than five times the camera's travel a chord is far from
+        // straight, so not that near unless everything is.
         let travel_m = moments[1].1.distance(moments[2].1);
         let far = view.depths_m[1].max(4.0 * NEAR_M);
         let near = view.depths_m[0].max(5.0 * travel_m).max(2.0 * NEAR_M).min(0.5 * far);
@@ -130,20 +130,20 @@ impl<'a> Path<'a> {
         Node { at_infinity, by_nearness, row_time, unused: [0.0; 2] }
     }
 
-    /// How the row's time changes to one side, s/px.
+    /// The gradient of the row's time in one direction, s/px.
     fn slope(&self, at_px: DVec2, side: DVec2) -> f64 {
         let [before, after] = [-0.5, 0.5].map(|step| self.ray(at_px + step * side).map(|ray| self.row_time_s(ray)));
         before.zip(after).map_or(0.0, |(before, after)| after - before)
     }
 
-    /// At z = 1; where the lens sees nothing, that of the nearest place towards its middle that is seen.
+    /// The ray at z = 1. Where the lens sees nothing, that of the nearest visible place towards the middle.
     fn ray(&self, at_px: DVec2) -> Option<DVec3> {
         let i = &self.view.geometry.intrinsics;
         let middle = DVec2::new(i.cx_px, i.cy_px);
         (0..8).find_map(|n| self.view.geometry.unproject(at_px.lerp(middle, 0.05 * f64::from(n))))
     }
 
-    /// V, px/s: the chord from a step before to a step after, seen by the row that is there.
+    /// V, px/s: the chord from a step before to a step after, seen from the row at that place.
     fn velocity(&self, ray: DVec3, depth_m: f64) -> DVec2 {
         let [now, before, after] = match self.view.shutter.readout_time_s > 0.0 {
             true => {
@@ -160,7 +160,8 @@ impl<'a> Path<'a> {
         (seen(after) - seen(before)) / (2.0 * self.step_s)
     }
 
-    /// When the row is read in which a direction is seen; far outside the picture rows are as those at its rims.
+    /// When the row is read in which a direction is seen. Far outside the picture, times are limited to those near its
+    /// rims.
     fn row_time_s(&self, direction: DVec3) -> f64 {
         let (geometry, y_px) = match &self.view.outer {
             Some(outer) => (outer.geometry, outer.geometry.carried_px(outer.camera_from_view * direction).y),
@@ -179,8 +180,8 @@ mod tests {
     use crate::pose::Pose;
     use crate::render::{Shutter, ViewKeys};
 
-    /// Velocity at a place and depth by the net's node there, of a camera that goes with `metres_per_s` and turns with
-    /// `radians_per_s` around its own axes.
+    /// Velocity at a place and depth by the net's node there, for a camera that moves with `metres_per_s` and turns
+    /// with `radians_per_s` around its own axes.
     fn velocity(geometry: &Geometry, readout_time_s: f64, going: DVec3, turning: DVec3, at: DVec2, z: f64) -> DVec2 {
         let shutter = Shutter { exposure_time_s: 0.01, readout_time_s, beyond_s: 0.0 };
         let keys =
@@ -211,14 +212,14 @@ mod tests {
     fn a_pinhole_s_flow_by_hand() {
         let g = camera(Distortion::default());
         let (still, at) = (DVec3::ZERO, DVec2::new(420.0, 140.0));
-        // Ray (0.2, −0.2). Going right by 1 m/s: −500/z px/s. Going ahead: 500 · 0.2/z outwards.
+        // Ray (0.2, −0.2). Moving right at 1 m/s: −500/z px/s. Moving forward: 500 · 0.2/z outwards.
         for z in [0.7, 1.5, 8.0] {
             let right = velocity(&g, 0.0, DVec3::X, still, at, z);
             assert!(right.distance(DVec2::new(-500.0 / z, 0.0)) < 0.02, "{z} m: {right}");
             let ahead = velocity(&g, 0.0, DVec3::Z, still, at, z);
-            // The chord of a centimetre's way is 0.03 % off between the two depths.
+            // The chord over a centimetre of travel is 0.03 % off between the two depths.
             assert!(ahead.distance(DVec2::new(100.0 / z, -100.0 / z)) < 0.06, "{z} m: {ahead}");
-            // Turning about y (to the right) by 0.5 rad/s: −500 · 0.5 (1 + x², xy), whatever the depth.
+            // Rotating about y (to the right) by 0.5 rad/s: −500 · 0.5 (1 + x², xy), whatever the depth.
             let turned = velocity(&g, 0.0, still, 0.5 * DVec3::Y, at, z);
             assert!(turned.distance(DVec2::new(-250.0 * 1.04, 250.0 * 0.04)) < 0.02, "{z} m: {turned}");
         }
@@ -227,7 +228,7 @@ mod tests {
     #[test]
     fn rows_with_times_of_their_own() {
         let g = camera(Distortion::default());
-        // A point that falls by V px/s is met by rows that are read V · readout / height later: V / (1 − that).
+        // A point that falls by V px/s is met by rows read V · readout / height later: V / (1 − that).
         let readout_s = 0.02;
         for z in [0.3, 0.5, 1.0, 3.0, 8.0] {
             let fast = velocity(&g, readout_s, DVec3::new(0.4, -1.0, 0.0), DVec3::ZERO, DVec2::new(320.0, 240.0), z);

@@ -1,4 +1,4 @@
-//! A panorama as the shader wants it: blurred for shine. For matt surfaces see render/irradiance.rs.
+//! A panorama as the shader needs it: blurred for specular light. For matt surfaces see render/irradiance.rs.
 
 use std::ops::Range;
 
@@ -6,8 +6,8 @@ use glam::{Mat3, Vec3};
 
 use crate::scene::EnvironmentMap;
 
-/// Width of the sharpest panorama for reflections; each level has half of it. The roughest, 32 × 16, is as coarse as
-/// its poles can bear.
+/// Width of the sharpest panorama for reflections; each level halves it. The roughest, 32 × 16, is as coarse as the
+/// poles allow.
 const WIDTH: u32 = 512;
 const LEVELS: u32 = 5;
 const LOBE_SAMPLES: u32 = 192;
@@ -15,14 +15,14 @@ const LOBE_SAMPLES: u32 = 192;
 /// Width, height, radiance row by row.
 pub type Level = (u32, u32, Vec<Vec3>);
 
-/// The direction, in the panorama's axes, through the middle of a texel: y up, −z in the middle.
+/// The direction through a texel's centre, in the panorama's axes: y is up, −z in the middle.
 pub fn direction(x: u32, y: u32, width: u32, height: u32) -> Vec3 {
     let phi = ((x as f32 + 0.5) / width as f32 - 0.5) * std::f32::consts::TAU;
     let theta = (y as f32 + 0.5) / height as f32 * std::f32::consts::PI;
     Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
 }
 
-/// Between the four texels around a direction.
+/// Interpolated between the four texels around a direction.
 pub fn at(level: &Level, d: Vec3) -> Vec3 {
     let (width, height, texels) = (level.0 as usize, level.1 as usize, &level.2);
     let x = (d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5) * width as f32 - 0.5;
@@ -45,7 +45,7 @@ fn of_size(map: &EnvironmentMap, width: u32, height: u32) -> Level {
     level
 }
 
-/// A picture (width, height, row by row) at a given size, each texel the mean of what it covers, parts by their share.
+/// A picture (width, height, row by row) at a given size. Each texel is the mean of what it covers, weighted by area.
 pub fn resampled<T: Copy + Into<Vec3>>(picture: (u32, u32, &[T]), width: u32, height: u32) -> Level {
     let (from_width, from_height, from) = picture;
     let columns: Vec<_> = (0..width).map(|x| covered(x, width, from_width)).collect();
@@ -65,7 +65,7 @@ pub fn resampled<T: Copy + Into<Vec3>>(picture: (u32, u32, &[T]), width: u32, he
     (width, height, texels)
 }
 
-/// Which of `from` equal parts the i-th of `to` covers, and how much of it each of them makes up.
+/// Which of `from` equal parts the i-th of `to` covers, and the share of each.
 fn covered(i: u32, to: u32, from: u32) -> (Range<usize>, Vec<f32>) {
     let (i, to, from) = (u64::from(i), u64::from(to), u64::from(from));
     let (start, end) = (i * from, (i + 1) * from);
@@ -74,8 +74,8 @@ fn covered(i: u32, to: u32, from: u32) -> (Range<usize>, Vec<f32>) {
     (parts.start as usize..parts.end as usize, shares)
 }
 
-/// Levels from sharp to fully rough, each half as wide as the one before: the panorama seen in a GGX lobe of
-/// roughness level/(levels − 1), with the eye along the normal (Karis 2013).
+/// Levels from sharp to fully rough, each half as wide as the previous: the panorama seen in a GGX lobe of roughness
+/// level/(levels − 1), with the eye along the normal (Karis 2013).
 pub fn blurred_levels(map: &EnvironmentMap) -> Vec<Level> {
     let width = WIDTH.min(map.width.max(1 << (LEVELS - 1)));
     let mut sources = vec![of_size(map, width, (width / 2).max(1))];
@@ -96,8 +96,8 @@ pub fn blurred_levels(map: &EnvironmentMap) -> Vec<Level> {
 /// One sample of a lobe around z.
 struct Tap {
     towards: Vec3,
-    /// Where on average as much of the panorama lies in a texel as one sample stands for (Křivánek and Colbert 2008):
-    /// a lamp that hits one sample in a hundred would leave spots.
+    /// The source level in which a texel covers about as much of the panorama as one sample stands for (Křivánek and
+    /// Colbert 2008). Otherwise a lamp that hits one sample in a hundred would leave spots.
     source: usize,
 }
 
@@ -110,7 +110,7 @@ fn taps(a2: f32, width: u32) -> Vec<Tap> {
         let cos2 = (1.0 - e1) / (1.0 + (a2 - 1.0) * e1);
         let (s, c) = (e2 * std::f32::consts::TAU).sin_cos();
         let half = Vec3::new((1.0 - cos2).sqrt() * c, (1.0 - cos2).sqrt() * s, cos2.sqrt());
-        // The density of directions is D/4 where the eye is along the normal.
+        // The density of directions is D/4 with the eye along the normal.
         let density = a2 / (4.0 * std::f32::consts::PI * (cos2 * (a2 - 1.0) + 1.0).powi(2));
         let share = 1.0 / (density * LOBE_SAMPLES as f32);
         let source = (0.5 * (share / texel).log2() + 0.0).round().max(0.0) as usize;
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn a_lamp_is_blurred_without_spots() {
-        // A lamp 8° wide in the middle, on the equator. Hits of single samples would be up to ten times the peak.
+        // A lamp 8° wide in the middle, on the equator. Single samples that hit it would give up to ten times the peak.
         let lamp = Vec3::NEG_Z;
         let source = map(|d| if d.angle_between(lamp) < 4f32.to_radians() { 100.0 } else { 0.0 });
         let levels = blurred_levels(&source);

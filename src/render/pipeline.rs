@@ -1,4 +1,4 @@
-//! The pipelines of shaders/raster.wgsl: one for each mixture of features that is drawn.
+//! The pipelines of shaders/raster.wgsl: one for each combination of features drawn.
 
 use std::collections::HashMap;
 
@@ -7,14 +7,13 @@ use crate::gpu::{Gpu, Shader};
 use crate::scene::{Alpha, Environment, Lighting, Material, Vertex};
 
 pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
-/// Of shaders/shared/layer.wgsl.
+/// The format of shaders/shared/layer.wgsl.
 pub const GEOMETRY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Uint;
 pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// For each pixel.
+/// Per pixel.
 pub const SAMPLES: u32 = 4;
 
-/// What a draw call is made for. A feature that is off costs nothing: the shader is compiled
-/// without it.
+/// The features of a draw call. A feature that is off costs nothing: the shader is compiled without it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Variant {
     pub double_sided: bool,
@@ -22,11 +21,11 @@ pub struct Variant {
     pub blended: bool,
     pub masked: bool,
     pub unlit: bool,
-    /// Vertices have colours of their own.
+    /// Vertices have their own colours.
     pub colors: bool,
     /// Base colour, metallic-roughness, normals, occlusion, emissive.
     pub textures: [bool; 5],
-    /// Lights.
+    /// Numbers of lights.
     pub suns: u8,
     pub points: u8,
     pub environment_map: bool,
@@ -34,7 +33,7 @@ pub struct Variant {
     pub rolling: bool,
     /// OpenCV's fisheye model.
     pub fisheye: bool,
-    /// A view out of a picture all around.
+    /// One view of a picture that sees all around.
     pub around: bool,
     /// Rays are parallel.
     pub parallel: bool,
@@ -43,7 +42,7 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// What a material under a light asks for.
+    /// The features that a material needs under this lighting.
     pub fn of(material: &Material, lighting: &Lighting) -> Self {
         let unlit = material.unlit;
         let lit = |texture: bool| texture && !unlit;
@@ -95,13 +94,13 @@ impl Variant {
 /// What a pipeline writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Writes {
-    /// Colour; depth too, unless what is behind shows through.
+    /// Colour; also depth, unless what is behind shows through.
     Color,
-    /// The depth of what is blended, once all colours are there.
+    /// The depth of blended surfaces, once all colours are there.
     BlendedDepth,
 }
 
-/// Of an object, for its draw calls: the instance's attributes of shaders/raster.wgsl.
+/// Per object, for its draw calls: the instance attributes of shaders/raster.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Instance {
@@ -112,7 +111,7 @@ pub struct Instance {
     pub offset_px: [f32; 2],
 }
 
-/// Makes each pipeline when it is first asked for.
+/// Creates each pipeline when it is first needed.
 #[derive(Clone, Debug)]
 pub struct Pipelines {
     module: wgpu::ShaderModule,
@@ -141,7 +140,7 @@ impl Pipelines {
         }
     }
 
-    /// Makes what is missing for the variants.
+    /// Creates the missing pipelines for the variants.
     pub fn prepare(&mut self, gpu: &Gpu, variants: impl Iterator<Item = Variant>) {
         for variant in variants {
             for writes in [Writes::Color, Writes::BlendedDepth] {
@@ -154,7 +153,7 @@ impl Pipelines {
         }
     }
 
-    /// One that [`Pipelines::prepare`] was asked for.
+    /// A pipeline already created by [`Pipelines::prepare`].
     pub fn get(&self, variant: Variant, writes: Writes) -> Option<&wgpu::RenderPipeline> {
         self.made.get(&(variant, writes))
     }

@@ -1,8 +1,8 @@
-//! Single pictures of a scene through any camera: the pinhole, parallel rays, and curved ones by cube map.
+//! Single pictures of a scene through any camera: a pinhole, parallel rays, and curved projections by cube map.
 //!
-//! All are drawn by the one [`Renderer`], finer than the picture and in tiles, so that memory goes with the picture and
-//! not with what is drawn for it. A curved camera's picture is put together from up to six pinhole pictures of 90°.
-//! Not modelled: what the lens does beyond its projection (depth of field, vignetting, motion).
+//! All are drawn by the same [`Renderer`], finer than the picture and in tiles, so that memory depends on the picture
+//! and not on what is drawn for it. A curved camera's picture is assembled from up to six pinhole pictures of 90°. Not
+//! modelled: anything a lens does beyond its projection (depth of field, vignetting, motion).
 
 use glam::{DQuat, DVec2, DVec3};
 
@@ -19,12 +19,12 @@ use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
 use crate::scene::Environment;
 
-/// How places in a picture and directions before the camera belong together.
+/// How places in a picture correspond to directions in front of the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Projection {
-    /// Through one point; a principal point off the middle makes it off-centre.
+    /// Through one point. A principal point away from the middle makes it off-centre.
     Perspective(Geometry),
-    /// Parallel rays, the camera's position in the picture's middle.
+    /// Parallel rays, with the camera's position in the picture's middle.
     Orthographic {
         width_px: u32,
         height_px: u32,
@@ -43,7 +43,7 @@ impl Projection {
         }
     }
 
-    /// Along which direction (camera's axes, unit length) is looked at a place; `None` where nothing is seen.
+    /// The viewing direction (camera's axes, unit length) at a place; `None` if nothing is seen.
     pub fn direction(&self, at_px: DVec2) -> Option<DVec3> {
         match self {
             Self::Perspective(g) => g.direction(at_px),
@@ -69,17 +69,17 @@ impl Projection {
 pub struct Still {
     pub projection: Projection,
     pub pose: Pose,
-    /// Whether the environment's picture, where there is one, stands behind the objects. Not with parallel rays, which
-    /// all see the one place of it.
+    /// Whether the environment's picture, if any, is shown behind the objects. Not with parallel rays, which all see
+    /// the same place of it.
     pub background: bool,
 }
 
-/// Drawn pixels to each of the picture's, along each side; of four samples each.
+/// Drawn pixels per pixel of the picture, along each side. Each has four samples.
 const FINER: u32 = 2;
-/// Tiles of what is drawn, px a side: a gigabyte of multisampled targets would be 4600.
+/// Side of the drawn tiles, px. A gigabyte of multisampled targets would be 4600.
 const TILE_PX: i32 = 1024;
 
-/// Takes a picture; transparent where neither object nor background is seen.
+/// Takes a picture; it is transparent where neither object nor background is seen.
 pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<LinearImage, GpuError> {
     let (width, height) = still.projection.size_px();
     let recorder = Recorder::new(gpu.clone());
@@ -130,10 +130,10 @@ fn parallel_geometry(width_px: u32, height_px: u32, px_per_m: f64) -> Geometry {
     Geometry::new(intrinsics, Distortion::default())
 }
 
-/// Puts a panorama behind a picture. In a pixel that sees only in part the panorama shows in that part alone.
+/// Puts a panorama behind a picture. In a partly seeing pixel the panorama shows in that part alone.
 fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Level, map_from_camera: DQuat) {
     let row_length = image.width as usize;
-    // Texels of the map a radian.
+    // Texels of the map per radian.
     let texels = f64::from(map.0) / std::f64::consts::TAU;
     over_rows(&mut image.rgba, row_length, processors(), |y, row| {
         for (x, pixel) in row.iter_mut().enumerate() {
@@ -164,7 +164,7 @@ fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Le
     });
 }
 
-/// What is needed to draw.
+/// The means of drawing.
 struct Studio<'a> {
     recorder: Recorder,
     renderer: &'a mut Renderer,
@@ -172,14 +172,15 @@ struct Studio<'a> {
 }
 
 impl Studio<'_> {
-    /// Draws the objects by a geometry; with `parallel` its focal lengths are px a metre.
+    /// Draws the objects with a geometry. With `parallel`, its focal lengths are px per metre.
     fn draw(&mut self, geometry: &Geometry, pose: Pose, parallel: bool) -> Result<Drawn, GpuError> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0, beyond_s: 0.0 };
         let keys = ViewKeys::new(shutter, |_| pose);
         let footprint = self.renderer.footprint(geometry, &keys, shutter);
         let full = Rect::full(width, height);
-        // A hair behind the farthest point; its rectangle is told for rays through one point.
+        // Slightly beyond the farthest point. The footprint's rectangle is for rays through one point, so it is not
+        // used here.
         let parallel_to_m = parallel.then(|| 1.01 * footprint.depths_m[1].max(2.0 * NEAR_M));
         let rect = if parallel { full } else { footprint.rect.intersection(&full) };
         let mut drawn = Drawn { width, rect, rgba: vec![[half::f16::ZERO; 4]; width as usize * height as usize] };

@@ -1,7 +1,8 @@
-//! A curved camera's picture out of the six pictures around it.
+//! A curved camera's picture from the six pictures around it.
 //!
-//! Each pixel is the mean of places inside it, as many as it covers texels of the faces and at least nine, each read
-//! between four texels. Faces are drawn a little wider than 90°, so that this needs no neighbour at their seams.
+//! Each pixel is the mean of places inside it, one for each texel of the faces that it covers and at least nine, each
+//! interpolated between four texels. Faces are drawn slightly wider than 90°, so that no neighbour is needed at their
+//! seams.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -13,7 +14,7 @@ use crate::rows::{over_rows, processors};
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;
 
-/// A pinhole that sees 90° both ways in `face_px`, and a margin around it.
+/// A pinhole that sees 90° in both directions in `face_px`, with a margin around it.
 pub fn square_view(face_px: u32) -> Geometry {
     let (side, half) = (face_px + 2 * MARGIN_PX, 0.5 * f64::from(face_px));
     let centre = half + f64::from(MARGIN_PX);
@@ -28,13 +29,13 @@ pub fn square_view(face_px: u32) -> Geometry {
     };
     Geometry::new(intrinsics, Distortion::default())
 }
-/// Of a face, px a side: half a gigabyte.
+/// Largest side of a face, px: half a gigabyte.
 const LARGEST_FACE_PX: u32 = 8192;
 const SMALLEST_FACE_PX: u32 = 64;
-/// Places in a pixel along each side.
+/// Places per side of a pixel.
 const PLACES: std::ops::RangeInclusive<f64> = 3.0..=32.0;
 
-/// A side of the cube around the camera, by where it is looked.
+/// A side of the cube around the camera, by viewing direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Face {
     Front,
@@ -61,7 +62,7 @@ impl Face {
         }
     }
 
-    /// The turn from the camera's axes to the face's.
+    /// The rotation from the camera's axes to the face's.
     pub fn face_from_camera(self) -> DQuat {
         let [x, y, z] = self.axes();
         DQuat::from_mat3(&DMat3::from_cols(x, y, z).transpose())
@@ -96,17 +97,17 @@ impl Face {
     }
 }
 
-/// What is needed to make a picture of faces.
+/// Makes a picture from faces.
 #[derive(Debug)]
 pub struct Resampler<'a> {
     curved: &'a Curved,
-    /// Of a face's 90°.
+    /// Size of a face's 90°.
     face_px: u32,
     needed: Vec<Face>,
 }
 
-/// The smallest angle between neighbouring pixels, along whichever side of the pixel it is larger: nothing finer can be
-/// seen; and the faces that are.
+/// The smallest angle between neighbouring pixels, taking the larger of a pixel's two directions (nothing finer can be
+/// seen), and the visible faces.
 fn survey(curved: &Curved) -> (f64, Vec<Face>) {
     const STEPS: u32 = 96;
     let size = DVec2::new(curved.width_px.into(), curved.height_px.into());
@@ -128,15 +129,15 @@ fn survey(curved: &Curved) -> (f64, Vec<Face>) {
     (finest, seen)
 }
 
-/// Where a picture would need larger faces than are drawn, to lose nothing of it: their side wanted and drawn, px.
+/// If a picture needs larger faces than are drawn to lose no detail: the side wanted and the side drawn, px.
 pub fn limits(curved: &Curved) -> Option<(u32, u32)> {
     let wanted = wanted_face_px(curved).ceil() as u32;
     (wanted > LARGEST_FACE_PX).then_some((wanted, LARGEST_FACE_PX))
 }
 
-/// The side of a face that loses nothing of a picture, px.
+/// The side of a face that loses no detail of a picture, px.
 fn wanted_face_px(curved: &Curved) -> f64 {
-    // A face is coarsest in its middle, side/2 texels a radian. Two texels a pixel.
+    // A face is coarsest in its middle: side/2 texels per radian. Two texels per pixel.
     4.0 / survey(curved).0
 }
 
@@ -155,7 +156,7 @@ impl<'a> Resampler<'a> {
         square_view(self.face_px)
     }
 
-    /// Adds what a face shows to the picture. A picture's faces together make it whole.
+    /// Adds a face's contribution to the picture. All faces together complete it.
     pub fn add(&self, face: Face, drawn: &Drawn, sum: &mut LinearImage) {
         let row_length = sum.width as usize;
         let [right, down, forward] = face.axes();
@@ -170,16 +171,16 @@ impl<'a> Resampler<'a> {
                 let places = match corners {
                     [Some(a), Some(b), Some(c), Some(d)] => {
                         let wide = a.angle_between(b).max(a.angle_between(c)).max(a.angle_between(d));
-                        // No place in the pixel is farther from the corner than that; faces end at 54.7°.
+                        // No place in the pixel is farther from the corner than `wide`; faces end at 54.7°.
                         if a.angle_between(forward) > 0.96 + 2.0 * wide {
                             continue;
                         }
-                        // Directions far from the face's axis have no place on it.
+                        // Directions far from the face's axis do not project onto it.
                         let before = [a, b, c, d].into_iter().all(|d| d.dot(forward) > 0.3);
                         if before && misses([a, b, c, d].map(place), drawn.rect) {
                             continue;
                         }
-                        // Texels at the face's rim are twice as fine.
+                        // At the face's rim, texels are twice as fine.
                         (2.0 * wide * half).ceil()
                     }
                     _ => 8.0,
@@ -203,7 +204,7 @@ impl<'a> Resampler<'a> {
     }
 }
 
-/// Whether a pixel with these corners on a face, most of its own size around it included, sees nothing of what is drawn.
+/// Whether a pixel with these corners on a face sees nothing that is drawn, allowing a margin of about its own size.
 fn misses(corners: [DVec2; 4], rect: Rect) -> bool {
     let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
     let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
@@ -215,7 +216,7 @@ fn misses(corners: [DVec2; 4], rect: Rect) -> bool {
         || low.y > f64::from(rect.y1)
 }
 
-/// Between the four texels around a place.
+/// Interpolated between the four texels around a place.
 fn between(drawn: &Drawn, at: DVec2) -> [f32; 4] {
     let (width, corner) = (drawn.width as usize, (at - 0.5).floor());
     let f = (at - 0.5 - corner).as_vec2();
@@ -224,17 +225,17 @@ fn between(drawn: &Drawn, at: DVec2) -> [f32; 4] {
         [(0, (1.0 - f.x) * (1.0 - f.y)), (1, f.x * (1.0 - f.y)), (width, (1.0 - f.x) * f.y), (width + 1, f.x * f.y)];
     let mut sum = [0.0; 4];
     for (offset, weight) in weights {
-        // The margin holds all places; rounding may leave it by nothing that matters.
+        // The margin contains all places; rounding may exceed it by a negligible amount.
         let texel = drawn.rgba.get(first + offset).copied().unwrap_or_default();
         (0..4).for_each(|c| sum[c] += texel[c].to_f32() * weight);
     }
     sum
 }
 
-/// What is drawn, 16-bit floats as they come from the GPU.
+/// A drawn picture, in 16-bit floats as they come from the GPU.
 pub struct Drawn {
     pub width: u32,
-    /// Outside of it nothing is.
+    /// There is nothing outside it.
     pub rect: Rect,
     pub rgba: Vec<[half::f16; 4]>,
 }
@@ -282,7 +283,7 @@ mod tests {
         };
         assert_eq!(Resampler::new(&fisheye(60.0)).needed, [Face::Front]);
         assert_eq!(Resampler::new(&fisheye(180.0)).needed.len(), 5);
-        // 57.3 px a radian along the radius, up to π/2 times that across it far out: in between on diagonals.
+        // 57.3 px per radian along the radius, up to π/2 times that across it far out; in between on diagonals.
         let wanted = wanted_face_px(&fisheye(180.0));
         assert!((4.0 * 57.29..4.0 * 72.0).contains(&wanted), "{wanted}");
         let all =

@@ -1,4 +1,4 @@
-//! The camera as the shader sees it: geometry, and poses around the frame's moment.
+//! The camera for the shader: geometry, and poses around the frame's time.
 
 use glam::{DQuat, DVec3};
 
@@ -8,11 +8,11 @@ use crate::gpu::Texture;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
-/// As in shaders/raster.wgsl.
+/// The same as in shaders/raster.wgsl.
 pub const MAX_KEYS: usize = 33;
-/// Between keys lies no more, seconds: for so long a hand goes straight on.
+/// The longest interval between keys, seconds: for that long a hand moves straight.
 const LONGEST_STEP_S: f64 = 0.008;
-/// To each side no more, which a minute needs.
+/// The most keys to each side; a minute needs them.
 const MOST_STEPS: usize = 4096;
 /// Nothing nearer is drawn, metres.
 pub const NEAR_M: f64 = 0.01;
@@ -22,26 +22,25 @@ pub const NEAR_M: f64 = 0.01;
 pub struct Shutter {
     pub exposure_time_s: f64,
     pub readout_time_s: f64,
-    /// How far moments that are drawn lie before or behind the exposure, at most.
+    /// How far the drawn moments lie before or after the exposure, at most.
     pub beyond_s: f64,
 }
 
 impl Shutter {
-    /// Half the step over which velocity is measured: to the ends of the exposure, so that the
-    /// chord of a curved motion meets both of them; a millisecond where there is no exposure.
+    /// Half the step over which velocity is measured: to both ends of the exposure, so that the chord of a curved
+    /// motion meets them. A millisecond if there is no exposure.
     pub fn velocity_step_s(&self) -> f64 {
         if self.exposure_time_s > 0.0 { 0.5 * self.exposure_time_s } else { 5e-4 }
     }
 
-    /// From the frame's timestamp to the farthest moment that a vertex may ask for.
+    /// From the frame's timestamp to the farthest moment that a vertex may need.
     pub fn reach_s(&self) -> f64 {
         self.velocity_step_s() + self.beyond_s + self.readout_time_s
     }
 }
 
-/// Poses at even steps around a frame's timestamp, as `camera_from_local` in local axes: the
-/// world's, moved to the camera's position at the timestamp (so that 32-bit floats suffice
-/// wherever the world's origin lies).
+/// Poses at even steps around a frame's timestamp, as `camera_from_local`. The local axes are the world's, moved to the
+/// camera's position at the timestamp, so that 32-bit floats suffice wherever the world's origin is.
 #[derive(Clone, Debug)]
 pub struct ViewKeys {
     /// The camera's position at the timestamp, metres.
@@ -52,10 +51,10 @@ pub struct ViewKeys {
 }
 
 impl ViewKeys {
-    /// Asks `pose_at(offset_s)` for the poses around the timestamp.
+    /// Calls `pose_at(offset_s)` for the poses around the timestamp.
     pub fn new(shutter: Shutter, mut pose_at: impl FnMut(f64) -> Pose) -> Self {
         let reach_s = shutter.reach_s();
-        // The shader knows MAX_KEYS of them around its moment: as many as a readout needs.
+        // The shader has MAX_KEYS of them around its moment: as many as a readout needs.
         let step_s = LONGEST_STEP_S.max(shutter.readout_time_s / (MAX_KEYS / 2 - 1) as f64);
         let half = ((reach_s / step_s).ceil() as usize).clamp(MAX_KEYS / 2, MOST_STEPS);
         let at = |i: usize| (i as f64 - half as f64) / half as f64 * reach_s;
@@ -63,7 +62,7 @@ impl ViewKeys {
         Self { origin_in_world_m: poses[half].position_in_world_m(), poses, reach_s }
     }
 
-    /// Those from `reach_s` before an offset to `reach_s` after it: three.
+    /// Three keys: at an offset, and `reach_s` before and after it.
     pub fn around(&self, offset_s: f64, reach_s: f64) -> Self {
         let pose = |t: f64| {
             let (rotation, position_m) = self.at(t);
@@ -73,16 +72,16 @@ impl ViewKeys {
         Self { origin_in_world_m: self.origin_in_world_m, poses, reach_s }
     }
 
-    /// Poses from the first to the last, between which nothing else is to be expected, and the seconds from one to the
-    /// next: all keys of a long exposure, five of one during which a hand goes one way.
+    /// Poses from the first to the last, close enough that nothing else happens between them, and the seconds between
+    /// two: all keys of a long exposure, five of one during which a hand moves one way.
     pub fn sampled(&self) -> (Vec<&Pose>, f64) {
         let last = self.poses.len() - 1;
         let every = if self.poses.len() == MAX_KEYS { last / 4 } else { 1 };
         (self.poses.iter().step_by(every).collect(), 2.0 * self.reach_s * every as f64 / last as f64)
     }
 
-    /// Rotation, and the camera's position around the origin, at an offset from the timestamp;
-    /// `in_camera` of shaders/raster.wgsl does the same for rows with times of their own.
+    /// Rotation, and the camera's position relative to the origin, at an offset from the timestamp. `in_camera` in
+    /// shaders/raster.wgsl does the same for rows with their own times.
     pub fn at(&self, offset_s: f64) -> (DQuat, DVec3) {
         let last = (self.poses.len() - 1) as f64;
         let x = ((offset_s / self.reach_s + 1.0) * 0.5 * last).clamp(0.0, last);
@@ -98,26 +97,26 @@ impl ViewKeys {
     }
 }
 
-/// What one frame's drawing needs.
+/// Everything that drawing one frame needs.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
-    /// Of the objects' nearest and farthest points, metres.
+    /// Depths of the objects' nearest and farthest points, metres.
     pub depths_m: [f64; 2],
-    /// What is drawn, in raster axes; may reach beyond the picture.
+    /// The area drawn, in raster axes; may extend beyond the picture.
     pub rect: Rect,
-    /// The real scene's depth over the frame's rectangle (metres, 0 unknown), and how much nearer it must be.
+    /// The real scene's depth over the frame's rectangle (metres, 0 unknown), and how much nearer it must be to hide.
     pub occlusion: Option<(&'a Texture, f32)>,
-    /// Rays are parallel, up to this distance (m) from the camera's plane: `geometry` has no distortion, and its focal
-    /// lengths are px a metre.
+    /// If rays are parallel: how far (m) they reach from the camera's plane. `geometry` then has no distortion, and its
+    /// focal lengths are px per metre.
     pub parallel_to_m: Option<f64>,
-    /// The camera whose picture this is a view out of.
+    /// The camera whose picture this view belongs to.
     pub outer: Option<Outer<'a>>,
 }
 
-/// The camera that a view is a part of.
+/// The camera that a view belongs to.
 #[derive(Clone, Copy, Debug)]
 pub struct Outer<'a> {
     pub geometry: &'a Geometry,
@@ -125,7 +124,7 @@ pub struct Outer<'a> {
 }
 
 crate::uniform! {
-    /// `View` of shaders/raster.wgsl.
+    /// `View` in shaders/raster.wgsl.
     pub struct ViewUniform {
         rect_px: [f32; 4],
         focal_px: [f32; 2],
@@ -165,7 +164,7 @@ impl ViewUniform {
         let time_s = sample.time_s;
         let View { geometry, keys, shutter, rect, .. } = *view;
         let i = &geometry.intrinsics;
-        // A view out of another camera's picture has that one's lens and rows.
+        // A view of another camera's picture has that camera's lens and rows.
         let camera = view.outer.map_or(geometry, |outer| outer.geometry);
         let d = &camera.distortion;
         let valid = camera.valid_radius();
@@ -173,7 +172,7 @@ impl ViewUniform {
             LensModel::OpencvFisheye => (d.k3, d.k4),
             LensModel::Opencv | LensModel::Equirectangular => (d.p1, d.p2),
         };
-        // A large finite number stands for "everywhere".
+        // A large finite number for "everywhere".
         let (valid, slope) = if valid.is_finite() { (valid, camera.rim_slope()) } else { (1e9, 1.0) };
         let (rotation, eye) = keys.at(time_s);
         let keys_per_s = (keys.poses.len() - 1) as f64 / (2.0 * keys.reach_s);
@@ -185,7 +184,7 @@ impl ViewUniform {
         let mut key_translation = [[0.0; 4]; MAX_KEYS];
         let mut last = DQuat::IDENTITY;
         for (n, pose) in known.iter().enumerate() {
-            // Neighbours on the same side, for the shader mixes them.
+            // The same sign as the neighbour, since the shader interpolates between them.
             let q = if last.dot(pose.rotation) < 0.0 { -pose.rotation } else { pose.rotation };
             last = q;
             key_rotation[n] = [q.x as f32, q.y as f32, q.z as f32, q.w as f32];

@@ -1,11 +1,11 @@
-//! Bytes from files, GLB containers and URIs, never more than is stated.
+//! Bytes from files, GLB containers and URIs, never more than the stated limits.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use super::SceneError;
 
-/// No file of a scene may be longer.
+/// Largest file of a scene.
 pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
 
 /// A whole file; `needed_by` is the file that names it.
@@ -14,8 +14,8 @@ pub(super) fn read(file: &Path, needed_by: Option<&Path>) -> Result<Vec<u8>, Sce
     crate::source::file::read(file, MAX_FILE_BYTES).map_err(failed)
 }
 
-/// The JSON and the binary chunk of a GLB container (glTF 2.0, section 4.4), or the bytes
-/// themselves as JSON where they do not start with `glTF`.
+/// The JSON and the binary chunk of a GLB container (glTF 2.0, section 4.4), or all bytes as JSON if they do not start
+/// with `glTF`.
 pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), SceneError> {
     if !bytes.starts_with(b"glTF") {
         return Ok((bytes, None));
@@ -37,7 +37,7 @@ pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], O
         match kind {
             b"JSON" if json.is_none() => json = Some(chunk),
             b"BIN\0" if binary.is_none() => binary = Some(chunk),
-            _ => {} // chunks of unknown kind are to be passed over
+            _ => {} // chunks of unknown kind must be skipped
         }
         at = end;
     }
@@ -54,7 +54,7 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(four.try_into().ok()?))
 }
 
-/// What a URI in `file` points to: a `data:` URI's content or a file beside it.
+/// The bytes that a URI in `file` refers to: a `data:` URI's content, or a file relative to it.
 pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, SceneError> {
     let accepted = "a relative file name or a base64 data: URI";
     if let Some(data) = uri.strip_prefix("data:") {
@@ -75,7 +75,7 @@ pub(super) fn beside(file: &Path, uri: &str) -> PathBuf {
     file.parent().unwrap_or(Path::new("")).join(percent_decoded(uri).as_ref())
 }
 
-/// `%20` and its like as the bytes they stand for (RFC 3986, section 2.1).
+/// Decodes `%20` and the like (RFC 3986, section 2.1).
 fn percent_decoded(uri: &str) -> Cow<'_, str> {
     if !uri.contains('%') {
         return Cow::Borrowed(uri);

@@ -1,4 +1,4 @@
-//! What is in a scene, for people.
+//! Describes a scene's contents for people.
 
 use std::fmt;
 
@@ -21,9 +21,9 @@ pub struct Description {
     pub textures: Vec<TextureDescription>,
     pub suns: usize,
     pub points: usize,
-    /// The light from around, in words.
+    /// The surrounding light, in words.
     pub environment: String,
-    /// What the loader said, then what is odd about the sizes.
+    /// The loader's warnings, then those about sizes.
     pub warnings: Vec<String>,
 }
 
@@ -32,7 +32,7 @@ pub struct Description {
 pub struct ObjectDescription {
     pub name: String,
     pub triangles: usize,
-    /// The corners of the box around it, world axes, metres; `None` where it has no points.
+    /// The corners of its bounding box, world axes, metres; `None` if it has no points.
     pub bounds_in_world_m: Option<[[f64; 3]; 2]>,
 }
 
@@ -44,7 +44,7 @@ pub struct TextureDescription {
     pub srgb: bool,
 }
 
-/// Counts what is in a scene and looks for what is odd about it.
+/// Counts what is in a scene and collects warnings about it.
 pub fn describe(scene: &Scene) -> Description {
     let mut warnings = scene.warnings.clone();
     let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
@@ -92,7 +92,7 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
 }
 
-/// To the millimetre, without a minus before zero.
+/// To the millimetre, without a minus sign on zero.
 fn metres(value: f64) -> String {
     format!("{:.3}", (value * 1e3).round() / 1e3 + 0.0)
 }

@@ -9,10 +9,10 @@ use super::SceneError;
 use crate::document;
 use crate::source::file as plain;
 
-/// A scene file and its text, whose comments and order stay when the values are changed.
+/// A scene file and its text. Comments and order are kept when values change.
 pub type Document = document::Document<SceneFile>;
 
-/// Reads a scene file; what it names is not looked at.
+/// Reads a scene file; files that it names are not opened.
 pub fn read(file: &Path) -> Result<Document, SceneError> {
     let failed = |source| SceneError::Read { file: file.to_owned(), needed_by: None, source };
     let bytes = plain::read(file, plain::MOST_DOCUMENT).map_err(failed)?;
@@ -41,7 +41,7 @@ pub struct SceneFile {
     pub light: LightTable,
 }
 
-/// A model and where it stands, once or, by `instances`, several times.
+/// A model and its placement, once or, by `instances`, several times.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedModel {
@@ -49,15 +49,15 @@ pub struct PlacedModel {
     pub model: String,
     pub name: Option<String>,
     pub up: Option<Up>,
-    /// Whether the position is where the model's lowest point stands.
+    /// Whether the position is that of the model's lowest point.
     #[serde(default, skip_serializing_if = "is_default")]
     pub ground: bool,
     pub position_m: Option<[f64; 3]>,
-    /// About the world's x, then y, then z; or `quaternion`.
+    /// About the world's x, then y, then z. Alternative to `quaternion`.
     pub rotation_deg: Option<[f64; 3]>,
     /// x, y, z, w.
     pub quaternion: Option<[f64; 4]>,
-    /// Or `size_m`.
+    /// Alternative to `size_m`.
     pub scale: Option<Scale>,
     /// The largest extent.
     pub size_m: Option<f64>,
@@ -65,7 +65,7 @@ pub struct PlacedModel {
     pub instances: Vec<Instance>,
 }
 
-/// What it does not say is as its object has it.
+/// Anything not given is taken from its object.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Instance {
@@ -77,7 +77,7 @@ pub struct Instance {
     pub size_m: Option<f64>,
 }
 
-/// A factor for all axes or one for each.
+/// One factor for all axes, or one for each.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "expected a number or [x, y, z]")]
 pub enum Scale {
@@ -129,7 +129,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl SceneFile {
-    /// What can be told without other files; the keys' own rules are looked at when it is loaded.
+    /// Checks what needs no other files. Further rules are checked on loading.
     pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {
         if let Some((key, found)) = toml::Value::try_from(self).ok().as_ref().and_then(not_finite) {
             return Err(SceneError::bad(file, key, found, "finite numbers"));
@@ -184,7 +184,7 @@ pub enum Axis {
 }
 
 impl Up {
-    /// The unit vector; `what` is the key that holds it.
+    /// The unit vector; `what` is the key that contains it.
     pub fn axis(self, file: &Path, what: &str) -> Result<DVec3, SceneError> {
         Ok(match self {
             Self::Named(Axis::X) => DVec3::X,
@@ -270,7 +270,7 @@ mod tests {
             prop_assert_eq!(read.value(), document.value());
             document.set(scene(after)).unwrap();
             let read = Document::parse(&document.to_string()).unwrap();
-            // The shortest text of a number tells every bit of it.
+            // The shortest text of a number has every bit of it.
             prop_assert_eq!(format!("{:?}", read.value()), format!("{:?}", document.value()));
         }
     }

@@ -1,12 +1,11 @@
-//! What can be wrong with a scene.
+//! The errors of scenes.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use crate::words::{reason, shown};
 
-/// Why a scene cannot be used. Each names the file, the place in it, what was found and what
-/// is accepted.
+/// Why a scene cannot be used. Each error names the file, the place in it, what was found and what is accepted.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The file is missing or cannot be read.
@@ -26,7 +25,7 @@ pub enum SceneError {
         found: String,
         accepted: String,
     },
-    /// A library that reads pictures or text gave up in a way it should not.
+    /// A library that decodes pictures or text panicked.
     #[error("{}: reading it failed inside ({message}); the file is probably damaged: export it again", file.display())]
     Inside { file: PathBuf, message: String },
 }
@@ -40,7 +39,7 @@ impl SceneError {
         Self::Bad {
             file: file.to_owned(),
             what: what.to_string(),
-            // It may be anything that stands in a file.
+            // It may be anything from a file.
             found: shown(&found.to_string()),
             accepted: accepted.to_string(),
         }

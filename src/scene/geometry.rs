@@ -14,8 +14,8 @@ pub(super) enum Assembly {
     Fan,
 }
 
-/// Three indices a triangle, wound as the first one. Triangles of a strip or fan that name a
-/// vertex twice are left out: they only join pieces.
+/// Three indices per triangle, with the winding of the first. Triangles of a strip or fan that repeat a vertex are left
+/// out: they only join pieces.
 pub(super) fn triangles(assembly: Assembly, indices: Vec<u32>) -> Vec<u32> {
     let keep = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
     match assembly {
@@ -34,8 +34,8 @@ pub(super) fn triangles(assembly: Assembly, indices: Vec<u32>) -> Vec<u32> {
     }
 }
 
-/// Gives each triangle vertices of its own and its plane's normal (glTF 2.0, section 3.7.2.1:
-/// without normals a mesh is flat).
+/// Gives each triangle its own vertices with its plane's normal (glTF 2.0, section 3.7.2.1: a mesh without normals is
+/// flat).
 pub(super) fn flat(vertices: &[Vertex], indices: &[u32]) -> (Vec<Vertex>, Vec<u32>) {
     let mut out = Vec::with_capacity(indices.len());
     for triangle in indices.chunks_exact(3) {
@@ -47,7 +47,7 @@ pub(super) fn flat(vertices: &[Vertex], indices: &[u32]) -> (Vec<Vertex>, Vec<u3
     (out, indices)
 }
 
-/// Sets the normals that are zero to the mean of their triangles', weighted by area.
+/// Sets zero normals to the mean of their triangles', weighted by area.
 pub(super) fn fill_normals(vertices: &mut [Vertex], indices: &[u32]) {
     let mut sums = vec![DVec3::ZERO; vertices.len()];
     for triangle in indices.chunks_exact(3) {
@@ -59,11 +59,10 @@ pub(super) fn fill_normals(vertices: &mut [Vertex], indices: &[u32]) {
     }
 }
 
-/// Sets tangents for a normal map: each triangle's direction of growing u, weighted by its
-/// area, summed at its vertices and made perpendicular to their normals (Lengyel 2001,
-/// *Computing Tangent Space Basis Vectors*). A vertex where mirrored and unmirrored texture
-/// meet is split. MikkTSpace weights by angle and splits more: maps baked for it are off a
-/// little where a vertex's triangles differ much in direction.
+/// Sets tangents for a normal map: each triangle's direction of increasing u, weighted by its area, summed at its
+/// vertices and made perpendicular to their normals (Lengyel 2001, *Computing Tangent Space Basis Vectors*). A vertex
+/// where mirrored and unmirrored texture meet is split. MikkTSpace weights by angle and splits more: maps baked for it
+/// are slightly off where a vertex's triangles differ much in direction.
 pub(super) fn tangents(vertices: &mut Vec<Vertex>, indices: &mut [u32], map: &TextureUse) {
     let uv = |v: &Vertex| {
         let [u, v] = if map.uv_set == 0 { v.uv0 } else { v.uv1 };
@@ -83,7 +82,7 @@ pub(super) fn tangents(vertices: &mut Vec<Vertex>, indices: &mut [u32], map: &Te
             continue;
         }
         let along_u = unit_or((p * t.y - q * s.y) * turn.signum(), DVec3::ZERO) * p.cross(q).length();
-        // v points down in a glTF picture, so it is the mirrored one that turns like the triangle.
+        // v points down in a glTF picture, so the mirrored one has the triangle's orientation.
         let side = if turn < 0.0 { 1 } else { -1 };
         for corner in triangle {
             let i = *corner as usize;
@@ -111,14 +110,14 @@ fn position(vertex: &Vertex) -> DVec3 {
     Vec3::from(vertex.position).as_dvec3()
 }
 
-/// Points out of the triangle's front; as long as twice its area.
+/// Points away from the triangle's front; its length is twice the area.
 fn doubled_area(corners: &[Vertex; 3]) -> DVec3 {
     let [a, b, c] = corners.each_ref().map(position);
     (b - a).cross(c - a)
 }
 
 fn unit_or(v: DVec3, other: DVec3) -> DVec3 {
-    // Scaled first: the square of a tiny triangle's area is below what a double holds.
+    // Scaled first: the square of a tiny triangle's area underflows.
     let largest = v.abs().max_element();
     if largest > 0.0 && largest.is_finite() { (v / largest).normalize() } else { other }
 }
@@ -152,7 +151,7 @@ mod tests {
 
     #[test]
     fn flat_normals_point_to_where_corners_turn_counter_clockwise() {
-        let tiny = 1e-30; // its area squared is 0 in single precision
+        let tiny = 1e-30; // its squared area is 0 in single precision
         let corners = [[0.0; 3], [tiny, 0.0, 0.0], [0.0, tiny, 0.0]].map(|p| vertex(p, [0.0; 2]));
         let (vertices, indices) = flat(&corners, &[0, 1, 2, 2, 1, 0]);
         assert_eq!(indices, [0, 1, 2, 3, 4, 5]);

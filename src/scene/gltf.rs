@@ -1,4 +1,4 @@
-//! A glTF file opened and its buffers read; every look-up in it is checked.
+//! Opens a glTF file and reads its buffers; every look-up in it is checked.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use super::bytes::{self, MAX_FILE_BYTES};
 use super::schema::{Accessor, Root};
 use super::{SceneError, schema};
 
-/// The extensions that are understood.
+/// The supported extensions.
 pub(super) const EXTENSIONS: [&str; 5] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -16,7 +16,7 @@ pub(super) const EXTENSIONS: [&str; 5] = [
     "KHR_texture_transform",
 ];
 
-/// An accessor without a buffer view costs the file nothing, so it may not be long.
+/// An accessor without a buffer view takes no space in the file, so its length is limited.
 const MAX_COUNT_WITHOUT_BYTES: usize = 1 << 20;
 
 /// A glTF file: its JSON and its buffers.
@@ -38,7 +38,7 @@ impl Gltf {
         Ok(gltf)
     }
 
-    /// The file itself and those that it names.
+    /// The file itself and the files that it names.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let images = self.json.images.iter().filter_map(|image| image.uri.as_deref());
         let uris = self.json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).chain(images);
@@ -50,7 +50,7 @@ impl Gltf {
         SceneError::bad(&self.file, what, found, accepted)
     }
 
-    /// `list[index]`, where `what` is the place that holds the index.
+    /// `list[index]`; `what` is the place that contains the index.
     pub fn get<'a, T>(
         &self,
         list: &'a [T],
@@ -97,7 +97,7 @@ impl Gltf {
         Ok(())
     }
 
-    /// All bytes of a buffer view and its stride, 0 where its elements follow each other.
+    /// All bytes of a buffer view and its stride, 0 if its elements are contiguous.
     pub fn view(&self, index: usize, what: &str) -> Result<(&[u8], usize), SceneError> {
         let view = self.get(&self.json.buffer_views, "bufferViews", index, what)?;
         let what = format!("bufferViews[{index}]");
@@ -115,9 +115,8 @@ impl Gltf {
         }
     }
 
-    /// The accessor's elements as numbers; `what` is the place that names it. Elements with
-    /// fewer than N components are filled up with `fill`. Normalized integers become -1 to 1
-    /// (glTF 2.0, section 3.6.2.2); a number that is not finite is an error.
+    /// The accessor's elements as numbers; `what` is the place that names it. Missing components up to N are set to
+    /// `fill`. Normalized integers become -1 to 1 (glTF 2.0, section 3.6.2.2); a number that is not finite is an error.
     pub fn floats<const N: usize>(
         &self,
         index: usize,
@@ -164,7 +163,7 @@ impl Gltf {
         Ok(indices)
     }
 
-    /// How many elements an accessor says it has; nothing is read.
+    /// The number of elements that an accessor declares; nothing is read.
     pub fn count(&self, index: usize, what: &str) -> Result<usize, SceneError> {
         Ok(self.get(&self.json.accessors, "accessors", index, what)?.count)
     }
@@ -178,7 +177,7 @@ impl Gltf {
         Ok(accessor)
     }
 
-    /// The accessor's bytes without gaps, sparse elements put in.
+    /// The accessor's bytes without gaps, including sparse elements.
     fn elements(&self, index: usize, accessor: &Accessor, what: &str) -> Result<Elements, SceneError> {
         let what = format!("{what} (accessors[{index}])");
         let component = Component::from_code(accessor.component_type)
@@ -247,12 +246,12 @@ impl Gltf {
 struct Elements {
     bytes: Vec<u8>,
     component: Component,
-    /// Bytes an element, 1 to 64.
+    /// Bytes per element, 1 to 64.
     size: usize,
     count: usize,
 }
 
-/// Components of an element; 1 for a type that is not known, which `shapes` has refused before.
+/// Components of an element. Unknown types, which give 1, were already refused by `shapes`.
 fn components(shape: &str) -> usize {
     match shape {
         "VEC2" => 2,
@@ -297,7 +296,7 @@ impl Component {
         matches!(self, Self::U8 | Self::U16 | Self::U32)
     }
 
-    /// The number in `bytes`, little-endian, `size` of them.
+    /// The little-endian number in `bytes`, which has `size` bytes.
     fn unsigned(self, bytes: &[u8]) -> u32 {
         bytes.iter().rev().fold(0, |n, &byte| (n << 8) | u32::from(byte))
     }

@@ -1,15 +1,15 @@
-//! The light where nobody gives any, and how bright light in lux is.
+//! The default light, and the brightness of light in lux.
 
 use glam::{DVec2, DVec3, Vec3};
 
 use super::{Environment, Lighting, Sun};
 
-/// Illuminance under which a white matt surface is the camera's white: an office.
+/// Illuminance at which a white matt surface is the camera's white: an office.
 pub(super) const DEFAULT_WHITE_LX: f64 = 500.0;
 
-/// The light where nobody gives any.
+/// The light of a scene that has none of its own.
 pub(super) fn default_lighting(world_up: DVec3) -> Lighting {
-    // 35° off towards the world's axis that is least along up, the first of equals.
+    // 35° off towards the world axis least aligned with up; the first one if equal.
     let axis = [DVec3::X, DVec3::Y, DVec3::Z]
         .into_iter()
         .reduce(|best, axis| if axis.dot(world_up).abs() < best.dot(world_up).abs() { axis } else { best })

@@ -12,20 +12,19 @@ use super::{Lighting, Scene, SceneError, bytes, document, model, scene_file};
 
 /// Reads what is to be put into the room.
 ///
-/// A `.glb` or `.gltf` file is one object whose coordinates are the world's, unchanged. A
-/// `.toml` file is a scene of ours; docs/scenes.md has its keys. `world_up` is the recording's
-/// up where it knows one; a scene file's own `up` goes before it.
+/// A `.glb` or `.gltf` file is one object whose coordinates are the world's, unchanged. A `.toml` file is a scene file;
+/// docs/scenes.md has its keys. `world_up` is the recording's up, if it has one; a scene file's own `up` overrides it.
 ///
-/// Without any light a white matt surface that faces up shows about 1: ambient 0.55 and a sun
-/// of 0.6, 35° off the world's up. Where a model stands alone and no up is known, ambient 1.
+/// Without any light a white matt surface facing up shows about 1: ambient 0.55 and a sun of 0.6, 35° off the world's
+/// up. For a model alone with unknown up: ambient 1.
 ///
-/// No input makes it panic or take memory beyond its limits: 1 GiB a file, 16384 pixels a
-/// side and 2^28 pixels in all textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes.
+/// No input makes it panic or exceed its memory limits: 1 GiB per file, 16384 pixels a side and 2^28 pixels in all
+/// textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes.
 pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
     guarded(path, || load_unguarded(path, world_up))
 }
 
-/// As [`load`], of what a scene file says: `path` is where it stands or would stand; models are looked for from there.
+/// Like [`load`], for the contents of a scene file. `path` is where it is or would be; models are found relative to it.
 pub fn load_file(file: &SceneFile, path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
     guarded(path, || {
         let mut loader = Loader::default();
@@ -35,7 +34,7 @@ pub fn load_file(file: &SceneFile, path: &Path, world_up: Option<DVec3>) -> Resu
 }
 
 fn guarded(path: &Path, load: impl FnOnce() -> Result<Scene, SceneError>) -> Result<Scene, SceneError> {
-    // The checks below are meant to leave no panic; this is for what they, or a decoder, miss.
+    // The checks below should leave no panic; this is for what they, or a decoder, miss.
     catch_unwind(AssertUnwindSafe(load)).unwrap_or_else(|panic| {
         let message = panic.downcast_ref::<String>().cloned();
         let message = message.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned())).unwrap_or_default();
@@ -66,7 +65,7 @@ fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneEr
         }
         Some("toml") => scene_file::read(&mut loader, document::read(path)?.value(), path, world_up)?,
         _ => {
-            bytes::read(path, None)?; // a missing file is the better news
+            bytes::read(path, None)?; // a missing file is the more useful error
             let found = path.extension().map_or("none".to_owned(), |e| e.to_string_lossy().into_owned());
             return Err(SceneError::bad(path, "the file's extension", found, ".glb, .gltf or .toml"));
         }

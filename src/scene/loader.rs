@@ -1,4 +1,4 @@
-//! The scene that grows while it is read, and what it may still take.
+//! The scene as it grows while being read, and its limits.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -8,15 +8,15 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
-/// Vertices and indices of a scene together, 1.6 GB.
+/// Vertices and indices of a scene together take 1.6 GB.
 const MAX_VERTICES: usize = 1 << 24;
 const MAX_INDICES: usize = 1 << 26;
 pub(super) const MAX_PARTS: usize = 1 << 20;
 const MAX_WARNINGS: usize = 100;
 
-/// A model, read once however often it is placed.
+/// A model, read only once however often it is placed.
 pub(super) struct Model {
-    /// Meshes of the scene at their places in the model.
+    /// Meshes of the scene, placed in the model.
     pub parts: Vec<Part>,
     pub lights: Vec<ModelLight>,
 }
@@ -40,14 +40,14 @@ pub(super) enum LightKind {
     },
 }
 
-/// The scene that grows, and what it may still take.
+/// The scene as it grows, and what counts towards its limits.
 pub(super) struct Loader {
     pub scene: Scene,
     pub pixels: u64,
     vertices: usize,
     indices: usize,
     parts: usize,
-    /// Those that were read, by their files.
+    /// The models read so far, by file.
     pub models: HashMap<PathBuf, Rc<Model>>,
 }
 
@@ -61,7 +61,7 @@ impl Default for Loader {
 }
 
 impl Loader {
-    /// Adds a warning once, with the name of the file that it is about.
+    /// Adds a warning once, with the name of its file.
     pub fn warn(&mut self, file: &Path, text: String) {
         let warnings = &mut self.scene.warnings;
         let text = format!("{}: {text}", file.display());

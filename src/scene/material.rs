@@ -1,4 +1,4 @@
-//! glTF materials and textures to ours.
+//! From glTF materials and textures to ours.
 
 use super::picture::{self, MAX_PIXELS, Rgba};
 use super::reader::Reader;
@@ -6,7 +6,7 @@ use super::schema::{self, TextureInfo};
 use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
 
 impl Reader<'_> {
-    /// The index of a material in the scene, read at its first use; none is glTF's default.
+    /// The index of a material in the scene, read at its first use. `None` is glTF's default.
     pub(super) fn material(&mut self, index: Option<usize>, what: &str) -> Result<usize, SceneError> {
         if let Some(&known) = self.materials.get(&index) {
             return Ok(known);
@@ -67,7 +67,7 @@ impl Reader<'_> {
         })
     }
 
-    /// A factor from 0 to `max`; one outside is set to the nearer end, and that is said.
+    /// A factor from 0 to `max`. Outside values are clamped with a warning.
     fn factor(&mut self, value: f32, max: f32, what: &str) -> Result<f32, SceneError> {
         if !value.is_finite() {
             return Err(self.gltf.bad(what, value, "a finite number"));
@@ -85,7 +85,7 @@ impl Reader<'_> {
             Some("BLEND") => Ok(Alpha::Blend),
             Some("MASK") => {
                 let cutoff = json.alpha_cutoff.unwrap_or(0.5);
-                // Above 1 all is cut off, which is what the file says.
+                // Above 1 everything is cut off, as the file asks.
                 Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{what}.alphaCutoff"))?))
             }
             Some(other) => Err(self.gltf.bad(format!("{what}.alphaMode"), other, "OPAQUE, MASK or BLEND")),
@@ -185,8 +185,8 @@ impl Reader<'_> {
     }
 }
 
-/// Offset · rotation · scale as two rows (KHR_texture_transform, "Overview"). The rotation is
-/// counter-clockwise as seen on the picture, whose v points down: u' = cos·u + sin·v.
+/// Offset · rotation · scale as two rows (KHR_texture_transform, "Overview"). The rotation is counter-clockwise in the
+/// picture, whose v points down: u' = cos·u + sin·v.
 fn transform_rows(t: &schema::TextureTransform) -> [[f32; 3]; 2] {
     let [x, y] = t.offset.unwrap_or([0.0; 2]);
     let [scale_u, scale_v] = t.scale.unwrap_or([1.0; 2]);

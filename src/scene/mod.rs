@@ -1,7 +1,7 @@
-//! What is put into the room: meshes, materials, lights. Plain values; no GPU.
+//! Everything that is put into the room: meshes, materials, lights. Plain values; no GPU.
 //!
-//! World coordinates are the recording's, metres. A mesh's own coordinates are as its file
-//! has them; `world_from_mesh` takes them to the world, axes converted.
+//! World coordinates are the recording's, metres. A mesh's own coordinates are those of its file; `world_from_mesh`
+//! takes them to the world, including the change of axes.
 
 mod bytes;
 mod describe;
@@ -39,22 +39,22 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     pub objects: Vec<Object>,
     pub lighting: Lighting,
-    /// The world's up, where it is known: a unit vector.
+    /// The world's up, if known: a unit vector.
     pub up_in_world: Option<DVec3>,
-    /// What is odd or not supported, each said once.
+    /// Warnings, each given once.
     pub warnings: Vec<String>,
-    /// The files that it was read from.
+    /// The files that the scene was read from.
     pub files: Vec<PathBuf>,
 }
 
-/// One piece of evidence: the unit that has a blur vector of its own.
+/// One piece of evidence: the unit with its own blur vector.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
     pub name: String,
     pub parts: Vec<Part>,
 }
 
-/// A mesh at its place.
+/// A placed mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// Index into [`Scene::meshes`].
@@ -62,11 +62,11 @@ pub struct Part {
     pub world_from_mesh: DAffine3,
 }
 
-/// Triangles of one material.
+/// Triangles with one material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
     pub vertices: Vec<Vertex>,
-    /// Three a triangle, counter-clockwise seen from outside (glTF), all below `vertices.len()`.
+    /// Three per triangle, counter-clockwise seen from outside (glTF), all below `vertices.len()`.
     pub indices: Vec<u32>,
     /// Index into [`Scene::materials`].
     pub material: usize,
@@ -77,13 +77,13 @@ pub struct Mesh {
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Vertex {
     pub position: [f32; 3],
-    /// Unit length; computed from the triangles where the file has none.
+    /// Unit length; computed from the triangles if the file has none.
     pub normal: [f32; 3],
-    /// xyz unit length, w = ±1 for the bitangent's side (glTF); zero where there is no normal map.
+    /// xyz of unit length, w = ±1 for the bitangent's side (glTF); zero without a normal map.
     pub tangent: [f32; 4],
     pub uv0: [f32; 2],
     pub uv1: [f32; 2],
-    /// Multiplied with the base colour; white where the file has none.
+    /// Multiplied with the base colour; white if the file has none.
     pub color: [f32; 4],
 }
 
@@ -91,7 +91,7 @@ pub struct Vertex {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Alpha {
     Opaque,
-    /// Cut off below this.
+    /// Cut off below this value.
     Mask(f32),
     Blend,
 }
@@ -103,7 +103,7 @@ pub struct Material {
     pub base_color: [f32; 4],
     pub metallic: f32,
     pub roughness: f32,
-    /// Emitted light with KHR_materials_emissive_strength multiplied in.
+    /// Emitted light, including KHR_materials_emissive_strength.
     pub emissive: [f32; 3],
     pub normal_scale: f32,
     pub occlusion_strength: f32,
@@ -151,7 +151,7 @@ pub struct TextureUse {
     pub transform: [[f32; 3]; 2],
 }
 
-/// How a texture goes on beyond its edge.
+/// How a texture continues beyond its edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Wrap {
     Repeat,
@@ -159,7 +159,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// An RGBA picture with 8 bits a channel, row by row from the top left.
+/// An RGBA picture with 8 bits per channel, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     pub width: u32,
@@ -195,9 +195,9 @@ pub struct Sun {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointLight {
     pub position_in_world_m: DVec3,
-    /// The linear colour that a white matt surface shows when it faces this light from 1 m.
+    /// The linear colour that a white matt surface shows when it faces this light at 1 m.
     pub color: Vec3,
-    /// Beyond it there is no light (KHR_lights_punctual); infinity for no limit.
+    /// There is no light beyond it (KHR_lights_punctual); infinity for no limit.
     pub range_m: f32,
     /// Direction of a spot's axis in the world and its inner and outer angle from it, radians.
     pub spot: Option<(Vec3, Vec2)>,
@@ -206,7 +206,7 @@ pub struct PointLight {
 /// Light from everywhere.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Environment {
-    /// The same radiance from all directions: what a white matt surface shows.
+    /// The same radiance from all directions; a white matt surface shows it.
     Uniform(Vec3),
     Map(EnvironmentMap),
 }
@@ -232,7 +232,7 @@ impl Default for Lighting {
 
 #[cfg(test)]
 mod tests {
-    /// Two pieces of a program, or two moments of one, can hold a scene each and see whether it is the same.
+    /// Two pieces of a program, or two moments of one, can each keep a scene and compare them.
     #[test]
     fn a_scene_and_a_camera_are_plain_values() {
         fn plain<T: Clone + PartialEq + Send + Sync + 'static>(value: T) {

@@ -1,4 +1,4 @@
-//! One glTF file to meshes, materials, textures and lights, in the file's own coordinates.
+//! From one glTF file to meshes, materials, textures and lights, in the file's own coordinates.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -43,7 +43,7 @@ fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Mo
 }
 
 impl Reader<'_> {
-    /// Says something once, with the file's name.
+    /// Warns once, with the file's name.
     pub fn warn(&mut self, text: String) {
         self.loader.warn(&self.gltf.file, text);
     }
@@ -87,7 +87,7 @@ impl Reader<'_> {
         Ok(Model { parts, lights })
     }
 
-    /// The scene's meshes for a mesh of the file, one a primitive.
+    /// The scene's meshes for a mesh of the file, one per primitive.
     fn mesh(&mut self, index: usize, what: &str) -> Result<Vec<usize>, SceneError> {
         if let Some(known) = self.meshes.get(&index) {
             return Ok(known.clone());
@@ -133,7 +133,7 @@ impl Reader<'_> {
         }
         let material = self.material(primitive.material, &format!("{what}.material"))?;
         let unlit = self.loader.scene.materials[material].unlit;
-        // Without normals each triangle gets vertices of its own; nobody looks at them when unlit.
+        // Without normals each triangle gets its own vertices, but unlit materials do not use normals.
         let flat = primitive.attributes.normal.is_none() && !unlit;
         let triangles = if assembly == Assembly::List { corners } else { corners.saturating_mul(3) };
         let made = vertices.max(if flat { triangles } else { 0 });
@@ -205,7 +205,7 @@ impl Reader<'_> {
         Ok(Some(self.gltf.floats(index, &what, shapes, 1.0)?))
     }
 
-    /// Tangents where the material has a normal map, none elsewhere.
+    /// Tangents if the material has a normal map, otherwise none.
     fn tangents(
         &mut self,
         primitive: &Primitive,
@@ -279,7 +279,7 @@ fn place(what: &str, attribute: &str) -> String {
     format!("{what}.attributes.{attribute}")
 }
 
-/// Unit direction and a side of exactly ±1; zero where the file's has no length.
+/// Unit direction and a side of exactly ±1; zero if the file's tangent has no length.
 fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
     match Vec3::new(x, y, z).try_normalize() {
         Some(direction) => direction.extend(if side < 0.0 { -1.0 } else { 1.0 }).to_array(),

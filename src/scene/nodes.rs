@@ -6,11 +6,11 @@ use super::SceneError;
 use super::gltf::Gltf;
 use super::schema::Node;
 
-/// Nodes below one another.
+/// Depth of nesting.
 const MAX_DEPTH: usize = 512;
 
-/// The nodes of the file's scene, each with its place in the model. A node with two parents,
-/// a cycle or more than 512 levels is an error.
+/// The nodes of the file's scene, each with its transform in the model. A node with two parents, a cycle or more than
+/// 512 levels is an error.
 pub(super) fn placed(gltf: &Gltf) -> Result<Vec<(usize, DAffine3)>, SceneError> {
     let nodes = &gltf.json.nodes;
     let parents = parents(gltf)?;
@@ -41,7 +41,7 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Vec<(usize, DAffine3)>, SceneError> 
     Ok(placed)
 }
 
-/// Each node's parent, after a look at all of them.
+/// Each node's parent, after checking all of them.
 fn parents(gltf: &Gltf) -> Result<Vec<Option<usize>>, SceneError> {
     let nodes = &gltf.json.nodes;
     let mut parents = vec![None; nodes.len()];
@@ -72,7 +72,7 @@ fn parents(gltf: &Gltf) -> Result<Vec<Option<usize>>, SceneError> {
     Ok(parents)
 }
 
-/// The roots of the scene to show, and the name of the list that they are from.
+/// The roots of the scene to show, and the name of their list.
 fn roots(gltf: &Gltf, parents: &[Option<usize>]) -> Result<(Vec<usize>, String), SceneError> {
     let json = &gltf.json;
     let index = match json.scene {
@@ -109,7 +109,7 @@ fn local(gltf: &Gltf, node: &Node, index: usize) -> Result<DAffine3, SceneError>
     if !scale.is_finite() {
         return Err(not_finite("scale"));
     }
-    // Exporters round: a length off by a percent is taken as meant and made 1.
+    // Exporters round: a length within one percent of 1 is normalized.
     let length = rotation.length();
     if length.is_nan() || (length - 1.0).abs() >= 0.01 {
         let found = format!("a quaternion of length {length}");

@@ -1,4 +1,4 @@
-//! Textures and panoramas decoded, their size looked at first.
+//! Decodes textures and panoramas, after checking their size.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -13,12 +13,12 @@ use crate::source::still;
 
 /// Longest side of a texture.
 pub(super) const MAX_SIDE_PX: u32 = 16384;
-/// Pixels of all textures of a scene together: one of the largest, 1 GiB.
+/// Pixels of all textures of a scene together: as many as one of the largest, 1 GiB.
 pub(super) const MAX_PIXELS: u64 = 1 << 28;
 /// Pixels of a panorama: 8192 by 4096.
 const MAX_PANORAMA_PIXELS: u64 = 1 << 25;
 
-/// A decoded picture, 8 bits a channel as the file has them.
+/// A decoded picture, with 8 bits per channel as in the file.
 #[derive(Clone)]
 pub(super) struct Rgba {
     pub width: u32,

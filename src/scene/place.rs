@@ -1,4 +1,4 @@
-//! Where a model stands in the world.
+//! Where a model is placed in the world.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
@@ -13,8 +13,8 @@ pub(super) enum Size {
     LargestM(f64),
 }
 
-/// The shortest turn that takes one unit vector to another; between opposite ones, half a turn
-/// about x, or about z where they lie along x.
+/// The shortest rotation that takes one unit vector to another. Between opposite ones: half a turn about x, or about z
+/// if they lie along x.
 pub(super) fn turn_up(from: DVec3, to: DVec3) -> DQuat {
     if from.dot(to) > -1.0 + 1e-12 {
         return DQuat::from_rotation_arc(from, to);
@@ -23,19 +23,19 @@ pub(super) fn turn_up(from: DVec3, to: DVec3) -> DQuat {
     DQuat::from_axis_angle(axis.reject_from_normalized(from).normalize(), std::f64::consts::PI)
 }
 
-/// Everything that decides a model's place but its size.
+/// Everything that determines a model's place, except its size.
 pub(super) struct Placement {
     pub world_up: DVec3,
     pub model_up: DVec3,
     pub position_m: DVec3,
     pub rotation: DQuat,
-    /// Whether the position is where the model's lowest point stands.
+    /// Whether the position is that of the model's lowest point.
     pub ground: bool,
 }
 
 impl Placement {
-    /// position · rotation · turn of the model's up to the world's · scale. `None` where that
-    /// is not finite or the model has no extent to go by.
+    /// position · rotation · rotation of the model's up to the world's · scale. `None` if that is not finite, or if the
+    /// model has no extent to scale by.
     pub fn world_from_model(&self, scene: &Scene, parts: &[Part], size: Size) -> Option<DAffine3> {
         let scale = match size {
             Size::Scale(scale) => scale,
@@ -55,18 +55,18 @@ impl Placement {
     }
 }
 
-/// The smallest product of a direction with the points of a model.
+/// The smallest dot product of a direction with the points of a model.
 fn lowest(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<f64> {
     points(scene, parts).map(|p| p.dot(direction)).reduce(f64::min)
 }
 
-/// The corners of the box around `parts`, after a further transform of theirs; `None` without points.
+/// The corners of the box around `parts`, after a further transform; `None` without points.
 pub(super) fn bounds(scene: &Scene, parts: &[Part], world_from_parts: DAffine3) -> Option<(DVec3, DVec3)> {
     let moved = points(scene, parts).map(|p| world_from_parts.transform_point3(p));
     moved.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }
 
-/// The corners of all triangles, where their parts put them.
+/// The corners of all triangles, transformed by their parts.
 fn points<'a>(scene: &'a Scene, parts: &'a [Part]) -> impl Iterator<Item = DVec3> + 'a {
     parts.iter().flat_map(|part| {
         let mesh = &scene.meshes[part.mesh];

@@ -1,4 +1,4 @@
-//! What is known while one glTF file is read into a scene.
+//! The state while a glTF file is read into a scene.
 
 use std::collections::HashMap;
 
@@ -7,10 +7,10 @@ use super::gltf::Gltf;
 use super::loader::Loader;
 use super::picture::Rgba;
 
-/// What makes two uses of an image one [`super::Texture`].
+/// Uses of an image with the same key share one [`super::Texture`].
 pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 
-/// Reads one file into the scene; remembers what of the file is there already.
+/// Reads one file into the scene, and remembers what of it has been read.
 pub(super) struct Reader<'a> {
     pub gltf: &'a Gltf,
     pub loader: &'a mut Loader,

@@ -1,4 +1,4 @@
-//! What a scene file says, put into a scene.
+//! Puts the contents of a scene file into a scene.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use super::loader::Loader;
 use super::place::{Placement, Size, turn_up};
 use super::{Environment, EnvironmentMap, SceneError, Sun, model, picture};
 
-/// Puts what a scene file says into the loader; `file` is named in errors, and models are looked for from there.
+/// Puts the contents of a scene file into the loader. `file` is named in errors, and models are found relative to it.
 pub(super) fn read(
     loader: &mut Loader,
     scene: &SceneFile,
@@ -67,7 +67,7 @@ fn place(
     let placement = |instance: Option<&Instance>, what: &str| -> Result<DAffine3, SceneError> {
         let turned = |rotation_deg, quaternion| rotation(file, what, rotation_deg, quaternion);
         let sized = |scale, size_m| size(file, what, scale, size_m);
-        // What an instance does not say is as the object has it.
+        // Anything an instance does not give is taken from the object.
         let own = instance.map(|i| Ok((turned(i.rotation_deg, i.quaternion)?, sized(i.scale, i.size_m)?)));
         let (own_rotation, own_size) = own.transpose()?.unwrap_or_default();
         let size = own_size.or(sized(object.scale, object.size_m)?).unwrap_or(Size::Scale(DVec3::ONE));
@@ -161,7 +161,7 @@ fn positive(file: &Path, what: &str, color: Vec3) -> Result<Vec3, SceneError> {
     Err(SceneError::bad(file, what, color, "0 or more"))
 }
 
-/// What the file says of the light from around, if anything.
+/// The file's environment or ambient light, if any.
 fn environment(
     loader: &mut Loader,
     file: &Path,

@@ -1,7 +1,7 @@
-//! glTF 2.0's JSON: the part that is read, as plain values. Everything else is passed over.
+//! glTF 2.0's JSON: the parts that are read, as plain values. Everything else is ignored.
 //!
-//! Written out here rather than taken from a crate: the one there is panics on references
-//! out of range and cuts indices to 32 bits before anyone can look at them.
+//! Written here rather than taken from a crate: the existing one panics on references out of range and truncates
+//! indices to 32 bits before they can be checked.
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -80,7 +80,7 @@ pub(super) struct SparsePart {
     pub buffer_view: usize,
     #[serde(default)]
     pub byte_offset: usize,
-    /// Only the indices have one.
+    /// Only the indices have it.
     pub component_type: Option<u32>,
 }
 
@@ -152,9 +152,9 @@ pub(super) struct TextureInfo {
     pub index: usize,
     #[serde(default)]
     pub tex_coord: u32,
-    /// Of a normal texture.
+    /// For normal textures.
     pub scale: Option<f32>,
-    /// Of an occlusion texture.
+    /// For occlusion textures.
     pub strength: Option<f32>,
     #[serde(default)]
     pub extensions: TextureInfoExtensions,

@@ -1,8 +1,8 @@
-//! A known object in the site: a flat textured board that shines by itself.
+//! A known object in the site: a flat, textured, self-luminous board.
 //!
-//! It is rendered by the simulation (`board = true`) or exported as glTF and put into a
-//! simulated recording without it. Both must show the same: registration, blur and noise of
-//! the virtual board are judged by the really simulated one.
+//! It is either rendered by the simulation (`board = true`) or exported as glTF and put into a simulated recording
+//! without it. Both must show the same: registration, blur and noise of the virtual board are judged by the simulated
+//! one.
 
 use std::sync::Arc;
 
@@ -15,22 +15,21 @@ use crate::scene::{Texture, Wrap};
 use super::shapes::Shape;
 use super::site::Chart;
 
-/// Texels along a side; 5 mm each.
+/// Texels per side; 5 mm each.
 const SIDE: u32 = 64;
-/// Texels along a side of a square of the pattern.
+/// Texels per side of a square of the pattern.
 const SQUARE: u32 = 8;
 
-/// The board's place in the world and its picture.
+/// The board's place in the world, and its picture.
 #[derive(Clone, Debug)]
 pub struct Board {
-    /// Upper left, upper right, lower right, lower left as seen from its front; metres, world.
+    /// Upper left, upper right, lower right, lower left as seen from its front; metres, world axes.
     pub corners_in_world_m: [DVec3; 4],
-    /// Opaque, sRGB-encoded, smooth, no mipmaps, clamped; its first row lies along the upper edge.
+    /// Opaque, sRGB-encoded, smooth, no mipmaps, clamped. Its first row lies along the upper edge.
     pub texture: Texture,
 }
 
-/// The board: 0.32 m square, leaning back over the origin, its front to the camera of every
-/// motion.
+/// The board: 0.32 m square, above the origin and leaning back, its front towards the camera in every motion.
 pub fn board() -> Board {
     let (left, right) = (DVec3::new(-0.16, -0.04, 0.03), DVec3::new(0.16, -0.04, 0.03));
     let up = DVec3::new(0.0, 0.192, 0.256);
@@ -40,7 +39,7 @@ pub fn board() -> Board {
             (1, 1, _) => [200, 60, 50],
             (6, 1, _) => [60, 160, 80],
             (1, 6, _) => [60, 90, 190],
-            // A ramp, to see the response.
+            // A ramp that shows the response.
             (6, 6, _) => [20 + 24 * (x % SQUARE) as u8; 3],
             (_, _, 0) => [215, 215, 210],
             _ => [40, 40, 45],
@@ -63,15 +62,15 @@ pub fn board() -> Board {
 }
 
 impl Board {
-    /// The point in the world, metres, at a place of the texture in texels from its upper left
-    /// corner (middles of texels at +0.5).
+    /// The point in the world, metres, at a place of the texture, in texels from its upper left corner
+    /// (texel centres at +0.5).
     pub fn point_at_texel(&self, texel: DVec2) -> DVec3 {
         let [upper_left, upper_right, _, lower_left] = self.corners_in_world_m;
         let uv = texel / f64::from(SIDE);
         upper_left + (upper_right - upper_left) * uv.x + (lower_left - upper_left) * uv.y
     }
 
-    /// As the ray caster sees it: its plane, and its linear light.
+    /// The board for the ray caster: its plane, and its linear light.
     pub(super) fn shining(&self) -> Option<(Shape, Chart)> {
         let [upper_left, upper_right, _, lower_left] = self.corners_in_world_m;
         let response = Response::default();
@@ -84,8 +83,7 @@ impl Board {
         Some((shape, Chart::new(SIDE as usize, SIDE as usize, cells)?))
     }
 
-    /// The board as a binary glTF 2.0 file, unlit, seen from both sides, its coordinates those
-    /// of the recording's world.
+    /// The board as a binary glTF 2.0 file: unlit, double-sided, in the recording's world coordinates.
     pub fn glb(&self) -> Result<Vec<u8>, image::ImageError> {
         let mut binary = Vec::new();
         for corner in self.corners_in_world_m {

@@ -1,4 +1,4 @@
-//! What surfaces look like: procedural reflectance, from the place on a face in metres.
+//! The look of surfaces: procedural reflectance by the place on a face, in metres.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,7 +9,7 @@ use super::random::mix;
 /// The look of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
-    /// Plank floor, plastered walls, white ceiling: by face of the room.
+    /// Plank floor, plastered walls, white ceiling, by the room's face.
     Room,
     Paint,
     Cardboard,
@@ -21,16 +21,15 @@ pub enum Finish {
     Socket,
 }
 
-/// A surface at one place: diffuse reflectance (linear R, G, B, 0..1) and how much of the full
-/// gloss it has (0..1).
+/// A surface at one place: diffuse reflectance (linear R, G, B, 0..1), and its gloss as a factor on the finish's.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
     pub albedo: DVec3,
     pub gloss: f64,
 }
 
-/// How a finish mirrors the lamp: share of light reflected head-on, and the width in metres to
-/// which the lamp's image is blurred on the ceiling.
+/// How a finish mirrors the lamp: share of light reflected head-on, and the width in metres to which the lamp's image
+/// is blurred in the plane of the ceiling.
 pub fn gloss(finish: Finish) -> (f64, f64) {
     match finish {
         Finish::Room => (0.035, 0.55),
@@ -53,7 +52,7 @@ fn smooth(edge0: f64, edge1: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Value noise in [0, 1), one cell a unit.
+/// Value noise in [0, 1), one cell per unit.
 fn noise(p: DVec2, seed: u64) -> f64 {
     let cell = p.floor();
     let f = p - cell;
@@ -85,7 +84,7 @@ fn wood(q: DVec2, light: DVec3, dark: DVec3) -> DVec3 {
     light.lerp(dark, darkness.clamp(0.0, 1.0))
 }
 
-/// Oak planks 14 cm wide and 1.1 m long, along x; a dried stain. `p`: from the room's corner.
+/// Oak planks 14 cm wide and 1.1 m long, along x, with a dried stain. `p`: from the room's corner.
 fn floor(p: DVec2, size: DVec2) -> Surface {
     const WIDTH: f64 = 0.14;
     const LENGTH: f64 = 1.1;
@@ -105,7 +104,7 @@ fn floor(p: DVec2, size: DVec2) -> Surface {
     let scratch = smooth(0.93, 0.99, noise(DVec2::new(p.x * 3.0 + p.y * 9.0, p.y * 120.0 - p.x * 60.0), 48));
     let mut albedo = oak * (0.86 + 0.28 * worn) * (1.0 - 0.8 * gap) + DVec3::splat(0.05 * scratch);
 
-    // A pool before the boxes with ragged edge, and drops around it: one in each cell of 3 cm.
+    // A pool with a ragged edge in front of the boxes, and drops around it: one in each cell of 3 cm.
     let from_stain = p - DVec2::new(0.62, size.y - 0.42);
     let ragged = 0.1 * fractal(from_stain * 14.0, 3, 51) + 0.05 * fractal(from_stain * 45.0, 2, 52);
     let pool = 1.0 - smooth(0.1, 0.112, from_stain.length() + ragged);
@@ -143,7 +142,7 @@ fn cardboard(face: usize, p: DVec2, size: DVec2) -> Surface {
             gloss = 3.0;
         }
     } else {
-        // Two arrows that point up over a bar, the sign for "this way up".
+        // Two arrows pointing up over a bar, the sign for "this way up".
         let a = DVec2::new(c.x.abs() - 0.028, c.y);
         let shaft = a.x.abs() < 0.006 && a.y > -0.03 && a.y < 0.018;
         let head = a.y >= 0.012 && a.y < 0.038 && a.x.abs() < 0.9 * (0.038 - a.y);
@@ -179,7 +178,7 @@ fn carpet(p: DVec2, size: DVec2) -> Surface {
 
 fn ball(uv: DVec2) -> Surface {
     let ((s, c), (sv, cv)) = ((TAU * uv.x).sin_cos(), (PI * uv.y).sin_cos());
-    // Turned, so that the seams do not stand upright.
+    // Rotated so that the seams are not vertical.
     let n = DVec3::new(sv * c, 0.8 * sv * s - 0.6 * cv, 0.6 * sv * s + 0.8 * cv);
     let curved = (n.x.abs() - 0.55 - 0.3 * n.z * n.z).abs();
     let seam = 1.0 - smooth(0.02, 0.035, n.z.abs().min(n.y.abs()).min(curved));

@@ -1,11 +1,11 @@
-//! A simulated site: footage of which everything is known, to show and to judge the rest by.
+//! A simulated site: footage about which everything is known, for demonstration and to judge everything else by.
 //!
-//! A small ray caster of its own takes the site through a lens with distortion, a rolling
-//! shutter and a noisy sensor, and writes a recording beside its ground truth. It shares no
-//! rendering, blur or noise code with what it is used to judge; only plain values.
+//! Its own small ray caster images the site through a lens with distortion, a rolling shutter and a noisy sensor, and
+//! writes a recording together with its ground truth. It shares no rendering, blur or noise code with what it is used
+//! to judge, only plain values.
 //!
-//! Not modelled: vignetting, chromatic aberration, mosaic, exposure
-//! that changes, light that falls on the board or from it.
+//! Not modelled: vignetting, chromatic aberration, mosaic, changing exposure, light that falls on the board or comes
+//! from it.
 
 mod board;
 mod finish;
@@ -40,9 +40,9 @@ crate::choices! {
         /// A walk around the evidence with a hand's tremor and two fast turns.
         Handheld = "handheld",
         Static = "static",
-        /// A turn to the right around the vertical at constant speed.
+        /// A turn to the right about the vertical at constant speed.
         Pan = "pan",
-        /// A way to the right at constant speed, without turning.
+        /// A translation to the right at constant speed, without turning.
         Dolly = "dolly",
     }
 }
@@ -125,18 +125,18 @@ pub struct Simulation {
     geometry: Geometry,
     track: PoseTrack,
     pub sensor: Sensor,
-    /// How many threads work; no number hangs on it.
+    /// Number of threads; it affects no result.
     pub threads: usize,
 }
 
 impl Simulation {
-    /// With as many threads as there are cores, and a site as fine as the lens can see.
+    /// Uses as many threads as there are cores, and a site as fine as the lens can see.
     pub fn new(options: &Options) -> Result<Self, SimulateError> {
         let threads = crate::rows::processors();
         Self::with_detail(options, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 
-    /// With a site as fine as asked; works its light out, which takes most of the time.
+    /// Uses a site of the given detail. Computes its light, which takes most of the time.
     pub fn with_detail(options: &Options, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
         let geometry = geometry(options);
         let Options { width_px: width, height_px: height, .. } = *options;
@@ -173,13 +173,12 @@ impl Simulation {
         &self.geometry
     }
 
-    /// The camera's true path at 200 Hz; between its poses the camera moves as
-    /// [`PoseTrack::at`] says.
+    /// The camera's true path at 200 Hz. Between its poses the camera moves as in [`PoseTrack::at`].
     pub fn track(&self) -> &PoseTrack {
         &self.track
     }
 
-    /// The same with the camera turned where it stands; `turn` takes its axes to the turned one's.
+    /// The same with the camera rotated in place; `turn` takes its axes to the rotated one's.
     pub fn turned(mut self, turn: DQuat) -> Self {
         self.track = self.track.turned(turn);
         self
@@ -199,7 +198,7 @@ impl Simulation {
             aperture_diameter_m: 1e-3 * self.options.aperture_diameter_mm,
             focus_distance_m: self.options.focus_distance_m,
             seed: self.options.seed,
-            // A resting camera sees the same light in every frame; samples elsewhere would look like noise.
+            // A camera at rest sees the same light in every frame; different sample places would look like noise.
             frame: if self.options.motion == Motion::Static { 0 } else { frame as u64 },
         }
     }
@@ -227,10 +226,10 @@ fn geometry(options: &Options) -> Geometry {
         height_px,
         fx_px: focal_px,
         fy_px: focal_px,
-        // Not quite in the middle, as in real cameras.
+        // Slightly off the middle, as in real cameras.
         cx_px: 0.5 * f64::from(width_px) + 1.75,
         cy_px: 0.5 * f64::from(height_px) - 1.5,
-        // The rows of what is put together from several sensors have no times of their own.
+        // The rows of a picture stitched from several sensors have no times of their own.
         readout_time_s: if lens == LensModel::Equirectangular { 0.0 } else { readout_time_s },
         ..Intrinsics::default()
     };

@@ -1,4 +1,4 @@
-//! The folder that a recording appears in when it is whole, and what of an older one may go.
+//! The folder of a recording, which appears once it is complete, and what may be removed of an older one.
 
 use std::fs;
 use std::io;
@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use super::SimulateError;
 use crate::unfinished::{Undo, Unfinished};
 
-/// Says that a recording was simulated.
+/// Marks a recording as simulated.
 const MARK: &str = "truth.toml";
 const FILES: [&str; 9] = [
     "recording.toml",
@@ -25,7 +25,7 @@ const FILES: [&str; 9] = [
 /// Folders of numbered pictures.
 const FOLDERS: [&str; 2] = ["rgb", "depth"];
 
-/// A recording that is not whole yet, in a hidden folder beside its place.
+/// An unfinished recording, in a hidden folder next to its final place.
 pub struct Output {
     part: TempDir,
     place: PathBuf,
@@ -35,9 +35,9 @@ pub struct Output {
 }
 
 impl Output {
-    /// Makes the hidden folder, once it is known that the recording may appear at `out`.
+    /// Makes the hidden folder, after checking that the recording may appear at `out`.
     pub fn begin(out: &Path, force: bool) -> Result<Self, SimulateError> {
-        // Of a link the folder that it leads to.
+        // For a link, the folder that it leads to.
         let place = out.canonicalize().unwrap_or_else(|_| out.to_owned());
         let within = std::env::current_dir().and_then(fs::canonicalize).is_ok_and(|here| here.starts_with(&place));
         let Some(name) = place.file_name().filter(|_| !within) else {
@@ -65,11 +65,11 @@ impl Output {
         &self.name
     }
 
-    /// Puts the recording into its place. An older one goes file by file, so that nothing else goes with it.
+    /// Moves the recording to its place. An older one is removed file by file, so that nothing else is removed with it.
     pub fn finish(self) -> Result<(), SimulateError> {
         let Self { part, place, name, force, unfinished } = self;
         unfinished.finish(|| {
-            // Again: it may have changed while the frames were made.
+            // Checked again: it may have changed while the frames were made.
             check(&place, &place, force)?;
             if !place.exists() {
                 fs::rename(part.path(), &place).map_err(writing(&place))?;
@@ -81,7 +81,7 @@ impl Output {
             let moved = fs::rename(&place, &old)
                 .and_then(|()| fs::rename(part.path(), &place).inspect_err(|_| _ = fs::rename(&old, &place)));
             let removed = moved.map_err(writing(&place)).and_then(|()| remove(&old).map_err(writing(&old)));
-            // Stays where something is left in it.
+            // Stays if anything is left in it.
             let _ = fs::remove_dir(&around);
             removed
         })
@@ -95,7 +95,7 @@ fn hidden(parent: &Path, name: &str, what: &str) -> io::Result<TempDir> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // As any folder: what the umask leaves of it.
+        // Like any folder: subject to the umask.
         builder.permissions(fs::Permissions::from_mode(0o777));
     }
     builder.tempdir_in(parent)
@@ -106,7 +106,7 @@ pub fn writing(path: &Path) -> impl FnOnce(io::Error) -> SimulateError {
     move |source| SimulateError::Write { path, source }
 }
 
-/// That a recording may appear at a place; `shown` is what the user calls it.
+/// Checks that a recording may appear at a place; `shown` is the user's name for it.
 fn check(place: &Path, shown: &Path, force: bool) -> Result<(), SimulateError> {
     if fs::symlink_metadata(place).is_err() {
         return Ok(());
@@ -134,7 +134,7 @@ fn entries(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     Ok(entries)
 }
 
-/// What of a folder has the name and kind of something that is written here, and what has not.
+/// The entries of a folder with the name and kind of something written here, and the others.
 fn contents(folder: &Path) -> io::Result<(Vec<PathBuf>, Vec<PathBuf>)> {
     let (mut ours, mut foreign) = (Vec::new(), Vec::new());
     for entry in entries(folder)? {
@@ -160,7 +160,7 @@ fn is_numbered_picture(name: &std::ffi::OsStr) -> bool {
     })
 }
 
-/// Removes a recording, and nothing that somebody put into it meanwhile.
+/// Removes a recording, but nothing that was added to it meanwhile.
 fn remove(folder: &Path) -> io::Result<()> {
     contents(folder)?.0.iter().try_for_each(fs::remove_file)?;
     for own in FOLDERS.map(|own| folder.join(own)) {

@@ -10,26 +10,26 @@ use crate::tracking::{NotAscending, PoseTrack};
 
 use super::{Motion, Options};
 
-/// Interval of the written poses, seconds. Between them the camera moves as
-/// [`Pose::interpolate`] says, so that the written track is the exact truth.
+/// Interval of the written poses, seconds. Between them the camera moves as in [`Pose::interpolate`], so that the
+/// written track is the exact truth.
 pub const INTERVAL_S: f64 = 0.005;
-/// How long the track goes on before the first and after the last frame, seconds.
+/// How long the track extends before the first and after the last frame, seconds.
 const MARGIN_S: f64 = 0.1;
-/// When the first frame is taken, seconds.
+/// Time of the first frame, seconds.
 pub const START_S: f64 = 1.0;
 
-/// Turn of the motion `pan` around the vertical at speed 1, radians per second.
+/// Angular speed of the motion `pan` about the vertical at speed 1, radians per second.
 pub const PAN_RAD_PER_S: f64 = 1.0;
-/// Sideways way of the motion `dolly` at speed 1, metres per second.
+/// Speed of the motion `dolly` at speed 1, metres per second.
 pub const DOLLY_M_PER_S: f64 = 0.6;
 
-/// The middle of the middle row's exposure of a frame, seconds, in whole microseconds.
+/// The middle of the middle row's exposure of a frame, in seconds, rounded to microseconds.
 pub fn timestamp_s(options: &Options, frame: usize) -> f64 {
     ((START_S + frame as f64 / options.fps) * 1e6).round() / 1e6
 }
 
-/// The camera's poses at [`INTERVAL_S`], from before the first row of the first frame to after
-/// the last of the last.
+/// The camera's poses every [`INTERVAL_S`], from before the first row of the first frame to after the last row of the
+/// last.
 pub fn track(options: &Options) -> Result<PoseTrack, NotAscending> {
     let shutter_s = 0.5 * (options.readout_time_s + options.exposure_time_s);
     let before = ((MARGIN_S + shutter_s) / INTERVAL_S).ceil();
@@ -37,7 +37,7 @@ pub fn track(options: &Options) -> Result<PoseTrack, NotAscending> {
     let steps = (2.0 * before + (duration_s / INTERVAL_S).ceil()) as usize;
     let pose = |i: usize| {
         let steps = i as f64 - before;
-        // Whole milliseconds, without what repeated addition would leave.
+        // Rounded to microseconds, without the error of repeated addition.
         let time_s = ((START_S + steps * INTERVAL_S) * 1e6).round() / 1e6;
         (time_s, pose(options, time_s - START_S, duration_s))
     };
@@ -50,7 +50,7 @@ fn ease(from: f64, to: f64, x: f64) -> f64 {
     t * t * t * (t * (6.0 * t - 15.0) + 10.0)
 }
 
-/// A hand's tremor: frequencies that share no period, strength falling with frequency.
+/// A hand's tremor: frequencies without a common period, weaker at higher frequencies.
 fn tremor(time_s: f64, phase: f64) -> f64 {
     [(1.1, 1.0), (2.3, 0.6), (4.1, 0.32), (7.3, 0.16), (9.7, 0.08)]
         .iter()
@@ -58,28 +58,28 @@ fn tremor(time_s: f64, phase: f64) -> f64 {
         .sum()
 }
 
-/// A camera that stands around the origin: azimuth and distance over the ground, height.
+/// A camera position around the origin: azimuth and distance on the ground, and height.
 fn standing(azimuth_deg: f64, distance_m: f64, height_m: f64) -> DVec3 {
     let (s, c) = azimuth_deg.to_radians().sin_cos();
     DVec3::new(distance_m * c, distance_m * s, height_m)
 }
 
-/// What the camera looks at: just beyond the place of the evidence.
+/// The point that the camera looks at: just beyond the evidence.
 const TARGET_M: DVec3 = DVec3::new(-0.03, 0.08, 0.06);
 
 fn looking(eye: DVec3, target: DVec3) -> Pose {
-    // The eye stands aside of the target in every motion, so there is always a view.
+    // In every motion the eye is to the side of the target, so there is always a view.
     Pose::look_at(eye, target, DVec3::Z).unwrap_or(Pose::IDENTITY)
 }
 
-/// `pose` turned in the camera's own axes: right, down and clockwise, radians.
+/// `pose` rotated in the camera's own axes: right, down and clockwise, radians.
 fn turned(pose: Pose, right: f64, down: f64, roll: f64) -> Pose {
     let turn = DQuat::from_rotation_y(right) * DQuat::from_rotation_x(-down) * DQuat::from_rotation_z(roll);
     Pose::from_camera_in_world(pose.position_in_world_m(), pose.world_from_camera_rotation() * turn)
 }
 
-/// The pose `time_s` after the first frame of a recording that is `duration_s` long. A camera that sees all around is held
-/// upright.
+/// The pose `time_s` after the first frame of a recording that is `duration_s` long. A camera that sees all around is
+/// held upright.
 fn pose(options: &Options, time_s: f64, duration_s: f64) -> Pose {
     let pose = aimed(options, time_s, duration_s);
     if options.lens == LensModel::Equirectangular {
@@ -95,7 +95,7 @@ fn aimed(options: &Options, time_s: f64, duration_s: f64) -> Pose {
         Motion::Static => rest,
         Motion::Pan => {
             let angle = PAN_RAD_PER_S * options.speed * (time_s - 0.5 * duration_s);
-            // Around the world's vertical, positive to the right.
+            // About the world's vertical, positive to the right.
             let turn = DQuat::from_rotation_z(-angle) * rest.world_from_camera_rotation();
             Pose::from_camera_in_world(rest.position_in_world_m(), turn)
         }
@@ -110,7 +110,7 @@ fn aimed(options: &Options, time_s: f64, duration_s: f64) -> Pose {
             let eye = standing(-104.0 + 66.0 * walk, 1.2 - 0.1 * walk, 1.4 - 0.2 * walk);
             let strength = options.speed;
             let bob = DVec3::new(tremor(time_s, 3.0), tremor(time_s, 4.0), tremor(time_s, 5.0)) * 0.004 * strength;
-            // Looking aside and whipping back, then again by half: the fast turns that blur.
+            // Looking aside and whipping back, then half of that again: the fast turns that cause blur.
             let whip =
                 0.13 * ease(0.05, 0.3, progress) - 0.26 * ease(0.36, 0.51, progress) + 0.13 * ease(0.6, 0.9, progress);
             turned(

@@ -1,4 +1,4 @@
-//! Random numbers by counting: the same keys give the same numbers, in any order, on any thread.
+//! Counter-based random numbers: the same keys give the same numbers, in any order, on any thread.
 
 /// The finaliser of SplitMix64 (Steele, Lea, Flood 2014): a bijection that mixes all 64 bits.
 pub fn mix(mut z: u64) -> u64 {
@@ -7,7 +7,7 @@ pub fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// SplitMix64 started from a few keys, such as seed, frame and pixel.
+/// SplitMix64 seeded from a few keys, such as seed, frame and pixel.
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 

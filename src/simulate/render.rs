@@ -1,4 +1,4 @@
-//! From the site to linear light: rays through the lens, over the shutter, in every pixel.
+//! From the site to linear light: in every pixel, rays through the lens over the shutter.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -10,16 +10,16 @@ use super::random::Random;
 use super::site::Site;
 use crate::rows::over_rows;
 
-/// A picture before sensor and file: linear light (1 is camera white, brighter not clipped) and
-/// the depth (z in the camera's axes, metres) at the pixels' middles in the middle of each
-/// row's exposure; both row by row, 0 where nothing is.
+/// A picture before sensor and file: linear light (1 is camera white, brighter not clipped), and depth (z in the
+/// camera's axes, metres; in a 360° picture the distance) at pixel centres in the middle of each row's exposure. Both
+/// are row by row, 0 where there is nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     pub width: u32,
     pub height: u32,
     pub light: Vec<[f32; 3]>,
     pub depth_m: Vec<f32>,
-    /// The longest way that anything takes across the picture during one row's exposure, px.
+    /// The longest path of anything across the picture during one row's exposure, px.
     pub most_blur_px: f64,
 }
 
@@ -29,26 +29,26 @@ pub struct Snapshot {
     /// The middle of the middle row's exposure, seconds.
     pub timestamp_s: f64,
     pub exposure_time_s: f64,
-    /// Light samples in a pixel; a pixel that moves takes two for each pixel of its way if that
-    /// is more.
+    /// Light samples per pixel. A moving pixel takes two for each pixel of its path, if that is more.
     pub samples: u32,
-    /// 0 for a pinhole; else the thin lens: what lies at the focus distance is seen at the same place through all of it.
+    /// 0 for a pinhole; otherwise a thin lens, through all of which a point at the focus distance is seen at the same
+    /// place.
     pub aperture_diameter_m: f64,
     pub focus_distance_m: f64,
     pub seed: u64,
-    /// Keys the samples' places, with the seed.
+    /// A key of the sample positions, together with the seed.
     pub frame: u64,
 }
 
-/// Steps by it fill a circle evenly, whatever their count.
+/// Multiples of it (modulo 1) fill an interval evenly, whatever their number.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// Most samples that a moving pixel takes.
+/// The most samples of a moving pixel.
 const MOST_SAMPLES: f64 = 4096.0;
-/// Poses are looked up at this interval and go on in straight lines between, seconds.
+/// Poses are evaluated at this interval and interpolated linearly between, seconds.
 const STEP_S: f64 = 0.000_25;
 
-/// The rays through the corners of all pixels: at z = 1, or of unit length where a lens sees sideways and back; 0 where a
-/// fisheye sees nothing. Inside a pixel rays are interpolated, which errs by less than 0.001 px for a lens that bends a
+/// The rays through the corners of all pixels: at z = 1, or of unit length if the lens sees sideways and back; 0 where
+/// a fisheye sees nothing. Inside a pixel rays are interpolated. The error is below 0.001 px for a lens that bends a
 /// line by 0.6 px per 100 px.
 #[derive(Clone, Debug)]
 pub struct Lens {
@@ -57,7 +57,7 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// `Err` where the distortion has no inverse in the picture.
+    /// Fails if the distortion has no inverse in the picture.
     pub fn new(geometry: Geometry) -> Result<Self, SimulateError> {
         let (w, h) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         let mut corners = Vec::with_capacity((w as usize + 1) * (h as usize + 1));
@@ -73,13 +73,14 @@ impl Lens {
         Ok(Self { geometry, corners })
     }
 
-    /// Whether a pixel lies within what the lens sees.
+    /// Whether a pixel lies entirely within what the lens sees.
     fn sees(&self, x: usize, y: usize) -> bool {
         let stride = self.geometry.intrinsics.width_px as usize + 1;
         [0, 1, stride, stride + 1].iter().all(|corner| self.corners[y * stride + x + corner] != DVec3::ZERO)
     }
 
-    /// How much of a ray's length is depth: all of it in a 360° picture, else along the axis; 0 where that is none.
+    /// The depth per unit of a ray's parameter: the length in a 360° picture, otherwise the part along the axis, at
+    /// least 0.
     fn depth_share(&self, ray: DVec3) -> f64 {
         match self.geometry.distortion.model {
             LensModel::Opencv => 1.0,
@@ -96,7 +97,7 @@ impl Lens {
     }
 }
 
-/// The camera's place and axes at fixed intervals over one frame.
+/// The camera's position and axes at fixed intervals over one frame.
 struct Shutter {
     start_s: f64,
     /// Position in the world and `world_from_camera`.
@@ -118,15 +119,15 @@ impl Shutter {
         (at as usize, at.fract())
     }
 
-    /// Origin and direction in the world of a ray of the camera at a time.
+    /// Origin and direction in the world of a camera ray at a time.
     fn ray(&self, time_s: f64, ray: DVec3) -> (DVec3, DVec3) {
         let (i, f) = self.between(time_s);
         let ((p0, m0), (p1, m1)) = (self.stations[i], self.stations[i + 1]);
         (p0.lerp(p1, f), (m0 * ray).lerp(m1 * ray, f))
     }
 
-    /// The same through a point of the opening, metres from its middle along the camera's axes. z along the ray stays
-    /// that of the camera.
+    /// The same through a point of the opening, metres from its middle along the camera's axes. The ray's z in the
+    /// camera's axes is unchanged.
     fn ray_through(&self, time_s: f64, ray: DVec3, point_m: DVec2, focus_distance_m: f64) -> (DVec3, DVec3) {
         let (i, f) = self.between(time_s);
         let ((p0, m0), (p1, m1)) = (self.stations[i], self.stations[i + 1]);
@@ -150,7 +151,7 @@ struct Pixel {
     blur_px: f64,
 }
 
-/// Takes a picture. The same snapshot gives the same numbers on any count of threads.
+/// Takes a picture. The same snapshot gives the same numbers with any number of threads.
 pub fn shoot(site: &Site, lens: &Lens, track: &PoseTrack, snapshot: &Snapshot, threads: usize) -> Picture {
     let g = &lens.geometry;
     let (w, h) = (g.intrinsics.width_px, g.intrinsics.height_px);
@@ -175,7 +176,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
     if !lens.sees(x, y) {
         return Pixel::default();
     }
-    // A row is read as a whole, at the time of its middle.
+    // A row is read as a whole, at the time of its centre.
     let middle_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
     let centre = lens.ray(x, y, DVec2::splat(0.5));
     let (origin, direction) = shutter.ray(middle_s, centre);
@@ -189,9 +190,9 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
         }
     });
 
-    // Samples in (x, y, time): time in strata, x and y by Roberts' R2 sequence (the generalised
-    // golden ratio, 1.3247…), which with the strata fills all three evenly; turned at random in
-    // every pixel. Places on the opening: the radius by the golden ratio, the angle at random.
+    // Samples in (x, y, time): time is stratified; x and y follow Roberts' R2 sequence (the generalised golden ratio,
+    // 1.3247…), which together with the strata fills all three evenly, shifted at random in every pixel. Places on the
+    // opening: the radius by the golden ratio, the angle at random.
     let count = f64::from(snapshot.samples.max(1)).max((2.0 * blur_px).ceil().min(MOST_SAMPLES));
     let mut random = Random::new([snapshot.seed, snapshot.frame, x as u64, y as u64]);
     let shift = DVec2::new(random.uniform(), random.uniform());
@@ -202,7 +203,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
         let when = (i + random.uniform()) / count - 0.5;
         let (time_s, ray) = (middle_s + when * snapshot.exposure_time_s, lens.ray(x, y, inside));
         let (origin, direction) = if snapshot.aperture_diameter_m > 0.0 {
-            // Even on the disc: area grows with the radius squared.
+            // Uniform on the disc: area grows with the radius squared.
             let turn = std::f64::consts::TAU * random.uniform();
             let radius_m = 0.5 * snapshot.aperture_diameter_m * (GOLDEN * i + shift.x).fract().sqrt();
             shutter.ray_through(time_s, ray, radius_m * DVec2::from_angle(turn), snapshot.focus_distance_m)

@@ -1,10 +1,10 @@
-//! From linear light to whole code values: response, noise, rounding.
+//! From linear light to integer code values: response, noise, rounding.
 //!
-//! σ is defined where cameras show it, in code values after the response: a table of sixteen
-//! bins for each channel with its hump in the mid-tones. The noise is Gaussian; channels share
-//! a part of it, and a small kernel spreads it over neighbours without changing its variance.
-//! The table's σ is that of the whole codes and holds the rounding's own 1/12; a profile's is before rounding, as a
-//! calibration finds it. Near black and white clipping takes some away.
+//! σ is defined where cameras show it, in code values after the response: a table of sixteen bins for each channel,
+//! with its maximum in the mid-tones. The noise is Gaussian. Channels share part of it, and a small kernel spreads it
+//! over neighbours without changing its variance. The table's σ is that of integer codes and includes the rounding's
+//! own variance of 1/12; a profile's σ is before rounding, as a calibration finds it. Near black and white, clipping
+//! removes some noise.
 
 use crate::camera::{NoiseBin, NoiseProfile, Response};
 
@@ -12,18 +12,18 @@ use super::random::Random;
 use super::render::Picture;
 use crate::rows::over_rows;
 
-/// σ of the green channel's whole codes at 8, 24, … 248 for a noise scale of 1.
+/// σ of the green channel's integer codes at 8, 24, … 248 for a noise scale of 1.
 const SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];
-/// The channels' σ over green's.
+/// The channels' σ relative to green's.
 const CHANNEL: [f64; 3] = [1.1, 1.0, 1.25];
-/// Variance of rounding to whole code values (Sheppard 1898).
+/// Variance of rounding to integer code values (Sheppard 1898).
 pub(super) const ROUNDING: f64 = 1.0 / 12.0;
 
 /// A sensor with known noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     pub response: Response,
-    /// Factor on the table of σ; 0 is a sensor without noise.
+    /// Factor on the table of σ; 0 is a noise-free sensor.
     pub noise_scale: f64,
     /// Share of the noise's variance that R, G and B have in common: their correlation.
     pub channel_correlation: f64,
@@ -33,12 +33,12 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// The middle of a bin on the 8-bit scale.
+    /// The centre of a bin on the 8-bit scale.
     fn bin_code(bin: usize) -> f64 {
         16.0 * bin as f64 + 8.0
     }
 
-    /// σ of whole codes, rounding included: linear between the bins' middles, constant beyond.
+    /// σ of integer codes, including rounding: linear between the bins' centres, constant beyond.
     pub fn rounded_sigma(&self, channel: usize, code: f64) -> f64 {
         let at = ((code - 8.0) / 16.0).clamp(0.0, 15.0);
         let (low, high) = (at as usize, (at as usize + 1).min(15));
@@ -64,8 +64,8 @@ impl Sensor {
         }
     }
 
-    /// The noise-free picture in code values, not rounded; three a pixel. `gain`: factor on the light. Beyond white the
-    /// curve goes on straight, for it is the noisy value that clips: saturated pixels are quiet.
+    /// The noise-free picture in code values, not rounded; three per pixel. `gain`: factor on the light. Beyond white
+    /// the curve continues straight, because it is the noisy value that clips: saturated pixels are quiet.
     pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
         let steepness = self.response.slope_at_code(1.0);
         let encode = |light: &f32| {
@@ -75,8 +75,8 @@ impl Sensor {
         picture.light.iter().flatten().map(encode).collect()
     }
 
-    /// Adds the noise of one frame to noise-free code values (three a pixel, `width` pixels a
-    /// row) and rounds. A frame's noise hangs on seed and frame alone.
+    /// Adds the noise of one frame to noise-free code values (three per pixel, `width` pixels per row) and rounds. A
+    /// frame's noise depends only on seed and frame.
     pub fn sense(&self, clean: &[f32], width: usize, frame: u64, threads: usize) -> Vec<u8> {
         let mut codes = vec![0; clean.len()];
         over_rows(&mut codes, 3 * width, threads, |y, row| {
@@ -90,7 +90,7 @@ impl Sensor {
         codes
     }
 
-    /// One row of noise with variance 1, three a pixel.
+    /// One row of noise with variance 1, three per pixel.
     fn noise_row(&self, width: usize, y: u64, frame: u64) -> Vec<f64> {
         let [side, middle, _] = kernel(self.neighbour_correlation);
         let mut row = vec![0.0; 3 * width];
@@ -114,8 +114,8 @@ impl Sensor {
     }
 }
 
-/// The kernel [a, b, a] with 2a² + b² = 1 (the variance is kept) and 2ab = ρ (neighbours
-/// correlate so): 2a⁴ − a² + ρ²/4 = 0.
+/// The kernel [a, b, a] with 2a² + b² = 1 (keeps the variance) and 2ab = ρ (the neighbours' correlation):
+/// 2a⁴ − a² + ρ²/4 = 0.
 fn kernel(rho: f64) -> [f64; 3] {
     let a2 = (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / 4.0;
     let (a, b) = (a2.sqrt(), (1.0 - 2.0 * a2).sqrt());
@@ -145,8 +145,8 @@ mod tests {
         }
     }
 
-    /// 320×240 of one code, 4 frames: 307,200 values correlated by 0.5 both ways, worth some
-    /// 100,000 independent ones; their σ is known to 1/√200,000 = 0.22 %, a correlation to 0.003.
+    /// 320×240 of one code, 4 frames: 307,200 values correlated by 0.5 in both directions, worth some 100,000
+    /// independent ones. Their σ is known to 1/√200,000 = 0.22 %, a correlation to 0.003.
     #[test]
     fn noise_is_what_the_table_says() {
         let sensor = sensor();

@@ -1,13 +1,13 @@
-//! What a ray can hit: the room, blocks, a tub, balls, flat panels.
+//! Shapes that a ray can hit: the room, blocks, a tub, balls, flat panels.
 //!
-//! Every shape has faces, and every face a chart (u, v) in [0, 1]²: [`Shape::hit`] says where
-//! on the chart a ray lands, [`Shape::point`] takes the chart back to the world.
+//! Every shape has faces, and every face a chart (u, v) in [0, 1]². [`Shape::hit`] gives the place on the chart where a
+//! ray lands; [`Shape::point`] takes the chart back to the world.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-/// Nearer hits are the surface that the ray starts from. Metres (for rays of length near 1).
+/// Nearer hits are on the surface that the ray starts from. Metres (for rays of length near 1).
 const NEAREST: f64 = 1e-6;
 
 /// A shape in the world, metres.
@@ -18,13 +18,13 @@ pub enum Shape {
         min: DVec3,
         max: DVec3,
     },
-    /// Turned by `yaw_rad` around its vertical axis. Faces as the room's.
+    /// Turned by `yaw_rad` about its vertical axis. Faces as for the room.
     Block {
         centre: DVec3,
         half: DVec3,
         yaw_rad: f64,
     },
-    /// An upright cone frustum without lid, of thin wall: outside, inside, bottom.
+    /// An upright cone frustum without lid, with a thin wall: outside, inside, bottom.
     Tub {
         base: DVec3,
         bottom_radius: f64,
@@ -35,7 +35,7 @@ pub enum Shape {
         centre: DVec3,
         radius: f64,
     },
-    /// A parallelogram, seen from both sides: corner and the two edges that leave it.
+    /// A parallelogram, seen from both sides: a corner and the two edges from it.
     Panel {
         corner: DVec3,
         u: DVec3,
@@ -49,11 +49,11 @@ pub struct Hit {
     pub t: f64,
     pub face: usize,
     pub uv: DVec2,
-    /// Unit length, towards the side that the ray came from.
+    /// Unit length, towards the side from which the ray came.
     pub normal: DVec3,
 }
 
-/// The two axes that span a face across `axis`.
+/// The two axes that span a face perpendicular to `axis`.
 fn chart_axes(axis: usize) -> (usize, usize) {
     [(1, 2), (0, 2), (0, 1)][axis]
 }
@@ -62,13 +62,13 @@ fn axis_vector(axis: usize, sign: f64) -> DVec3 {
     DVec3::from_array([0, 1, 2].map(|a| if a == axis { sign } else { 0.0 }))
 }
 
-/// From the world's to the block's axes: by −yaw around z.
+/// From the world's to the block's axes: rotates by −yaw about z.
 fn turned(p: DVec3, yaw_rad: f64) -> DVec3 {
     let (s, c) = yaw_rad.sin_cos();
     DVec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z)
 }
 
-/// Where a ray enters and leaves a box that is aligned with the axes: (t, face) each.
+/// Where a ray enters and leaves an axis-aligned box: (t, face) each.
 fn slabs(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<[(f64, usize); 2]> {
     let (mut enter, mut leave) = ((f64::NEG_INFINITY, 0), (f64::INFINITY, 0));
     for axis in 0..3 {
@@ -127,8 +127,7 @@ impl Shape {
         }
     }
 
-    /// The point and the outward unit normal (the room's and the tub's inside: inward) at a
-    /// place of a face's chart.
+    /// The point and the outward unit normal (inward for the room and the tub's inside) at a place of a face's chart.
     pub fn point(&self, face: usize, uv: DVec2) -> (DVec3, DVec3) {
         let on_box = |min: DVec3, max: DVec3| {
             let axis = (face / 2).min(2);
@@ -166,7 +165,7 @@ impl Shape {
         }
     }
 
-    /// A ball around the shape, to pass it by quickly.
+    /// A ball around the shape, to rule it out quickly.
     pub fn bounds(&self) -> (DVec3, f64) {
         match *self {
             Self::Room { min, max } => (0.5 * (min + max), 0.5 * (max - min).length()),
@@ -179,7 +178,7 @@ impl Shape {
         }
     }
 
-    /// The nearest place where a ray lands; from inside a block the place where it leaves.
+    /// The nearest place where a ray lands. From inside a block, the place where it leaves.
     pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
         match *self {
             Self::Room { min, max } => box_hit(origin, direction, min, max),
@@ -216,7 +215,7 @@ impl Shape {
     }
 }
 
-/// A frustum on the origin: x² + y² = (radius + slope·z)² for 0 ≤ z ≤ height, and its bottom.
+/// A frustum at the origin: x² + y² = (radius + slope·z)² for 0 ≤ z ≤ height, and its bottom.
 fn tub_hit(o: DVec3, d: DVec3, radius: f64, slope: f64, height: f64) -> Option<Hit> {
     let (r, dr) = (radius + slope * o.z, slope * d.z);
     let a = d.x * d.x + d.y * d.y - dr * dr;
@@ -257,7 +256,7 @@ mod tests {
     }
 
     proptest! {
-        /// A ray that lands somewhere lands where the face's chart says, before a normal that faces it.
+        /// A ray lands where the face's chart says, on a surface whose normal faces the ray's origin.
         #[test]
         fn chart_and_ray_agree(
             (x, y, z) in (-1.9f64..1.9, 0.8f64..2.9, -0.9f64..1.9),

@@ -1,8 +1,8 @@
 //! The site: what stands where, how the lamp lights it, and what light comes along a ray.
 //!
-//! Everything is matt but for a soft mirror image of the lamp, so the light that leaves a
-//! surface is worked out once, on a chart per face, and a ray only looks it up. Light: the lamp
-//! in the ceiling with its soft shadows, and one bounce gathered over the hemisphere.
+//! Everything is matt except for a soft mirror image of the lamp. So the light that leaves a surface is computed once,
+//! on a chart per face, and a ray only looks it up. Light: the lamp in the ceiling with its soft shadows, and one
+//! bounce gathered over the hemisphere.
 
 use glam::{DVec2, DVec3};
 
@@ -10,26 +10,26 @@ use super::finish::{Finish, gloss, surface};
 use super::shapes::{Hit, Shape};
 use crate::rows::over_rows;
 
-/// The lamp: a rectangle in the ceiling that shines downwards.
+/// The lamp: a rectangle in the ceiling, shining downwards.
 pub mod lamp {
     use glam::DVec3;
-    /// Its middle in the world, metres.
+    /// Its centre in the world, metres.
     pub const CENTRE_M: DVec3 = DVec3::new(-0.3, 0.4, 2.49);
-    /// Half of its extent along x and y, metres.
+    /// Half its extent along x and y, metres.
     pub const HALF_M: [f64; 2] = [0.3, 0.15];
-    /// Radiance, linear; 1 is what a fully lit white matt surface shows at camera white.
+    /// Radiance, linear; 1 is a fully lit white matt surface at camera white.
     pub const RADIANCE: DVec3 = DVec3::new(88.0, 83.0, 74.0);
 }
 
-/// Light besides lamp and bounce, from everywhere.
+/// Light in addition to the lamp in what bounces, from everywhere.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
 
-/// A grid over a face's chart, sampled linearly between the middles of its cells.
+/// A grid over a face's chart, interpolated linearly between cell centres.
 #[derive(Clone, Debug)]
 pub struct Chart {
     width: usize,
     height: usize,
-    /// Linear R, G, B and the gloss there.
+    /// Linear R, G, B and gloss.
     cells: Vec<[f32; 4]>,
 }
 
@@ -48,7 +48,7 @@ impl Chart {
         Self { width, height, cells }
     }
 
-    /// At `uv` in [0, 1]²; constant from the outermost cells' middles outwards.
+    /// At `uv` in [0, 1]²; constant outside the outermost cells' centres.
     pub fn at(&self, uv: DVec2) -> [f32; 4] {
         let x = (uv.x * self.width as f64 - 0.5).clamp(0.0, (self.width - 1) as f64);
         let y = (uv.y * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);
@@ -66,14 +66,14 @@ impl Chart {
 struct Thing {
     shape: Shape,
     bounds: (DVec3, f64),
-    /// `None` for what shines by itself and lights nothing else.
+    /// `None` for something self-luminous that lights nothing else.
     finish: Option<Finish>,
-    /// Of each face.
+    /// One per face.
     mean_albedo: Vec<DVec3>,
     light: Vec<Chart>,
 }
 
-/// How finely the light is worked out.
+/// How finely the light is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detail {
     /// Cell of the texture charts, metres.
@@ -83,7 +83,7 @@ pub struct Detail {
 }
 
 impl Detail {
-    /// As fine as a pixel sees from one metre away.
+    /// About the size of a pixel at a distance of one metre.
     pub fn for_focal_px(focal_px: f64) -> Self {
         let texture_m = (1.04 / focal_px).clamp(0.001, 0.05);
         Self { texture_m, light_m: 6.25 * texture_m }
@@ -96,8 +96,8 @@ pub struct Site {
     things: Vec<Thing>,
 }
 
-/// What stands in the room: world axes, z up, metres; the floor within 0.5 m of the origin is
-/// free, but for the stool's legs from 0.38 m on.
+/// The contents of the room: world axes, z up, metres. The floor within 0.5 m of the origin is free, except for the
+/// stool's legs from 0.38 m on.
 fn inventory() -> Vec<(Shape, Finish)> {
     let v = DVec3::new;
     let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
@@ -130,8 +130,8 @@ fn inventory() -> Vec<(Shape, Finish)> {
 }
 
 impl Site {
-    /// Sets the site up and works out its light. `board`: a flat panel that shines by itself,
-    /// with the light on its chart; it lights and shades nothing.
+    /// Sets up the site and computes its light. `board`: a self-luminous flat panel, with the light on its chart. It
+    /// neither lights nor shades anything.
     pub fn new(detail: Detail, board: Option<(Shape, Chart)>, threads: usize) -> Self {
         let things = inventory().into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
         let mut site = Self { things: things.collect() };
@@ -139,7 +139,7 @@ impl Site {
         for (thing, light) in site.things.iter_mut().zip(light) {
             thing.light = light;
         }
-        // Last, so that it takes no light from the site.
+        // Added last, so that it takes no light from the site.
         site.things.extend(board.map(|(shape, chart)| Thing::new(shape, None, vec![chart])));
         site
     }
@@ -150,7 +150,7 @@ impl Site {
         let cells = |length: f64, cell: f64| ((length / cell).ceil() as usize).clamp(4, 8192);
         let chart = |face| {
             let size = thing.shape.face_size_m(face);
-            // Walls and ceiling that no camera path sees need not be fine.
+            // Walls and ceiling that no camera path sees can be coarse.
             let coarse = if finish == Finish::Room && matches!(face, 1 | 2 | 5) { 8.0 } else { 1.0 };
             let arriving = Chart::filled(
                 cells(size.x, detail.light_m * coarse),
@@ -168,8 +168,8 @@ impl Site {
         (0..thing.shape.faces()).map(chart).collect()
     }
 
-    /// Light that arrives at a surface, as what a white matt surface would show there, and the
-    /// share of the lamp that it sees.
+    /// Light arriving at a surface, as the radiance of a white matt surface there, and the share of the lamp that is
+    /// visible from it.
     fn arriving(&self, thing: &Thing, face: usize, uv: DVec2) -> [f32; 4] {
         const SIDE: usize = 8;
         const BOUNCES: usize = 64;
@@ -187,7 +187,7 @@ impl Site {
                 seen += 1.0 / (SIDE * SIDE) as f64;
             }
         }
-        // Cosine-weighted directions on a fixed spiral: smooth from cell to cell.
+        // Cosine-weighted directions on a fixed spiral, so that the result is smooth from cell to cell.
         let tangent = n.any_orthonormal_vector();
         let bitangent = n.cross(tangent);
         let mut bounced = DVec3::ZERO;
@@ -223,13 +223,13 @@ impl Site {
         best
     }
 
-    /// Whether something that is no lamp of its own stands between `origin` and `origin + to`.
+    /// Whether anything stands between `origin` and `origin + to`.
     fn blocked(&self, origin: DVec3, to: DVec3) -> bool {
         self.nearest(origin, to).is_some_and(|(_, hit)| hit.t < 1.0)
     }
 
-    /// The linear light (1 is camera white) that comes along a ray, and how far along (in
-    /// lengths of `direction`) it starts; `None` outside the room.
+    /// The linear light (1 is camera white) that comes along a ray, and its distance (in lengths of `direction`);
+    /// `None` outside the room.
     pub fn light(&self, origin: DVec3, direction: DVec3) -> Option<([f32; 3], f64)> {
         let (thing, hit) = self.nearest(origin, direction)?;
         let [r, g, b, visible] = thing.light.get(hit.face)?.at(hit.uv);
@@ -244,8 +244,8 @@ impl Site {
         Some((light, hit.t))
     }
 
-    /// What lights a thing that stands in the room: the light along a ray without mirror image,
-    /// the lamp itself where the ray meets it, and black for the board, which lights nothing.
+    /// The light on an object in the room: the light along a ray without the mirror image, the lamp itself if the ray
+    /// meets it, and black for the board, which lights nothing.
     pub fn surroundings(&self, origin: DVec3, direction: DVec3) -> DVec3 {
         let up = (lamp::CENTRE_M.z - origin.z) / direction.z;
         let at = origin + direction * up - lamp::CENTRE_M;
@@ -262,16 +262,16 @@ impl Site {
     }
 }
 
-/// What a white matt surface with normal `n` shows of a lamp of radiance 1 that stands at `to`:
-/// ∫ cos θ cos θ' / (π r²) dA, the integrand at the lamp's middle times its area.
+/// The radiance of a white matt surface with normal `n` under a lamp of radiance 1 at `to`: ∫ cos θ cos θ' / (π r²) dA,
+/// approximated by the integrand at the lamp's centre times its area.
 fn lamp_share(to: DVec3, n: DVec3) -> f64 {
     let r2 = to.length_squared();
     let area = 4.0 * lamp::HALF_M[0] * lamp::HALF_M[1];
     (n.dot(to).max(0.0) * to.z.max(0.0)) / (std::f64::consts::PI * r2 * r2) * area
 }
 
-/// The lamp's blurred mirror image in a surface, as a share of its radiance. A look, not a
-/// measured reflection: Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
+/// The lamp's blurred mirror image in a surface, as a share of its radiance. For looks only, not a measured reflection:
+/// Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
 fn mirrored_lamp(finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
     let (head_on, width) = gloss(finish);
     let mirrored = direction - 2.0 * direction.dot(n) * n;
@@ -281,7 +281,7 @@ fn mirrored_lamp(finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
     let at = p + mirrored * ((lamp::CENTRE_M.z - p.z) / mirrored.z) - lamp::CENTRE_M;
     let beside = DVec2::new((at.x.abs() - lamp::HALF_M[0]).max(0.0), (at.y.abs() - lamp::HALF_M[1]).max(0.0));
     let fresnel = head_on + (1.0 - head_on) * (1.0 - direction.dot(n).abs()).powi(5);
-    // The wider the blur, the fainter: the lamp's area over the blurred image's.
+    // The wider the blur, the fainter: the ratio of the lamp's area to the blurred image's.
     let spread = (2.0 * lamp::HALF_M[0] / (2.0 * lamp::HALF_M[0] + 2.0 * width))
         * (2.0 * lamp::HALF_M[1] / (2.0 * lamp::HALF_M[1] + 2.0 * width));
     fresnel * spread * (-beside.length_squared() / (width * width)).exp()
@@ -299,7 +299,7 @@ impl Thing {
         Self { mean_albedo: (0..shape.faces()).map(mean).collect(), bounds: shape.bounds(), shape, finish, light }
     }
 
-    /// What a place sends on to others: its face's mean colour under the unshadowed lamp.
+    /// The light that a place sends on to others: its face's mean colour under the unshadowed lamp.
     fn rough_light(&self, hit: &Hit, p: DVec3) -> DVec3 {
         let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
         albedo * (lamp::RADIANCE * (0.8 * lamp_share(lamp::CENTRE_M - p, hit.normal)) + AMBIENT)

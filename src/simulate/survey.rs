@@ -1,4 +1,4 @@
-//! Noise that is known: what is left of it in a lossy file, and static scenes to calibrate by.
+//! Known noise: what is left of it in a lossy file, and static scenes to calibrate with.
 
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::Pixels;
@@ -6,18 +6,18 @@ use crate::pixels::Pixels;
 use super::sensor::ROUNDING;
 use super::{Motion, Options, SimulateError, Simulation};
 
-/// Frames of noise for measuring after a lossy file, and their keys: far from any recording's.
+/// Frames of noise that are measured after a lossy file, and their keys: far from any recording's.
 const TAKES: u64 = 12;
 const FIRST_KEY: u64 = 1 << 40;
-/// Fewer values than this give no σ of their own.
+/// Fewer values than this give no σ.
 const LEAST_VALUES: f64 = 2000.0;
 
-/// A static scene with noise, and the same without.
+/// A static scene with noise, and without.
 #[derive(Clone, Debug)]
 pub struct StaticScene {
     /// Factor on the light.
     pub gain: f64,
-    /// Noise-free code values, not rounded, three a pixel; above 255 where the light is too bright.
+    /// Noise-free code values, not rounded, three per pixel; above 255 where the light is too bright.
     pub clean: Vec<f32>,
     pub frames: Vec<Pixels>,
 }
@@ -25,13 +25,13 @@ pub struct StaticScene {
 /// Static scenes of one sensor and its exact noise.
 #[derive(Clone, Debug)]
 pub struct StaticScenes {
-    /// Before rounding and clipping.
+    /// Noise before rounding and clipping.
     pub noise: NoiseProfile,
     pub scenes: Vec<StaticScene>,
 }
 
-/// The site from a resting camera under several exposures (`gains`, factors on the light), with
-/// `frames` noisy frames of each. Motion, frames and format of `options` do not matter.
+/// The site from a camera at rest under several exposures (`gains`, factors on the light), with `frames` noisy frames
+/// of each. The motion, frames and format of `options` are ignored.
 pub fn static_scenes(options: &Options, gains: &[f64], frames: usize) -> Result<StaticScenes, SimulateError> {
     let options = Options { motion: Motion::Static, frames: 1, ..options.clone() };
     Ok(Simulation::new(&options)?.static_scenes(gains, frames))
@@ -54,7 +54,7 @@ impl Simulation {
     }
 }
 
-/// Sums for one pair of quantities that may move together.
+/// Sums for the correlation of two quantities.
 #[derive(Clone, Copy, Default)]
 struct Together {
     products: f64,
@@ -72,8 +72,8 @@ impl Together {
     }
 }
 
-/// The noise that is left in files: noise-free pictures (code values, three a pixel) with
-/// several frames' noise each go `through_file` and what comes back is measured.
+/// The noise that is left in files: noise-free pictures (code values, three per pixel) with several frames' noise each
+/// are passed `through_file`, and the result is measured.
 pub(super) fn noise_through_file<E>(
     simulation: &Simulation,
     pictures: &[Vec<f32>],
@@ -95,7 +95,7 @@ pub(super) fn noise_through_file<E>(
         for take in &takes {
             let off = |i: usize| value(take, i) - mean[i];
             for i in (0..clean.len()).step_by(3) {
-                // Clipped values are not quiet ones.
+                // Clipped values are not really quiet.
                 if (i..i + 3).any(|i| !(12.0..=243.0).contains(&mean[i])) {
                     continue;
                 }
@@ -130,7 +130,7 @@ pub(super) fn noise_through_file<E>(
     })
 }
 
-/// σ at the middles of the sixteen bins: linear between what was measured, constant beyond.
+/// σ at the centres of the sixteen bins: linear between the measured values, constant beyond.
 fn resampled(measured: &[NoiseBin]) -> Vec<NoiseBin> {
     let sigma = |code: f64| {
         let after = measured.partition_point(|bin| bin.code <= code);
@@ -148,8 +148,8 @@ mod tests {
     use super::super::site::Detail;
     use super::*;
 
-    /// A file that loses nothing must give the sensor's own table back: 3·12·30,000 values in
-    /// three pictures make a bin's σ sure to 1 %, a correlation to 0.01.
+    /// A lossless file must give back the sensor's own table: 3·12·30,000 values in three pictures determine a bin's σ
+    /// to 1 %, a correlation to 0.01.
     #[test]
     fn a_lossless_file_leaves_the_noise_as_it_was() {
         let options = Options { width_px: 320, height_px: 240, focal_px: 20.0, k1: 0.0, ..Options::default() };
@@ -163,7 +163,7 @@ mod tests {
                 assert!((relative - 1.0).abs() < 0.03, "{c} {bin:?} {relative}");
             }
         }
-        // Rounding is independent and takes up to 1/12 of 6 off.
+        // Rounding is independent and lowers a correlation by up to 1/12 over 6.
         for (found, told) in noise.channel_correlation.iter().zip([0.45; 3]) {
             assert!((found - told).abs() < 0.03, "{found}");
         }

@@ -1,4 +1,4 @@
-//! What the recording's folder holds: frames, depth, lists, profile, ground truth.
+//! The contents of the recording's folder: frames, depth, lists, profile, ground truth.
 
 use std::fs;
 use std::io::Cursor;
@@ -28,15 +28,15 @@ use super::site::lamp;
 use super::survey::noise_through_file;
 use super::{Format, Options, SimulateError, Simulation, board};
 
-/// Film speed that the profile states for a noise scale of 1.
+/// Film speed given in the profile for a noise scale of 1.
 const ISO: f64 = 400.0;
-/// Size of the panorama of the site's light, and where it is taken, metres.
+/// Size of the panorama of the site's light, and the position it is taken from, metres.
 const PANORAMA: (u32, u32) = (256, 128);
 const PANORAMA_AT_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
 
-/// Simulates a recording into the folder `out`, which appears when it is whole. A simulated recording that exists is
-/// replaced where `force` is set; another folder never is, unless it is empty. `progress` is told (frames done, of), first
-/// (0, of); where it says so, the work stops and nothing is left of it.
+/// Simulates a recording into the folder `out`, which appears once it is complete. An existing simulated recording is
+/// replaced if `force` is set; any other folder never is, unless it is empty. `progress` is called with (frames done,
+/// total), first with (0, total). If it breaks, the work stops and nothing is left of it.
 pub fn run(
     out: &Path,
     options: &Options,
@@ -80,7 +80,7 @@ fn fill(
         save(&depth_path, &depth_png(&picture, options.depth_scale).map_err(encoding(&depth_path))?)?;
         pictures.push((time_s, rgb_path));
         depths.push((time_s, depth_path));
-        // An instant gathers no light; the profile says that it is one.
+        // An instant gathers no light; the profile records that it is one.
         let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
         exposures.push((time_s, FrameExposure { time_s: exposure_s, gain: Some(1.0), ..FrameExposure::default() }));
         blur.push(picture.most_blur_px);
@@ -146,13 +146,13 @@ fn encoded(options: &Options, picture: &Picture, codes: &[u8]) -> Result<Vec<u8>
     Ok(file)
 }
 
-/// 16-bit depth, `scale` a metre; 0 for nothing and for what lies beyond 65535.
+/// 16-bit depth, `scale` per metre; 0 for nothing and beyond 65535.
 fn depth_png(picture: &Picture, scale: f64) -> Result<Vec<u8>, ImageError> {
     let value = |depth_m: &f32| {
         let value = (f64::from(*depth_m) * scale).round();
         if (0.0..=65535.0).contains(&value) { value as u16 } else { 0 }
     };
-    // The encoder takes 16-bit samples in the machine's own byte order.
+    // The encoder takes 16-bit samples in native byte order.
     let bytes: Vec<u8> = picture.depth_m.iter().flat_map(|d| value(d).to_ne_bytes()).collect();
     let mut file = Cursor::new(Vec::new());
     PngEncoder::new_with_quality(&mut file, CompressionType::Best, FilterType::Adaptive).write_image(
@@ -164,9 +164,9 @@ fn depth_png(picture: &Picture, scale: f64) -> Result<Vec<u8>, ImageError> {
     Ok(file.into_inner())
 }
 
-/// Micrometres, nanoseconds and the like: what lies below is noise of the sums that made it.
+/// Micrometres, nanoseconds and the like: anything below is rounding noise.
 fn rounded(value: f64, digits: usize) -> f64 {
-    // By its text, which is rounded right at every size.
+    // Via text, which rounds correctly at every magnitude.
     format!("{value:.digits$}").parse().unwrap_or(value)
 }
 
@@ -180,8 +180,8 @@ fn trajectory(simulation: &Simulation) -> String {
     write::trajectory(&simulation.track().poses().iter().map(line).collect::<Vec<_>>())
 }
 
-/// The site's light around the evidence as a Radiance file: equirectangular, row 0 looks up
-/// (+z), the middle column along +y, columns further right more along +x.
+/// The site's light around the evidence as a Radiance file: equirectangular, row 0 looks up (+z), the middle column
+/// along +y, columns to the right towards +x.
 fn panorama(simulation: &Simulation) -> Result<Vec<u8>, ImageError> {
     use std::f64::consts::{PI, TAU};
     const SIDE: u32 = 4;
@@ -223,7 +223,7 @@ fn numbers_in(values: impl IntoIterator<Item = f64>, digits: usize) -> Value {
     numbers(values.into_iter().map(|v| rounded(v, digits)))
 }
 
-/// To a thousandth of a code, which is more than was measured.
+/// To a thousandth of a code, which is finer than the measurement.
 fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
     let bin = |bin: &NoiseBin| NoiseBin { code: rounded(bin.code, 1), sigma: rounded(bin.sigma, 3) };
     NoiseProfile {
@@ -252,7 +252,7 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
     profile.to_string()
 }
 
-/// A table with a comment over it.
+/// A table with a comment above it.
 fn said(mut table: Table, comment: &str) -> Item {
     table.decor_mut().set_prefix(if comment.is_empty() { "\n".to_owned() } else { format!("\n# {comment}\n") });
     Item::Table(table)

@@ -1,4 +1,4 @@
-//! Files that are whole or not there.
+//! Files that are either complete or absent.
 
 use std::fs::{File, Permissions};
 use std::io::{self, BufWriter, Write};
@@ -9,8 +9,8 @@ use tempfile::NamedTempFile;
 use super::SinkError;
 use crate::unfinished::{Undo, Unfinished};
 
-/// A file that is not finished: hidden, in the same folder, so that renaming it is one step, under a name of this run
-/// alone. Goes with the value unless it is finished, and with the program.
+/// An unfinished file: hidden, in the same folder (so that renaming it is one step), with a name unique to this run. It
+/// is deleted with the value unless finished, and when the program is ended.
 #[derive(Debug)]
 pub struct Partial {
     file: NamedTempFile,
@@ -19,7 +19,7 @@ pub struct Partial {
 }
 
 impl Partial {
-    /// Makes an empty file for what will be `target`. The extension stays last, for programs that go by it.
+    /// Makes an empty file that will become `target`. The extension stays last, for programs that depend on it.
     pub fn create(target: &Path) -> io::Result<Self> {
         let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
         let (prefix, suffix) =
@@ -29,7 +29,7 @@ impl Partial {
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // As any file: what the umask leaves of it.
+            // Like any file: subject to the umask.
             builder.permissions(Permissions::from_mode(0o666));
         }
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -50,8 +50,8 @@ impl Partial {
         self.file.as_file_mut()
     }
 
-    /// Gives the file its name. Where one of that name is there, it is replaced or, without `replace`, the error is
-    /// [`io::ErrorKind::AlreadyExists`]. Of several that replace the last one stays, whole.
+    /// Gives the file its name. An existing file is replaced or, without `replace`, causes the error
+    /// [`io::ErrorKind::AlreadyExists`]. If several replace it, the last one stays, complete.
     pub fn finish(self, replace: bool) -> io::Result<()> {
         let Self { file, target, unfinished } = self;
         unfinished.finish(|| {
@@ -61,8 +61,9 @@ impl Partial {
     }
 }
 
-/// Lets `write` fill a file, which appears under its name when that succeeded; else what was there stays, as it does
-/// where `replace` is not set. A device or a pipe is written to as it is, for a file in its place would be another thing.
+/// Lets `write` fill a file, which appears under its name if that succeeds. Otherwise an existing file stays, as it
+/// does if `replace` is not set. A device or a pipe is written to directly, since a file in its place would be
+/// something else.
 pub fn write_atomically<E>(
     path: &Path,
     replace: bool,
@@ -104,7 +105,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
-    /// What appears while a file is written is no less the user's.
+    /// A file that appears during the writing is also the user's.
     #[test]
     fn what_appears_during_the_work_is_kept() {
         let folder = tempfile::tempdir().unwrap();

@@ -9,8 +9,8 @@ use super::atomic::write_atomically;
 use super::{SinkError, of_exr};
 use crate::pixels::LayerImage;
 
-/// Writes one layer with the channels virtual.R, .G, .B, .A (half), depth.Z, velocity.X, .Y
-/// (float), ZIP-compressed; the file is whole or not there. One that exists is kept unless `force`.
+/// Writes one layer with the channels virtual.R, .G, .B, .A (half), depth.Z, velocity.X, .Y (float), ZIP-compressed.
+/// The file is either complete or absent. An existing one is kept unless `force`.
 pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::result::Result<(), SinkError> {
     let (width, height) = (layers.width as usize, layers.height as usize);
     let lengths = [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len()];

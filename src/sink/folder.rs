@@ -9,13 +9,13 @@ use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::pixels::{Codes, Pixels};
 
-/// What a frame's file is called.
+/// The name of a frame's file.
 pub fn frame_name(frame_index: usize) -> String {
     format!("frame_{frame_index:06}.png")
 }
 
-/// Writes `frame_000012.png` and so on, each whole or not there. With `force` a frame replaces
-/// the file of its name and nothing else, so that ranges rendered apart can share a folder.
+/// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame replaces only the file of
+/// its own name, so that ranges rendered separately can share a folder.
 #[derive(Debug)]
 pub struct FolderSink {
     folder: PathBuf,

@@ -1,5 +1,5 @@
-//! Pixels out: a folder of PNG files, a video file, raw values on the standard output; layers
-//! as OpenEXR. Nothing that is not finished bears its final name.
+//! Pixels out: a folder of PNG files, a video file, raw values on standard output; layers as OpenEXR. Unfinished files
+//! never have their final name.
 
 pub mod atomic;
 pub mod exr;
@@ -15,28 +15,28 @@ use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
 use crate::words::reason;
 
-/// Where finished frames go, one after the other.
+/// Where finished frames go, in order.
 pub trait Sink {
-    /// Takes a frame; `frame_index` names it where the sink names frames.
+    /// Takes a frame; `frame_index` names it if the sink names frames.
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError>;
     /// Completes the output. Without it a video stays unfinished and is removed.
     fn finish(self: Box<Self>) -> Result<(), SinkError>;
 }
 
-/// What an output path asks for.
+/// The kind of output that a path asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OutPath {
     /// A PNG sequence.
     Folder(PathBuf),
     /// `.mp4` or `.mkv`.
     Video(PathBuf),
-    /// Raw R, G, B on the standard output.
+    /// Raw R, G, B on standard output.
     Stdout,
 }
 
 impl OutPath {
-    /// From what a person typed: `-`, a name ending in .mp4 or .mkv, else a folder. A name that
-    /// looks like another kind of file is an error.
+    /// From the user's input: `-`, a name ending in .mp4 or .mkv, otherwise a folder. A name that looks like another
+    /// kind of file is an error.
     pub fn parse(path: &Path) -> Result<Self, SinkError> {
         if path.as_os_str() == "-" {
             return Ok(Self::Stdout);
@@ -60,19 +60,19 @@ const WRITES: &str = "accepted are a folder (PNG sequence), a .mp4 or .mkv file,
 /// How to write.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SinkOptions {
-    /// Whether output that exists may be replaced.
+    /// Whether existing output may be replaced.
     pub force: bool,
-    /// Frames a second, for video.
+    /// Frames per second, for video.
     pub fps: f64,
     /// Whether a video keeps every code value.
     pub lossless: bool,
     pub width: u32,
     pub height: u32,
-    /// 8 or 16, as the pixels that will come.
+    /// 8 or 16, like the pixels to be written.
     pub bits: u32,
 }
 
-/// That a file can be made there: nothing that is kept is in the way, and its folder takes files.
+/// Checks that a file can be made there: nothing to be kept is in the way, and its folder is writable.
 pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     let refuse = |problem: String| Err(SinkError::Refused { path: path.to_owned(), problem });
     if path.is_dir() {
@@ -82,14 +82,14 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
         return Err(SinkError::Exists { path: path.to_owned() });
     }
     if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-        // A device or a pipe, which is written to as it is.
+        // A device or a pipe, which is written to directly.
         return Ok(());
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
         return refuse(format!("cannot be written, for there is no folder {}; make it first", folder.display()));
     }
-    // Nameless and gone at once.
+    // An unnamed file, deleted at once.
     tempfile::tempfile_in(folder).map(drop).map_err(|source| SinkError::of_writing(path, source))
 }
 
@@ -121,7 +121,7 @@ impl SinkError {
     }
 }
 
-/// That nothing is in the way: what exists is refused unless `force`, a file, or a folder with anything in it.
+/// Checks that nothing is in the way. Unless `force`, an existing file is refused, and so is a non-empty folder.
 pub fn check(out: &OutPath, force: bool) -> Result<(), SinkError> {
     let taken = match out {
         _ if force => false,
@@ -155,7 +155,7 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
 }
 
 impl SinkOptions {
-    /// That a frame is what was announced.
+    /// Checks that a frame is as announced.
     fn check(&self, frame: usize, pixels: &Pixels) -> Result<(), SinkError> {
         let bits = if pixels.max_code() == 255 { 8 } else { 16 };
         if (pixels.width, pixels.height, bits) == (self.width, self.height, self.bits) {
@@ -169,7 +169,7 @@ impl SinkOptions {
     }
 }
 
-/// Why a picture could not be encoded, as an error of writing.
+/// An encoding error as a write error.
 fn of_image(error: image::ImageError) -> std::io::Error {
     match error {
         image::ImageError::IoError(error) => error,
@@ -184,7 +184,7 @@ fn of_exr(error: ::exr::error::Error) -> std::io::Error {
     }
 }
 
-/// Code values as bytes, 16-bit ones with the low byte first.
+/// Code values as bytes, 16-bit ones in little-endian order.
 fn little_endian(codes: &Codes) -> std::borrow::Cow<'_, [u8]> {
     match codes {
         Codes::U8(codes) => codes.into(),

@@ -13,24 +13,24 @@ use super::atomic::write_atomically;
 use super::{SinkError, check_file, of_image};
 use crate::pixels::{Codes, Pixels};
 
-/// What a camera writes into its pictures.
+/// The notes that a camera writes into its pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Notes {
     pub f_number: f64,
     pub time_s: f64,
     pub iso: f64,
     pub focal_length_mm: f64,
-    /// The focal length that sees as much on 36×24 mm.
+    /// The focal length with the same angle of view on 36×24 mm.
     pub equivalent_mm: f64,
     /// Up to infinity.
     pub focus_distance_m: f64,
-    /// Stops brighter than right that were wanted.
+    /// Requested stops brighter than correct.
     pub compensation_ev: f64,
-    /// Of Exif: 1 manual, 2 program, 3 aperture priority, 4 shutter priority.
+    /// Exif code: 1 manual, 2 program, 3 aperture priority, 4 shutter priority.
     pub program: u16,
-    /// Seconds since 1970-01-01 0:00, by UTC or by the clock of the camera that made the recording.
+    /// Seconds since 1970-01-01 0:00, in UTC or on the clock of the camera that made the recording.
     pub taken_s: f64,
-    /// What it shows.
+    /// A description of the picture.
     pub description: String,
 }
 
@@ -52,7 +52,7 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// Writes 8-bit pixels; the file is whole or not there. One that exists is kept unless `force`.
+/// Writes 8-bit pixels. The file is either complete or absent. An existing one is kept unless `force`.
 pub fn write(path: &Path, pixels: &Pixels, notes: Option<&Notes>, force: bool) -> Result<(), SinkError> {
     check(path, force)?;
     let Codes::U8(codes) = &pixels.codes else {
@@ -85,8 +85,7 @@ fn encode(
     encoder.write_image(codes, width, height, ExtendedColorType::Rgb8)
 }
 
-/// A number as a fraction of whole ones: parts of a second as 1/n, else in parts of ten thousand; 4294967295/1 stands
-/// for infinity.
+/// A number as a fraction of integers: below 0.3 as 10/n, otherwise in ten-thousandths. 4294967295/1 means infinity.
 fn ratio(value: f64) -> Rational {
     if !value.is_finite() {
         return Rational { num: u32::MAX, denom: 1 };
@@ -109,11 +108,11 @@ fn exif_block(notes: &Notes, width: u32, height: u32) -> io::Result<Vec<u8>> {
         (Tag::Model, text("Locard virtual SLR")),
         (Tag::Software, text(concat!("Locard ", env!("CARGO_PKG_VERSION")))),
         (Tag::Orientation, short(1.0)),
-        // Dots an inch, which say nothing of a picture that is not printed; readers expect them.
+        // Dots per inch are meaningless for a picture that is not printed, but readers expect them.
         (Tag::XResolution, number(72.0)),
         (Tag::YResolution, number(72.0)),
         (Tag::ResolutionUnit, short(2.0)),
-        // Colours are sampled in the middle of the pixels that share them.
+        // Chroma is sampled at the centre of the pixels that share it.
         (Tag::YCbCrPositioning, short(1.0)),
         (Tag::DateTime, text(&taken)),
         (Tag::ExposureTime, number(notes.time_s)),
@@ -143,12 +142,12 @@ fn exif_block(notes: &Notes, width: u32, height: u32) -> io::Result<Vec<u8>> {
     Ok(block.into_inner())
 }
 
-/// As Exif writes it, "2011:05:10 12:34:56". Days to a date as in the proleptic Gregorian calendar, whose 400 years
-/// have 146097 days; years begin in March here, so that the day that comes and goes is the last.
+/// In Exif's format, "2011:05:10 12:34:56". The date is from the proleptic Gregorian calendar, in which 400 years have
+/// 146097 days. Years start in March here, so that the leap day is the last.
 fn date_time(seconds: f64) -> String {
     let seconds = seconds.clamp(0.0, 2e11) as i64;
     let (days, second) = (seconds.div_euclid(86400), seconds.rem_euclid(86400));
-    // From 0000-03-01 on.
+    // Counted from 0000-03-01.
     let days = days + 719_468;
     let (era, day) = (days.div_euclid(146_097), days.rem_euclid(146_097));
     let year = (day - day / 1460 + day / 36524 - day / 146_096) / 365;
@@ -228,7 +227,7 @@ mod tests {
             assert!(read.as_raw().iter().all(|c| c.abs_diff(100) <= 1));
             assert!(write(&path, &pixels, None, false).unwrap_err().to_string().contains("--force"));
         }
-        // Our own reader of recordings finds the same.
+        // Our own reader of recordings reads back the same.
         let settings = crate::source::exif::read_settings(&folder.path().join("a.jpg")).unwrap();
         assert_eq!((settings.iso, settings.f_number), (Some(400.0), Some(2.8)));
         assert_eq!(settings.taken_s, Some(1_305_031_103.0), "whole seconds");

@@ -1,4 +1,4 @@
-//! A single picture of light: PNG for people, OpenEXR for programs.
+//! A single picture of linear light: PNG for people, OpenEXR for programs.
 
 use std::path::Path;
 
@@ -10,8 +10,8 @@ use super::{SinkError, check_file, of_exr, of_image};
 use crate::camera::Response;
 use crate::pixels::LinearImage;
 
-/// Writes `.png` (8 bits, encoded by the response, alpha where something is transparent) or `.exr` (32-bit linear
-/// premultiplied R, G, B, A). The file is whole or not there; one that exists is kept unless `force`.
+/// Writes `.png` (8 bits, encoded by the response, with alpha if anything is transparent) or `.exr` (32-bit linear
+/// premultiplied R, G, B, A). The file is either complete or absent; an existing one is kept unless `force`.
 pub fn write(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
     check(path, force)?;
     if extension(path) == "png" { write_png(path, image, response, force) } else { write_exr(path, image, force) }
@@ -21,7 +21,7 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// Whether a picture can be written there: its name says a known kind, its folder is there, and nothing is replaced unasked.
+/// Checks that a picture can be written there: known extension, existing folder, and nothing replaced without `force`.
 pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
         "png" | "exr" => check_file(path, force),
@@ -35,7 +35,7 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
 
 fn write_png(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
     let code = |light: f32| (255.0 * response.encode(f64::from(light))).round() as u8;
-    // Half a code of the alpha is no transparency.
+    // Less than half a code of alpha is no transparency.
     let opaque = image.rgba.iter().all(|p| p[3] >= 1.0 - 0.5 / 255.0);
     let channels = if opaque { 3 } else { 4 };
     let mut bytes = Vec::with_capacity(channels * image.rgba.len());
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn reads_back_as_light() {
         let folder = tempfile::tempdir().unwrap();
-        // Linear 0.18 is code 117.6; half covered it is the same colour at half the alpha.
+        // Linear 0.18 is code 117.6. Half covered, it is the same colour at half the alpha.
         let rgba = vec![[0.18, 1.0, 0.0, 1.0], [0.09, 0.5, 0.0, 0.5], [0.0; 4]];
         let mut picture = LinearImage { width: 3, height: 1, rgba };
         let [png, exr] = ["a.png", "a.exr"].map(|name| folder.path().join(name));

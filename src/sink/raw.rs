@@ -1,4 +1,4 @@
-//! Raw R, G, B values, frame after frame, without any header; 16-bit values low byte first.
+//! Raw R, G, B values, frame after frame, without a header; 16-bit values are little-endian.
 
 use std::io::Write;
 

@@ -13,15 +13,15 @@ use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
 
 const ENDED_EARLY: &str = "ffmpeg ended before it had all frames, and did not say why; see whether `ffmpeg` is ffmpeg";
 
-/// Writes under a partial name and renames when ffmpeg has ended well; otherwise nothing stays.
+/// Writes under a partial name and renames once ffmpeg has succeeded; otherwise nothing is left.
 #[derive(Debug)]
 pub struct VideoSink {
     path: PathBuf,
     options: SinkOptions,
-    /// `None` once ended. Goes before the file that it writes.
+    /// `None` once ended. Dropped before the file that it writes.
     running: Option<(Running, ChildStdin)>,
     partial: Partial,
-    /// How many were handed to ffmpeg.
+    /// Number of frames passed to ffmpeg.
     frames: usize,
 }
 
@@ -40,13 +40,13 @@ impl VideoSink {
         }
         let partial = Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
         let mut running = Running::start("ffmpeg", &arguments(options, partial.path(), mkv))?;
-        // Nobody reads what ffmpeg might say there; closed, it cannot block.
+        // Nobody reads ffmpeg's stdout; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
         Ok(Self { path: path.to_owned(), options: *options, running, partial, frames: 0 })
     }
 
-    /// Waits for ffmpeg and tells a failure in its words.
+    /// Waits for ffmpeg and reports a failure in its words.
     fn end(&mut self) -> Result<(), SinkError> {
         let Some((running, stdin)) = self.running.take() else { return Ok(()) };
         drop(stdin);
@@ -68,7 +68,7 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
         ColorMatrix::Bt601 => ("bt601", "smpte170m"),
         _ => ("bt709", "bt709"),
     };
-    // Half the chroma needs even sizes; a picture's size is not to be changed for that.
+    // Chroma at half resolution needs even sizes, and the picture's size must not change for that.
     let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
     let filter = format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={chroma}");
     match (lossless, bits) {
@@ -95,7 +95,7 @@ impl Sink for VideoSink {
         };
         self.frames += 1;
         let Err(source) = stdin.write_all(&little_endian(&pixels.codes)) else { return Ok(()) };
-        // A broken pipe says that ffmpeg gave up; it knows why, if it says so.
+        // A broken pipe means that ffmpeg gave up; its messages may say why.
         self.end()?;
         match source.kind() {
             std::io::ErrorKind::BrokenPipe => Err(self.refuse(ENDED_EARLY)),

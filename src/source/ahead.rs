@@ -1,4 +1,4 @@
-//! Work done ahead of its consumer on a few threads, delivered in order.
+//! Work done ahead of its consumer on a few threads, with results in order.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -7,12 +7,11 @@ use std::thread;
 
 use super::SourceError;
 
-/// Threads that work ahead. Each holds at most one result in hand and one in its channel.
+/// Number of threads working ahead. Each keeps at most one result in hand and one in its channel.
 const LANES: usize = 2;
 
-/// The results of `work(i)` for each `i` of a range, in order. Worker `k` of n takes every n-th
-/// index from the k-th on, so the order needs no sorting; memory is bounded by the channels.
-/// The workers stop when this is dropped.
+/// The results of `work(i)` for each `i` of a range, in order. Worker `k` of n takes every n-th index from the k-th on,
+/// so nothing needs sorting. The channels bound the memory. The workers stop when this is dropped.
 #[derive(Debug)]
 pub struct Ahead<T> {
     lanes: Vec<Receiver<T>>,
@@ -43,7 +42,7 @@ impl<T: Send + 'static> Ahead<T> {
 }
 
 impl<T> Iterator for Ahead<T> {
-    /// An error only where a worker panicked.
+    /// An error only if a worker panicked.
     type Item = Result<T, SourceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -76,7 +75,7 @@ mod tests {
         let mut ahead = Ahead::new(0..1000, move |i| (count.fetch_add(1, Ordering::SeqCst), i).1).unwrap();
         for taken in 1..=100 {
             ahead.next().unwrap().unwrap();
-            // Taken, one in each channel, one in each worker's hand.
+            // The taken ones, one in each channel, one in each worker's hand.
             assert!(started.load(Ordering::SeqCst) <= taken + 2 * LANES + 1);
         }
     }

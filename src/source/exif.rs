@@ -1,4 +1,4 @@
-//! What a camera wrote into a JPEG about its settings. Source: CIPA DC-008 (Exif 2.32).
+//! The settings that a camera wrote into a JPEG. Source: CIPA DC-008 (Exif 2.32).
 
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
@@ -10,11 +10,11 @@ use crate::camera::exposure::LONGEST_S;
 use crate::frame::PhotoSettings;
 
 const IDENTIFIER: &[u8] = b"Exif\0\0";
-/// A PhotographicSensitivity that says: too large for this field, look at the others.
+/// A PhotographicSensitivity that means: too large for this field, see the others.
 const SEE_ELSEWHERE: f64 = 65535.0;
 
-/// The settings in a JPEG's EXIF; empty for a file without it and for one that is no JPEG.
-/// An error where the file cannot be read or its EXIF is damaged.
+/// The settings in a JPEG's EXIF; empty for a file without EXIF, or one that is not a JPEG. An error if the file cannot
+/// be read or its EXIF is damaged.
 pub fn read_settings(file: &Path) -> Result<PhotoSettings, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     match segment(&mut BufReader::new(reader)) {
@@ -23,8 +23,8 @@ pub fn read_settings(file: &Path) -> Result<PhotoSettings, SourceError> {
     }
 }
 
-/// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B).
-/// A file that is damaged or ends before is one without: whoever reads its pixels will say so.
+/// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B). A file that is damaged or
+/// ends earlier counts as one without: reading its pixels will report it.
 fn segment(reader: &mut (impl Read + Seek)) -> Option<Vec<u8>> {
     let mut head = [0; 2];
     reader.read_exact(&mut head).ok()?;
@@ -40,7 +40,7 @@ fn segment(reader: &mut (impl Read + Seek)) -> Option<Vec<u8>> {
             0xe1 => {
                 let mut bytes = vec![0; length.into()];
                 reader.read_exact(&mut bytes).ok()?;
-                // XMP comes in a segment of the same kind.
+                // XMP uses the same kind of segment.
                 if let Some(exif) = bytes.strip_prefix(IDENTIFIER) {
                     return Some(exif.to_vec());
                 }
@@ -58,7 +58,7 @@ fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
             Value::Rational(v) => v.first()?.to_f64(),
             other => f64::from(other.get_uint(0)?),
         };
-        // 0 and infinity stand for unknown.
+        // 0 and infinity mean unknown.
         Some(value).filter(|v| v.is_finite() && *v > 0.0)
     };
     let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
@@ -79,8 +79,8 @@ fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
     })
 }
 
-/// Since 1970-01-01 0:00, from then to the year 8000; a day beyond its month's end lies in the next one. Years begin in March,
-/// as in sink/photograph.rs.
+/// Seconds since 1970-01-01 0:00, for dates up to the year 8000. A day beyond its month's end is in the next month.
+/// Years start in March, as in sink/photograph.rs.
 fn seconds(at: &DateTime) -> Option<f64> {
     let (year, month, day) = (i64::from(at.year), i64::from(at.month), i64::from(at.day));
     if !(1..=12).contains(&month) || !(1..=31).contains(&day) || at.hour > 23 || at.minute > 59 || at.second > 60 {

@@ -1,4 +1,4 @@
-//! The `ffmpeg` and `ffprobe` programs as child processes that never outlive their owner.
+//! The `ffmpeg` and `ffprobe` programs, as child processes that never outlive their owner.
 
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 
 use crate::unfinished::{Undo, Unfinished};
 
-/// Lines of a program's messages that are kept: the first ones name the cause.
+/// Number of message lines kept: the first ones name the cause.
 const KEPT_LINES: usize = 4;
 
 #[derive(Debug, thiserror::Error)]
@@ -25,27 +25,27 @@ pub enum FfmpegError {
     Failed { program: String, problem: String },
 }
 
-/// A path as ffmpeg takes it: never an option, never a protocol such as `concat:`.
+/// A path as an argument of ffmpeg: never an option, never a protocol such as `concat:`.
 pub fn file_argument(path: &Path) -> OsString {
     let mut argument = OsString::from("file:");
     argument.push(path);
     argument
 }
 
-/// What `ffmpeg -version` says of itself, its first line.
+/// The first line of `ffmpeg -version`.
 pub fn version() -> Result<String, FfmpegError> {
     let said = output("ffmpeg", &["-version".into()])?.written;
     Ok(String::from_utf8_lossy(&said).lines().next().unwrap_or_default().to_owned())
 }
 
-/// What a program wrote to its standard output, and the first of its complaints, which need not be failures.
+/// A program's standard output, and the first of its complaints, which need not be failures.
 #[derive(Debug)]
 pub struct Output {
     pub written: Vec<u8>,
     pub complaints: String,
 }
 
-/// Runs a program to its end.
+/// Runs a program to completion.
 pub fn output(program: &str, arguments: &[OsString]) -> Result<Output, FfmpegError> {
     let mut running = Running::start(program, arguments)?;
     let mut written = Vec::new();
@@ -57,7 +57,8 @@ pub fn output(program: &str, arguments: &[OsString]) -> Result<Output, FfmpegErr
     Ok(Output { written, complaints })
 }
 
-/// A running program with piped input, output and messages. Killed and reaped when dropped, and when this one is ended.
+/// A running program with piped input, output and messages. Killed and reaped when dropped, and when our own program is
+/// ended.
 #[derive(Debug)]
 pub struct Running {
     program: String,
@@ -66,7 +67,7 @@ pub struct Running {
     child: Arc<Mutex<Child>>,
     listener: Option<JoinHandle<()>>,
     complaints: Arc<Mutex<Vec<String>>>,
-    /// Kills and reaps.
+    /// Kills and reaps the child.
     _unfinished: Unfinished,
 }
 
@@ -74,7 +75,7 @@ impl Running {
     pub fn start(program: &str, arguments: &[OsString]) -> Result<Self, FfmpegError> {
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // Ctrl-C is for us, who end it then.
+        // Ctrl-C is for our program, which then ends this one.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let failed = |source: std::io::Error| match source.kind() {
@@ -87,9 +88,9 @@ impl Running {
             let child = Arc::new(Mutex::new(child));
             let killed = Arc::clone(&child);
             let undo: Undo = Box::new(move || {
-                // Whoever holds it waits for an end that has come.
+                // If the lock is taken, the child has ended and is being waited for.
                 let Ok(mut child) = killed.try_lock() else { return };
-                // Both fail only where the child has ended and been reaped already.
+                // Both fail only if the child has already ended and been reaped.
                 let _ = child.kill();
                 let _ = child.wait();
             });
@@ -113,18 +114,18 @@ impl Running {
         self.stdout.take()
     }
 
-    /// The first lines that the program has said so far, in one; empty where it has not complained.
+    /// The program's first message lines so far, joined; empty if it has not complained.
     pub fn complaints(&self) -> String {
         locked(&self.complaints).join("; ")
     }
 
-    /// Closes the input, waits for the end, and turns a failure into the program's own words. What it complained of
-    /// without failing is returned.
+    /// Closes the input, waits for the end, and reports a failure in the program's own words. Returns the complaints of
+    /// a program that succeeded.
     pub fn finish(mut self) -> Result<String, FfmpegError> {
         drop(self.stdin.take());
-        // Until it ends it may be killed from elsewhere: nobody holds it meanwhile.
+        // It may be killed from elsewhere until it ends, so the lock is not held meanwhile.
         if let Some(thread) = self.listener.take() {
-            // It only panics where a lock of ours does; what it kept is there all the same.
+            // It panics only if one of our locks does; what it kept is available anyway.
             let _ = thread.join();
         }
         let status = locked(&self.child).wait();
@@ -143,8 +144,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// All is read, so that the program never waits for a reader. ffmpeg's names of its own parts, `[h264 @ 0x5581...]`,
-/// are shortened to what a person knows.
+/// Reads everything, so that the program never waits for a reader. ffmpeg's names of its own parts, `[h264 @
+/// 0x5581...]`, are shortened to something readable.
 fn keep_first_lines(mut reader: impl BufRead, kept: &Mutex<Vec<String>>) {
     let mut line = Vec::new();
     while matches!(reader.read_until(b'\n', &mut line), Ok(n) if n > 0) {

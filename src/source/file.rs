@@ -1,17 +1,17 @@
-//! Files opened so that nothing hangs and nothing fills the memory: plain ones alone, and never more than so many bytes.
+//! Opens files so that nothing hangs or exhausts memory: only plain ones, and only up to a number of bytes.
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// What people and programs write as text: ten hours of poses at 200 a second.
+/// Text that people and programs write: ten hours of poses at 200 per second.
 pub const MOST_TEXT: u64 = 1 << 30;
-/// A description, a scene, a profile: what is written by hand.
+/// Descriptions, scenes, profiles: text written by hand.
 pub const MOST_DOCUMENT: u64 = 1 << 24;
 
-/// Opens a plain file. A named pipe, which would wait for a writer, and a device, which may have no end, are refused.
+/// Opens a plain file. Refuses a named pipe, which would wait for a writer, and a device, which may be endless.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Looked at before it is opened: opening a pipe waits. And after, since it may be another by then.
+    // Checked before opening, since opening a pipe blocks; and again after, since the file may have been replaced.
     plain(&std::fs::metadata(path)?)?;
     let file = File::open(path)?;
     plain(&file.metadata()?)?;
@@ -26,12 +26,12 @@ fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
     }
 }
 
-/// The whole of a plain file of at most so many bytes.
+/// The whole of a plain file of at most `most` bytes.
 pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
     let length = file.metadata()?.len();
     let mut bytes = Vec::with_capacity(length.min(most) as usize);
-    // It may grow while it is read.
+    // It may grow while being read.
     file.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(io::Error::other(format!("it holds {} bytes; at most {most} are read", length.max(most + 1))));
@@ -39,7 +39,7 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// As [`read`], of UTF-8.
+/// Like [`read`], for UTF-8.
 pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
     String::from_utf8(read(path, most)?).map_err(|_| io::ErrorKind::InvalidData.into())
 }
@@ -55,7 +55,7 @@ mod tests {
         std::fs::write(&file, "12345").unwrap();
         assert_eq!(read(&file, 5).unwrap(), b"12345");
         assert!(read(&file, 4).unwrap_err().to_string().contains("holds 5 bytes; at most 4"));
-        // A file of 6 GB that takes no room on the disk; nothing of it is held.
+        // A sparse file of 6 GB that takes no space on the disk. None of it is kept in memory.
         std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(6 << 30).unwrap();
         assert!(read(&file, 1 << 20).unwrap_err().to_string().contains("6442450944 bytes"));
         std::fs::write(&file, [0xff]).unwrap();

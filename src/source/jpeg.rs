@@ -1,35 +1,35 @@
-//! Whether all of a JPEG's coded data is there.
+//! Whether a JPEG's coded data is complete.
 //!
-//! Decoders make something up for what is missing: grey, or the last column drawn on. So the codes are walked through
-//! without being decoded: a scan is whole when it holds every block that the header promises. Source: ITU-T T.81
-//! (Huffman codes: annex C and F.2.2; scans and restarts: annex B and E; progressive scans: annex G).
+//! Decoders invent what is missing: grey, or the last column repeated. So the codes are walked through without being
+//! decoded: a scan is complete if it has every block that the header promises. Source: ITU-T T.81 (Huffman codes: annex
+//! C and F.2.2; scans and restarts: annex B and E; progressive scans: annex G).
 //!
-//! Not looked into: arithmetic coding, lossless and hierarchical files, which no reader here decodes; whether a progressive
+//! Not checked: arithmetic coding, lossless and hierarchical files, which no reader here decodes; whether a progressive
 //! file that ends between two scans should have had more of them.
 
-/// How a whole picture ends.
+/// How a complete picture ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     Marked,
-    /// All blocks are there, the end marker is not: some cameras leave it out.
+    /// All blocks are there, but not the end marker: some cameras omit it.
     Unmarked,
 }
 
-/// More blocks than these (2³⁰ pixels) are not kept account of.
+/// Pictures with more units than this (2³⁰ pixels or more) are not checked.
 const MOST_BLOCKS: usize = 1 << 24;
-/// A Huffman code's first bits, by which most codes are found at once.
+/// The first bits of a Huffman code, by which most codes are found directly.
 const QUICK_BITS: u32 = 9;
-/// More scans than these are refused, since each goes over all blocks, however few bits it has: encoders make about ten.
+/// More scans than this are refused: each passes over all blocks, however few bits it has, and encoders make about ten.
 const MOST_SCANS: usize = 100;
 
 enum Stop {
-    /// The data ended, or a marker stands where data should.
+    /// The data ended, or a marker is in its place.
     Ended,
-    /// Bits that stand for nothing.
+    /// Bits that are no valid code.
     Invalid,
 }
 
-/// Walks through a JPEG's codes; the message says how it is truncated or damaged.
+/// Walks through a JPEG's codes. The message says how it is truncated or damaged.
 pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     let mut file = File { bytes, ..File::default() };
     let (mut at, mut scans) = (2, 0);
@@ -69,7 +69,7 @@ fn truncated(how: &str) -> String {
     format!("the JPEG is truncated{how}")
 }
 
-/// The next marker, past whatever stands before it and is none; `at` is moved behind it.
+/// The next marker, skipping anything before it; `at` is moved past it.
 fn next_marker(bytes: &[u8], at: &mut usize) -> Option<u8> {
     loop {
         let pair = bytes.get(*at..*at + 2)?;
@@ -87,22 +87,22 @@ struct File<'a> {
     is_progressive: bool,
     size: [usize; 2],
     components: Vec<Component>,
-    /// For differences of means, and for the other coefficients.
+    /// Tables for DC differences, and for the AC coefficients.
     huffman: [[Option<Table>; 4]; 2],
     restart_every: usize,
 }
 
 struct Component {
     id: u8,
-    /// Blocks in a unit across and down.
+    /// Blocks per unit, across and down.
     sampling: [usize; 2],
-    /// Whether a scan held its means.
+    /// Whether a scan contained its DC coefficients.
     seen: bool,
-    /// Of a progressive file, for each block, which coefficients are not 0 so far.
+    /// For each block of a progressive file, which coefficients are known to be nonzero.
     known: Vec<u64>,
 }
 
-/// What a scan says of the blocks in it.
+/// The part of each block's coefficients that a scan codes.
 #[derive(Clone, Copy)]
 struct Band {
     first: u32,
@@ -111,7 +111,7 @@ struct Band {
 }
 
 impl File<'_> {
-    /// `None` where the frame is none that is looked into.
+    /// `None` if the frame is not of a kind that is checked.
     fn frame(&mut self, segment: &[u8], is_progressive: bool) -> Option<()> {
         let word = |at: usize| Some(usize::from(u16::from_be_bytes([*segment.get(at)?, *segment.get(at + 1)?])));
         self.is_progressive = is_progressive;
@@ -127,12 +127,12 @@ impl File<'_> {
         (fits && across * down > 0 && across * down <= MOST_BLOCKS).then_some(())
     }
 
-    /// Blocks of the finest component in a unit.
+    /// Blocks per unit of the component with the finest sampling.
     fn finest(&self, axis: usize) -> usize {
         self.components.iter().map(|c| c.sampling[axis]).max().unwrap_or(1)
     }
 
-    /// Units across and down, each with blocks of all components.
+    /// Units across and down, each containing blocks of all components.
     fn units(&self) -> [usize; 2] {
         [0, 1].map(|axis| self.size[axis].div_ceil(8 * self.finest(axis).max(1)))
     }
@@ -159,7 +159,7 @@ impl File<'_> {
         Ok(ending)
     }
 
-    /// Walks through a scan whose data begins at `at`; gives where it ends.
+    /// Walks through a scan whose data begins at `at`; returns where it ends.
     fn scan(&mut self, segment: &[u8], at: usize) -> Result<usize, String> {
         let damaged = || DAMAGED.to_owned();
         let count = usize::from(*segment.first().ok_or_else(damaged)?);
@@ -185,7 +185,7 @@ impl File<'_> {
                 component.known = vec![0; units[0] * units[1] * component.sampling[0] * component.sampling[1]];
             }
         }
-        // A scan of one component has its blocks as they lie in the picture, without those that fill units up.
+        // A scan of one component has only the blocks inside the picture, without those that fill up units.
         let grid = match chosen.as_slice() {
             [(index, _)] => {
                 let sampling = self.components[*index].sampling;
@@ -227,9 +227,9 @@ impl File<'_> {
 
 /// A Huffman table: symbols by code (T.81, annex C and F.2.2.3).
 struct Table {
-    /// For each beginning of a code its length and symbol; length 0 where the code is longer.
+    /// Length and symbol for each prefix of a code; length 0 if the code is longer.
     quick: Vec<(u8, u8)>,
-    /// For each length: one more than the last code, and what a code's place in the symbols is from it.
+    /// For each length: one past the last code, and the offset from a code to its index in `symbols`.
     ends: [(u32, i32); 17],
     symbols: Vec<u8>,
 }
@@ -257,10 +257,10 @@ impl Table {
     }
 }
 
-/// The bits of a scan, the first the highest.
+/// The bits of a scan, highest first.
 struct Bits<'a> {
     bytes: &'a [u8],
-    /// The next byte that is not in the buffer; a marker is never taken.
+    /// The next byte not in the buffer; markers are never consumed.
     at: usize,
     buffer: u64,
     count: u32,
@@ -271,7 +271,7 @@ impl Bits<'_> {
         while self.count <= 56 {
             let step = match (self.bytes.get(self.at), self.bytes.get(self.at + 1)) {
                 (Some(0xff), Some(0x00)) => 2,
-                // As many may stand before a marker as one likes.
+                // Any number of fill bytes may precede a marker.
                 (Some(0xff), Some(0xff)) => {
                     self.at += 1;
                     continue;
@@ -298,7 +298,7 @@ impl Bits<'_> {
         if self.count < 16 {
             self.fill();
         }
-        // Zeros stand for what is not there; a code that needs them is none.
+        // Missing bits are zeros; a code that needs them is not valid.
         let next = if self.count >= 16 { self.buffer >> (self.count - 16) } else { self.buffer << (16 - self.count) };
         let next = next as u32 & 0xffff;
         let (length, symbol) = table.quick[(next >> (16 - QUICK_BITS)) as usize];
@@ -337,7 +337,8 @@ impl Bits<'_> {
         Ok(())
     }
 
-    /// T.81, G.1.2. `known` has a bit for each coefficient that is not 0; `run` is how many blocks more are at their end.
+    /// T.81, G.1.2. `known` has a bit for each nonzero coefficient; `run` is the number of further blocks without
+    /// codes.
     fn progressive(
         &mut self,
         dc: Option<&Table>,
@@ -359,7 +360,7 @@ impl Bits<'_> {
                 break;
             }
             self.take(if band.is_refined { size.min(1) } else { size })?;
-            // Zeros are counted among what is 0 so far; what is not gets a bit more.
+            // Zeros are counted among the coefficients that are 0 so far; the others get one more bit each.
             while k <= band.last {
                 if band.is_refined && *known >> k & 1 == 1 {
                     self.take(1)?;
@@ -387,7 +388,7 @@ impl Bits<'_> {
         Ok(())
     }
 
-    /// Goes on behind a restart marker.
+    /// Continues after a restart marker.
     fn restart(&mut self) -> Result<(), Stop> {
         (self.buffer, self.count) = (0, 0);
         match next_marker(self.bytes, &mut self.at) {

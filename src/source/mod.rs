@@ -1,4 +1,4 @@
-//! Pixels and depth in: still pictures, video files, and decoding ahead of whoever uses them.
+//! Pixels and depth in: still pictures, video files, and decoding ahead of their consumer.
 
 pub mod ahead;
 pub mod exif;

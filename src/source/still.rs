@@ -1,6 +1,5 @@
-//! Still pictures: PNG with 8 or 16 bits, grey or colour, and JPEG. Told apart by content, not
-//! by name. Pixels come as stored: no colour profile, no gamma, no rotation is applied, and
-//! transparency is dropped.
+//! Still pictures: PNG with 8 or 16 bits, grey or colour, and JPEG, distinguished by content, not by name. Pixels come
+//! as stored: no colour profile, gamma or rotation is applied, and transparency is dropped.
 
 use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
@@ -15,12 +14,12 @@ use crate::pixels::{Codes, DepthMap, Pixels};
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_SIGNATURE: &[u8] = b"\xff\xd8\xff";
 
-/// What a picture's header says.
+/// The contents of a picture's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     pub width: u32,
     pub height: u32,
-    /// 8 or 16: what [`read_pixels`] will give.
+    /// 8 or 16: what [`read_pixels`] will return.
     pub bits: u32,
 }
 
@@ -62,7 +61,7 @@ pub fn read_depth(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result
     Ok(DepthMap { width, height, depth_m, timestamp_s })
 }
 
-/// That a picture's file does not end too early; what its pixels hold is not looked at.
+/// Checks that a picture's file does not end too early; its pixels are not decoded.
 pub fn check_end(file: &Path) -> Result<(), SourceError> {
     let bytes = read(file)?;
     let end = match bytes {
@@ -73,7 +72,7 @@ pub fn check_end(file: &Path) -> Result<(), SourceError> {
     end.map_err(|problem| SourceError::content(file, problem))
 }
 
-/// From chunk to chunk, each its length, its name, so many bytes and a sum of four, to the last.
+/// Steps through the chunks to the last. Each has its length, its name, that many bytes and a checksum of four bytes.
 fn png_end(bytes: &[u8]) -> Result<(), String> {
     let mut rest = bytes.get(PNG_SIGNATURE.len()..);
     while let Some((length, after)) = rest.and_then(<[u8]>::split_first_chunk) {
@@ -86,12 +85,12 @@ fn png_end(bytes: &[u8]) -> Result<(), String> {
     Err("the PNG is truncated: its last chunk is missing".to_owned())
 }
 
-/// The most that a picture may take when it is decoded, bytes: what the decoders are given, too.
+/// The most memory that a decoded picture may take, bytes; also the decoders' limit.
 const MOST_DECODED: u64 = 512 << 20;
-/// What a file may hold beside its pixels, bytes: previews, a film that a phone has put behind.
+/// What a file may contain besides its pixels, bytes: previews, or a video that a phone has appended.
 const MOST_BESIDE: u64 = 64 << 20;
 
-/// A picture's file, of no more bytes than a picture of its size can have.
+/// A picture's file, limited to the size that such a picture can have.
 fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
     let Header { width, height, bits } = read_header(file)?;
     let pixels = u64::from(width) * u64::from(height);
@@ -99,12 +98,12 @@ fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
         let problem = format!("is {width}x{height} with {bits} bits; at most {MOST_DECODED} bytes are decoded");
         return Err(SourceError::content(file, problem));
     }
-    // Four channels of 16 bits, twice: what was not compressed at all, and an unwise compressor's loss.
+    // Four channels of 16 bits, uncompressed, times two for a poor compressor.
     plain::read(file, 16 * pixels + MOST_BESIDE).map_err(|source| SourceError::Read { file: file.to_owned(), source })
 }
 
-/// A PNG without what its pixels do not need: texts and colour profiles may unpack to a thousand times their length, and what
-/// stands behind the end is nobody's.
+/// A PNG reduced to what its pixels need: texts and colour profiles may unpack to a thousand times their length, and
+/// anything after the end is ignored.
 pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
     let Some(mut rest) = bytes.strip_prefix(PNG_SIGNATURE) else { return Cow::Borrowed(bytes) };
     let mut bare = PNG_SIGNATURE.to_vec();
@@ -118,7 +117,7 @@ pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
         }
         rest = if after.starts_with(b"IEND") { &[] } else { behind };
     }
-    // What is cut off stays so, for the decoder to say.
+    // Truncated data stays truncated, for the decoder to report.
     bare.extend(rest);
     Cow::Owned(bare)
 }
@@ -132,7 +131,7 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         );
     }
     if bytes.starts_with(JPEG_SIGNATURE) {
-        // The decoder paints over what is missing, and takes a missing end marker for missing pixels.
+        // The decoder fills in what is missing, and takes a missing end marker for missing pixels.
         let bytes = match jpeg::check(bytes)? {
             Ending::Marked => Cow::Borrowed(bytes),
             Ending::Unmarked => Cow::Owned([bytes, b"\xff\xd9"].concat()),
@@ -171,8 +170,8 @@ fn header(reader: &mut (impl BufRead + Seek)) -> Result<Header, String> {
     Ok(Header { width: number(16), height: number(20), bits: if head[24] == 16 { 16 } else { 8 } })
 }
 
-/// Walks a JPEG's segments and stops behind the head of its first scan.
-/// Source: ITU-T T.81, annex B (SOF markers C0 to CF without C4, C8 and CC; SOS is DA).
+/// Walks a JPEG's segments and stops after the header of its first scan. Source: ITU-T T.81, annex B (SOF markers C0 to
+/// CF without C4, C8 and CC; SOS is DA).
 fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
     let truncated = |_| "the JPEG is truncated in its header".to_owned();
     // The signature's last byte belongs to the first marker.
@@ -231,7 +230,7 @@ mod tests {
 
     fn saved(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
-        // The name is a lie on purpose: the content decides.
+        // The extension is deliberately wrong: the content decides.
         let file = folder.path().join("picture.jpg");
         std::fs::write(&file, bytes).unwrap();
         (folder, file)
@@ -267,7 +266,8 @@ mod tests {
     fn every_truncation_is_an_error_with_its_path() {
         for whole in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
             decode(&whole).unwrap();
-            // A PNG's pixels are whole and checked when only (part of) its end chunk is gone, a JPEG's without its end marker.
+            // Without (part of) its end chunk a PNG's pixels are still complete and checked, as are a JPEG's without
+            // its end marker.
             let end = if whole.starts_with(PNG_SIGNATURE) { 12 } else { 2 };
             for length in 0..whole.len() - end {
                 assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes pass", whole.len());
@@ -285,7 +285,7 @@ mod tests {
         assert!(error.starts_with(&file.display().to_string()) && error.contains("truncated"), "{error}");
     }
 
-    /// Cut off anywhere in its data and ended with a marker, as programs that save what they could read leave it.
+    /// Cut off anywhere in its data and ended with a marker, as left by programs that save what they could read.
     #[test]
     fn an_end_marker_does_not_make_a_jpeg_whole() {
         let whole = jpeg();
@@ -295,7 +295,7 @@ mod tests {
             let error = decode(&cut).unwrap_err();
             assert!(error.contains("truncated"), "{length} of {} bytes: {error}", whole.len());
         }
-        // What does no harm: bytes behind the end, bytes and fill before it, no end marker.
+        // Harmless: bytes after the end, bytes and fill before it, no end marker.
         let pixels = decode(&whole).unwrap();
         let body = &whole[..whole.len() - 2];
         for odd in [
@@ -308,7 +308,7 @@ mod tests {
         }
     }
 
-    /// A colour profile of 32 MB that packs into some KB, and 100 GB behind the end of a picture of 3 pixels.
+    /// A colour profile of 32 MB that packs into a few KB, and 100 GB after the end of a picture of 3 pixels.
     #[test]
     fn what_is_not_pixels_is_not_unpacked_and_not_read() {
         let plain = png(&[1, 2, 3, 4, 5, 6, 7, 8, 9], 3, 1, Color::Rgb8);
@@ -331,7 +331,7 @@ mod tests {
             let error = error.unwrap_err().to_string();
             assert!(error.contains("it holds 107374182400 bytes; at most 67108912 are read"), "{error}");
         }
-        // A header that promises more than fits.
+        // A header that promises more than is allowed.
         let mut vast = plain;
         vast[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
         let (_folder, file) = saved(&vast);
@@ -354,7 +354,7 @@ mod tests {
     fn scans_without_end_are_refused_soon() {
         let whole = std::fs::read("tests/jpeg/progressive-420.jpg").unwrap();
         let scans: Vec<usize> = (0..whole.len() - 1).filter(|at| whole[*at..*at + 2] == [0xff, 0xda]).collect();
-        // The second scan holds coefficients of one component; said again it changes nothing.
+        // The second scan has coefficients of one component; repeating it changes nothing.
         let second = &whole[scans[1]..scans[2]];
         let many = [&whole[..scans[2]], &second.repeat(100), &whole[scans[2]..]].concat();
         let (_folder, file) = saved(&many);

@@ -1,5 +1,5 @@
-//! Video files, decoded by the `ffmpeg` program through a pipe. Colour range and matrix are
-//! always stated to it, so that no default of its own decides what a code value means.
+//! Video files, decoded by the `ffmpeg` program through a pipe. Colour range and matrix are always passed to it, so
+//! that no default of its own decides what a code value means.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -14,12 +14,12 @@ use super::ffmpeg::{self, FfmpegError, Running};
 use super::{SourceError, file as plain};
 use crate::pixels::{Codes, Pixels};
 
-/// What to do about a damaged file.
+/// Advice about a damaged file.
 const MEND: &str =
     "copy it anew from where it came (ffmpeg -i FILE -c:v ffv1 NEW.mkv makes a file of what can still be read)";
 
-/// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and
-/// exact rounding; without them swscale's fast paths are off by several code values.
+/// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and exact rounding. Without
+/// them swscale's fast paths are off by several code values.
 pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
 
 /// The span of Y' in a file: 16 to 235 of 255, or all.
@@ -42,12 +42,12 @@ pub enum ColorMatrix {
 }
 
 impl ColorMatrix {
-    /// What a file without a statement is taken for, by its height.
+    /// The default for a file that does not state its matrix, by its height.
     pub fn usual(height: u32) -> Self {
         if height < 720 { Self::Bt601 } else { Self::Bt709 }
     }
 
-    /// Its name in ffmpeg's scale filter; `None` where there is nothing to convert.
+    /// Its name in ffmpeg's scale filter; `None` if there is nothing to convert.
     fn name(self) -> Option<&'static str> {
         match self {
             Self::Rgb => None,
@@ -58,7 +58,7 @@ impl ColorMatrix {
     }
 }
 
-/// What a person says about a file; it goes before what the file says.
+/// The user's statements about a file; they override the file's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overrides {
     pub fps: Option<f64>,
@@ -66,17 +66,17 @@ pub struct Overrides {
     pub matrix: Option<ColorMatrix>,
 }
 
-/// A video file that has been looked into.
+/// A video file that has been probed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Video {
     pub file: PathBuf,
     pub width: u32,
     pub height: u32,
-    /// 8 or 16: what [`Video::read`] will give; 16 for sources of more than 8 bits.
+    /// 8 or 16: what [`Video::read`] will return; 16 for sources of more than 8 bits.
     pub bits: u32,
     pub range: ColorRange,
     pub matrix: ColorMatrix,
-    /// One a frame, in the order shown; the first is at 0.
+    /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
     pub warnings: Vec<String>,
 }
@@ -91,7 +91,7 @@ struct Probe {
 
 #[derive(Deserialize)]
 struct ProbedStream {
-    /// How many packets the container's index has (MP4).
+    /// The number of packets in the container's index (MP4).
     nb_frames: Option<String>,
     tags: Option<Tags>,
     width: Option<u32>,
@@ -107,7 +107,7 @@ struct ProbedStream {
 
 #[derive(Deserialize)]
 struct Tags {
-    /// When the stream ends, hours:minutes:seconds (Matroska).
+    /// The time when the stream ends, hours:minutes:seconds (Matroska).
     #[serde(rename = "DURATION")]
     duration: Option<String>,
 }
@@ -123,10 +123,10 @@ struct Packet {
     flags: Option<String>,
 }
 
-/// Looks into a video file with `ffprobe`: size, colour, and the time of every frame. Packets
-/// are listed, not decoded, so this is fast.
+/// Probes a video file with `ffprobe`: size, colour, and the time of every frame. Packets are listed, not decoded, so
+/// this is fast.
 pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
-    // ffprobe's own words for a missing file are less clear, and it would wait for a pipe.
+    // ffprobe's own message for a missing file is less clear, and it would wait for a pipe.
     plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,field_order,nb_frames:\
                    stream_tags=DURATION:stream_side_data=rotation:packet=pts_time,flags";
@@ -134,7 +134,7 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.push(ffmpeg::file_argument(file));
     let output = ffmpeg::output("ffprobe", &arguments).map_err(|error| match error {
-        // An MP4's index stands at its end, as a rule.
+        // An MP4's index is usually at its end.
         FfmpegError::Failed { problem, .. } => {
             let problem = format!(
                 "cannot be opened; is it cut off before its index, or no video? ffprobe says: {problem}; {MEND}"
@@ -147,7 +147,7 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     if output.complaints.is_empty() {
         return Ok(video);
     }
-    // Where a container is damaged, frames are left out, and those after them would be taken for others.
+    // If a container is damaged, frames are left out, and those after them would be mistaken for others.
     Err(SourceError::content(file, format!("is damaged: ffprobe says: {}; {MEND}", output.complaints)))
 }
 
@@ -198,8 +198,8 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, timestamps_s, warnings })
 }
 
-/// That as many frames are there as the container promises: by their number (MP4), or by when the last one ends
-/// (Matroska; two frames and a half less is too little, for containers round).
+/// Checks that there are as many frames as the container promises: by their number (MP4), or by when the last one ends
+/// (Matroska; more than two and a half frames short is too little, since containers round).
 fn whole(stream: &ProbedStream, packets: &[Packet]) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
                               ffmpeg -i FILE -c copy NEW.mkv";
@@ -230,7 +230,7 @@ fn seconds(text: &str) -> Option<f64> {
     text.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
 }
 
-/// When each frame is shown: counted where a rate is given; as the packets say otherwise.
+/// When each frame is shown: counted if a rate is given, otherwise as the packets say.
 fn timestamps(
     packets: &[Packet],
     given_fps: Option<f64>,
@@ -238,7 +238,7 @@ fn timestamps(
     file: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<f64>, SourceError> {
-    // D marks packets that an edit list leaves out.
+    // D marks packets that an edit list discards.
     let shown = packets.iter().filter(|p| !p.flags.as_deref().unwrap_or_default().contains('D'));
     let times: Vec<Option<f64>> = shown.map(|p| p.pts_time.as_deref()?.parse().ok()).collect();
     if times.is_empty() {
@@ -280,16 +280,16 @@ fn is_rgb(format: &str) -> bool {
         .any(|s| format.starts_with(s))
 }
 
-/// ffmpeg names the byte order of every format whose components need more than a byte, and of
-/// the packed ones with 4 to 6 bits.
+/// ffmpeg names the byte order of every format whose components need more than a byte, and of the packed ones with 4 to
+/// 6 bits.
 fn more_than_8_bits(format: &str) -> bool {
     let packed = ["444le", "444be", "555le", "555be", "565le", "565be"].iter().any(|s| format.ends_with(s));
     (format.ends_with("le") || format.ends_with("be")) && !(packed && is_rgb(format))
 }
 
 impl Video {
-    /// Frames `range`, exactly: all before it are decoded and dropped, since seeking lands
-    /// where the file's index says, not where frame numbers say.
+    /// Frames `range`, exactly. All frames before it are decoded and dropped, since seeking depends on the file's
+    /// index, not on frame numbers.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
         let wide = self.bits == 16;
         let pixel_format = if wide { "rgb48le" } else { "rgb24" };
@@ -303,7 +303,7 @@ impl Video {
         };
         let range_length = range.len();
         let Range { start, end } = range;
-        // Counting the time anew keeps ffmpeg from repeating or dropping frames for a steady rate.
+        // Renumbering the timestamps keeps ffmpeg from repeating or dropping frames for a steady rate.
         let filter = format!(
             "trim=start_frame={start}:end_frame={end},settb=1/25,setpts=N,scale={input}flags={CONVERSION_FLAGS},format={pixel_format}"
         );
@@ -346,7 +346,7 @@ impl Video {
     }
 }
 
-/// Reads whole frames from a pipe on a thread of its own; ends when the pipe does.
+/// Reads whole frames from a pipe on a separate thread; ends with the pipe.
 fn read_ahead(mut pipe: ChildStdout, bytes: usize) -> Result<Receiver<Vec<u8>>, SourceError> {
     let (sender, receiver) = sync_channel(2);
     let run = move || {
@@ -374,7 +374,7 @@ pub struct VideoFrames {
 }
 
 impl Iterator for VideoFrames {
-    /// After an error there is nothing more.
+    /// An error ends the iteration.
     type Item = Result<Pixels, SourceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -383,10 +383,10 @@ impl Iterator for VideoFrames {
             return None;
         }
         let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
-        // ffmpeg paints over what it cannot decode and goes on; it only says so.
+        // ffmpeg fills in what it cannot decode and continues; it only complains.
         let last = self.next + 1 == self.range.end;
         let complaints = match &mut self.running {
-            // Nothing is left to write, so it ends by itself, and all that it says has been said.
+            // Nothing is left to write, so it ends by itself, and all its messages are complete.
             running if last && frame.is_some() => {
                 running.take().map(|running| running.finish().unwrap_or_else(|error| error.to_string()))
             }

@@ -7,16 +7,17 @@ use glam::DQuat;
 
 use crate::pose::Pose;
 
-/// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose so near stands at the very time.
+/// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose this near counts as being at that
+/// time.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Timestamped poses, ascending in time. A track is whole, or it grows: then its end is only its end so far.
+/// Timestamped poses, ascending in time. A track is either complete or growing: the end of a growing one is not final.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseTrack {
     poses: Vec<(f64, Pose)>,
     /// The longest interval, seconds, across which [`PoseTrack::at`] interpolates.
     max_gap_s: f64,
-    /// Whether poses are still to come.
+    /// Whether more poses are to come.
     grows: bool,
 }
 
@@ -29,7 +30,7 @@ pub enum NoPose {
     Before { time_s: f64, first_s: f64 },
     #[error("{time_s:.6} s lies after the last pose at {last_s:.6} s")]
     After { time_s: f64, last_s: f64 },
-    /// Of a track that grows: asked later, there may be one.
+    /// In a growing track: there may be a pose later.
     #[error("the pose at {time_s:.6} s is not there yet")]
     NotYet { time_s: f64 },
     #[error("{time_s:.6} s lies in a gap of {gap_s:.3} s between poses")]
@@ -45,8 +46,8 @@ pub struct NotAscending {
     pub before_s: f64,
 }
 
-/// The gap that is bridged where nobody said otherwise, seconds: three times the usual interval
-/// between poses, and never less than 0.1 s, in which a hand-held camera still moves smoothly.
+/// The default for the gap that is bridged, seconds: three times the usual interval between poses, and never less than
+/// 0.1 s, in which a hand-held camera still moves smoothly.
 pub fn default_max_gap_s(times_s: impl Iterator<Item = f64>) -> f64 {
     let times_s: Vec<f64> = times_s.collect();
     median_interval_s(&times_s).map_or(0.1, |interval_s| (3.0 * interval_s).max(0.1))
@@ -71,12 +72,12 @@ impl PoseTrack {
         Ok(Self { poses, max_gap_s, grows: false })
     }
 
-    /// An empty track whose poses come by [`PoseTrack::push`].
+    /// An empty track that gets its poses by [`PoseTrack::push`].
     pub fn growing(max_gap_s: f64) -> Self {
         Self { poses: Vec::new(), max_gap_s, grows: true }
     }
 
-    /// Adds the newest pose. One that does not come after the others is refused, and nothing has changed.
+    /// Adds the newest pose. One that does not come after the others is refused, and the track is unchanged.
     pub fn push(&mut self, time_s: f64, pose: Pose) -> Result<(), NotAscending> {
         let before_s = self.poses.last().map_or(f64::NEG_INFINITY, |last| last.0);
         if time_s.is_nan() || time_s <= before_s {
@@ -86,18 +87,18 @@ impl PoseTrack {
         Ok(())
     }
 
-    /// Forgets what no time from `from_s` on needs: the poses before it but the last one.
+    /// Drops the poses that no time from `from_s` on needs: those before it, except the last one.
     pub fn trim(&mut self, from_s: f64) {
         let after = self.poses.partition_point(|pose| pose.0 <= from_s);
         self.poses.drain(..after.saturating_sub(1));
     }
 
-    /// No more poses come: from here on what lies after the last one never gets one.
+    /// Marks the track complete: later times fail with `After` instead of `NotYet`.
     pub fn finish(&mut self) {
         self.grows = false;
     }
 
-    /// Whether every time from one to another, both included, has a pose; else why the first that has none has none.
+    /// Whether every time in the closed interval has a pose. If not, why the first one without a pose has none.
     pub fn covers(&self, from_s: f64, to_s: f64) -> Result<(), NoPose> {
         self.at(from_s)?;
         let first = self.poses.partition_point(|pose| pose.0 <= from_s).saturating_sub(1);
@@ -114,14 +115,14 @@ impl PoseTrack {
         &self.poses
     }
 
-    /// The same way of a camera that is turned where it stands; `turn` takes its axes to the turned one's.
+    /// The same track for a camera rotated in place; `turn` takes its axes to the rotated one's.
     pub fn turned(&self, turn: DQuat) -> Self {
         let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), ..*self }
     }
 
-    /// The pose at a time: one that stands there, else between its two neighbours. Where there are no two to go
-    /// between (the track's ends, a gap), one within a microsecond stands there too.
+    /// The pose at a time: one at that very time, or interpolated between its two neighbours. Where interpolation is
+    /// not possible (at the track's ends, in a gap), a pose within a microsecond also counts.
     pub fn at(&self, time_s: f64) -> Result<Pose, NoPose> {
         let after = self.poses.partition_point(|p| p.0 <= time_s);
         let before = after.checked_sub(1).map(|i| self.poses[i]);
@@ -141,8 +142,8 @@ impl PoseTrack {
         }
     }
 
-    /// As [`PoseTrack::at`], but before a track's start, after its end and inside a gap the
-    /// nearest pose: for the edges of a shutter whose middle has a pose. `None` when empty.
+    /// Like [`PoseTrack::at`], but before the track's start, after its end and inside a gap it is the nearest pose: for
+    /// the edges of a shutter whose middle has a pose. `None` if empty.
     pub fn at_or_nearest(&self, time_s: f64) -> Option<Pose> {
         if let Ok(pose) = self.at(time_s) {
             return Some(pose);
@@ -224,7 +225,7 @@ mod tests {
         assert!(matches!(t.at(1.5), Err(NoPose::Before { .. })));
         t.trim(100.0);
         assert_eq!((t.poses().len(), t.at(9.0)), (1, track().at(9.0)));
-        // A stream that runs for hours keeps what its exposures need.
+        // A stream that runs for hours keeps only what its exposures need.
         let mut long = PoseTrack::growing(0.1);
         for i in 0..10_000 {
             let time_s = 0.005 * f64::from(i);

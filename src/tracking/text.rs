@@ -1,4 +1,4 @@
-//! Text files of one record a line, and errors that name file and line.
+//! Text files with one record per line, and errors that name file and line.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::source::file::{self, MOST_TEXT};
 use crate::words::{quoted, reason};
 
-/// A text file that cannot be read or does not hold what it should.
+/// A text file cannot be read or does not contain what it should.
 #[derive(Debug, thiserror::Error)]
 pub enum TextError {
     #[error("{}: cannot be read: {}", file.display(), reason(source))]
@@ -22,18 +22,18 @@ impl TextError {
     }
 }
 
-/// The whole of a UTF-8 file, which is a plain one.
+/// The whole of a plain UTF-8 file.
 pub fn read(file: &Path) -> Result<String, TextError> {
     file::read_text(file, MOST_TEXT).map_err(|source| TextError::Read { file: file.to_owned(), source })
 }
 
-/// The lines that hold something, with their numbers from 1; blank lines and `#` comments are left out.
+/// The lines with content, with their numbers from 1; blank lines and `#` comments are skipped.
 pub fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
     lines.map(|(i, line)| (i + 1, line.trim())).filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// The next word of a line, taken off its front; empty at the end.
+/// Takes the next word off the front of a line; empty at the end.
 pub fn word<'a>(line: &mut &'a str) -> &'a str {
     let start = line.trim_start();
     let (word, rest) = start.split_at(start.find(char::is_whitespace).unwrap_or(start.len()));
@@ -41,7 +41,7 @@ pub fn word<'a>(line: &mut &'a str) -> &'a str {
     word
 }
 
-/// The next word of a line as a finite number; the message says what was found instead.
+/// The next word of a line as a finite number. The message says what was found instead.
 pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
     let found = word(line);
     match found.parse::<f64>() {
@@ -51,7 +51,7 @@ pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
     }
 }
 
-/// Whether nothing is left of a line.
+/// Checks that nothing is left of a line.
 pub fn end(line: &str) -> Result<(), String> {
     match line.trim() {
         "" => Ok(()),

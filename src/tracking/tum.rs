@@ -1,5 +1,5 @@
-//! Trajectories of the TUM RGB-D benchmark: a line a pose, `timestamp tx ty tz qx qy qz qw`,
-//! the camera in the world (camera to world), OpenCV axes, metres, seconds.
+//! Trajectories of the TUM RGB-D benchmark: one pose per line, `timestamp tx ty tz qx qy qz qw`, the camera in the
+//! world (camera to world), OpenCV axes, metres, seconds.
 //! Source: <https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats>.
 
 use std::fmt;
@@ -14,17 +14,17 @@ use crate::words::number;
 
 /// A quaternion whose length is further from 1 than this is refused.
 pub const LARGEST_NORM_ERROR: f64 = 1e-2;
-/// One whose length is further from 1 than this is told of: four decimals, as the benchmark
-/// writes them, round it by 1e-4 at most.
+/// A quaternion whose length is further from 1 than this causes a warning: four decimals, as the benchmark writes them,
+/// round it by at most 1e-4.
 const NOTED_NORM_ERROR: f64 = 1e-3;
 
-/// A line of a trajectory, with the numbers that stand in it.
+/// A line of a trajectory, with its numbers as written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
     pub time_s: f64,
     /// Where the camera is in the world, metres.
     pub position_m: DVec3,
-    /// `world_from_camera`; as long as it is written, about 1.
+    /// `world_from_camera`, with the length as written, about 1.
     pub rotation: DQuat,
 }
 
@@ -34,7 +34,8 @@ impl Line {
     }
 
     pub fn pose(&self) -> Pose {
-        // It is made a unit's length there once more: the last bit may tell, and files that were read so stay as they are.
+        // Normalised there once more: the last bit may differ, and files already read this way must give the same
+        // poses.
         Pose::from_camera_in_world(self.position_m, self.rotation.normalize())
     }
 }
@@ -47,37 +48,36 @@ impl fmt::Display for Line {
     }
 }
 
-/// A trajectory as text; [`parse_lines`] reads the same numbers from it, bit for bit.
+/// A trajectory as text; [`parse_lines`] reads back the same numbers, bit for bit.
 pub fn write_trajectory(lines: &[Line]) -> String {
     let head = "# timestamp tx ty tz qx qy qz qw\n".to_owned();
     lines.iter().fold(head, |text, line| text + &format!("{line}\n"))
 }
 
-/// What a trajectory file holds.
+/// The contents of a trajectory file.
 #[derive(Clone, Debug, Default)]
 pub struct Trajectory {
     /// (timestamp in seconds, pose), strictly ascending in time.
     pub poses: Vec<(f64, Pose)>,
-    /// What is odd about it, each said once.
+    /// Warnings, each given once.
     pub warnings: Vec<String>,
 }
 
-/// Reads a trajectory. `max_gap_s` as in [`default_max_gap_s`] where it is `None`.
+/// Reads a trajectory. If `max_gap_s` is `None`, [`default_max_gap_s`] applies.
 pub fn read_trajectory(path: &Path, max_gap_s: Option<f64>) -> Result<PoseTrack, TextError> {
     let trajectory = parse_trajectory(&text::read(path)?, path)?;
     let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(trajectory.poses.iter().map(|p| p.0)));
     PoseTrack::new(trajectory.poses, max_gap_s).map_err(|e| TextError::line(path, 0, e))
 }
 
-/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, numbers
-/// that are not finite and quaternions further than [`LARGEST_NORM_ERROR`] from unit length
-/// are errors with their line.
+/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, numbers that are not finite
+/// and quaternions further than [`LARGEST_NORM_ERROR`] from unit length are errors with their line.
 pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError> {
     let (lines, warnings) = parse_lines(text, file)?;
     Ok(Trajectory { poses: lines.iter().map(|line| (line.time_s, line.pose())).collect(), warnings })
 }
 
-/// As [`parse_trajectory`], the numbers as they stand there; and what is odd about them.
+/// Like [`parse_trajectory`], with the numbers as written; and the warnings about them.
 pub fn parse_lines(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
     let mut lines: Vec<Line> = Vec::new();
     let mut odd = NormNotes::default();
@@ -91,7 +91,7 @@ pub fn parse_lines(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), 
     Ok((lines, warnings))
 }
 
-/// That a pose comes after the one before it.
+/// Checks that a pose comes after the previous one.
 pub fn ascends(before_s: Option<f64>, time_s: f64) -> Result<(), String> {
     let Some(before_s) = before_s.filter(|before_s| time_s <= *before_s) else { return Ok(()) };
     let how = if time_s == before_s { "stands twice" } else { "runs backwards" };
@@ -113,7 +113,7 @@ fn parse_line(record: &str) -> Result<(Line, f64), String> {
     Ok((Line { time_s, position_m: DVec3::new(tx, ty, tz), rotation }, norm_error))
 }
 
-/// The quaternion at unit length and how far it was from that; refused beyond [`LARGEST_NORM_ERROR`].
+/// The quaternion normalised, and how far its length was from 1; refused beyond [`LARGEST_NORM_ERROR`].
 pub fn unit_quaternion(q: DQuat) -> Result<(DQuat, f64), String> {
     let error = (q.length() - 1.0).abs();
     if error.is_nan() || error > LARGEST_NORM_ERROR {
@@ -122,7 +122,7 @@ pub fn unit_quaternion(q: DQuat) -> Result<(DQuat, f64), String> {
     Ok((q.normalize(), error))
 }
 
-/// Collects quaternions that are off unit length into one warning.
+/// Collects quaternions that are not of unit length into one warning.
 #[derive(Debug, Default)]
 pub struct NormNotes {
     count: usize,
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn camera_to_world_worked_by_hand() {
-        // The camera stands at (1, 2, 3) turned by 90° about world z: its x axis is world y.
+        // The camera is at (1, 2, 3), rotated by 90° about world z: its x axis is world y.
         let t = parse("# c\n\n 5.5\t1 2 3  0 0 0.70710678 0.70710678\r\n").unwrap();
         let (time_s, pose) = t.poses[0];
         assert_eq!(time_s, 5.5);
@@ -233,7 +233,7 @@ mod tests {
             let line = |(time_s, position_m, rotation)| Line { time_s, position_m, rotation };
             let lines: Vec<Line> = expected.into_iter().map(line).collect();
             let (again, _) = parse_lines(&write_trajectory(&lines), Path::new("t.txt")).unwrap();
-            // Its shortest text tells every bit of a number.
+            // The shortest text of a number has every bit of it.
             prop_assert_eq!(format!("{again:?}"), format!("{lines:?}"));
         }
     }

@@ -1,4 +1,4 @@
-//! What a photograph is aimed at, as places in the recorded picture.
+//! The aim of a photograph, as places in the recorded picture.
 
 use anyhow::{Context, Result, bail};
 use glam::{DVec2, DVec3};
@@ -9,7 +9,7 @@ use crate::photo::Aim;
 use crate::recording::Recording;
 use crate::scene::{Object, Scene};
 
-/// An object fills so much of the photograph, one way or the other.
+/// The share of the photograph that an object fills, in width or in height.
 const FILLED: f64 = 0.5;
 
 pub fn columns(text: &str) -> Result<f64, String> {
@@ -43,13 +43,13 @@ pub fn aim(args: &Args, recording: &Recording, whole: &Geometry, scene: &Scene) 
     };
     let around = across.or(args.focal.is_none().then(|| {
         let around = (high - low) / FILLED;
-        // No more than there is, whatever the film's shape.
+        // No more than the picture has, whatever the film's shape.
         around * (size / around).min_element().min(1.0)
     }));
     Ok(Aim { at_px: Some(0.5 * (low + high)), around_px: around })
 }
 
-/// The object of a name, or the only one whose name has that in it.
+/// The object with this name, or the only one whose name contains it.
 fn named<'a>(wanted: &str, scene: &'a Scene) -> Result<&'a Object> {
     let mut like = scene.objects.iter().filter(|object| object.name.to_lowercase().contains(&wanted.to_lowercase()));
     let exact = scene.objects.iter().find(|object| object.name == wanted);

@@ -1,4 +1,4 @@
-//! What a person set, in a mode, and the photographs of a series that follow from it.
+//! The user's settings in a mode, and the photographs of a series that follow from them.
 
 use anyhow::{Result, bail};
 
@@ -11,12 +11,12 @@ use crate::shot::{Known, USUAL_ISO};
 /// One photograph of a series.
 pub struct Asked {
     pub settings: ExposureSettings,
-    /// Stops brighter than wanted that nothing was left to choose against.
+    /// Stops brighter than wanted that no remaining setting could correct.
     pub over_ev: f64,
     pub focus_distance_m: f64,
 }
 
-/// What the person set, in a mode.
+/// The user's settings in a mode.
 pub struct Dials {
     pub mode: Mode,
     pub set: ExposureSettings,
@@ -26,7 +26,7 @@ pub struct Dials {
     pub focus_distance_m: f64,
 }
 
-/// The times of a series, stops from its middle.
+/// The times of a series, in stops from its middle.
 const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
 
 impl Dials {
@@ -63,7 +63,7 @@ impl Dials {
         if let Some(name) = gone_through {
             bail!("--bracket {name} goes through all of them: leave --{name} out");
         }
-        // A bracket goes through what it varies.
+        // A bracket supplies a usual value for what it varies.
         let varied = |what: Bracket, given: Option<f64>, usual: f64| match args.bracket {
             Some(bracket) if bracket == what => given.or(Some(usual)),
             _ => given,
@@ -90,7 +90,7 @@ impl Dials {
         Asked { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
     }
 
-    /// Of an exposure that its mode could not bring about, why.
+    /// Why the mode could not achieve an exposure.
     pub fn misses(&self, asked: &Asked) -> Option<String> {
         let missed = self.mode != Mode::Manual && asked.over_ev.abs() > 0.5;
         missed.then(|| {
@@ -114,7 +114,7 @@ impl Dials {
         })
     }
 
-    /// Of a series what it does not hold, though it was asked for.
+    /// Which photographs of a requested series are left out.
     pub fn left_out(&self, bracket: Option<Bracket>) -> Option<String> {
         let Limits { shortest_s, longest_s, .. } = self.limits;
         let count = TIMES.count();
@@ -131,7 +131,7 @@ impl Dials {
         }
     }
 
-    /// As a camera's dial says: a series of apertures or times is taken by their priority.
+    /// The mode as on a camera's dial: a series of apertures or times is taken in their priority mode.
     pub fn mode_of(&self, bracket: Option<Bracket>) -> Mode {
         match (self.mode, bracket) {
             (Mode::Manual, _) => Mode::Manual,
@@ -141,7 +141,7 @@ impl Dials {
         }
     }
 
-    /// What is varied stays as it is set; in manual mode all the rest does too, else the camera makes up for it.
+    /// What is varied stays as set. In manual mode so does everything else; in the others the camera compensates.
     pub fn series(&self, bracket: Option<Bracket>) -> Vec<Asked> {
         let manual = self.mode == Mode::Manual;
         let usual = self.metered(self.mode, self.set);

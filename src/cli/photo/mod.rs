@@ -126,14 +126,15 @@ pub fn run(args: &Args) -> Result<()> {
         bail!("a photograph out of a 360° picture is not made: composite into the recording, and crop that");
     }
 
-    // All that can be refused is, before anything is drawn.
+    // Everything that can be refused is refused before anything is drawn.
     let camera = shot.camera();
     camera.lens.opening(&whole)?;
     shot.settings.check(&camera, &whole)?;
     let focal_length_m = args.focal.map(|mm| 1e-3 * mm);
     let (given_m, checked_m) = match args.focus {
         Focus::Metres(distance_m) => (distance_m, focal_length_m),
-        // What a lens sees depends on where it is focused, which is not known yet; a series goes on to infinity.
+        // What a lens sees depends on where it is focused, which is not known yet. A focus series continues to
+        // infinity.
         Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| args.bracket == Some(Bracket::Focus))),
     };
     let aim = aim::aim(args, &shot.recording, &whole, &shot.scene)?;
@@ -247,8 +248,8 @@ pub fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// How long a shutter whose middle is a frame's time can be open and see frames all the while, seconds; an interval at
-/// least, and any time where the frames' own mean nothing.
+/// How long a shutter centred on a frame's time can be open and still see frames, in seconds: at least one interval,
+/// and unlimited if the frames' times mean nothing.
 fn recorded_s(recording: &Recording, frame: usize) -> f64 {
     let times = &recording.timestamps_s;
     let (Some(first), Some(at), Some(last)) = (times.first(), times.get(frame), times.last()) else { return 0.0 };
@@ -256,8 +257,8 @@ fn recorded_s(recording: &Recording, frame: usize) -> f64 {
     if recording.kind.has_times() { interval_s + 2.0 * (at - first).min(last - at) } else { f64::INFINITY }
 }
 
-/// The camera's geometry with the width of film at which its focal length is what the frame's file says, where nothing else
-/// tells how wide the film is.
+/// The camera's geometry. If nothing else gives the film's width, it is set so that the focal length is the one in the
+/// frame's file.
 fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometry {
     let Some(focal_length_m) = focal_length_m.filter(|_| !rig.gives_film_width()) else { return whole };
     let Geometry { mut intrinsics, distortion, .. } = whole;
@@ -265,7 +266,7 @@ fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometr
     Geometry::new(intrinsics, distortion)
 }
 
-/// Of a single photograph the name that was given, of a series one with a part behind a hyphen.
+/// For a single photograph the given name; in a series, the name with a hyphen and a part appended.
 fn path_of(args: &Args, part: &str) -> PathBuf {
     if args.bracket.is_none() {
         return args.output.clone();
@@ -286,7 +287,7 @@ fn label(asked: &Asked, framing: &Framing) -> String {
     format!("{}\n{lens} at {focus}{off}", asked.settings)
 }
 
-/// Whether things at half the distance that is sharp, or behind it at infinity, would show that they are not.
+/// Whether objects at half the focus distance or at infinity would be visibly blurred.
 fn blurs(opening: &Opening, framing: &Framing) -> bool {
     let fx_px = framing.geometry.intrinsics.fx_px;
     let nearer = if framing.focus_distance_m.is_finite() { 0.5 * framing.focus_distance_m } else { 1.0 };

@@ -1,4 +1,4 @@
-//! A recording's frame, photographed.
+//! Photographs a recording's frame.
 
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -20,21 +20,21 @@ use crate::shot::{Shot, USUAL_ISO};
 use crate::sink::photograph::Notes;
 use crate::words::short;
 
-/// Timestamps from here on (2001-09-09) are seconds since 1970.
+/// Timestamps from this value on (2001-09-09) are seconds since 1970.
 const EPOCH_S: f64 = 1e9;
 
-/// A shot with the frame that is photographed.
+/// A shot with the frame to photograph.
 pub struct Shoot<'a> {
     pub args: &'a Args,
     pub shot: Shot,
     pub whole: Geometry,
     pub frame: Frame,
-    /// Of its linear light.
+    /// Mean of the frame's linear light.
     pub mean: f64,
     pub camera: Camera,
     pub compositor: Compositor,
     pub aim: Aim,
-    /// Whether the recording's frames are summed for as long as the shutter is open.
+    /// Whether the recording's frames are summed while the shutter is open.
     pub sums: bool,
 }
 
@@ -46,7 +46,7 @@ impl Shoot<'_> {
         let pending = self.shot.submit(&mut self.compositor, self.frame.clone(), &self.whole, Target::Pixels, true)?;
         let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
         let framed = |f| Framing::aimed(&self.whole, self.args.film, f, f64::INFINITY, self.args.width, self.aim);
-        // A lens that sees too much at infinity may see enough where it will be focused.
+        // A lens that sees too much at infinity may fit once it is focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
         let corner = framing.framed.source_px(glam::DVec2::new(f64::from(width), f64::from(height)));
@@ -101,9 +101,9 @@ impl Shoot<'_> {
             }
         }
         let response = &shot.rig.response;
-        // By the frame itself: what it shows is what was metered.
+        // Relative to the frame itself: what it shows is what was metered.
         let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
-        // The recording's own settings leave its light as it is, whatever roundings say.
+        // The recording's own settings leave its light unchanged, despite rounding.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
         let neighbours = self.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
         let real = RealPart::new(&frames, response, &framing.framed, framing.size(), neighbours);
@@ -114,7 +114,7 @@ impl Shoot<'_> {
             time_s: match (has_times, self.sums) {
                 (false, _) => 0.0,
                 (true, true) => asked.settings.time_s,
-                // On a stand the real part is the frame: virtual things are blurred as it is.
+                // On a tripod the real part is the frame, so virtual objects are blurred as in it.
                 (true, false) => exposure_time_s(&self.camera, &shot.settings, &self.frame, recording.frame_interval_s),
             },
             over_ev: gain.log2(),
@@ -144,7 +144,7 @@ impl Shoot<'_> {
         let now_s = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Notes {
-            // As they are engraved, like a camera writes them.
+            // The engraved values, like a camera writes them.
             f_number: stops::marked(&stops::f_numbers(Step::Third), f_number),
             time_s: stops::marked(&stops::shutter_times_s(Step::Third), time_s),
             iso: stops::marked(&stops::iso_speeds(Step::Third), iso),

@@ -1,18 +1,18 @@
 //! The method `diffusion`: Wang 2012, section 3.
 //!
-//! 1. The blur factor Q of each pixel, its circle (vSLRcam (8), which is Wang's δ for L ≫ f) over the frame's largest; in
-//!    steps, each of which has one operator of radius r = R·Q (operator.rs).
-//! 2. Each pixel of the original spreads its light by its operator. Within a step what falls together adds up; the
-//!    steps are mixed from the largest to the smallest, channel by channel, coverage being one of them:
-//!    - `conserving` (default): they add up too, up to a coverage of 1. Light is kept wherever no more than that falls
-//!      together, and the order does not matter.
+//! 1. The blur factor Q of each pixel: its circle (vSLRcam (8), which is Wang's δ for L ≫ f) over the frame's largest,
+//!    in steps. Each step has one operator of radius r = R·Q (operator.rs).
+//! 2. Each pixel of the original spreads its light by its operator. Within a step, overlapping light adds up. The steps
+//!    are mixed from the largest to the smallest, channel by channel, including coverage:
+//!    - `conserving` (default): they add up too, up to a coverage of 1. Light is kept wherever no more than that
+//!      overlaps, and the order does not matter.
 //!    - `printed`: F = min/max, F > K: K·A + K·B (2), else max + min·F (3). Equal values get 1.4 times as bright, other
-//!      light is lost, and at F = K there is a jump; K itself, which the paper leaves open, goes with (3).
+//!      light is lost, and at F = K there is a jump. The paper leaves F = K open; here (3) applies.
 //! 3. Where Q < w: spread·Q + (1 − Q)·original (4).
 //!
-//! Beyond the paper: before the focus plane the shape is upside down. As in the paper, what a surface hides is unknown:
-//! where a blurred edge uncovers it, coverage falls and the camera's picture shows; a blurred surface does not spread
-//! over a sharp one, by (4). Circles are at most 2·R_K wide.
+//! Beyond the paper: in front of the focus plane the shape is upside down. As in the paper, what a surface hides is
+//! unknown: where a blurred edge uncovers it, coverage falls and the camera's picture shows; and by (4) a blurred
+//! surface does not spread over a sharp one. Circles are at most 2·R_K wide.
 
 use crate::camera::Opening;
 use crate::effects::{LayerRun, Moment};
@@ -24,14 +24,14 @@ use super::surroundings::{Lens, Tiling, passed, surroundings};
 use super::{DepthOfField, layered};
 
 crate::choices! {
-    /// How what is spread from different depths comes together.
+    /// How light spread from different depths is combined.
     pub enum Mix { Conserving = "conserving", Printed = "printed" }
 }
 
-/// Steps of the blur factor besides 0, at most; as in shaders/depth_of_field_diffusion.wgsl.
+/// The most steps of the blur factor besides 0; the same as in shaders/depth_of_field_diffusion.wgsl.
 pub const MOST_STEPS: u32 = 32;
 
-/// What operators hang on.
+/// What determines the operators (the cache key).
 #[derive(Clone, Debug, PartialEq)]
 struct Of {
     params: DepthOfField,
@@ -43,7 +43,7 @@ crate::uniform! {
     struct Wang { mix_ratio: f32, blend_below: f32, margin: i32, half_side: i32 }
 }
 
-/// Of the params' operators.
+/// How the parameters make operators.
 fn make(params: &DepthOfField) -> Make {
     Make {
         rim: params.rim.into(),
@@ -52,8 +52,8 @@ fn make(params: &DepthOfField) -> Make {
     }
 }
 
-/// What is told in pixels of the camera's, in those of the picture that is made; within the same ranges, which is what
-/// operators hold.
+/// Converts values in the camera's pixels to pixels of the picture that is made, within the ranges that operators can
+/// represent.
 fn enlarged(params: &DepthOfField, moment: &Moment<'_>) -> DepthOfField {
     let times = moment.capture.enlargement as f32;
     DepthOfField {
@@ -64,23 +64,23 @@ fn enlarged(params: &DepthOfField, moment: &Moment<'_>) -> DepthOfField {
     }
 }
 
-/// R: of the frame's largest circle, within R_K.
+/// R: the radius of the frame's largest circle, at most R_K.
 fn largest_radius_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
     layered::largest_radius_px(moment).min(params.largest_radius_px)
 }
 
-/// How far light is spread.
+/// How far light spreads, px.
 pub fn reach_px(params: &DepthOfField, moment: &Moment<'_>) -> f32 {
     let params = &enlarged(params, moment);
     largest_radius_px(params, moment).ceil() + make(params).margin() as f32
 }
 
-/// Steps of half a pixel of radius, as far as there are so many.
+/// Steps of half a pixel of radius, up to `MOST_STEPS`.
 pub fn steps(largest_radius_px: f64) -> u32 {
     ((2.0 * largest_radius_px).ceil() as u32).clamp(1, MOST_STEPS)
 }
 
-/// The operator of each step: its radius is that share of the largest.
+/// The operator of each step; its radius is the step's share of the largest.
 pub fn operators(params: &DepthOfField, opening: &Opening, largest_radius_px: f64) -> Vec<Vec<f64>> {
     let outline = params.shape.outline(opening);
     let steps = steps(largest_radius_px);
@@ -88,7 +88,7 @@ pub fn operators(params: &DepthOfField, opening: &Opening, largest_radius_px: f6
     (0..=steps).map(|step| make(params).operator(&outline, radius(step))).collect()
 }
 
-/// Those of a frame, one below the other.
+/// The operators of a frame, stacked vertically.
 fn texture(gpu: &Gpu, of: &Of) -> Texture {
     let side = 2 * make(&of.params).half_side() as u32 + 1;
     let texture = Texture::new(gpu, "operators", side, side * (MOST_STEPS + 1), wgpu::TextureFormat::R32Float, 1);
@@ -104,7 +104,7 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
     let largest_radius_px = largest_radius_px(params, run.moment);
     let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px, steps(largest_radius_px.into()));
     let around = surroundings(run, &lens, &layer, tiling);
-    // By what they hang on, and nothing else.
+    // Keyed by what they depend on, and nothing else.
     let DepthOfField { shape, rim, gaussian_px, largest_radius_px: most_px, .. } = *params;
     let of_operators = DepthOfField { shape, rim, gaussian_px, largest_radius_px: most_px, ..DepthOfField::default() };
     let operators = run.recorder.kept_few(Of { params: of_operators, opening: *opening, largest_radius_px }, texture);
@@ -125,7 +125,7 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
     passed(run, &lens, &around, layer, out)
 }
 
-/// Wang (2) and (3) of one channel.
+/// Wang (2) and (3) for one channel.
 pub fn mixed(a: f64, b: f64, ratio: f64) -> f64 {
     let (low, high) = (a.min(b), a.max(b));
     if high <= 0.0 {
@@ -135,8 +135,8 @@ pub fn mixed(a: f64, b: f64, ratio: f64) -> f64 {
     if f > ratio { ratio * a + ratio * b } else { high + low * f }
 }
 
-/// A layer by the paper: its pixels stamped one by one with the operators of their circles (signed, px; NaN where
-/// nothing was drawn), the largest first. `rgba` holds `width * height` premultiplied pixels; outside is empty.
+/// A layer by the paper: its pixels are stamped one by one with the operators of their circles (signed, px; NaN where
+/// nothing was drawn), the largest first. `rgba` has `width * height` premultiplied pixels; outside is empty.
 pub fn twin(
     rgba: &[[f64; 4]],
     width: usize,

@@ -1,23 +1,23 @@
 //! The image of the opening on the texels of a picture, for `layered`.
 //!
-//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d). Of an image of
-//! radius r its share is about what of its width lies inside: r·a − g·a + ½ between 0 and 1, a being how far the rim's
-//! straight parts are from the middle (the apothem; 1 for a circle). The table holds g·a of each texel, and of each
-//! radius the rim (about r·a + ½) with which edges are as wide as the opening's.
+//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d). Its share of an
+//! image of radius r is roughly how much of its width lies inside: r·a − g·a + ½ between 0 and 1, where a is the
+//! distance of the rim's straight parts from the middle (the apothem; 1 for a circle). The table has g·a for each texel
+//! and, for each radius, the rim (about r·a + ½) at which edges are as wide as the opening's.
 
 use std::f64::consts::{PI, TAU};
 
 use crate::camera::{Aperture, Opening};
 use crate::gpu::{Bytes, Gpu, constants};
 
-/// Texels to each side. As in shaders/depth_of_field.wgsl.
+/// Texels to each side. The same as in shaders/depth_of_field.wgsl.
 const REACH: i32 = 13;
-/// Radii of which rims are told, and how many of them make a texel; up to which radius texels are counted one by one.
+/// Number of radii with a rim, radii per texel, and the radius up to which texels are counted one by one.
 const RIMS: usize = 64;
 const STEPS: f64 = 4.0;
 const COUNTED: f64 = 8.0;
 
-/// What hangs on the opening's blades alone, and not on its size or focus.
+/// What depends only on the opening's blades, not on its size or focus (the cache key).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blades {
     blades: u32,
@@ -29,14 +29,14 @@ impl Blades {
         Self { blades: opening.blades, rotation_rad: opening.rotation_rad }
     }
 
-    /// An opening of that shape.
+    /// An opening of this shape.
     pub fn opening(&self) -> Opening {
         let Self { blades, rotation_rad } = *self;
         Opening { diameter_m: 1.0, focus_distance_m: 1.0, blades, rotation_rad }
     }
 }
 
-/// `Aperture` of the shader.
+/// The shader's `Aperture`.
 pub fn buffer(gpu: &Gpu, blades: &Blades) -> Bytes {
     let opening = &blades.opening();
     let aperture = Aperture::of(opening);
@@ -52,8 +52,8 @@ pub fn buffer(gpu: &Gpu, blades: &Blades) -> Bytes {
     Bytes::from(&constants(gpu, "image of the opening", bytemuck::cast_slice(&floats)))
 }
 
-/// Angle between the middles of two sides (0 for a circle) and that of one of them, rad; the apothem, in radii; the area, in
-/// squares of the apothem.
+/// Angle between the middles of two sides (0 for a circle) and the angle of one of them, rad; the apothem, in radii;
+/// the area, in squares of the apothem.
 fn shape(opening: &Opening) -> [f64; 4] {
     if opening.blades == 0 {
         return [0.0, 0.0, 1.0, PI];
@@ -62,7 +62,7 @@ fn shape(opening: &Opening) -> [f64; 4] {
     [side, opening.rotation_rad + 0.5 * side, (0.5 * side).cos(), PI / (0.5 * side) * (0.5 * side).tan()]
 }
 
-/// A few points, their middle on the opening's, that nothing is shifted.
+/// A few points, centred on the opening so that nothing is shifted.
 fn points(aperture: &Aperture, rings: &[u32]) -> impl Iterator<Item = [f64; 2]> {
     let points = aperture.rings(rings);
     let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / points.len() as f64);
@@ -78,14 +78,13 @@ fn square(reach: i32) -> impl Iterator<Item = (f64, f64)> {
     (-reach..=reach).flat_map(move |y| (-reach..=reach).map(move |x| (f64::from(x), f64::from(y))))
 }
 
-/// Light that comes from a texel at d went through the opening at −d where it is focused behind the picture, at d where
-/// it is before.
+/// Light from a texel at d went through the opening at −d if it is focused behind the picture, at d if in front of it.
 fn places(aperture: &Aperture) -> impl Iterator<Item = [[f64; 2]; 2]> {
     let both = |(x, y): (f64, f64)| [place(aperture, -x, -y), place(aperture, x, y)];
     square(REACH).map(move |(x, y)| [both((x, y)), both((x + 0.5, y + 0.5))])
 }
 
-/// Of each radius the rim, and how far from the middle the outermost texels' middles lie.
+/// For each radius the rim, and how far from the middle the centres of the outermost texels lie.
 fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
     let apothem = aperture.apothem();
     let counted = Counted::new(aperture);
@@ -94,7 +93,7 @@ fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
             let radius = i as f64 / STEPS;
             let rim = match radius < COUNTED {
                 true => counted.rim(radius, apothem),
-                // Half a texel's soft rim adds 1/8 to the second moment of a circle and takes 1/48 off.
+                // A soft rim of half a texel adds 1/8 to a circle's second moment and removes 1/48.
                 false => (radius * radius - 0.104 / aperture.variance()).sqrt() * apothem + 0.5,
             };
             [rim, rim / apothem]
@@ -102,12 +101,12 @@ fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// What is needed to count texels one by one.
+/// The data for counting texels one by one.
 struct Counted {
     reach: i32,
     /// Row by row.
     places: Vec<f64>,
-    /// Of points spread evenly over the opening, x and y, in radii.
+    /// Points spread evenly over the opening, x and y, in radii.
     points: Vec<[f64; 2]>,
 }
 
@@ -118,10 +117,10 @@ impl Counted {
         Self { reach, places, points: (0..2000).map(|i| aperture.sequence(i)).collect() }
     }
 
-    /// The rim with which edges are as wide as the opening of this radius makes them. Between two, ever closer.
+    /// The rim at which edges are as wide as the opening of this radius makes them, by bisection.
     fn rim(&self, radius: f64, apothem: f64) -> f64 {
         let wanted: f64 = [0, 1].map(|axis| width(self.points.iter().map(|p| (radius * p[axis], 1.0)))).iter().sum();
-        // No smaller than holds the four texels around a point between them.
+        // Never so small that the four texels around a point have no share.
         let (mut low, mut high) = (apothem.max(0.75), (radius + 1.5) * apothem + 0.5);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
@@ -130,7 +129,7 @@ impl Counted {
         low
     }
 
-    /// Of edges along both axes together.
+    /// Sum of the widths of edges along both axes.
     fn widths(&self, rim: f64) -> f64 {
         let columns = 2 * self.reach + 1;
         let mut sums = [vec![0.0; columns as usize], vec![0.0; columns as usize]];
@@ -144,8 +143,8 @@ impl Counted {
     }
 }
 
-/// How wide an edge is from 10 to 90 % that light at these places (with their weights) makes, in pixels, the mean over
-/// places of the edge between pixels.
+/// The 10-90 % width, in pixels, of an edge blurred by light at these places with these weights, averaged over
+/// positions of the edge between pixels.
 fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
     const PLACES: usize = 5;
     let light: Vec<_> = light.filter(|(_, weight)| *weight > 0.0).collect();
@@ -163,7 +162,7 @@ fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
     (0..PLACES).map(|k| width_at(k as f64 / PLACES as f64)).sum::<f64>() / PLACES as f64
 }
 
-/// Where a rising profile meets a level.
+/// Where a rising profile crosses a level.
 fn crossing(profile: &[f64], level: f64) -> f64 {
     let after = profile.iter().position(|v| *v > level).unwrap_or(profile.len() - 1).max(1);
     let (a, b) = (profile[after - 1], profile[after]);

@@ -1,16 +1,16 @@
 //! The method `layered` on the GPU.
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
-//! 2. Tiles, a third as wide as circles reach or wider (in photographs 16 px): from the circles that reach into a tile,
-//!    and all that is seen through them, follows what is to be done there. Nothing; copying; one surface with small
-//!    circles (4 or 12 points of the opening at full resolution) or with large ones (all texels of the opening's image
-//!    at a half, a quarter and so on); two surfaces behind each other, kept apart until the end.
+//! 2. Tiles, at least a third as wide as circles reach (16 px in photographs). The circles that reach into a tile, and
+//!    everything seen through them, determine what to do there: nothing; copying; one surface with small circles (4 or
+//!    12 points of the opening at full resolution) or with large ones (all texels of the opening's image at a half, a
+//!    quarter and so on); two surfaces behind each other, kept apart until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
-//! 4. The layer's own, which picks up 3.
+//! 4. The layer's own resolution, which uses the results of 3.
 //!
-//! Texels weigh by their share of the opening's image (`image`), and straight lines between them share out each one's
-//! light in whole: energy is kept. All that these steps blur besides is taken off the image's size, so that the width
-//! of edges is the opening's.
+//! Texels are weighted by their share of the opening's image (`image`), and linear interpolation distributes all of
+//! each texel's light: energy is kept. The blur that these steps add is subtracted from the image's size, so that the
+//! width of edges is the opening's.
 
 use crate::camera::Opening;
 use crate::effects::{LayerRun, Moment};
@@ -24,11 +24,11 @@ use super::{WIDEST_PX, circles_px};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
-/// The lower resolutions: a half and so on; and how many of them are drawn at.
+/// The number of lower resolutions (a half and so on), and how many of them are drawn at.
 const LEVELS: u32 = 4;
 const DRAWN: usize = 4;
-/// From which radii half, a quarter and so on of the resolution may be asked for, px. As in shaders/shared/lens.wgsl; a test
-/// compares them.
+/// Radii from which half, a quarter and so on of the resolution may be needed, px. The same as in
+/// shaders/shared/lens.wgsl; a test compares them.
 const FROM_PX: [f32; DRAWN] = [2.5, 8.0, 32.0, 64.0];
 
 /// No circle is drawn wider than a quarter of the picture.
@@ -37,23 +37,23 @@ fn widest_px(moment: &Moment<'_>) -> f32 {
     (i.width_px.max(i.height_px) as f32 / 4.0).min(WIDEST_PX)
 }
 
-/// Of what is drawn, px.
+/// The largest radius drawn, px.
 pub fn largest_radius_px(moment: &Moment<'_>) -> f32 {
     0.5 * circles_px(moment)[1].min(widest_px(moment))
 }
 
-/// How far light is spread: by the largest radius, and by the texels that are looked up there, at most half as wide.
+/// How far light spreads: the largest radius, plus the texels looked up there, at most half as wide.
 pub fn reach_px(moment: &Moment<'_>) -> f32 {
     1.5 * largest_radius_px(moment) + 3.0
 }
 
-/// How far is looked: in a photograph the tiles beside a part are to be those of the next one, with all that they see.
+/// How far it looks. In a photograph the tiles next to a part must be those of the next part, with all that they see.
 pub fn look_px(moment: &Moment<'_>) -> f32 {
     let tile_px = if moment.capture.whole { PHOTOGRAPHS_TILE_PX as f32 } else { 0.0 };
     reach_px(moment) + 2.0 * tile_px
 }
 
-/// Whether all that is drawn is one surface to a tile: `is_one_surface` of shaders/shared/lens.wgsl.
+/// Whether everything drawn counts as one surface in a tile: `is_one_surface` of shaders/shared/lens.wgsl.
 fn is_one_surface(moment: &Moment<'_>) -> bool {
     let Some(opening) = moment.capture.opening else { return true };
     let [near, far] = moment.depths_m.map(|depth| opening.circle_px(moment.picture.intrinsics.fx_px, depth) as f32);
@@ -65,7 +65,8 @@ fn level_of(radius: f32) -> usize {
     FROM_PX.iter().filter(|&&from| radius >= from).count()
 }
 
-/// Sharp, few points, more points, lower resolutions, any of them, two surfaces: vertex entry, fragment entry, points.
+/// Sharp, few points, more points, one lower resolution, any of them, two surfaces: vertex entry, fragment entry,
+/// points.
 const KINDS: [(&str, &str, f64); 6] = [
     ("sharp_tiles", "sharp", 4.0),
     ("fine_tiles", "fine", 4.0),
@@ -75,12 +76,12 @@ const KINDS: [(&str, &str, f64); 6] = [
     ("two_deep_tiles", "two_deep", 4.0),
 ];
 
-/// Of the gathering shader, at a level of resolution with so many points.
+/// An entry of the gathering shader, at a level of resolution with this number of points.
 fn gather(vertex: &'static str, fragment: &'static str, level: usize, taps: f64) -> Entry {
     Entry::over(vertex, fragment).choose("level", level as f64).choose("taps", taps)
 }
 
-/// What gathering reads.
+/// The inputs of gathering.
 struct Gathering {
     lens: Lens,
     aperture: Bytes,
@@ -93,8 +94,8 @@ struct Gathering {
 }
 
 impl Gathering {
-    /// A pass over its tiles; `lower` is what lower resolutions have gathered: the picture, and where two surfaces are,
-    /// the nearer and the farther one.
+    /// A pass over its tiles. `lower` is what was gathered at lower resolutions: the picture, and where there are two
+    /// surfaces, the nearer and the farther.
     fn pass<'a>(&self, recorder: &'a mut Recorder, entry: Entry, lower: [&Texture; 3]) -> Pass<'a> {
         recorder
             .pass(Shader::DepthOfField, entry)
@@ -126,8 +127,8 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     let count = tiles.0 * tiles.1;
 
     let recorder = &run.recorder;
-    // With a texel beside the layer at the lowest resolution, empty as all that is not drawn: where a driver takes the
-    // outermost texel for those beyond it.
+    // One texel larger than the layer at the lowest resolution, empty like everything not drawn, for drivers that
+    // repeat the outermost texel beyond the border.
     let more = (width + (1 << LEVELS), height + (1 << LEVELS));
     let colors = recorder.pool.lend_pyramid(&recorder.gpu, more, COLOR, LEVELS);
     let circles = recorder.pool.lend_pyramid(&recorder.gpu, more, CIRCLES, LEVELS);
@@ -136,7 +137,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
 
     let lens = Lens::new(run, opening, &layer, tiling, largest, 0);
 
-    // Lights that stand out are seen at the lowest resolution, and taken out of all.
+    // Lights that stand out are found at the lowest resolution, and removed from all.
     let stand_out = largest >= highlights::LEAST_RADIUS_PX;
     let of_level = |level: usize| (width.div_ceil(2 << level), height.div_ceil(2 << level));
     let found = highlights::list(run.recorder);
@@ -159,7 +160,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
         let [out] = pass.texture("before", before).texture("touched", with).draw([COLOR], size);
         out
     };
-    // Where only one is read, it stands for the other too.
+    // Where only one is read, it is bound as the other too.
     let own = of_tiles("own", [&circles.levels[1]; 2], tiles);
     let touched = of_tiles("touching", [&own; 2], tiles);
     let around = of_tiles("around", [&own, &touched], tiles);
@@ -176,9 +177,9 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
         smaller: [colors.all.clone(), circles.all],
         found,
     };
-    // What is drawn into cannot be read: other textures stand for the lower resolutions first.
+    // A render target cannot be read: at first, other textures are bound as the lower resolutions.
     let nothing = [&colors.all; 3];
-    // The shader's circles are rounded to 16 bits, and none is larger than is drawn.
+    // The shader's circles are rounded to 16 bits, and none is larger than the largest drawn.
     let least = (0.5 * circles_px(moment)[0]).min(largest);
     for level in 1.max(level_of(0.999 * least))..=level_of(1.001 * largest) {
         let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));

@@ -1,15 +1,16 @@
-//! Wang 2012, section 3.2: the diffusion operator, an aperture's picture on a grid.
+//! Wang 2012, section 3.2: the diffusion operator, a picture of the aperture on a grid.
 //!
-//! The shape of radius r is filled with N = (R_K − r)/R_K · O, its outline drawn over that with N·λ·r (discs of blur have
-//! bright rims), both smoothed by a separable Gaussian (1), and the whole divided by its sum. That cancels N and O.
-//! Filled by the area that the shape covers of each texel, and drawn a pixel wide, as neither can be seen to step.
+//! The shape of radius r is filled with N = (R_K − r)/R_K · O. Its outline is drawn over that with N·λ·r (discs of blur
+//! have bright rims). Both are smoothed by a separable Gaussian (1), and the whole is divided by its sum, which cancels
+//! N and O. The fill uses the area of each texel that the shape covers, and the outline is a pixel wide, so that
+//! neither shows steps.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use crate::camera::Opening;
 
 crate::choices! {
-    /// What the diffusion spreads light over.
+    /// The shape over which the diffusion spreads light.
     pub enum Shape {
         /// The lens's polygon, or its circle.
         Lens = "lens",
@@ -18,12 +19,12 @@ crate::choices! {
     }
 }
 
-/// Rows into which a texel is cut for filling.
+/// Rows per texel for filling.
 const ROWS: usize = 8;
-/// Corners that stand for a curve.
+/// Corners that approximate a curve.
 const CORNERS: u32 = 128;
 
-/// N of Wang 3.2: with what a shape of radius r is filled, for a centre of intensity O. The worked example's
+/// N of Wang 3.2: the fill intensity of a shape of radius r, for a centre of intensity O. The worked example's
 /// (36 − 30)/36 · 0.5 is a misprint for (36 − 6)/36 · 0.5.
 pub fn fill_intensity(largest_radius_px: f64, radius_px: f64, intensity: f64) -> f64 {
     (largest_radius_px - radius_px) / largest_radius_px * intensity
@@ -31,7 +32,7 @@ pub fn fill_intensity(largest_radius_px: f64, radius_px: f64, intensity: f64) ->
 
 impl Shape {
     /// Corners of the outline in the unit circle, on the picture's axes (y downwards). A star has as many points as the
-    /// lens has blades, 5 without blades; without blades star and heart stand upright at a rotation of 0.
+    /// lens has blades, or 5. Without blades, star and heart stand upright at a rotation of 0.
     pub fn outline(self, opening: &Opening) -> Vec<[f64; 2]> {
         let on = |angle: f64, radius: f64| [radius * angle.cos(), radius * angle.sin()];
         let ring = |count: u32, first: f64| {
@@ -55,7 +56,7 @@ impl Shape {
                     [16.0 * t.sin().powi(3), -up]
                 };
                 let points: Vec<_> = (0..CORNERS).map(curve).collect();
-                // Around the middle of its height, as large as the unit circle allows.
+                // Centred on half its height, as large as the unit circle allows.
                 let (low, high) = points.iter().fold((0.0f64, 0.0f64), |(l, h), p| (l.min(p[1]), h.max(p[1])));
                 let middle = 0.5 * (low + high);
                 let size = points.iter().map(|p| p[0].hypot(p[1] - middle)).fold(0.0, f64::max);
@@ -79,24 +80,24 @@ pub struct Make {
 }
 
 impl Make {
-    /// Texels from an operator's middle to its sides beyond the radius.
+    /// Texels from an operator's radius to its sides.
     pub fn margin(&self) -> usize {
         (3.0 * self.gaussian_px).ceil() as usize + 2
     }
 
-    /// Texels from the middle to the sides of all operators.
+    /// Texels from the middle to the sides, for all operators.
     pub fn half_side(&self) -> usize {
         self.largest_radius_px.ceil() as usize + self.margin()
     }
 
-    /// The operator of a radius, `2 · half_side + 1` texels wide and high, which sum to 1.
+    /// The operator of a radius, `2 · half_side + 1` texels wide and high. They sum to 1.
     pub fn operator(&self, outline: &[[f64; 2]], radius_px: f64) -> Vec<f64> {
         let half = self.half_side();
         let side = 2 * half + 1;
-        // Of texels: their corner, not their middle, lies on whole numbers.
+        // In texels: corners, not centres, are on whole numbers.
         let corners: Vec<_> = outline.iter().map(|p| p.map(|c| c * radius_px + half as f64 + 0.5)).collect();
         let n = fill_intensity(self.largest_radius_px, radius_px, 1.0);
-        // At R_K itself N is 0 and cancels all the same.
+        // At R_K itself N is 0; it cancels anyway.
         let n = if n > 0.0 { n } else { 1.0 };
         let mut texels = vec![0.0; side * side];
         fill(&mut texels, side, &corners, n);
@@ -106,7 +107,7 @@ impl Make {
         if sum > 1e-9 {
             return texels.iter().map(|t| t / sum).collect();
         }
-        // In focus light stays where it is.
+        // In focus, light stays where it is.
         (0..side * side).map(|i| if i == half * side + half { 1.0 } else { 0.0 }).collect()
     }
 }
@@ -115,7 +116,7 @@ fn edges(corners: &[[f64; 2]]) -> impl Iterator<Item = ([f64; 2], [f64; 2])> {
     corners.iter().copied().zip(corners.iter().copied().cycle().skip(1))
 }
 
-/// Adds to each texel its share of the polygon: rows between crossings, even-odd.
+/// Adds each texel's share of the polygon: rows between crossings, even-odd.
 fn fill(texels: &mut [f64], side: usize, corners: &[[f64; 2]], intensity: f64) {
     for row in 0..side * ROWS {
         let y = (row as f64 + 0.5) / ROWS as f64;
@@ -152,7 +153,7 @@ fn draw(texels: &mut [f64], side: usize, corners: &[[f64; 2]], intensity: f64) {
     }
 }
 
-/// Wang (1) along rows, and turned: twice gives both axes and the first orientation.
+/// Wang (1) along rows, transposed: applied twice it covers both axes and restores the orientation.
 fn smoothed(texels: &[f64], side: usize, sigma: f64) -> Vec<f64> {
     let reach = (3.0 * sigma).ceil() as i64;
     let coefficient = |i: i64| if sigma > 0.0 { (-0.5 * (i as f64 / sigma).powi(2)).exp() } else { 1.0 };
@@ -201,7 +202,7 @@ mod tests {
         assert!((at(&MAKE, &operator, 5, 0) - 0.005).abs() < 1e-9);
         assert!((at(&MAKE, &operator, -5, -5) - 0.0025).abs() < 1e-9);
         assert!(at(&MAKE, &operator, 6, 0).abs() < 1e-12);
-        // With λ = 0.1 and r = 5√2 the outline adds 0.7071 along 40 px, on the middles of the texels that it crosses:
+        // With λ = 0.1 and r = 5√2 the outline adds 0.7071 along 40 px, on the centres of the texels that it crosses:
         // sum 128.28.
         let make = Make { rim: 0.1, ..MAKE };
         let rimmed = make.operator(&outline, 5.0 * 2f64.sqrt());
@@ -254,7 +255,7 @@ mod tests {
             (operator, top)
         };
         let (star, top) = whole(Shape::Star, 0);
-        // A point upwards (y downwards), none downwards, dents between; the pentagram's area is 1.12257 r².
+        // One point upwards (y downwards), none downwards, dents between. The pentagram's area is 1.12257 r².
         assert!(at(&MAKE, &star, 0, -9) > 0.9 * top && at(&MAKE, &star, 0, 9) < 0.1 * top);
         assert!((1.0 / top / 144.0 - 1.122_57).abs() < 0.01, "{}", 1.0 / top / 144.0);
         let (heart, top) = whole(Shape::Heart, 0);

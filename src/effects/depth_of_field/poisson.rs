@@ -1,13 +1,13 @@
 //! The method `poisson`: vSLRcam 2008, section 3.2, Depth of Field.
 //!
-//! Each pixel becomes the mean over a Poisson disc, as wide as its own circle of confusion (8) and around it; the
-//! regular pattern that so few points leave goes when a second Poisson disc is laid over the result. As the paper says, a
-//! sharp surface leaks into the blurred one beside it, and a blurred one ends sharply on a sharp one: points of
-//! other depths are neither rejected nor weighted. The opening is a disc, whatever its blades.
+//! Each pixel becomes the mean over a Poisson disc around it, as wide as its own circle of confusion (8). The regular
+//! pattern that so few points leave is removed by a second Poisson disc over the result. As the paper says, a sharp
+//! surface leaks into the blurred one next to it, and a blurred one ends sharply at a sharp one: points of other depths
+//! are neither rejected nor weighted. The opening is a disc, whatever its blades.
 //!
-//! Beyond the paper, which knows neither: a pixel where nothing was drawn takes the widest circle around it, so that
-//! silhouettes dissolve over the camera's pixels; and the first disc is narrower by what the second one adds to the
-//! variance.
+//! Two things go beyond the paper. A pixel where nothing was drawn takes the widest circle around it, so that
+//! silhouettes dissolve over the camera's pixels. And the first disc is narrower by the variance that the second one
+//! adds.
 
 use crate::camera::Opening;
 use crate::effects::LayerRun;
@@ -17,13 +17,13 @@ use crate::render::{COLOR, Layer};
 use super::layered::{largest_radius_px, reach_px};
 use super::surroundings::{Lens, Tiling, passed, surroundings};
 
-/// Points of the second disc: as in shaders/depth_of_field_poisson.wgsl.
+/// Points of the second disc; the same as in shaders/depth_of_field_poisson.wgsl.
 const SECOND: usize = 16;
 /// Radius of the second disc, in radii of a disc as large as one point's share of the first.
 const OVERLAP: f32 = 1.5;
 
-/// So many points in the unit disc, none nearer to another than a Poisson disc allows (Cook 1986: dart throwing; the
-/// distance shrinks until all fit). Then they are moved and scaled to the disc's own middle and variance, 1/4.
+/// This many points in the unit disc, none nearer to another than a Poisson disc allows (Cook 1986: dart throwing; the
+/// distance shrinks until all fit). They are then shifted and scaled to the disc's own middle and variance, 1/4.
 pub fn poisson_disc(count: usize) -> Vec<[f64; 2]> {
     // Knuth's generator (TAOCP 2, 3.3.4): the same points on every machine.
     let mut state = 1u64;
@@ -49,13 +49,14 @@ pub fn poisson_disc(count: usize) -> Vec<[f64; 2]> {
     points.iter().map(|p| p.map(|c| c * scale)).collect()
 }
 
-/// Radii of both discs over the circle's; their squares sum to 1.
+/// Radii of both discs relative to the circle's; their squares sum to 1.
 fn radii(points: usize) -> [f32; 2] {
     let second = OVERLAP / (points as f32).sqrt();
     [(1.0 - second * second).max(0.0).sqrt(), second]
 }
 
-/// Both discs for a number of points, as the shader reads them: radii over the circle's, the second disc, the first.
+/// Both discs for a number of points, as the shader reads them: radii relative to the circle's, second disc, first
+/// disc.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Discs(usize);
 
@@ -72,7 +73,7 @@ fn discs(gpu: &Gpu, Discs(points): &Discs) -> Bytes {
     Bytes::from(&buffer)
 }
 
-/// By so many points of the first disc.
+/// `points`: of the first disc.
 pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Layer) -> Layer {
     let tiling = Tiling::coarse(layer.size, reach_px(run.moment));
     let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px(run.moment), 0);
@@ -88,12 +89,12 @@ pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Laye
     passed(run, &lens, &around, layer, out)
 }
 
-/// A layer by the formula: each pixel the mean over the disc of its own circle, `circles_px` wide (0 where nothing was
-/// drawn: there the widest one). `rgba` holds `width * height` premultiplied pixels; outside is empty.
+/// A layer by the formula: each pixel is the mean over the disc of its own circle, `circles_px` wide (where nothing was
+/// drawn, the widest one). `rgba` has `width * height` premultiplied pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, circles_px: &[f64]) -> Vec<[f64; 4]> {
     let height = rgba.len() / width.max(1);
     let widest = circles_px.iter().fold(0.0f64, |m, c| m.max(c.abs()));
-    // Parts of a pixel along a side.
+    // Subdivisions of a pixel along a side.
     const PARTS: i64 = 4;
     let mean = |i: usize| {
         let radius = 0.5 * if rgba[i][3] > 0.0 { circles_px[i].abs() } else { widest };

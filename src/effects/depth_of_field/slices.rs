@@ -1,26 +1,28 @@
 //! The whole picture of a photograph, real and virtual, through one lens.
 //!
-//! A filter that parts what it finds into a nearer and a farther surface does for an object before the camera's
-//! picture; the picture itself is floors that recede and many things behind each other. So it is cut into slices by the
-//! size of circles (Kraus and Strengert 2007; Wadhwa et al. 2018), each is blurred as a whole, and they are put
-//! together from the nearest.
+//! A filter that separates a nearer and a farther surface is enough for an object in front of the camera's picture. The
+//! picture itself has receding floors and many objects behind each other. So it is cut into slices by the size of
+//! circles (Kraus and Strengert 2007; Wadhwa et al. 2018), each is blurred as a whole, and they are put together from
+//! the nearest.
 //!
 //! 1. Each pixel's place among the slices: of the real surface, of what stands behind it, of the virtual one.
 //! 2. For each slice, from the nearest: what belongs to it, shared with the next one so that a surface passes from one
-//!    to the other; the same at a half, a quarter and so on; the image of the opening over it; and what it hides and
-//!    what hides it.
-//! 3. Virtual light as before, and the real part that stands behind it and beside it.
+//!    to the other; the same at a half, a quarter and so on; convolution with the image of the opening; and what it
+//!    hides and what hides it.
+//! 3. Virtual light as before, and the real part behind it and next to it.
 //!
-//! Three surfaces are known at a pixel: the virtual one, the real one (all of it, as the camera saw what virtual things
-//! now hide), and what was made up behind the real one (depth/behind.rs). Real surfaces share a pixel among them: what the
-//! nearer ones leave of it is for the farther. Real and virtual ones hide each other: of each what the nearer slices of
-//! the other let through is seen. Where both are in the same slice or the next, the nearer one at each pixel counts.
+//! Three surfaces are known at a pixel: the virtual one; the real one (all of it, since the camera saw what virtual
+//! objects now hide); and what was made up behind the real one (depth/behind.rs). Real surfaces share a pixel: the
+//! farther ones get what the nearer ones leave of it. Real and virtual surfaces hide each other: each is seen through
+//! what the nearer slices of the other let through. Where both are in the same slice or the next, the nearer one at
+//! each pixel counts.
 //!
-//! A slice's kernel is the opening, drawn at a resolution of which its radius is a few pixels, its size set so that its
-//! variance is that of (8), less half of what smaller pictures blur besides.
+//! A slice's kernel is the opening, drawn at a resolution at which its radius is a few pixels. Its size is set so that
+//! its variance is that of (8), minus half of the blur that smaller pictures add.
 //!
-//! Not modelled: circles wider than 400 px or a quarter of the picture (drawn that wide), light that a thing before the
-//! picture's rim brings in from beside it (as the rim), and what the lens sees round a near thing's sides.
+//! Not modelled: circles wider than 400 px or a quarter of the picture (drawn that wide), light that something outside
+//! the picture would bring in across its rim (the rim is repeated), and what the lens sees around a near object's
+//! sides.
 
 mod kernel;
 
@@ -35,15 +37,15 @@ use crate::render::{COLOR, Layer, RealLayer};
 use super::image::Blades;
 use super::{SHARP_PX, layered};
 
-/// Diameters grow by this from slice to slice, on top of `GROWS_FROM_PX`.
+/// Growth of diameters from slice to slice, on top of `GROWS_FROM_PX`.
 const RATIO: f64 = 1.25;
 const GROWS_FROM_PX: f64 = 3.0;
-/// A tolerance from which on real surfaces hide nothing, metres.
+/// The tolerance from which on real surfaces hide nothing, metres.
 const HIDES_NOTHING_M: f32 = 1e9;
-/// To either side of what is sharp.
+/// On either side of the sharp slice.
 const MOST_SLICES: i32 = 31;
 
-/// Of a circle (signed diameter, px): 0 sharp, below it nearer than what is.
+/// The slice of a circle (signed diameter, px): 0 is sharp, negative is nearer than that.
 pub fn slice_of(circle_px: f64) -> f64 {
     let beyond = (circle_px.abs() - f64::from(SHARP_PX)).max(0.0);
     (1.0 + beyond / GROWS_FROM_PX).ln() / RATIO.ln() * circle_px.signum()
@@ -81,18 +83,18 @@ struct Of {
     slice: i32,
 }
 
-/// Of what is drawn, px.
+/// The largest diameter drawn, px.
 fn largest_px(moment: &Moment<'_>) -> f64 {
     2.0 * f64::from(layered::largest_radius_px(moment))
 }
 
-/// How far light is spread, px.
+/// How far light spreads, px.
 pub fn reach_px(moment: &Moment<'_>) -> f32 {
     // The next slice's circle.
     reach_of(RATIO * 0.5 * largest_px(moment) + 0.5) as f32
 }
 
-/// Blurs both; without `with_layer` the real part alone, and the layer stays as it is.
+/// Blurs both parts. Without `with_layer` only the real part is blurred, and the layer stays as it is.
 pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealLayer, with_layer: bool) -> Layer {
     let moment = run.moment;
     let gpu = run.recorder.gpu.clone();
@@ -114,7 +116,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         fx_diameter: (moment.picture.intrinsics.fx_px * opening.diameter_m) as f32,
         per_focus: (1.0 / opening.focus_distance_m) as f32,
         largest_px: largest as f32,
-        // More than any depth where nothing is hidden.
+        // Larger than any depth where nothing is hidden.
         tolerance_m: real.tolerance_m.unwrap_or(HIDES_NOTHING_M).min(HIDES_NOTHING_M),
         number: 0.0,
         noise: 1.0,
@@ -193,18 +195,18 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
     Layer { color, real: Some(RealLayer { light, ..real.clone() }), ..layer }
 }
 
-/// Which slices there are, and where they reach.
+/// The slices in use, and where they reach.
 struct Tiles {
     count: (u32, u32),
     /// From the nearest.
     slices: Vec<i32>,
-    /// Least and largest slice of virtual things, where there are some.
+    /// Smallest and largest slice of virtual objects, if there are any.
     with_layer: Option<[i32; 2]>,
-    /// Least and largest slice in each tile.
+    /// Smallest and largest slice in each tile.
     ranges: Vec<[i32; 2]>,
 }
 
-/// Virtual things: where they are in the layer, and their nearest and farthest circle.
+/// Virtual objects: where they are in the layer, and their nearest and farthest circle.
 struct Objects {
     px: Rect,
     circles_px: [f64; 2],

@@ -1,4 +1,4 @@
-//! What the methods share: the lens as shaders see it, and the circles around each tile.
+//! Shared by the methods: the lens as the shaders need it, and the circles around each tile.
 
 use crate::camera::{Aperture, Opening};
 use crate::effects::LayerRun;
@@ -13,25 +13,25 @@ pub const PHOTOGRAPHS_TILE_PX: u32 = 16;
 pub struct Tiling {
     pub side_px: u32,
     pub tiles: (u32, u32),
-    /// To each side, so many tiles and a circle reach no further.
+    /// Circles reach no further than this many tiles to each side.
     pub reach_tiles: u32,
 }
 
 impl Tiling {
-    /// Tiles of which one to each side is enough.
+    /// Tiles large enough that one to each side is enough.
     pub fn coarse(size: (u32, u32), reach_px: f32) -> Self {
         let side_px = ((reach_px.ceil() as u32).div_ceil(8) * 8).max(32);
         Self::of(size, side_px, 1)
     }
 
-    /// Tiles of which several to each side are looked at: what is to be done changes close to where it must. Large ones
-    /// where one surface is all there is. A power of two, that an eighth of the resolution divides them.
+    /// Tiles of which several to each side are examined, so that the work changes close to where it must. Large where
+    /// there is only one surface. A power of two, so that they divide into texels of an eighth of the resolution.
     pub fn fine(size: (u32, u32), reach_px: f32, one_surface: bool) -> Self {
         let least_px = if one_surface { 64.0 } else { 16.0 };
         Self::reaching(size, reach_px, ((reach_px / 3.0).ceil().max(least_px) as u32).next_power_of_two())
     }
 
-    /// The same, small enough that the parts of a photograph divide them all.
+    /// The same, small enough that all parts of a photograph are multiples of them.
     pub fn of_photograph(size: (u32, u32), reach_px: f32) -> Self {
         Self::reaching(size, reach_px, PHOTOGRAPHS_TILE_PX)
     }
@@ -46,7 +46,7 @@ impl Tiling {
 }
 
 crate::uniform! {
-    /// A frame's lens and how its work is divided.
+    /// A frame's lens, and how its work is divided.
     pub struct Lens {
         size: [i32; 2],
         texel: [f32; 2],
@@ -62,7 +62,7 @@ crate::uniform! {
 }
 
 impl Lens {
-    /// No circle is drawn wider than `largest_radius_px`, and as many steps of the blur factor are told.
+    /// `largest_radius_px` limits the circles drawn; `steps` is the number of steps of the blur factor.
     pub fn new(
         run: &LayerRun<'_>,
         opening: &Opening,
@@ -86,8 +86,8 @@ impl Lens {
     }
 }
 
-/// The circles that can reach into each tile: nearest circle (signed) and largest radius of each tile and those around
-/// it, px.
+/// The circles that can reach into each tile: nearest circle (signed) and largest radius among the tile and its
+/// neighbours, px.
 pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: Tiling) -> Texture {
     let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "own").uniform("lens", lens);
     let [own] = pass.texture("geometry", &layer.geometry).draw([COLOR], tiling.tiles);
@@ -96,7 +96,7 @@ pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: 
     around
 }
 
-/// The layer with its new colour, and with geometry where that is read and was none.
+/// The layer with its new colour, and with geometry added where it is needed and was missing.
 pub fn passed(run: &mut LayerRun<'_>, lens: &Lens, around: &Texture, layer: Layer, color: Texture) -> Layer {
     if !run.geometry_is_read {
         return Layer { color, ..layer };

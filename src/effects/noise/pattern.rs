@@ -1,7 +1,8 @@
-//! The noise at lattice points: white normal noise, filtered and mixed as src/effects/noise.rs says; variance 1.
+//! The noise at lattice points: white normal noise, filtered and mixed as described in src/effects/noise.rs; variance
+//! 1.
 //!
-//! By shaders; where the adapter is this machine's processor, by the processor itself, which takes a fifth of the shaders'
-//! time: looking up texels is what drivers in software are slow at.
+//! Made by shaders. On a software adapter the processor makes it directly, in a fifth of the shaders' time: texel
+//! lookups are what software drivers are slow at.
 
 use std::sync::LazyLock;
 
@@ -11,16 +12,16 @@ use crate::camera::{NoiseProfile, side_tap};
 use crate::gpu::{Gpu, Recorder, Shader, Texture};
 use crate::pixels::Rect;
 
-/// 4096ths of σ.
+/// In units of σ/4096.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Sint;
 
-/// Which noise it is.
+/// Identifies a noise pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pattern {
     key: [u32; 3],
-    /// Of (a, 1, a) across and down.
+    /// The a of (a, 1, a), across and down.
     taps: [f64; 2],
-    /// Of the channels' correlation.
+    /// Cholesky factor of the channels' correlation.
     cholesky: [f64; 5],
 }
 
@@ -29,8 +30,8 @@ const TABLE_SIDE: u32 = 64;
 /// The table's unit, σ.
 pub const TABLE_UNIT: f64 = 1.0 / 4096.0;
 
-/// The normal distribution's quantiles at (i + ½)/4096 in whole 4096ths of σ, scaled so that
-/// the table's own variance is 1.
+/// Quantiles of the normal distribution at (i + ½)/4096, rounded to units of σ/4096 and scaled so that the table's own
+/// variance is 1.
 pub static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
     let count = TABLE_SIDE * TABLE_SIDE;
     let normal = Normal::standard();
@@ -63,9 +64,8 @@ pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
     [x, y, z]
 }
 
-/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels'
-/// correlation (r-g, r-b, g-b); correlations that no three channels can have are drawn
-/// towards 0 until they can.
+/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels' correlation (r-g, r-b, g-b).
+/// Correlations that no three channels can have are shrunk towards 0 until they are possible.
 pub fn cholesky(correlation: [f64; 3]) -> [f64; 5] {
     let mut shrink = 1.0f64;
     loop {
@@ -91,7 +91,8 @@ fn quantiles(gpu: &Gpu, _: &Quantiles) -> Texture {
 }
 
 impl Pattern {
-    /// Of a frame; `delay`: for how many frames a pattern stays. Without a profile white, and equal in no two channels.
+    /// The pattern of a frame. `delay`: for how many frames a pattern stays. Without a profile it is white, and
+    /// different in each channel.
     pub fn new(profile: Option<&NoiseProfile>, seed: u64, frame: usize, delay: u32) -> Self {
         let (neighbours, channels) =
             profile.map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
@@ -99,7 +100,7 @@ impl Pattern {
         Self { key, taps: neighbours.map(side_tap), cholesky: cholesky(channels) }
     }
 
-    /// The neighbour correlation that the filter gives, where the wish lies beyond its reach.
+    /// The neighbour correlation that the filter achieves, which may fall short of the measured one.
     pub fn given(&self) -> [f32; 2] {
         self.taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32)
     }
@@ -109,7 +110,7 @@ impl Pattern {
         self.taps.iter().map(|a| 1.0 + 2.0 * a * a).product::<f64>().sqrt().recip() as f32
     }
 
-    /// At the points of a rectangle.
+    /// The pattern at the points of a rectangle.
     pub fn texture(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
         if recorder.gpu.software() { self.written(recorder, lattice) } else { self.drawn(recorder, lattice) }
     }
@@ -151,7 +152,7 @@ impl Pattern {
         pattern
     }
 
-    /// As shaders/noise_white.wgsl and shaders/noise_pattern.wgsl do, in the same order; rows `stride` apart.
+    /// The same as shaders/noise_white.wgsl and shaders/noise_pattern.wgsl, in the same order; rows are `stride` apart.
     fn fill(&self, lattice: Rect, stride: usize, texels: &mut [[i16; 4]]) {
         let (width, table) = (lattice.width() as usize, NORMAL_TABLE.as_slice());
         let [a, b] = self.taps.map(|tap| tap as f32);
@@ -159,7 +160,7 @@ impl Pattern {
         let [l21, l22, l31, l32, l33] = self.cholesky.map(|v| v as f32);
         let quantile = |hash: u32| f32::from(table[(hash >> 20) as usize]);
         let mut white = vec![[0.0f32; 3]; width + 2];
-        // Filtered across: of the row and of its neighbours.
+        // Filtered across: the row and its neighbours.
         let mut rows = [const { Vec::new() }; 3].map(|_: Vec<[f32; 3]>| vec![[0.0f32; 3]; width]);
         for (n, y) in (lattice.y0 - 1..=lattice.y1).enumerate() {
             for (x, texel) in (lattice.x0 - 1..).zip(&mut white) {
@@ -182,14 +183,14 @@ impl Pattern {
     }
 }
 
-/// The nearest whole number of 16 bits, halves to the even one: what is added leaves no bits behind the point.
+/// Rounded to the nearest 16-bit integer, halves to even: adding the constant leaves no fractional bits.
 fn whole(value: f32) -> i16 {
     const UNIT: f32 = 12_582_912.0;
     ((value + UNIT) - UNIT) as i16
 }
 
-/// Where in the endless hash a frame's pattern lies: so far apart that no two frames or seeds
-/// show shifted copies of each other.
+/// Where a frame's pattern lies in the endless hash: so far apart that no two frames or seeds show shifted copies of
+/// each other.
 pub fn pattern_key(seed: u64, frame: usize, delay: u32) -> [u32; 3] {
     let pattern = frame as u64 / u64::from(delay.max(1));
     let folded = pcg3d([seed as u32, (seed >> 32) as u32, 0x6c6f_6361]);
@@ -229,7 +230,7 @@ mod tests {
             });
             assert_eq!(drawn.len(), 4 * 77 * 41);
             assert!(drawn.iter().filter(|&&v| v.abs() > 2048).count() > 3000, "half of a σ is passed often");
-            // A driver may fuse a product and a sum: a 4096th of σ.
+            // A driver may fuse a product and a sum: one unit, σ/4096.
             let off = drawn.iter().zip(&written).map(|(d, w)| d.abs_diff(*w)).max();
             assert!(off <= Some(1), "{neighbours:?}: {off:?}");
         }
@@ -266,8 +267,8 @@ mod tests {
 
     #[test]
     fn pcg3d_reference_values() {
-        // Worked through the paper's listing with 32-bit wrap-around by hand for the zero
-        // vector: after the affine step all three are 1013904223.
+        // Worked by hand through the paper's listing with 32-bit wrap-around, for the zero vector: after the affine
+        // step all three are 1013904223.
         let c: u32 = 1_013_904_223;
         let x = c.wrapping_add(c.wrapping_mul(c));
         let y = c.wrapping_add(c.wrapping_mul(x));

@@ -1,30 +1,30 @@
-//! The opening's image at a resolution, for a slice: its weights, and what it leaves of noise.
+//! The opening's image at a resolution, for a slice: its weights, and the noise it leaves.
 
 use crate::camera::Aperture;
 
 /// Halvings of the resolution.
 pub const LEVELS: usize = 4;
-/// Radii up to which each resolution is drawn at, px.
+/// Radii up to which each resolution is used, px.
 const UP_TO_PX: [f64; LEVELS] = [2.5, 8.5, 18.0, 38.0];
-/// Half sides of kernels, in pixels of the resolution.
+/// Half sides of kernels, in pixels of their resolution.
 pub const HALVES: [i32; 6] = [1, 2, 4, 6, 9, 13];
-/// Points of the opening of which a kernel is made.
+/// Number of points of the opening from which a kernel is made.
 const POINTS: u32 = 4096;
-/// `(2·13 + 1)²`, to whole fours.
+/// `(2·13 + 1)²`, rounded up to a multiple of four.
 pub const MOST_WEIGHTS: usize = 732;
 
 /// The opening's image at a resolution.
 #[derive(Clone, Debug)]
 pub struct Kernel {
     pub level: usize,
-    /// Place in `HALVES`.
+    /// Index into `HALVES`.
     pub class: usize,
-    /// Of (2·half + 1)² pixels, sum 1.
+    /// (2·half + 1)² pixels, sum 1.
     pub weights: Vec<f32>,
 }
 
 impl Kernel {
-    /// `circle_px` wide (signed), above 0.
+    /// `circle_px`: the width (signed), not 0.
     pub fn new(aperture: &Aperture, circle_px: f64) -> Self {
         let radius = 0.5 * circle_px.abs();
         let level = level_of(radius);
@@ -44,13 +44,13 @@ impl Kernel {
         Self { level, class, weights: weights.iter().map(|w| *w as f32).collect() }
     }
 
-    /// Σ w w' ρ over the picture's pixels, of which those beside each other correlate so.
+    /// Σ w w' ρ over the picture's pixels, whose neighbours have these correlations.
     fn noise_left(&self, correlations: &[[f64; 3]; 2]) -> f64 {
         let side = (2 * HALVES[self.class] + 1) as usize;
         let rows: Vec<&[f32]> = self.weights.chunks(side).collect();
         let apart = |x: usize, y: usize| -> f64 {
             let of_rows = |(a, b): (&&[f32], &&[f32])| -> f64 {
-                // To the right and to the left: where x and y are not 0, both are other pairs.
+                // To the right and to the left: unless x or y is 0, these are different pairs.
                 let right = a.iter().zip(b.iter().skip(x)).map(|(a, b)| f64::from(a * b)).sum::<f64>();
                 let left = a.iter().skip(x).zip(b.iter()).map(|(a, b)| f64::from(a * b)).sum::<f64>();
                 right + left
@@ -70,19 +70,19 @@ impl Kernel {
     }
 }
 
-/// The resolution at which a radius is drawn: how often it is halved.
+/// The resolution at which a radius is drawn: the number of halvings.
 fn level_of(radius_px: f64) -> usize {
     UP_TO_PX.iter().filter(|&&most| radius_px > most).count()
 }
 
-/// How far a circle of this radius and the texels that make it up reach, px.
+/// How far a circle of this radius reaches, with its texels, px.
 pub fn reach_of(radius_px: f64) -> f64 {
     radius_px + 3.0 * f64::from(1u32 << level_of(radius_px))
 }
 
-/// What blurs besides at a resolution, in squares of its pixels: the mean over a texel, and straight lines between texels.
-/// Half of it counts: an edge through a disc is wider from 10 to 90 % than one through what is rounder, and with half of
-/// it edges are within 5 % as wide as the disc's from 2 to 80 px.
+/// The variance that a resolution adds, in squares of its pixels: the mean over a texel, and linear interpolation
+/// between texels. Half of it counts: an edge through a disc is wider from 10 to 90 % than one through something
+/// rounder. With half, edges are within 5 % of the disc's width from 2 to 80 px.
 fn besides(level: usize) -> f64 {
     if level == 0 { 0.0 } else { 0.5 * ((1.0 - 0.25f64.powi(level as i32)) / 12.0 + 1.0 / 6.0) }
 }
@@ -103,7 +103,7 @@ fn splat(points: &[[f64; 2]], radius: f64, half: i32) -> Vec<f64> {
     weights
 }
 
-/// Along one axis, the mean of both, px².
+/// Along one axis (mean of both), px².
 fn variance(weights: &[f64], half: i32) -> f64 {
     let side = 2 * half + 1;
     let square = |i: i32| f64::from((i % side - half).pow(2) + (i / side - half).pow(2));
@@ -114,14 +114,14 @@ fn variance(weights: &[f64], half: i32) -> f64 {
     0.5 * (weights.iter().enumerate().map(|(i, w)| w * square(i as i32)).sum::<f64>() - x * x - y * y)
 }
 
-/// How much more than of independent ones a mean over many pixels leaves of the variance: Σρ.
+/// The variance that a mean over many correlated pixels leaves, relative to independent ones: Σρ.
 fn correlated(correlations: &[[f64; 3]; 2]) -> f64 {
     correlations.iter().map(|axis| axis[0] + 2.0 * (axis[1] + axis[2])).product()
 }
 
-/// What blurring leaves of the noise's variance that pixels had before (`before` of that of the recorded ones, which are
-/// `enlargement` px wide): of recorded pixels under a circle of c of them π/4·c² take part, fewer by as much as they
-/// correlate; small circles go by their kernel.
+/// The share of the pixels' noise variance that blurring leaves. `before` is their variance relative to that of the
+/// recorded pixels, which are `enlargement` px wide. Under a circle of c recorded pixels, π/4·c² of them take part,
+/// fewer by as much as they correlate. In a picture that is not enlarged the kernel gives it directly.
 pub fn noise_left(
     before: f64,
     enlargement: f64,
