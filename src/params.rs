@@ -97,6 +97,8 @@ pub struct Spec {
     /// Whether `none` is accepted.
     pub optional: bool,
     pub help: &'static str,
+    /// Whether it is felt by its ratio: a slider of it goes by decades.
+    pub by_ratio: bool,
 }
 
 /// Why a value was refused.
@@ -251,7 +253,7 @@ macro_rules! choices {
 #[macro_export]
 macro_rules! params {
     ($(#[$meta:meta])* pub struct $name:ident in $table:literal {
-        $($help:literal $field:ident : $type:ty = $default:expr $(, $unit:literal, $range:expr)? ;)*
+        $($help:literal $field:ident : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)? ;)*
     }) => {
         $(#[$meta])*
         #[derive(Clone, Debug, PartialEq)]
@@ -278,6 +280,9 @@ macro_rules! params {
                     let mut range: Option<(f64, f64)> = None;
                     #[allow(unused_mut, unused_assignments)]
                     let mut unit = "";
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut by_ratio = false;
+                    $($(by_ratio = $crate::by_ratio!($scale);)?)?
                     $(range = Some({ let r: std::ops::RangeInclusive<f64> = $range; (*r.start(), *r.end()) }); unit = $unit;)?
                     $crate::params::Spec {
                         name: stringify!($field),
@@ -286,6 +291,7 @@ macro_rules! params {
                         default: $crate::params::Field::to_value(&default.$field),
                         optional: <$type as $crate::params::Field>::OPTIONAL,
                         help: $help,
+                        by_ratio,
                     }
                 },)*]
             }
@@ -306,6 +312,15 @@ macro_rules! params {
                 }
             }
         }
+    };
+}
+
+/// The words that may follow a range in [`params!`](crate::params!).
+#[doc(hidden)]
+#[macro_export]
+macro_rules! by_ratio {
+    (by_ratio) => {
+        true
     };
 }
 
@@ -342,7 +357,7 @@ mod tests {
             "how much" amount: f32 = 0.5, "px", 0.0..=2.0;
             "how many" count: u32 = 3, "1", 1.0..=9.0;
             "which way" method: Method = Method::Good;
-            "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0;
+            "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0, by_ratio;
         }
     }
 
@@ -375,6 +390,11 @@ mod tests {
         for wrong in ["on", "3", "none", "slow"] {
             assert!(demo.set("method", &Value::parse(wrong)).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn what_is_felt_by_its_ratio_is_declared() {
+        assert_eq!(Demo::default().specs().iter().map(|s| s.by_ratio).collect::<Vec<_>>(), [false, false, false, true]);
     }
 
     #[test]

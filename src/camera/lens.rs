@@ -7,11 +7,11 @@ crate::params! {
     /// The lens, as far as it is known. Without an opening the camera is a pinhole.
     pub struct Lens in "camera.lens" {
         "diameter of the opening; instead of f_number; 0 is a pinhole"
-        aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0;
+        aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0, by_ratio;
         "focal length over diameter; instead of aperture_diameter_mm"
-        f_number: Option<f64> = None, "1", 0.5..=256.0;
+        f_number: Option<f64> = None, "1", 0.5..=256.0, by_ratio;
         "distance that is sharp; none: infinity"
-        focus_distance_m: Option<f64> = None, "m", 0.01..=100000.0;
+        focus_distance_m: Option<f64> = None, "m", 0.01..=100000.0, by_ratio;
         "number of aperture blades: 0 for a circle, or 3 to 32"
         blades: u32 = 0, "1", 0.0..=32.0;
         "turns the blades: 0 has the middle of a side to the right, positive turns it downwards"

@@ -32,7 +32,7 @@ crate::params! {
         "photographic: factor on light; additive: the paper's step on display values"
         method: Method = Method::Photographic;
         "exposure at which the scene's lights are right: time x gain (x ISO/100 / f-number^2 where frames tell them); none: at every one; with all else, 30 stops at most"
-        reference_s: Option<f64> = None, "s", 1e-9..=1e6;
+        reference_s: Option<f64> = None, "s", 1e-9..=1e6, by_ratio;
     }
 }
 

@@ -38,7 +38,7 @@ crate::params! {
         "number of copies of the method copies"
         copies: u32 = 8, "1", 2.0..=64.0;
         "rate at which the method accumulation draws within the exposure"
-        frames_per_s: f64 = 80.0, "1/s", 1.0..=10000.0;
+        frames_per_s: f64 = 80.0, "1/s", 1.0..=10000.0, by_ratio;
     }
 }
 
