@@ -46,3 +46,5 @@ pub mod simulate;
 
 // 7: the command line
 pub mod cli;
+#[cfg(feature = "window")]
+pub mod window;

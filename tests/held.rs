@@ -164,32 +164,6 @@ fn of_somebody_else() -> (Gpu, wgpu::Device) {
     (Gpu::adopt(&adapter, device.clone(), queue), device)
 }
 
-/// The texels of a view's texture, row by row.
-fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<[u8; 4]> {
-    let row_bytes = (4 * SIZE.0).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: u64::from(row_bytes * SIZE.1),
-        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        mapped_at_creation: false,
-    });
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes), rows_per_image: None },
-        },
-        texture.size(),
-    );
-    let submission = gpu.queue.submit([encoder.finish()]);
-    buffer.map_async(wgpu::MapMode::Read, .., |result| result.unwrap());
-    gpu.wait(Some(submission)).unwrap();
-    let bytes = buffer.get_mapped_range(..).unwrap();
-    let rows = bytes.chunks_exact(row_bytes as usize).map(|row| &row[..4 * SIZE.0 as usize]);
-    rows.flat_map(|row| row.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect::<Vec<_>>()).collect()
-}
-
 #[test]
 fn an_error_on_an_adopted_device_is_told_and_can_be_gone_on_after() {
     let (gpu, device) = of_somebody_else();
@@ -273,7 +247,7 @@ fn into_a_view_goes_what_would_be_written() {
                 assert!(expected == written);
             }
             let most = expected.max_code();
-            for (i, texel) in read_back(&gpu, &texture).into_iter().enumerate() {
+            for (i, texel) in gpu::read_back(&gpu, &texture).into_iter().enumerate() {
                 let [a, b, c, alpha] = texel.map(u32::from);
                 let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
                 let codes = expected.at(i as u32 % SIZE.0, i as u32 / SIZE.0);

@@ -13,7 +13,7 @@ mod random;
 
 use board::{FOCAL_PX, board, sideways};
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response, Summed};
+use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
 use locard::frame::{FrameExposure, PhotoSettings};

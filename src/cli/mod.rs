@@ -15,6 +15,8 @@ mod photo;
 mod render;
 mod simulate;
 mod start;
+#[cfg(feature = "window")]
+mod tune;
 mod which;
 
 use std::io::{IsTerminal, Write};
@@ -56,6 +58,9 @@ enum Command {
     Bench(bench::Args),
     /// Make a recording of a simulated site, together with its ground truth
     Simulate(simulate::Args),
+    /// Open the window: see the evidence in the picture and move sliders until it belongs there
+    #[cfg(feature = "window")]
+    Tune(tune::Args),
 }
 
 /// Runs the program with the process' arguments.
@@ -80,6 +85,8 @@ pub fn main() -> ExitCode {
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        #[cfg(feature = "window")]
+        Command::Tune(args) => tune::run(args),
     });
     // Blocks here if the program is already being ended, which needs no second message.
     drop(undo_all());

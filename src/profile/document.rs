@@ -61,6 +61,19 @@ impl Document {
         self.put(params.table(), &table_of(params));
     }
 
+    /// Sets one parameter and leaves the table's other keys alone; [`Value::None`] removes it.
+    pub fn set_param(&mut self, params: &dyn Params, name: &str) {
+        let mut table = Table::new();
+        if let Some(own) = table_at(&mut self.text, params.table()) {
+            table = own.iter().filter(|(_, item)| !item.is_table_like()).map(|(k, v)| (k, v.clone())).collect();
+        }
+        match table_of(params).remove(name) {
+            Some(value) => _ = table.insert(name, value),
+            None => _ = table.remove(name),
+        }
+        self.put(params.table(), &table);
+    }
+
     /// Makes the named table, such as `camera.noise`, contain exactly these keys, apart from its subtables.
     fn put(&mut self, name: &str, table: &Table) {
         let mut at: &mut dyn TableLike = self.text.as_table_mut();
@@ -97,6 +110,7 @@ impl fmt::Display for Document {
 mod tests {
     use super::*;
     use crate::camera::{CameraExposure, Intrinsics, NoiseBin};
+    use crate::params;
     use proptest::prelude::*;
 
     const PROFILE: &str = "# mine\nversion = 1 # the only one\n\n[camera]   # a Kinect\nfx_px = 5.250e2\n\n\
@@ -111,6 +125,29 @@ mod tests {
 
     fn parse(text: &str) -> Document {
         Document::parse(text, Path::new("p.toml")).unwrap()
+    }
+
+    #[test]
+    fn one_parameter_is_set_and_everything_else_stays() {
+        let mut profile = parse(PROFILE);
+        let mut settings = Settings::default();
+        let mut set = |name: &str, value: params::Value| {
+            settings.set("noise", name, &value).unwrap().unwrap();
+            let tables = settings.tables();
+            let noise = tables.iter().find(|table| table.table() == "noise").unwrap();
+            profile.set_param(*noise, name);
+            profile.to_string()
+        };
+        let text = set("scale", params::Value::Number(0.75));
+        assert_eq!(text, PROFILE.replace("1.50", "0.75"));
+        let text = set("iso", params::Value::Number(400.0));
+        assert_eq!(text, PROFILE.replace("1.50  # more\n", "0.75  # more\niso = 400.0\n"));
+        assert_eq!(set("iso", params::Value::None), PROFILE.replace("1.50", "0.75"));
+        // A table that is not there yet.
+        let exposure = CameraExposure { time_s: Some(0.5), ..CameraExposure::default() };
+        profile.set_param(&exposure, "time_s");
+        assert!(profile.to_string().contains("[camera.exposure]\ntime_s = 0.5\n"), "{profile}");
+        assert!(!profile.to_string().contains("iso"));
     }
 
     #[test]

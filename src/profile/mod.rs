@@ -22,7 +22,7 @@ use crate::source::file::{self, MOST_DOCUMENT};
 use crate::words::{quoted, reason};
 
 /// A camera as tables of parameters, before it is put together.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rig {
     pub intrinsics: Intrinsics,
     pub distortion: Distortion,
@@ -142,7 +142,7 @@ impl Rig {
         }
     }
 
-    fn set(
+    pub fn set(
         &mut self,
         settings: &mut Settings,
         table: &str,

@@ -58,7 +58,7 @@ static FORMATS: [&Format; 5] = [&own::FORMAT, &nerfstudio::FORMAT, &tum::FORMAT,
 type DepthFile = (f64, PathBuf);
 
 /// An opened recording: everything except the pixels and depths, which [`Recording::frames`] streams.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Recording {
     pub name: String,
     pub path: PathBuf,

@@ -128,6 +128,12 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
+impl Default for SceneFile {
+    fn default() -> Self {
+        Self { version: 1, up: None, objects: Vec::new(), light: LightTable::default() }
+    }
+}
+
 impl SceneFile {
     /// Checks what needs no other files. Further rules are checked on loading.
     pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {

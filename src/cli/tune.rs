@@ -1,0 +1,69 @@
+//! `locard tune`: the window.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, anyhow};
+
+use crate::recording::OpenOptions;
+use crate::shot::Given;
+use crate::window::{self, Project};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording; the demonstration if it is left out
+    recording: Option<PathBuf>,
+    /// The scene file or model to put into it
+    #[arg(long)]
+    scene: Option<PathBuf>,
+    /// A camera's profile; a new file is made when it is saved
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// How many metres a unit of the recording is
+    #[arg(long, default_value_t = 1.0)]
+    metres_per_unit: f64,
+}
+
+const DEMO: &str = "recordings/demo";
+const DEMO_SCENE: &str = "scenes/demo.toml";
+
+pub fn run(args: Args) -> Result<()> {
+    let Args { recording, mut scene, profile, metres_per_unit } = args;
+    if recording.is_none() {
+        scene = scene.or_else(|| Some(DEMO_SCENE.into()));
+    }
+    let recording = recording.unwrap_or_else(|| DEMO.into());
+    let new_profile = profile.clone().filter(|path| !path.exists());
+    let given = Given { profile: profile.filter(|path| path.exists()), sets: Vec::new(), scene };
+    let options = OpenOptions { metres_per_unit, ..OpenOptions::default() };
+    let mut project = Project::open(&recording, &options, &given)?;
+    if let Some(path) = new_profile {
+        project.profile = Some(path);
+    }
+    window::open(project).map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
+}
+
+/// What a person can do about it; the error names files of libraries.
+fn reason(error: &str) -> String {
+    let has = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    if cfg!(target_os = "linux") && !has("DISPLAY") && !has("WAYLAND_DISPLAY") {
+        return "there is no display (DISPLAY and WAYLAND_DISPLAY are unset): start it on a desktop or through ssh -X; \
+                all other commands work without one"
+            .to_owned();
+    }
+    // As in "os error at /src/mod.rs:788: Failed to open connection to X server".
+    let after = error.rsplit_once(".rs:").and_then(|(_, rest)| rest.split_once(": "));
+    after.map_or(error, |(_, reason)| reason).to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_librarys_file_is_no_reason() {
+        let error = "os error at /src/linux/mod.rs:788: Failed to open connection to X server";
+        let said = super::reason(error);
+        assert!(!said.contains("mod.rs") && (said.contains("X server") || said.contains("no display")), "{said}");
+        if said.contains("X server") {
+            assert_eq!(super::reason("no adapter"), "no adapter");
+        }
+    }
+}

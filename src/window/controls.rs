@@ -1,0 +1,336 @@
+//! A control for every parameter, from its declaration alone.
+
+use eframe::egui::{self, Color32, RichText, Ui};
+
+use super::Project;
+use super::project::{Origin, tables};
+use crate::params::{Kind, Spec, Value};
+use crate::words::number;
+
+/// What is looked for, and which groups are open.
+#[derive(Clone, Debug, Default)]
+pub struct Controls {
+    search: String,
+    /// Only what a person has changed.
+    changed_only: bool,
+}
+
+/// What a person asked for.
+enum Asked {
+    Set(Value),
+    /// The drag is over.
+    Done,
+}
+
+impl Controls {
+    /// Shows all controls; changes go to the project. Errors of values that are refused are given back.
+    pub fn show(&mut self, ui: &mut Ui, project: &mut Project) -> Option<String> {
+        ui.horizontal(|ui| {
+            let search =
+                egui::TextEdit::singleline(&mut self.search).hint_text("Search parameters").desired_width(160.0);
+            let response = ui.add(search);
+            response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Search parameters"));
+            ui.toggle_value(&mut self.changed_only, "Changed").on_hover_text("Only what you have changed");
+        });
+        ui.separator();
+        let mut refused = None;
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            let groups = groups(project);
+            for (table, title, summary) in groups {
+                refused = self.group(ui, project, table, &title, summary).or(refused.take());
+            }
+        });
+        refused
+    }
+
+    fn group(
+        &self,
+        ui: &mut Ui,
+        project: &mut Project,
+        table: &'static str,
+        title: &str,
+        summary: Option<&'static str>,
+    ) -> Option<String> {
+        let specs: Vec<(Spec, Value, Origin)> = {
+            let edit = project.edit();
+            let all = tables(&edit.rig, &edit.settings);
+            let params = all.into_iter().find(|params| params.table() == table)?;
+            let wanted = |spec: &Spec| {
+                let text = format!("{table}.{} {}", spec.name, spec.help).to_lowercase();
+                self.search.to_lowercase().split_whitespace().all(|word| text.contains(word))
+            };
+            let with_value = |spec: Spec| {
+                let (value, origin) = (params.get(spec.name)?, project.origin(table, spec.name));
+                Some((spec, value, origin))
+            };
+            let all = params.specs().into_iter().filter(wanted).filter_map(with_value);
+            all.filter(|(_, _, origin)| !self.changed_only || *origin == Origin::Person).collect()
+        };
+        if specs.is_empty() {
+            return None;
+        }
+        let mut refused = None;
+        let id = ui.make_persistent_id(("group", table));
+        let is_effect = summary.is_some();
+        let mut state = egui::collapsing_header::CollapsingState::load_with_default_open(ui.ctx(), id, is_effect);
+        if !self.search.is_empty() || self.changed_only {
+            state.set_open(true);
+        }
+        state
+            .show_header(ui, |ui| {
+                if is_effect {
+                    let mut on = project.edit().settings.is_on(table);
+                    if ui.checkbox(&mut on, RichText::new(title).strong()).changed() {
+                        project.switch(table, on);
+                    }
+                } else {
+                    ui.strong(title);
+                }
+            })
+            .body(|ui| {
+                if let Some(summary) = summary {
+                    ui.label(RichText::new(summary).weak().small());
+                }
+                for (spec, value, origin) in specs {
+                    match control(ui, table, &spec, &value, origin, project.opened(table, spec.name)) {
+                        Some(Asked::Set(value)) => {
+                            refused = project.set(table, spec.name, &value).err().map(|error| error.to_string());
+                        }
+                        Some(Asked::Done) => project.close_step(),
+                        None => {}
+                    }
+                }
+            });
+        refused
+    }
+}
+
+/// Every table with its title, in the order of the light; an effect's with what it does.
+fn groups(project: &Project) -> Vec<(&'static str, String, Option<&'static str>)> {
+    let edit = project.edit();
+    let summary = |table: &str| edit.settings.effects().find(|effect| effect.table() == table).map(|e| e.summary());
+    tables(&edit.rig, &edit.settings)
+        .into_iter()
+        .map(|params| (params.table(), title(params.table()), summary(params.table())))
+        .collect()
+}
+
+/// A table's name as a heading: `camera.lens` is "Camera: lens".
+fn title(table: &str) -> String {
+    let words = table.replace('_', " ").replace('.', ": ");
+    let mut chars = words.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
+}
+
+/// One parameter.
+fn control(
+    ui: &mut Ui,
+    table: &str,
+    spec: &Spec,
+    value: &Value,
+    origin: Origin,
+    opened: Option<Value>,
+) -> Option<Asked> {
+    let full = format!("{table}.{}", spec.name);
+    let mut asked = None;
+    ui.horizontal(|ui| {
+        mark(ui, origin);
+        let text = RichText::new(spec.name);
+        let text = if origin == Origin::Person { text.strong() } else { text };
+        let left = egui::Layout::left_to_right(egui::Align::Center);
+        let label = ui.allocate_ui_with_layout(egui::vec2(136.0, 18.0), left, |ui| {
+            ui.set_min_width(136.0);
+            ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()))
+        });
+        let label = label.inner;
+        let label = label.on_hover_ui(|ui| help(ui, &full, spec, opened.as_ref()));
+        if label.double_clicked() {
+            asked = Some(Asked::Set(spec.default.clone()));
+        }
+        label.context_menu(|ui| {
+            if ui.button(format!("Default: {}", spec.default)).clicked() {
+                asked = Some(Asked::Set(spec.default.clone()));
+                ui.close();
+            }
+            if let Some(opened) = opened.filter(|opened| *opened != spec.default)
+                && ui.button(format!("As opened: {opened}")).clicked()
+            {
+                asked = Some(Asked::Set(opened));
+                ui.close();
+            }
+        });
+        let mut shown = value.clone();
+        if spec.optional {
+            let mut given = *value != Value::None;
+            let given_box = ui.checkbox(&mut given, "");
+            given_box.widget_info(|| {
+                egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{full} is given"))
+            });
+            if given_box.changed() {
+                asked = Some(Asked::Set(if given { first_value(&spec.kind) } else { Value::None }));
+            }
+            if !given {
+                ui.weak("not given");
+                return;
+            }
+        }
+        if let Some(done) = field(ui, &full, spec, &mut shown) {
+            asked = Some(done);
+        }
+    });
+    asked
+}
+
+/// What a parameter that had no value begins with.
+fn first_value(kind: &Kind) -> Value {
+    match kind {
+        Kind::Bool => Value::Bool(true),
+        Kind::Choice(names) => Value::Text(names.first().copied().unwrap_or_default().to_owned()),
+        Kind::Number { min, max } | Kind::Integer { min, max } => Value::Number(1f64.clamp(*min, *max)),
+    }
+}
+
+/// The control itself; it bears the parameter's full name.
+fn field(ui: &mut Ui, full: &str, spec: &Spec, value: &mut Value) -> Option<Asked> {
+    match (&spec.kind, value) {
+        (Kind::Bool, Value::Bool(on)) => {
+            let response = ui.checkbox(on, "");
+            response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, *on, full));
+            response.changed().then_some(Asked::Set(Value::Bool(*on)))
+        }
+        (Kind::Choice(names), Value::Text(chosen)) => {
+            let before = chosen.clone();
+            let combo = egui::ComboBox::from_id_salt(full).selected_text(chosen.as_str());
+            let response = combo.show_ui(ui, |ui| {
+                for name in *names {
+                    ui.selectable_value(chosen, (*name).to_owned(), *name);
+                }
+            });
+            let info = || egui::WidgetInfo::labeled(egui::Role::ComboBox, true, full);
+            response.response.widget_info(info);
+            (*chosen != before).then(|| Asked::Set(Value::Text(chosen.clone())))
+        }
+        (Kind::Number { min, max }, Value::Number(n)) => numeric(ui, full, spec, n, [*min, *max], false),
+        (Kind::Integer { min, max }, Value::Number(n)) => numeric(ui, full, spec, n, [*min, *max], true),
+        _ => None,
+    }
+}
+
+/// Wider ranges than this have no slider unless they go by decades.
+const WIDEST_SLIDER: f64 = 1e4;
+
+fn numeric(ui: &mut Ui, full: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 2], whole: bool) -> Option<Asked> {
+    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
+    let parse = |text: &str| parse_number(text);
+    let response = if max - min <= WIDEST_SLIDER || spec.by_ratio {
+        let mut slider = egui::Slider::new(n, min..=max)
+            .logarithmic(spec.by_ratio)
+            .smart_aim(false)
+            .suffix(unit)
+            .custom_parser(parse)
+            .custom_formatter(|n, _| short(n));
+        if whole {
+            slider = slider.integer();
+        } else if spec.by_ratio && min <= 0.0 {
+            slider = slider.smallest_positive(1e-5);
+        }
+        ui.add(slider)
+    } else {
+        let speed = if whole { 1.0 } else { (0.002 * n.abs()).max(1e-4) };
+        let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(parse);
+        ui.add(drag.custom_formatter(|n, _| short(n)))
+    };
+    let info = || egui::WidgetInfo::slider(true, *n, full);
+    response.widget_info(info);
+    if response.double_clicked() {
+        return Some(Asked::Set(spec.default.clone()));
+    }
+    if response.changed() {
+        // A slider gives more digits than anybody means.
+        let given = if whole { n.round() } else { rounded(*n) };
+        return Some(Asked::Set(Value::Number(given.clamp(min, max))));
+    }
+    (response.drag_stopped() || response.lost_focus()).then_some(Asked::Done)
+}
+
+/// To five significant digits.
+fn rounded(n: f64) -> f64 {
+    format!("{n:.4e}").parse().unwrap_or(n)
+}
+
+fn short(n: f64) -> String {
+    number(rounded(n))
+}
+
+/// A number as a person types it: a decimal comma is understood, and so is a fraction, as of a shutter time.
+pub fn parse_number(text: &str) -> Option<f64> {
+    let plain = |text: &str| {
+        let text = text.trim().trim_end_matches(|c: char| c.is_alphabetic() || c.is_whitespace() || c == '/');
+        let text = if text.contains('.') { text.replace(',', "") } else { text.replace(',', ".") };
+        text.parse::<f64>().ok().filter(|n| n.is_finite())
+    };
+    match text.split_once('/') {
+        Some((above, below)) if below.trim().starts_with(|c: char| c.is_ascii_digit()) => {
+            Some(plain(above)? / plain(below)?).filter(|n| n.is_finite())
+        }
+        _ => plain(text),
+    }
+}
+
+/// A dot for what the person has set, a ring for what a file says.
+fn mark(ui: &mut Ui, origin: Origin) {
+    let (rect, response) = ui.allocate_exact_size(egui::vec2(8.0, 18.0), egui::Sense::hover());
+    let color = Color32::from_rgb(230, 159, 0);
+    match origin {
+        Origin::Person => _ = ui.painter().circle_filled(rect.center(), 3.0, color),
+        Origin::File => {
+            let stroke = egui::Stroke::new(1.2, ui.visuals().text_color());
+            ui.painter().circle_stroke(rect.center(), 2.6, stroke);
+        }
+        Origin::Default => {}
+    }
+    let says = match origin {
+        Origin::Person => "You have changed it",
+        Origin::File => "As the recording or a profile says",
+        Origin::Default => "Its default",
+    };
+    response.on_hover_text(says);
+}
+
+fn help(ui: &mut Ui, full: &str, spec: &Spec, opened: Option<&Value>) {
+    ui.set_max_width(320.0);
+    ui.strong(full);
+    ui.label(spec.help);
+    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
+    ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));
+    if let Some(opened) = opened {
+        ui.weak(format!("opened with {opened}"));
+    }
+    ui.weak("Double-click: default. Click the number to type one.");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_as_people_type_them() {
+        for (text, number) in [
+            ("1.5", Some(1.5)),
+            ("1,5", Some(1.5)),
+            (" 0,016 s", Some(0.016)),
+            ("1/60", Some(1.0 / 60.0)),
+            ("1/60 s", Some(1.0 / 60.0)),
+            ("1,000.5", Some(1000.5)),
+            ("-3e-4", Some(-3e-4)),
+            ("80 1/s", None),
+            ("1/0", None),
+            ("", None),
+            ("soft", None),
+        ] {
+            assert_eq!(parse_number(text), number, "{text}");
+        }
+        assert_eq!((short(0.1 + 0.2), short(1234567.0)), ("0.3".to_owned(), "1234600".to_owned()));
+        assert_eq!(title("camera.lens"), "Camera: lens");
+    }
+}

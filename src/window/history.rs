@@ -1,0 +1,122 @@
+//! What was done, step by step, and back.
+
+/// Steps that are kept. Each is a few kilobytes.
+const MOST: usize = 500;
+
+/// States of a value, each with what led to it.
+#[derive(Clone, Debug)]
+pub struct History<T> {
+    /// The first is what was opened.
+    steps: Vec<(String, T)>,
+    at: usize,
+    /// Whether the step that was made last still grows: a slider is being dragged.
+    is_open: bool,
+}
+
+impl<T: Clone + PartialEq> History<T> {
+    pub fn new(opened: T) -> Self {
+        Self { steps: vec![("opened".to_owned(), opened)], at: 0, is_open: false }
+    }
+
+    pub fn now(&self) -> &T {
+        &self.steps[self.at].1
+    }
+
+    /// A change. What was undone before is forgotten. As long as the step is open, changes of the same name are one step;
+    /// [`History::close`] ends it.
+    pub fn change(&mut self, what: &str, to: T) {
+        if to == *self.now() {
+            return;
+        }
+        self.steps.truncate(self.at + 1);
+        match self.steps.last_mut() {
+            Some((name, value)) if self.is_open && self.at > 0 && name == what => *value = to,
+            _ => {
+                self.steps.push((what.to_owned(), to));
+                if self.steps.len() > MOST {
+                    self.steps.remove(1);
+                }
+                self.at = self.steps.len() - 1;
+            }
+        }
+        self.is_open = true;
+    }
+
+    /// The next change is a step of its own.
+    pub fn close(&mut self) {
+        self.is_open = false;
+    }
+
+    /// Takes back a step. Gives its name, `None` where nothing is left to take back.
+    pub fn undo(&mut self) -> Option<&str> {
+        self.close();
+        self.at = self.at.checked_sub(1)?;
+        Some(&self.steps[self.at + 1].0)
+    }
+
+    /// Does again what was undone last.
+    pub fn redo(&mut self) -> Option<&str> {
+        self.close();
+        let (name, _) = self.steps.get(self.at + 1)?;
+        self.at += 1;
+        Some(name)
+    }
+
+    /// Goes to a step by its place in [`History::names`].
+    pub fn go_to(&mut self, step: usize) {
+        self.close();
+        self.at = step.min(self.steps.len() - 1);
+    }
+
+    /// Each step's name, the oldest first, and the place of the one that holds now.
+    pub fn names(&self) -> (impl ExactSizeIterator<Item = &str>, usize) {
+        (self.steps.iter().map(|(name, _)| name.as_str()), self.at)
+    }
+
+    pub fn can_undo(&self) -> bool {
+        self.at > 0
+    }
+
+    pub fn can_redo(&self) -> bool {
+        self.at + 1 < self.steps.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drag_is_one_step_and_a_new_change_forgets_what_was_undone() {
+        let mut history = History::new(0);
+        for value in 1..=5 {
+            history.change("noise.scale", value);
+        }
+        history.change("noise.scale", 5);
+        history.close();
+        history.change("noise.scale", 6);
+        history.change("blur", 7);
+        assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "noise.scale", "noise.scale", "blur"]);
+        assert_eq!(history.undo(), Some("blur"));
+        assert_eq!(history.undo(), Some("noise.scale"));
+        assert_eq!(*history.now(), 5);
+        assert_eq!(history.redo(), Some("noise.scale"));
+        assert_eq!(*history.now(), 6);
+        history.go_to(0);
+        assert!(!history.can_undo() && history.can_redo() && history.undo().is_none());
+        history.change("other", 9);
+        assert!(!history.can_redo());
+        assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "other"]);
+    }
+
+    #[test]
+    fn the_oldest_steps_go_and_what_was_opened_stays() {
+        let mut history = History::new(0);
+        for value in 1..=2 * MOST {
+            history.change(&value.to_string(), value);
+        }
+        assert_eq!((history.names().0.len(), *history.now()), (MOST, 2 * MOST));
+        history.go_to(0);
+        assert_eq!(*history.now(), 0);
+    }
+}

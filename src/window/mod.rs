@@ -1,0 +1,50 @@
+//! The tuner's window: a recording as it plays, its evidence in it, and every parameter beside the picture.
+//!
+//! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
+//! - `reader`: decodes frames on a thread of its own. `player`: which frame is due.
+//! - `viewer`: composites on the window's own device, into textures that the window shows.
+//! - `app`: the window. `picture`, `controls`, `timeline`: its parts.
+//!
+//! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
+
+mod app;
+mod controls;
+mod history;
+mod picture;
+mod player;
+mod project;
+mod reader;
+mod timeline;
+mod viewer;
+
+use std::sync::Arc;
+
+use eframe::egui;
+use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
+
+pub use app::App;
+pub use history::History;
+pub use picture::View;
+pub use player::{Pace, Player};
+pub use project::{Edit, Origin, Project, SaveError};
+
+use crate::gpu::Gpu;
+
+/// Opens the window and waits until it is closed.
+pub fn open(project: Project) -> Result<(), eframe::Error> {
+    let mut setup = WgpuSetupCreateNew::without_display_handle();
+    setup.device_descriptor = Arc::new(Gpu::wanted);
+    let size = egui::vec2(1280.0, 800.0);
+    let mut options = eframe::NativeOptions {
+        viewport: egui::ViewportBuilder::default()
+            .with_title("Locard")
+            .with_app_id("locard")
+            .with_inner_size(size)
+            .with_min_inner_size(egui::vec2(640.0, 400.0))
+            .with_drag_and_drop(true),
+        renderer: eframe::Renderer::Wgpu,
+        ..Default::default()
+    };
+    options.wgpu_options.wgpu_setup = WgpuSetup::CreateNew(setup);
+    eframe::run_native("locard", options, Box::new(|context| Ok(Box::new(App::new(context, project)?))))
+}

@@ -1,0 +1,189 @@
+//! The picture: as large as it fits or enlarged to single pixels, moved by dragging, with a wipe between the camera's own
+//! and the composite.
+
+use eframe::egui::{self, Color32, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
+
+use super::viewer::{Shown, Viewer};
+
+/// From this enlargement on a picture's pixels are squares.
+const SQUARES_FROM: f32 = 2.0;
+const LEAST_ZOOM: f32 = 1.0 / 32.0;
+const MOST_ZOOM: f32 = 64.0;
+/// How near the wipe's line a drag takes hold of it, points.
+const GRIP: f32 = 6.0;
+
+/// How the picture is looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// Screen pixels to a picture's; `None`: as large as it fits.
+    pub zoom: Option<f32>,
+    /// The place of the picture in the middle of the panel, as a share of its size.
+    pub centre: Vec2,
+    /// Left of it the camera's own picture is shown, as a share of the picture's width; `None`: no wipe.
+    pub wipe: Option<f32>,
+    /// The camera's own picture is shown all over.
+    pub plain: bool,
+    /// The wipe's line is being dragged.
+    wiping: bool,
+}
+
+impl Default for View {
+    fn default() -> Self {
+        Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, wiping: false }
+    }
+}
+
+/// Where the picture lies on the screen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    pub rect: Rect,
+    /// Points to a picture's pixel.
+    pub scale: f32,
+}
+
+impl Placed {
+    /// A place on the screen in the picture, px.
+    pub fn picture_px(&self, at: Pos2) -> Vec2 {
+        (at - self.rect.min) / self.scale
+    }
+}
+
+impl View {
+    /// Where a picture of `size` px lies in a panel.
+    pub fn placed(&self, panel: Rect, size: Vec2, pixels_per_point: f32) -> Placed {
+        let fit = (panel.size() / size).min_elem();
+        let scale = self.zoom.map_or(fit, |zoom| zoom / pixels_per_point);
+        let centre = if self.zoom.is_none() { vec2(0.5, 0.5) } else { self.centre };
+        let min = panel.center() - centre * size * scale;
+        // A picture's pixels begin where the screen's do.
+        let min = pos2((min.x * pixels_per_point).round(), (min.y * pixels_per_point).round()) / pixels_per_point;
+        Placed { rect: Rect::from_min_size(min, size * scale), scale }
+    }
+
+    /// Enlarges by a factor about a place on the screen, which stays where it is.
+    pub fn zoom_about(&mut self, at: Pos2, factor: f32, panel: Rect, size: Vec2, pixels_per_point: f32) {
+        let before = self.placed(panel, size, pixels_per_point);
+        let share = (at - before.rect.min) / before.rect.size();
+        let zoom = (before.scale * pixels_per_point * factor).clamp(LEAST_ZOOM, MOST_ZOOM);
+        self.zoom = Some(zoom);
+        let now = size * (zoom / pixels_per_point);
+        self.centre = (share - (at - panel.center()) / now).clamp(Vec2::ZERO, Vec2::splat(1.0));
+    }
+
+    fn pan(&mut self, by: Vec2, size: Vec2, scale: f32) {
+        self.centre = (self.centre - by / (size * scale)).clamp(Vec2::ZERO, Vec2::splat(1.0));
+    }
+}
+
+/// Draws the picture into what is left of the window.
+pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer) -> Option<Placed> {
+    let panel = ui.available_rect_before_wrap();
+    let response = ui.allocate_rect(panel, Sense::click_and_drag());
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
+    ui.painter().rect_filled(panel, 0.0, Color32::from_gray(if ui.visuals().dark_mode { 18 } else { 160 }));
+    let plain = viewer.plain()?;
+    let size = vec2(plain.size.0 as f32, plain.size.1 as f32);
+    let ppp = ui.ctx().pixels_per_point();
+
+    if let Some(at) = response.hover_pos() {
+        let (scroll, pinch) = ui.input(|i| (i.smooth_scroll_delta().y, i.zoom_delta()));
+        let factor = pinch * (scroll / 240.0).exp2();
+        if factor != 1.0 {
+            view.zoom_about(at, factor, panel, size, ppp);
+        }
+    }
+    if response.double_clicked() {
+        match view.zoom {
+            Some(_) => view.zoom = None,
+            None => {
+                let at = response.interact_pointer_pos().unwrap_or(panel.center());
+                let placed = view.placed(panel, size, ppp);
+                view.zoom_about(at, 4.0 / (placed.scale * ppp), panel, size, ppp);
+            }
+        }
+    }
+    let placed = view.placed(panel, size, ppp);
+    wipe_or_pan(ui, view, &response, size, placed);
+    let placed = view.placed(panel, size, ppp);
+
+    let painter = ui.painter().with_clip_rect(panel);
+    let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
+    let picture = |shown: &Shown, clip: Rect| {
+        let id = if placed.scale * ppp >= SQUARES_FROM { shown.nearest } else { shown.smooth };
+        let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+        painter.with_clip_rect(clip.intersect(panel)).image(id, placed.rect, whole, Color32::WHITE);
+    };
+    match viewer.composite().filter(|composite| !view.plain && composite.size == plain.size) {
+        None => picture(plain, panel),
+        Some(composite) => {
+            let x = line_x.unwrap_or(f32::NEG_INFINITY);
+            picture(plain, Rect::everything_left_of(x));
+            picture(composite, Rect::everything_right_of(x));
+        }
+    }
+    if let (Some(x), false) = (line_x, view.plain) {
+        let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
+        line(0.0, Color32::WHITE);
+        line(1.0, Color32::from_black_alpha(160));
+        let label = |at: Pos2, align, text: &str| {
+            let font = egui::FontId::proportional(12.0);
+            painter.text(at + vec2(1.0, 1.0), align, text, font.clone(), Color32::BLACK);
+            painter.text(at, align, text, font, Color32::WHITE);
+        };
+        let y = placed.rect.intersect(panel).min.y + 6.0;
+        label(pos2(x - 8.0, y), egui::Align2::RIGHT_TOP, "camera");
+        label(pos2(x + 8.0, y), egui::Align2::LEFT_TOP, "with evidence");
+    }
+    Some(placed)
+}
+
+fn wipe_or_pan(ui: &Ui, view: &mut View, response: &egui::Response, size: Vec2, placed: Placed) {
+    let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
+    let near_line = |at: Pos2| line_x.is_some_and(|x| (at.x - x).abs() <= GRIP);
+    if response.hover_pos().is_some_and(near_line) || view.wiping {
+        ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
+    }
+    if response.drag_started() {
+        let origin = ui.input(|i| i.pointer.press_origin());
+        view.wiping = response.dragged_by(egui::PointerButton::Primary) && origin.is_some_and(near_line);
+    }
+    if response.dragged() {
+        match response.interact_pointer_pos() {
+            Some(at) if view.wiping => {
+                view.wipe = Some(((at.x - placed.rect.min.x) / placed.rect.width()).clamp(0.0, 1.0));
+            }
+            _ if view.zoom.is_some() => view.pan(response.drag_delta(), size, placed.scale),
+            _ => {}
+        }
+    }
+    if response.drag_stopped() {
+        view.wiping = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PANEL: Rect = Rect { min: pos2(100.0, 50.0), max: pos2(900.0, 650.0) };
+    const SIZE: Vec2 = vec2(640.0, 480.0);
+
+    #[test]
+    fn it_fits_and_what_is_under_the_pointer_stays_there() {
+        let mut view = View::default();
+        let placed = view.placed(PANEL, SIZE, 1.0);
+        assert_eq!(placed.rect, PANEL);
+        assert_eq!(placed.picture_px(pos2(500.0, 350.0)), vec2(320.0, 240.0));
+        let at = pos2(300.0, 200.0);
+        let under = placed.picture_px(at);
+        for factor in [2.0, 1.5, 4.0] {
+            view.zoom_about(at, factor, PANEL, SIZE, 2.0);
+            let now = view.placed(PANEL, SIZE, 2.0).picture_px(at);
+            // The picture's corner goes to a pixel of the screen.
+            let pixel = 0.5 / view.zoom.unwrap_or(1.0) + 1e-3;
+            assert!((now - under).abs().max_elem() <= pixel, "{now:?} {under:?}");
+        }
+        view.zoom_about(at, 1e9, PANEL, SIZE, 1.0);
+        assert_eq!(view.zoom, Some(MOST_ZOOM));
+    }
+}

@@ -1,0 +1,168 @@
+//! Which frame is due.
+
+use std::ops::Range;
+
+/// How fast a recording plays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// By the recording's clock, times a factor. Frames that do not come in time are dropped, and counted.
+    Recorded(f64),
+    /// Every frame, as fast as they come.
+    EveryFrame,
+}
+
+/// Where a recording stands. Knows no clock: it is told how much time has passed.
+#[derive(Clone, Debug)]
+pub struct Player {
+    /// Of each frame, seconds, ascending.
+    timestamps_s: Vec<f64>,
+    frame: usize,
+    pub playing: bool,
+    pub pace: Pace,
+    /// What is played over and over.
+    range: Range<usize>,
+    /// Where the clock stands, seconds on the recording's.
+    time_s: f64,
+    /// Frames that were due while playing and not shown.
+    pub dropped: usize,
+}
+
+impl Player {
+    /// At the first frame, resting. There is at least one frame.
+    pub fn new(timestamps_s: &[f64]) -> Self {
+        let time_s = timestamps_s.first().copied().unwrap_or(0.0);
+        let range = 0..timestamps_s.len().max(1);
+        let pace = Pace::Recorded(1.0);
+        Self { timestamps_s: timestamps_s.to_vec(), frame: 0, playing: false, pace, range, time_s, dropped: 0 }
+    }
+
+    pub fn frame(&self) -> usize {
+        self.frame
+    }
+
+    pub fn count(&self) -> usize {
+        self.timestamps_s.len()
+    }
+
+    pub fn range(&self) -> Range<usize> {
+        self.range.clone()
+    }
+
+    /// What is looped: at least one frame.
+    pub fn set_range(&mut self, range: Range<usize>) {
+        let start = range.start.min(self.count().saturating_sub(1));
+        self.range = start..range.end.clamp(start + 1, self.count().max(start + 1));
+    }
+
+    pub fn play(&mut self, playing: bool) {
+        if playing && !self.playing {
+            self.dropped = 0;
+            if !self.range.contains(&self.frame) {
+                self.seek(self.range.start);
+            }
+        }
+        self.playing = playing;
+    }
+
+    /// Goes to a frame, the last one where there are fewer.
+    pub fn seek(&mut self, frame: usize) {
+        self.frame = frame.min(self.count().saturating_sub(1));
+        self.time_s = self.timestamps_s.get(self.frame).copied().unwrap_or(0.0);
+    }
+
+    /// A few frames on, or back; stops playing.
+    pub fn step(&mut self, by: isize) {
+        self.playing = false;
+        self.seek(self.frame.saturating_add_signed(by));
+    }
+
+    /// `seconds` have passed, and the frame that was due before `is_shown`: goes on to the one that is due now.
+    pub fn advance(&mut self, seconds: f64, is_shown: bool) {
+        if !self.playing || self.count() < 2 {
+            return;
+        }
+        let next = if self.frame + 1 < self.range.end { self.frame + 1 } else { self.range.start };
+        match self.pace {
+            Pace::EveryFrame => {
+                if is_shown {
+                    self.seek(next);
+                }
+            }
+            Pace::Recorded(speed) => {
+                self.time_s += seconds * speed;
+                let end_s = self.end_s();
+                if self.time_s >= end_s {
+                    let start_s = self.timestamps_s[self.range.start];
+                    self.dropped += self.range.end - 1 - self.frame;
+                    self.frame = self.range.start;
+                    // A pause of the whole machine is not made up for.
+                    self.time_s = start_s + (self.time_s - end_s).min(0.5 * (end_s - start_s).max(0.0));
+                }
+                let due = self.timestamps_s[self.range.clone()].partition_point(|t| *t <= self.time_s);
+                let due = (self.range.start + due).saturating_sub(1).max(self.frame);
+                self.dropped += (due - self.frame).saturating_sub(1) + usize::from(due > self.frame && !is_shown);
+                self.frame = due;
+            }
+        }
+    }
+
+    /// When the last frame of the range has been seen.
+    fn end_s(&self) -> f64 {
+        let times = &self.timestamps_s[self.range.clone()];
+        let (first, last) = (times[0], times[times.len() - 1]);
+        let interval_s = if times.len() > 1 { (last - first) / (times.len() - 1) as f64 } else { 1.0 / 30.0 };
+        last + interval_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn player() -> Player {
+        let times: Vec<f64> = (0..10).map(|i| 5.0 + 0.1 * f64::from(i)).collect();
+        Player::new(&times)
+    }
+
+    #[test]
+    fn it_keeps_the_recordings_time_and_counts_what_it_drops() {
+        let mut player = player();
+        player.advance(1.0, true);
+        assert_eq!(player.frame(), 0, "it rests");
+        player.play(true);
+        player.advance(0.11, true);
+        assert_eq!((player.frame(), player.dropped), (1, 0));
+        player.advance(0.05, true);
+        assert_eq!((player.frame(), player.dropped), (1, 0));
+        // Frames 2 and 3 were never due when anybody looked.
+        player.advance(0.25, true);
+        assert_eq!((player.frame(), player.dropped), (4, 2));
+        // Frame 4 was not there yet.
+        player.advance(0.1, false);
+        assert_eq!((player.frame(), player.dropped), (5, 3));
+        // Round, from 5.51 to 6.01: three frames are skipped at the end, and 4 are not reached.
+        player.advance(0.5, true);
+        assert_eq!(player.frame(), 0);
+    }
+
+    #[test]
+    fn every_frame_waits_for_each_and_goes_round_in_its_range() {
+        let mut player = player();
+        player.pace = Pace::EveryFrame;
+        player.set_range(3..6);
+        player.play(true);
+        let mut seen = vec![player.frame()];
+        for _ in 0..4 {
+            player.advance(1e-3, false);
+            player.advance(1e-3, true);
+            seen.push(player.frame());
+        }
+        assert_eq!(seen, [3, 4, 5, 3, 4]);
+        player.step(-10);
+        assert!(player.frame() == 0 && !player.playing);
+        player.set_range(40..50);
+        assert_eq!(player.range(), 9..10);
+        player.seek(99);
+        assert_eq!(player.frame(), 9);
+    }
+}

@@ -1,0 +1,262 @@
+//! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
+
+use std::path::{Path, PathBuf};
+
+use super::History;
+use crate::compositor::Settings;
+use crate::params::{ParamError, Params, Value};
+use crate::profile::{self, ProfileError, Rig};
+use crate::recording::OpenOptions;
+use crate::scene::{self, SceneError, SceneFile};
+use crate::shot::{Given, Shot, ShotError};
+use crate::sink::SinkError;
+use crate::sink::atomic::write_atomically;
+use crate::source::file::{self, MOST_DOCUMENT};
+
+/// Everything that a change changes, and that undo brings back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Edit {
+    pub rig: Rig,
+    pub settings: Settings,
+    pub scene: SceneFile,
+}
+
+/// Where a parameter's value comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    Default,
+    /// The recording or a profile.
+    File,
+    Person,
+}
+
+/// Why something was not saved.
+#[derive(Debug, thiserror::Error)]
+pub enum SaveError {
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error("{path}: {reason}")]
+    Text { path: PathBuf, reason: String },
+}
+
+/// A shot with the past of its edits.
+#[derive(Debug)]
+pub struct Project {
+    shot: Shot,
+    history: History<Edit>,
+    /// As the recording and the profiles have it: what a value is compared with to tell who set it.
+    opened: Edit,
+    saved: Edit,
+    pub profile: Option<PathBuf>,
+    pub scene: Option<PathBuf>,
+    scene_text: Option<scene::Document>,
+    /// Grows with every change, so that it is known whether a picture is still what is set.
+    version: u64,
+    /// Grows with every change of what the scene consists of.
+    scene_version: u64,
+}
+
+impl Project {
+    /// Opens a recording and what is given with it, as [`Shot::open`].
+    pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+        let shot = Shot::open(recording, options, given)?;
+        // A model alone stands where its own coordinates put it, which no scene file can say.
+        let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        let scene_text = given.scene.as_ref().filter(is_file).map(|path| scene::document::read(path)).transpose()?;
+        let scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
+        let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene };
+        Ok(Self {
+            history: History::new(edit.clone()),
+            opened: edit.clone(),
+            saved: edit,
+            profile: given.profile.clone(),
+            scene: given.scene.clone(),
+            scene_text,
+            shot,
+            version: 0,
+            scene_version: 0,
+        })
+    }
+
+    /// What is composited now.
+    pub fn shot(&self) -> &Shot {
+        &self.shot
+    }
+
+    pub fn edit(&self) -> &Edit {
+        self.history.now()
+    }
+
+    /// Each change gives another number.
+    pub fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// Each change of the scene's models or light gives another number.
+    pub fn scene_version(&self) -> u64 {
+        self.scene_version
+    }
+
+    pub fn history(&self) -> &History<Edit> {
+        &self.history
+    }
+
+    pub fn is_saved(&self) -> bool {
+        *self.edit() == self.saved
+    }
+
+    /// Ends a drag: the next change is a step of its own.
+    pub fn close_step(&mut self) {
+        self.history.close();
+    }
+
+    /// Sets one parameter of the camera or of an effect.
+    pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
+        let mut edit = self.edit().clone();
+        match edit.rig.set(&mut edit.settings, table, name, value) {
+            Some(done) => done?,
+            None => {
+                let (table, name) = (table.to_owned(), name.to_owned());
+                return Err(ParamError::UnknownName { known: "no such table".to_owned(), table, name });
+            }
+        }
+        if table == edit.rig.exposure.table() {
+            // As with `--set`: what a person says of the exposure overrides what was recorded of each frame.
+            edit.settings.overrule_recorded_exposure =
+                self.opened.settings.overrule_recorded_exposure || edit.rig.exposure != self.opened.rig.exposure;
+        }
+        self.change(&format!("{table}.{name}"), edit);
+        Ok(())
+    }
+
+    /// Switches an effect on or off.
+    pub fn switch(&mut self, effect: &str, on: bool) {
+        let mut edit = self.edit().clone();
+        if edit.settings.switch(effect, on).is_ok() {
+            self.change(&format!("{effect} {}", if on { "on" } else { "off" }), edit);
+            self.close_step();
+        }
+    }
+
+    /// The value as it was opened.
+    pub fn opened(&self, table: &str, name: &str) -> Option<Value> {
+        value(&self.opened, table, name)
+    }
+
+    pub fn origin(&self, table: &str, name: &str) -> Origin {
+        let (now, opened) = (value(self.edit(), table, name), self.opened(table, name));
+        let default = Edit { rig: Rig::default(), settings: Settings::default(), scene: SceneFile::default() };
+        if now != opened {
+            Origin::Person
+        } else if now != value(&default, table, name) {
+            Origin::File
+        } else {
+            Origin::Default
+        }
+    }
+
+    fn change(&mut self, what: &str, to: Edit) {
+        self.history.change(what, to);
+        self.follow();
+    }
+
+    /// Gives the name of what was taken back.
+    pub fn undo(&mut self) -> Option<String> {
+        let name = self.history.undo().map(str::to_owned);
+        self.follow();
+        name
+    }
+
+    pub fn redo(&mut self) -> Option<String> {
+        let name = self.history.redo().map(str::to_owned);
+        self.follow();
+        name
+    }
+
+    /// Goes to a step of the history.
+    pub fn go_to(&mut self, step: usize) {
+        self.history.go_to(step);
+        self.follow();
+    }
+
+    /// Has the shot follow what is set.
+    fn follow(&mut self) {
+        let edit = self.history.now();
+        self.shot.rig = edit.rig.clone();
+        self.shot.settings = edit.settings.clone();
+        self.version += 1;
+    }
+
+    /// Writes what differs from the recording's own camera and from a profile's text into that profile, whose comments and
+    /// other keys stay. A new file is made where there is none.
+    pub fn save_profile(&mut self, path: &Path) -> Result<(), SaveError> {
+        let (mut rig, mut settings) = (Rig::default(), Settings::default());
+        if let Some(own) = &self.shot.recording.camera_profile {
+            rig.read(own, &mut settings)?;
+        }
+        if let Some(geometry) = &self.shot.recording.geometry {
+            rig.lay_over(geometry);
+        }
+        let mut document = match path.exists() {
+            true => {
+                let failed = |source| ProfileError::Read { path: path.to_owned(), source };
+                let bytes = file::read(path, MOST_DOCUMENT).map_err(failed)?;
+                let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
+                    path: path.to_owned(),
+                    reason: "the file is no text, so no profile: nothing was saved".to_owned(),
+                })?;
+                rig.read_text(&text, path, &mut settings)?;
+                profile::Document::parse(&text, path)?
+            }
+            false => profile::Document::new(""),
+        };
+        let edit = self.edit().clone();
+        let [before, now] =
+            [(&rig, &settings), (&edit.rig, &edit.settings)].map(|(rig, settings)| tables(rig, settings));
+        for (before, now) in before.into_iter().zip(now) {
+            for spec in now.specs() {
+                if before.get(spec.name) != now.get(spec.name) {
+                    document.set_param(now, spec.name);
+                }
+            }
+        }
+        write_atomically(path, true, |writer| std::io::Write::write_all(writer, document.to_string().as_bytes()))?;
+        self.saved.rig = edit.rig;
+        self.saved.settings = edit.settings;
+        self.profile = Some(path.to_owned());
+        Ok(())
+    }
+
+    /// Writes the scene file, whose comments and order stay.
+    pub fn save_scene(&mut self, path: &Path) -> Result<(), SaveError> {
+        let scene = self.edit().scene.clone();
+        let failed =
+            |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
+        let text = match self.scene_text.take() {
+            Some(mut text) => {
+                let done = text.set(scene.clone());
+                let written = text.to_string();
+                self.scene_text = Some(text);
+                done.map(|()| written).map_err(|e| failed(&e))?
+            }
+            None => scene::Document::new(scene.clone()).map_err(|e| failed(&e))?.to_string(),
+        };
+        write_atomically(path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        self.saved.scene = scene;
+        self.scene = Some(path.to_owned());
+        Ok(())
+    }
+}
+
+/// Every table of parameters, in the order of the light.
+pub fn tables<'a>(rig: &'a Rig, settings: &'a Settings) -> Vec<&'a dyn Params> {
+    rig.tables().into_iter().chain(settings.tables()).collect()
+}
+
+fn value(edit: &Edit, table: &str, name: &str) -> Option<Value> {
+    tables(&edit.rig, &edit.settings).into_iter().find(|params| params.table() == table)?.get(name)
+}

@@ -1,0 +1,268 @@
+//! The window, worked as a person would: by what its controls are called.
+
+#![cfg(feature = "window")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/gpu.rs"]
+mod gpu;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
+use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use egui_kittest::kittest::Queryable;
+use egui_kittest::{Harness, TestRenderer};
+use locard::compositor::Target;
+use locard::gpu::Gpu;
+use locard::params::{Kind, Params, Value};
+use locard::pixels::Pixels;
+use locard::recording::OpenOptions;
+use locard::shot::{Given, Shot};
+use locard::window::{App, Origin, Project};
+
+/// Gives the window a device, as a screen would. What it would show of itself is not looked at.
+struct Device(RenderState);
+
+impl Device {
+    fn new() -> Self {
+        let mut setup = WgpuSetupCreateNew::without_display_handle();
+        setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
+        setup.device_descriptor = std::sync::Arc::new(Gpu::wanted);
+        let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
+        let state = pollster::block_on(async {
+            let instance = configuration.wgpu_setup.new_instance().await;
+            RenderState::create(&configuration, &instance, None, RendererOptions::PREDICTABLE).await
+        });
+        Self(state.unwrap())
+    }
+}
+
+impl TestRenderer for Device {
+    fn setup_eframe(&self, context: &mut eframe::CreationContext<'_>, frame: &mut eframe::Frame) {
+        context.wgpu_render_state = Some(self.0.clone());
+        frame.wgpu_render_state = Some(self.0.clone());
+    }
+
+    fn handle_delta(&mut self, delta: &mut egui::TexturesDelta) {
+        delta.set.clear();
+        delta.free.clear();
+    }
+}
+
+fn given(profile: Option<&Path>) -> Given {
+    Given { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..Given::default() }
+}
+
+fn open(profile: Option<&Path>) -> Harness<'static, App> {
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(profile)).unwrap();
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
+    settle(&mut window);
+    window
+}
+
+/// Until the picture is that of all that is set.
+fn settle(window: &mut Harness<'_, App>) {
+    let begun = Instant::now();
+    loop {
+        window.step();
+        assert_eq!(window.state().problem(), None);
+        if window.state().is_settled() {
+            return;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(120), "the picture does not come");
+        window.state().viewer().gpu().wait(None).unwrap();
+        std::thread::yield_now();
+    }
+}
+
+/// The codes that the window shows.
+fn shown(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
+    let viewer = window.state().viewer();
+    let texels = gpu::read_back(viewer.gpu(), &viewer.composite().unwrap().texture);
+    texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
+}
+
+fn codes(pixels: &Pixels) -> Vec<[u8; 3]> {
+    pixels.codes.eight_bit().unwrap().chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+}
+
+/// What `locard composite` writes with these settings.
+fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
+    let given = Given { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
+    let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
+    codes(&compositor.collect(pending).unwrap().pixels)
+}
+
+fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Value {
+    let edit = window.state().project().edit();
+    let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
+    tables.into_iter().find(|t| t.table() == table).unwrap().get(name).unwrap()
+}
+
+/// Opens every group, and leaves those whose text has the words.
+fn search(window: &mut Harness<'_, App>, words: &str) {
+    window.get_by_role_and_label(Role::TextInput, "Search parameters").focus();
+    window.step();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, "Search parameters").type_text(words);
+    window.run_steps(3);
+}
+
+#[test]
+fn it_shows_what_composite_writes() {
+    let mut window = open(None);
+    assert!(shown(&window) == written(&[], 0));
+    window.state_mut().player_mut().seek(31);
+    settle(&mut window);
+    let before = shown(&window);
+    assert!(before == written(&[], 31));
+
+    search(&mut window, "noise scale");
+    window.get_by_role_and_label(Role::Slider, "noise.scale").set_value_accesskit(0.0);
+    settle(&mut window);
+    assert_eq!(value(&window, "noise", "scale"), Value::Number(0.0));
+    let quiet = shown(&window);
+    assert!(quiet != before && quiet == written(&["noise.scale=0"], 31));
+
+    // Back, and on again.
+    window.get_by_label("Undo").click();
+    settle(&mut window);
+    assert!(shown(&window) == before && value(&window, "noise", "scale") == Value::Number(1.0));
+    window.get_by_label("Redo").click();
+    settle(&mut window);
+    assert!(shown(&window) == quiet);
+
+    // An effect off is an effect off.
+    search(&mut window, "motion_blur");
+    window.get_by_role_and_label(Role::CheckBox, "Motion blur").click();
+    settle(&mut window);
+    assert!(!window.state().project().edit().settings.is_on("motion_blur"));
+    assert!(shown(&window) != quiet);
+}
+
+#[test]
+fn every_parameter_has_one_control() {
+    let mut window = open(None);
+    search(&mut window, " ");
+    let edit = window.state().project().edit().clone();
+    let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
+    let mut seen = 0;
+    for table in tables {
+        for spec in table.specs() {
+            let full = format!("{}.{}", table.table(), spec.name);
+            let role = match spec.kind {
+                Kind::Bool => Role::CheckBox,
+                Kind::Choice(_) => Role::ComboBox,
+                Kind::Number { .. } | Kind::Integer { .. } => Role::Slider,
+            };
+            let given = table.get(spec.name) != Some(Value::None);
+            let controls = window.query_all_by_role_and_label(role, &full).count();
+            assert_eq!(controls, usize::from(given), "{full}");
+            let boxes = window.query_all_by_role_and_label(Role::CheckBox, &format!("{full} is given")).count();
+            assert_eq!(boxes, usize::from(spec.optional), "{full}");
+            seen += 1;
+        }
+    }
+    assert!(seen > 50, "{seen}");
+}
+
+#[test]
+fn what_is_saved_opens_again_and_comments_stay() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    let text = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
+    std::fs::write(&profile, text).unwrap();
+    let mut window = open(Some(&profile));
+    assert_eq!(window.state().project().origin("noise", "scale"), Origin::File);
+    assert_eq!(window.state().project().origin("noise", "magnification"), Origin::Default);
+
+    search(&mut window, "noise scale");
+    window.get_by_role_and_label(Role::Slider, "noise.scale").set_value_accesskit(0.75);
+    window.run_steps(2);
+    search(&mut window, "focus_distance");
+    window.get_by_role_and_label(Role::CheckBox, "camera.lens.focus_distance_m is given").click();
+    settle(&mut window);
+    let project = window.state().project();
+    assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::Person);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(2);
+    assert!(window.state().project().is_saved());
+    let saved = std::fs::read_to_string(&profile).unwrap();
+    let expected = text.replace("0.5 #", "0.75 #") + "\n[camera.lens]\nfocus_distance_m = 1.0\n";
+    assert_eq!(saved, expected);
+
+    let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(Some(&profile))).unwrap();
+    assert!(again.edit() == window.state().project().edit());
+}
+
+#[test]
+fn the_wipe_and_the_held_key_show_the_cameras_own() {
+    let mut window = open(None);
+    window.key_press(Key::W);
+    window.step();
+    assert_eq!(window.state().view.wipe, Some(0.5));
+    let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
+    window.drag_at(picture.center());
+    window.step();
+    window.hover_at(picture.left_center());
+    window.run_steps(2);
+    window.drop_at(picture.left_center());
+    window.step();
+    assert_eq!(window.state().view.wipe, Some(0.0));
+    // What lies on the camera's side of the line is the frame as it came, bit for bit.
+    let viewer = window.state().viewer();
+    let plain = gpu::read_back(viewer.gpu(), &viewer.plain().unwrap().texture);
+    let frame = window.state().project().shot().read(0).unwrap();
+    assert!(plain.into_iter().map(|[r, g, b, _]| [r, g, b]).eq(codes(&frame.pixels)));
+    window.key_down(Key::Backslash);
+    window.step();
+    assert!(window.state().view.plain);
+    window.key_up(Key::Backslash);
+    window.step();
+    assert!(!window.state().view.plain);
+}
+
+#[test]
+fn what_is_wrong_is_said_and_goes_when_it_is_mended() {
+    let mut window = open(None);
+    let before = shown(&window);
+    // An opening of one blade is within the range, and none.
+    for (name, number) in [("f_number", 2.0), ("focus_distance_m", 1.0), ("blades", 1.0)] {
+        window.state_mut().project_mut().set("camera.lens", name, &Value::Number(number)).unwrap();
+        window.state_mut().project_mut().close_step();
+    }
+    window.run_steps(3);
+    let problem = window.state().problem().unwrap().to_owned();
+    assert!(problem.contains("camera.lens.blades = 1"), "{problem}");
+    assert_eq!(window.query_all_by_label(&problem).count(), 1);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.step();
+    settle(&mut window);
+    assert!(shown(&window) != before);
+    // A value beyond the range changes nothing.
+    let edit = window.state().project().edit().clone();
+    assert!(window.state_mut().project_mut().set("noise", "scale", &Value::Number(99.0)).is_err());
+    assert!(window.state().project().edit() == &edit);
+}
+
+#[test]
+fn it_plays_and_stays_at_the_frame_that_it_shows() {
+    let mut window = open(None);
+    window.key_press(Key::Space);
+    for _ in 0..40 {
+        window.step();
+        window.state().viewer().gpu().wait(None).unwrap();
+    }
+    window.key_press(Key::Space);
+    settle(&mut window);
+    let frame = window.state_mut().player_mut().frame();
+    assert!(frame > 0 && shown(&window) == written(&[], frame), "frame {frame}");
+    window.get_by_label("One frame on").click();
+    settle(&mut window);
+    assert_eq!(window.state_mut().player_mut().frame(), frame + 1);
+}
