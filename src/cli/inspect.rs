@@ -40,7 +40,7 @@ pub struct Args {
 /// Beyond this number, damaged pictures are only counted.
 const MOST_DAMAGED: usize = 10;
 
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parsed: Option<Vec<f64>> =
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
@@ -233,40 +233,22 @@ fn one_frame(args: &Args, recording: Recording, frame: usize, out: &mut impl Wri
     let place = [x, y].map(number).join(",");
     let pose = pose?;
     let shot = shot(args, recording)?;
-    let ray = shot
-        .geometry_at(frame)?
-        .depth_ray(DVec2::new(x, y))
-        .with_context(|| format!("--pick {place}: the lens model has no ray there"))?;
-    let depth = shot.read(frame)?.depth;
-    if let Some([a, b, c, d]) = args.plane {
-        let normal = DVec3::new(a, b, c);
-        if normal == DVec3::ZERO {
-            bail!("--plane {} is no plane: the normal A,B,C has no length", [a, b, c, d].map(number).join(","));
-        }
-        let eye = pose.position_in_world_m();
-        let along = pose.world_from_camera_rotation() * ray;
-        let t = (d - normal.dot(eye)) / normal.dot(along);
-        if !(t.is_finite() && t > 0.0) {
-            bail!("--plane: the ray through {place} does not meet that plane before the camera");
-        }
-        let p = eye + along * t;
-        writeln!(out, "world      {} (on the plane, depth {} {unit})", shown(p), fixed(t, 4))?;
+    let at = DVec2::new(x, y);
+    if let Some(plane) = args.plane {
+        let support = shot.support_on_plane(frame, at, plane).with_context(|| format!("--pick {place}"))?;
+        let depth = pose.transform_point(support.point_m).z;
+        writeln!(out, "world      {} (on the plane, depth {} {unit})", shown(support.point_m), fixed(depth, 4))?;
         return Ok(());
     }
-    let Some(depth) = depth else {
-        bail!("frame {frame} has no depth: give a plane, as in --plane 0,0,1,0 for z = 0");
-    };
-    if x < 0.0 || y < 0.0 || x >= f64::from(depth.width) || y >= f64::from(depth.height) {
-        bail!("--pick {place} lies outside of the picture, {}x{} px", depth.width, depth.height);
+    let picture = shot.read(frame)?;
+    let surface = shot.surface_at(&picture, at).with_context(|| format!("--pick {place}"))?;
+    writeln!(out, "world      {} (depth {} {unit})", shown(surface.point_m), fixed(surface.depth_m, 4))?;
+    let n = surface.normal_in_world;
+    let on = 100.0 * surface.share;
+    write!(out, "surface    normal {:.3} {:.3} {:.3}", n.x, n.y, n.z)?;
+    if let Some(up) = shot.recording.up {
+        write!(out, ", tilted by {:.1}°", n.dot(up).clamp(-1.0, 1.0).acos().to_degrees())?;
     }
-    let z = f64::from(depth.depth_m[y as usize * depth.width as usize + x as usize]);
-    if z <= 0.0 {
-        bail!("the depth sensor measured nothing at {place}: pick a pixel beside it, or give a plane");
-    }
-    // Depth belongs to its own time.
-    let recording = &shot.recording;
-    let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s).unwrap_or(pose);
-    let p = measured.inverse_transform_point(ray * z);
-    writeln!(out, "world      {} (depth {} {unit})", shown(p), fixed(z, 4))?;
+    writeln!(out, ", uneven by {} {unit}, {on:.0} % of what is around", fixed(surface.sigma_m, 5))?;
     Ok(())
 }

@@ -12,6 +12,7 @@ mod meter;
 mod outputs;
 mod params;
 mod photo;
+mod place;
 mod render;
 mod simulate;
 mod start;
@@ -47,6 +48,8 @@ enum Command {
     Meter(meter::Args),
     /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a camera
     Photo(photo::Args),
+    /// Put a piece of evidence where a pixel of a frame shows a surface
+    Place(place::Args),
     /// Take a picture of a scene alone, through any camera
     Render(render::Args),
     /// List every parameter: unit, range, default, help
@@ -80,6 +83,7 @@ pub fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(&args),
         Command::Meter(args) => meter::run(&args),
         Command::Photo(args) => photo::run(&args),
+        Command::Place(args) => place::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),

@@ -57,6 +57,8 @@ pub struct PlacedModel {
     pub rotation_deg: Option<[f64; 3]>,
     /// x, y, z, w.
     pub quaternion: Option<[f64; 4]>,
+    /// About the world's up, counter-clockwise seen from above, after the rotation.
+    pub heading_deg: Option<f64>,
     /// Alternative to `size_m`.
     pub scale: Option<Scale>,
     /// The largest extent.
@@ -73,6 +75,7 @@ pub struct Instance {
     pub position_m: Option<[f64; 3]>,
     pub rotation_deg: Option<[f64; 3]>,
     pub quaternion: Option<[f64; 4]>,
+    pub heading_deg: Option<f64>,
     pub scale: Option<Scale>,
     pub size_m: Option<f64>,
 }

@@ -9,6 +9,7 @@ pub mod document;
 mod error;
 mod geometry;
 mod gltf;
+mod lay;
 mod light;
 mod load;
 mod loader;
@@ -29,6 +30,7 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 pub use describe::{Description, ObjectDescription, TextureDescription, describe};
 pub use document::{Document, SceneFile};
 pub use error::SceneError;
+pub use lay::{Posture, Support, lay, relative};
 pub use load::{load, load_file};
 
 /// Everything that the renderer draws.

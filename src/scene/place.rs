@@ -56,7 +56,7 @@ impl Placement {
 }
 
 /// The smallest dot product of a direction with the points of a model.
-fn lowest(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<f64> {
+pub(super) fn lowest(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<f64> {
     points(scene, parts).map(|p| p.dot(direction)).reduce(f64::min)
 }
 

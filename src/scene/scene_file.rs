@@ -72,11 +72,13 @@ fn place(
         let (own_rotation, own_size) = own.transpose()?.unwrap_or_default();
         let size = own_size.or(sized(object.scale, object.size_m)?).unwrap_or(Size::Scale(DVec3::ONE));
         let position = instance.and_then(|i| i.position_m).or(object.position_m).unwrap_or([0.0; 3]);
+        let rotation = own_rotation.or(turned(object.rotation_deg, object.quaternion)?).unwrap_or(DQuat::IDENTITY);
+        let heading_deg = instance.and_then(|i| i.heading_deg).or(object.heading_deg).unwrap_or(0.0);
         let placement = Placement {
             world_up,
             model_up,
             position_m: DVec3::from(position),
-            rotation: own_rotation.or(turned(object.rotation_deg, object.quaternion)?).unwrap_or(DQuat::IDENTITY),
+            rotation: DQuat::from_axis_angle(world_up, heading_deg.to_radians()) * rotation,
             ground: object.ground,
         };
         let transform = placement.world_from_model(&loader.scene, &model.parts, size);

@@ -8,6 +8,7 @@ mod error;
 mod light;
 mod note;
 mod stream;
+mod surface;
 
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,7 @@ pub use error::ShotError;
 pub use light::{Known, SceneLight, USUAL_ISO};
 pub use note::Note;
 pub use stream::Composites;
+pub use surface::{Surface, SurfaceError};
 
 /// A person's input in addition to the recording.
 #[derive(Clone, Debug, Default, PartialEq)]

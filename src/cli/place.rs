@@ -1,0 +1,107 @@
+//! `locard place`: what a click in the window does.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use glam::{DVec2, DVec3};
+
+use super::inspect::numbers;
+use crate::recording::OpenOptions;
+use crate::scene::{self, Document, Posture, SceneFile, Support};
+use crate::shot::{Given, Shot};
+use crate::sink::atomic::write_atomically;
+use crate::words::fixed;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording
+    recording: PathBuf,
+    /// The frame in which the place is seen
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
+    frame: usize,
+    /// The place: column and row from the upper left
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>)]
+    at: [f64; 2],
+    /// The evidence, a .glb or .gltf file
+    #[arg(long)]
+    model: PathBuf,
+    /// The scene file that gets it; a new file is made if there is none
+    #[arg(long)]
+    scene: PathBuf,
+    /// How far it is turned, counter-clockwise seen from above
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
+    heading: f64,
+    /// Its flattest side lies on the surface
+    #[arg(long, conflicts_with = "upright")]
+    flat: bool,
+    /// It stands upright, whatever the surface does (the default)
+    #[arg(long)]
+    upright: bool,
+    /// What it is called; its file's name otherwise
+    #[arg(long)]
+    name: Option<String>,
+    /// Without depth: the plane a·x + b·y + c·z = d of the world that it stands on
+    #[arg(long, value_name = "A,B,C,D", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    plane: Option<[f64; 4]>,
+    /// The camera, where the recording does not know it
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, value_name = "M", default_value_t = 1.0)]
+    metres_per_unit: f64,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    if !args.heading.is_finite() {
+        bail!("--heading {}: accepted is a number of degrees", args.heading);
+    }
+    let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
+    let given = Given { profile: args.profile.clone(), ..Given::default() };
+    let shot = Shot::open(&args.recording, &options, &given)?;
+    super::check_frame(args.frame, shot.recording.frame_count())?;
+    let mut document = match args.scene.exists() {
+        true => scene::document::read(&args.scene)?,
+        false => Document::new(SceneFile::default()).context("a new scene")?,
+    };
+    let frame = shot.read(args.frame)?;
+    let at = DVec2::from(args.at);
+    let (support, found) = match args.plane {
+        Some(plane) => (shot.support_on_plane(args.frame, at, plane)?, None),
+        None => {
+            let surface = shot.surface_at(&frame, at)?;
+            (Support { point_m: surface.point_m, normal: surface.normal_in_world }, Some(surface))
+        }
+    };
+    let mut file = document.value().clone();
+    let up = match file.up {
+        Some(up) => up.axis(&args.scene, "up")?,
+        None => shot.recording.up.unwrap_or(DVec3::Z),
+    };
+    let model = scene::relative(&args.model, &args.scene);
+    let posture = if args.flat { Posture::Flat } else { Posture::Upright };
+    let mut placed = scene::lay(&model, &args.scene, &support, posture, args.heading, up)?;
+    placed.name.clone_from(&args.name);
+    let position = placed.position_m.unwrap_or_default();
+    file.objects.push(placed);
+    // What does not load is not written.
+    scene::load_file(&file, &args.scene, shot.recording.up)?;
+    document.set(file).context("the scene file")?;
+    write_atomically(&args.scene, true, |out| out.write_all(document.to_string().as_bytes()))?;
+
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "placed     {model} at {} m", position.map(|n| fixed(n, 4)).join(" "))?;
+    let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
+    write!(out, "surface    tilted by {tilt:.1}°")?;
+    match found {
+        Some(found) => writeln!(
+            out,
+            ", depth {:.4} m, uneven by {:.1} mm, {:.0} % of what is around",
+            found.depth_m,
+            1e3 * found.sigma_m,
+            100.0 * found.share
+        )?,
+        None => writeln!(out, ", as given")?,
+    }
+    Ok(())
+}

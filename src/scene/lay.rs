@@ -1,0 +1,172 @@
+//! How a piece of evidence comes to rest on a surface.
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use super::document::{Axis, PlacedModel, Up};
+use super::place::{bounds, lowest, turn_up};
+use super::{Scene, SceneError, load};
+
+/// How a thing rests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Posture {
+    /// It stands with its model's up along the world's, whatever the surface does: a marker tent.
+    Upright,
+    /// Its flattest side lies on the surface: a scale, a knife, a cartridge case.
+    Flat,
+}
+
+/// What it rests on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Support {
+    pub point_m: DVec3,
+    /// Unit length, out of the surface.
+    pub normal: DVec3,
+}
+
+/// A surface that is level within this is taken for level.
+const LEVEL_DEG: f64 = 2.0;
+/// Of a number that is written, m and 1.
+const DIGITS: f64 = 1e4;
+
+/// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it,
+/// `heading_deg` how far it is turned about the world's up (flat on a slope: about the slope's normal), counter-clockwise seen
+/// from above.
+pub fn lay(
+    model: &str,
+    file: &Path,
+    support: &Support,
+    posture: Posture,
+    heading_deg: f64,
+    world_up: DVec3,
+) -> Result<PlacedModel, SceneError> {
+    let scene = load(&file.parent().unwrap_or(Path::new("")).join(model), None)?;
+    let up = match posture {
+        Posture::Upright => Axis::Y,
+        Posture::Flat => flattest(&scene),
+    };
+    let heading_deg = round(heading_deg);
+    let laid = PlacedModel {
+        model: model.to_owned(),
+        up: (up != Axis::Y).then_some(Up::Named(up)),
+        ground: true,
+        position_m: Some(support.point_m.to_array().map(round)),
+        heading_deg: (heading_deg != 0.0).then_some(heading_deg),
+        ..PlacedModel::default()
+    };
+    let is_level = support.normal.dot(world_up) > LEVEL_DEG.to_radians().cos();
+    if posture == Posture::Upright || is_level {
+        return Ok(laid);
+    }
+    // Turned on the level, then tilted with it onto the slope.
+    let turn = turn_up(world_up, support.normal) * DQuat::from_axis_angle(world_up, heading_deg.to_radians());
+    let axis = if up == Axis::Z {
+        DVec3::Z
+    } else if up == Axis::X {
+        DVec3::X
+    } else {
+        DVec3::Y
+    };
+    let linear = DMat3::from_quat(turn * turn_up(axis, world_up));
+    let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
+    let below = lowest(&scene, parts, linear.transpose() * support.normal).unwrap_or(0.0);
+    let position = support.point_m - below * support.normal;
+    let quaternion = turn.to_array().map(|n| (n * 1e6).round() / 1e6);
+    Ok(PlacedModel {
+        ground: false,
+        heading_deg: None,
+        quaternion: Some(quaternion),
+        position_m: Some(position.to_array().map(round)),
+        ..laid
+    })
+}
+
+/// A model's path as a scene file names it: relative to the file where they share a folder's beginning, with slashes.
+pub fn relative(model: &Path, file: &Path) -> String {
+    let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let (model, file) = (whole(model), whole(file));
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let (from, to): (Vec<_>, Vec<_>) = (folder.components().collect(), model.components().collect());
+    let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    // The root alone is nothing in common.
+    if shared < 2 {
+        return model.to_string_lossy().into_owned();
+    }
+    let up = std::iter::repeat_n("..".to_owned(), from.len() - shared);
+    let down = to[shared..].iter().map(|part| part.as_os_str().to_string_lossy().into_owned());
+    up.chain(down).collect::<Vec<_>>().join("/")
+}
+
+fn round(n: f64) -> f64 {
+    (n * DIGITS).round() / DIGITS
+}
+
+/// The model's axis along which it is thinnest; its up where two are alike.
+fn flattest(scene: &Scene) -> Axis {
+    let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
+    let Some((low, high)) = bounds(scene, parts, DAffine3::IDENTITY) else { return Axis::Y };
+    let size = high - low;
+    // A hundredth more is not thicker.
+    let thinnest = 1.01 * size.min_element();
+    match () {
+        () if size.y <= thinnest => Axis::Y,
+        () if size.z <= thinnest => Axis::Z,
+        () => Axis::X,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{SceneFile, load_file};
+
+    const FILE: &str = "scenes/new.toml";
+
+    /// The corners of the box of what was laid, and its transform.
+    fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
+        let placed = lay(model, &file, support, posture, heading_deg, DVec3::Z).unwrap();
+        let scene = SceneFile { objects: vec![placed.clone()], ..SceneFile::default() };
+        let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
+        let (low, high) = bounds(&scene, &scene.objects[0].parts, DAffine3::IDENTITY).unwrap();
+        (low, high, scene, placed)
+    }
+
+    #[test]
+    fn models_are_named_from_the_scene_file() {
+        let relative = |model: &str, file: &str| super::relative(Path::new(model), Path::new(file));
+        assert_eq!(relative("/a/b/m.glb", "/a/b/scene.toml"), "m.glb");
+        assert_eq!(relative("/a/models/m.glb", "/a/b/c/scene.toml"), "../../models/m.glb");
+        assert_eq!(relative("/x/m.glb", "/a/scene.toml"), "/x/m.glb");
+        assert_eq!(relative("scenes/m.glb", "out/scene.toml"), "../scenes/m.glb");
+    }
+
+    #[test]
+    fn a_case_lies_a_marker_stands_and_both_touch() {
+        let level = Support { point_m: DVec3::new(0.4, -0.3, 0.41), normal: DVec3::Z };
+        let (low, high, ..) = laid("cartridge-case-9mm.glb", &level, Posture::Flat, 30.0);
+        let size = high - low;
+        // 19 mm long, 10 mm wide: lying it is as high as it is wide.
+        assert!((low.z - 0.41).abs() < 1e-4 && size.z < 0.0105, "{low} {size}");
+        let (low, high, _, placed) = laid("marker-1.glb", &level, Posture::Upright, 30.0);
+        assert!((low.z - 0.41).abs() < 1e-4 && high.z - low.z > 0.05, "{low} {high}");
+        assert_eq!((placed.heading_deg, placed.ground, placed.up), (Some(30.0), true, None));
+    }
+
+    #[test]
+    fn on_a_slope_flat_things_lie_on_it_and_markers_stand() {
+        let normal = DVec3::new(0.0, -0.6, 0.8);
+        let slope = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
+        let (.., scene, _) = laid("l-scale.glb", &slope, Posture::Flat, 45.0);
+        let parts = &scene.objects[0].parts;
+        let along = |direction: DVec3| lowest(&scene, parts, direction).unwrap();
+        let [below, above] = [along(normal), -along(-normal)];
+        // It lies on the plane, and is as thin there as a scale is.
+        assert!((below - normal.dot(slope.point_m)).abs() < 2e-4 && above - below < 0.005, "{below} {above}");
+        let (_, _, scene, placed) = laid("marker-1.glb", &slope, Posture::Upright, 0.0);
+        assert_eq!(placed.heading_deg, None);
+        let up = scene.objects[0].parts[0].world_from_mesh.transform_vector3(DVec3::Y);
+        assert!(up.normalize().abs_diff_eq(DVec3::Z, 1e-9), "{up}");
+    }
+}

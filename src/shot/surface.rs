@@ -1,0 +1,227 @@
+//! The real surface under a pixel: where it is and how it is turned, from the frame's depth.
+//!
+//! On a plane n·X = d the depth z along the ray r (X = z·r) obeys 1/z = (n/d)·r: it is linear in the ray. So the plane is the
+//! linear least-squares fit of 1/z over the pixels around, and a structured-light or stereo sensor's errors, which are
+//! uniform in 1/z, are weighted right. Pixels of other surfaces are weighted down by Tukey's biweight, repeatedly, beginning
+//! with those whose depth is near the picked one's.
+//!
+//! Not modelled: curved surfaces. Within the neighbourhood they are taken for planes.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{Shot, ShotError};
+use crate::frame::Frame;
+use crate::pixels::DepthMap;
+use crate::scene::Support;
+use crate::tracking::NoPose;
+use crate::words::number;
+
+/// The neighbourhood's radius as a share of the picture's width.
+const RADIUS: f64 = 1.0 / 40.0;
+/// No more than this many pixels are looked at along each axis.
+const MOST_A_SIDE: i32 = 41;
+/// Pixels whose depth differs by more than this share from the picked one begin outside.
+const NEAR: f64 = 0.06;
+const ROUNDS: usize = 8;
+/// Tukey's constant: 95 % efficient where errors are normal.
+const TUKEY: f64 = 4.685;
+/// Fewer pixels make no plane.
+const FEWEST: usize = 12;
+
+/// A plane that was fitted around a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Where the pixel's ray meets it, in the world, metres.
+    pub point_m: DVec3,
+    /// Unit length, towards the camera.
+    pub normal_in_world: DVec3,
+    /// Of the point, as depth maps count it, metres.
+    pub depth_m: f64,
+    /// The robust standard deviation of the measured depths from the plane, metres.
+    pub sigma_m: f64,
+    /// The share of the pixels around that lie on it.
+    pub share: f64,
+}
+
+/// Why no surface is known under a pixel.
+#[derive(Debug, thiserror::Error)]
+pub enum SurfaceError {
+    #[error("frame {frame} has no depth: give a plane, or place by numbers")]
+    NoDepth { frame: usize },
+    #[error("{} lies outside of the picture, {width}x{height} px", place(*.at_px))]
+    Outside { at_px: [f64; 2], width: u32, height: u32 },
+    #[error("the lens model has no ray at {}", place(*.at_px))]
+    NoRay { at_px: [f64; 2] },
+    #[error("the depth sensor measured no surface around {}: pick a place next to it, or give a plane", place(*.at_px))]
+    NotMeasured { at_px: [f64; 2] },
+    #[error("the plane {plane} {reason}")]
+    Plane { plane: String, reason: &'static str },
+    #[error(transparent)]
+    NoPose(#[from] NoPose),
+    #[error(transparent)]
+    Shot(#[from] Box<ShotError>),
+}
+
+fn place(at_px: [f64; 2]) -> String {
+    at_px.map(number).join(",")
+}
+
+impl Shot {
+    /// The surface at a place of a frame's picture, px from the upper left.
+    pub fn surface_at(&self, frame: &Frame, at_px: DVec2) -> Result<Surface, SurfaceError> {
+        let index = frame.index;
+        let depth = frame.depth.as_ref().ok_or(SurfaceError::NoDepth { frame: index })?;
+        let geometry = self.geometry_at(index).map_err(Box::new)?;
+        let told = at_px.to_array();
+        if !(at_px.cmpge(DVec2::ZERO).all() && at_px.x < depth.width.into() && at_px.y < depth.height.into()) {
+            return Err(SurfaceError::Outside { at_px: told, width: depth.width, height: depth.height });
+        }
+        let ray = geometry.depth_ray(at_px).ok_or(SurfaceError::NoRay { at_px: told })?;
+        let plane = Plane::around(depth, at_px, |px| geometry.depth_ray(px));
+        let plane = plane.ok_or(SurfaceError::NotMeasured { at_px: told })?;
+        let inverse = plane.inverse_depth.dot(ray);
+        if !(inverse > 0.0 && inverse.is_finite()) {
+            return Err(SurfaceError::NotMeasured { at_px: told });
+        }
+        let depth_m = inverse.recip();
+        // Depth belongs to its own moment. Where the track does not cover that, to the frame's.
+        let recording = &self.recording;
+        let at = |time_s: f64| recording.track.at(time_s + recording.time_offset_s);
+        let pose = at(depth.timestamp_s).or_else(|_| at(frame.timestamp_s))?;
+        // n/d points away from the camera, since the depth is positive.
+        let normal_in_world = -(pose.world_from_camera_rotation() * plane.inverse_depth.normalize());
+        Ok(Surface {
+            point_m: pose.inverse_transform_point(ray * depth_m),
+            normal_in_world,
+            depth_m,
+            sigma_m: plane.sigma * depth_m * depth_m,
+            share: plane.share,
+        })
+    }
+}
+
+impl Shot {
+    /// Where the ray through a place of a frame's picture meets the plane a·x + b·y + c·z = d of the world.
+    pub fn support_on_plane(&self, frame: usize, at_px: DVec2, plane: [f64; 4]) -> Result<Support, SurfaceError> {
+        let [a, b, c, d] = plane;
+        let normal = DVec3::new(a, b, c);
+        let refused = |reason| SurfaceError::Plane { plane: plane.map(number).join(","), reason };
+        let unit = normal.try_normalize().ok_or_else(|| refused("is no plane: the normal A,B,C has no length"))?;
+        let geometry = self.geometry_at(frame).map_err(Box::new)?;
+        let ray = geometry.depth_ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
+        let pose = self.recording.pose_at_frame(frame)?;
+        let eye = pose.position_in_world_m();
+        let along = pose.world_from_camera_rotation() * ray;
+        let t = (d - normal.dot(eye)) / normal.dot(along);
+        if !(t.is_finite() && t > 0.0) {
+            return Err(refused("does not lie before the camera there"));
+        }
+        // Seen from its front.
+        let normal = if unit.dot(along) > 0.0 { -unit } else { unit };
+        Ok(Support { point_m: eye + along * t, normal })
+    }
+}
+
+/// In the camera's axes.
+struct Plane {
+    /// n/d, so that 1/z = (n/d)·ray.
+    inverse_depth: DVec3,
+    /// Of 1/z, 1/m.
+    sigma: f64,
+    share: f64,
+}
+
+impl Plane {
+    fn around(depth: &DepthMap, at_px: DVec2, ray: impl Fn(DVec2) -> Option<DVec3>) -> Option<Self> {
+        let radius = (RADIUS * f64::from(depth.width)).max(4.0);
+        let step = ((2.0 * radius / f64::from(MOST_A_SIDE)).ceil() as i32).max(1);
+        let reach = (radius / f64::from(step)) as i32;
+        let (x0, y0) = (at_px.x as i32, at_px.y as i32);
+        let mut points: Vec<(DVec3, f64, f64)> = Vec::new();
+        for (dx, dy) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx * step, dy * step))) {
+            let (x, y) = (x0 + dx, y0 + dy);
+            if x < 0 || y < 0 || x >= depth.width as i32 || y >= depth.height as i32 {
+                continue;
+            }
+            let z = f64::from(depth.depth_m[y as usize * depth.width as usize + x as usize]);
+            let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            if let (true, Some(ray)) = (z > 0.0 && z.is_finite(), ray(at)) {
+                points.push((ray, z.recip(), at.distance(at_px)));
+            }
+        }
+        // The surface that was picked is that of the nearest pixel that was measured.
+        let picked = points.iter().min_by(|a, b| a.2.total_cmp(&b.2)).filter(|nearest| nearest.2 <= 0.25 * radius)?.1;
+        let mut weights: Vec<f64> = points.iter().map(|(_, w, _)| f64::from((w / picked - 1.0).abs() < NEAR)).collect();
+        let mut fitted = None;
+        for _ in 0..ROUNDS {
+            let plane = least_squares(&points, &weights)?;
+            let residuals: Vec<f64> = points.iter().map(|(ray, w, _)| (plane.dot(*ray) - w).abs()).collect();
+            let mut on: Vec<f64> =
+                residuals.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0).map(|(r, _)| *r).collect();
+            on.sort_by(f64::total_cmp);
+            // The median of absolute residuals, as a normal's σ; no less than what 32 bits of depth leave.
+            let sigma = (1.4826 * on.get(on.len() / 2)?).max(1e-6 * picked);
+            weights = residuals.iter().map(|r| (1.0 - (r / (TUKEY * sigma)).powi(2)).max(0.0).powi(2)).collect();
+            fitted = Some((plane, sigma));
+        }
+        let (inverse_depth, sigma) = fitted?;
+        let on = weights.iter().filter(|weight| **weight > 0.0).count();
+        (on >= FEWEST).then(|| Self { inverse_depth, sigma, share: on as f64 / points.len() as f64 })
+    }
+}
+
+/// The normal equations of 1/z = p·ray; `None` where the rays span no plane.
+fn least_squares(points: &[(DVec3, f64, f64)], weights: &[f64]) -> Option<DVec3> {
+    let (mut matrix, mut right, mut count) = (DMat3::ZERO, DVec3::ZERO, 0);
+    for ((ray, inverse, _), weight) in points.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
+        let scaled = *ray * *weight;
+        matrix += DMat3::from_cols(scaled * ray.x, scaled * ray.y, scaled * ray.z);
+        right += scaled * *inverse;
+        count += 1;
+    }
+    let solved = matrix.inverse() * right;
+    (count >= FEWEST && solved.is_finite()).then_some(solved)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rays of a pinhole of 100 px over 160 × 120 px.
+    fn ray(at: DVec2) -> Option<DVec3> {
+        Some(DVec3::new((at.x - 80.0) / 100.0, (at.y - 60.0) / 100.0, 1.0))
+    }
+
+    fn map(depth: impl Fn(f64, f64) -> f64) -> DepthMap {
+        let places = (0..120).flat_map(|y| (0..160).map(move |x| (f64::from(x) + 0.5, f64::from(y) + 0.5)));
+        DepthMap {
+            width: 160,
+            height: 120,
+            depth_m: places.map(|(x, y)| depth(x, y) as f32).collect(),
+            timestamp_s: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_plane_is_found_beside_another_surface_and_through_gaps() {
+        // Tilted by 45° about x: y = z − 2. Right of column 84 something stands in front of it at 1 m.
+        let on_plane = |y: f64| 2.0 / (1.0 - (y - 60.0) / 100.0);
+        let depth = map(|x, y| match () {
+            () if x > 84.0 => 1.0,
+            () if (x as i32 + y as i32) % 3 == 0 => 0.0,
+            () => on_plane(y),
+        });
+        let at = DVec2::new(82.0, 50.0);
+        let plane = Plane::around(&depth, at, ray).unwrap();
+        let z = plane.inverse_depth.dot(ray(at).unwrap()).recip();
+        assert!((z - on_plane(50.0)).abs() < 1e-5, "{z}");
+        let normal = plane.inverse_depth.normalize();
+        assert!(normal.abs_diff_eq(DVec3::new(0.0, -0.5f64.sqrt(), 0.5f64.sqrt()), 1e-5), "{normal}");
+        assert!(plane.share > 0.5 && plane.share < 0.95, "{}", plane.share);
+        // On the thing in front: facing the camera.
+        let front = Plane::around(&depth, DVec2::new(86.0, 50.0), ray).unwrap();
+        assert!(front.inverse_depth.abs_diff_eq(DVec3::Z, 1e-5), "{}", front.inverse_depth);
+        // Nothing was measured here.
+        assert!(Plane::around(&map(|_, _| 0.0), at, ray).is_none());
+    }
+}
