@@ -251,6 +251,53 @@ fn what_is_wrong_is_said_and_goes_when_it_is_mended() {
 }
 
 #[test]
+fn a_click_places_evidence_on_the_surface_that_is_seen() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = temp.path().join("scene.toml");
+    let text = "# mine\nversion = 1\nup = \"z\"\n";
+    std::fs::write(&scene, text).unwrap();
+    let given = Given { scene: Some(scene.clone()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
+    window.state_mut().player_mut().seek(30);
+    settle(&mut window);
+    let empty = shown(&window);
+
+    window.get_by_label("Place…").click();
+    window.run_steps(3);
+    window.get_by_label("marker-1").click();
+    window.run_steps(3);
+    let at = window.state().on_screen(egui::vec2(320.0, 300.0)).unwrap();
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.step();
+    window.drop_at(at);
+    settle(&mut window);
+    let objects = window.state().project().edit().scene.objects.clone();
+    assert_eq!(objects.len(), 1);
+    // The floor is z = 0, and the pixel's ray meets it here (`locard inspect --pick 320,300 --plane 0,0,1,0`).
+    let position = objects[0].position_m.unwrap();
+    for (found, expected) in position.into_iter().zip([0.1086, -0.0949, 0.0]) {
+        assert!((found - expected).abs() < 1e-3, "{position:?}");
+    }
+    assert!(shown(&window) != empty);
+
+    // It is saved into the scene file, whose comment stays, and undone.
+    window.key_press(Key::Escape);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(2);
+    let saved = std::fs::read_to_string(&scene).unwrap();
+    assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
+    let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    assert!(again.edit().scene == window.state().project().edit().scene);
+    window.get_by_label("Undo").click();
+    settle(&mut window);
+    assert!(shown(&window) == empty);
+}
+
+#[test]
 fn it_plays_and_stays_at_the_frame_that_it_shows() {
     let mut window = open(None);
     window.key_press(Key::Space);

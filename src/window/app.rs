@@ -1,11 +1,14 @@
 //! The window: one frame of it is one call of [`App::ui`](eframe::App::ui).
 
 use std::collections::VecDeque;
+
 use std::time::Instant;
 
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers, Ui};
+use glam::DVec2;
 
 use super::controls::Controls;
+use super::evidence::Evidence;
 use super::picture::{self, Placed, View};
 use super::player::Player;
 use super::project::Project;
@@ -33,7 +36,7 @@ const KEYS: [(&str, &str); 14] = [
     ("Wheel, drag", "zoom about the pointer, move"),
     ("Ctrl+Z", "undo"),
     ("Ctrl+Shift+Z", "redo"),
-    ("Ctrl+S", "save the profile"),
+    ("Ctrl+S", "save profile and scene"),
     ("T", "light or dark"),
     ("?", "these keys"),
 ];
@@ -53,6 +56,7 @@ pub struct App {
     player: Player,
     pub view: View,
     controls: Controls,
+    evidence: Evidence,
     /// The frame that was decoded last.
     frame: Option<Frame>,
     /// The frame that the reader was asked for, as long as it has not come.
@@ -86,6 +90,7 @@ impl App {
             player,
             view: View::default(),
             controls: Controls::default(),
+            evidence: Evidence::default(),
             frame: None,
             asked: None,
             made: None,
@@ -113,6 +118,11 @@ impl App {
 
     pub fn viewer(&self) -> &Viewer {
         &self.viewer
+    }
+
+    /// Where a place of the picture, px, is on the screen.
+    pub fn on_screen(&self, at_px: egui::Vec2) -> Option<egui::Pos2> {
+        self.placed.map(|placed| placed.rect.min + at_px * placed.scale)
     }
 
     /// What is wrong, as the window says it.
@@ -201,6 +211,14 @@ impl App {
         if typing {
             return;
         }
+        for file in ctx.input(|i| i.raw.dropped_files.clone()) {
+            let path = file.path().to_owned();
+            if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
+                self.evidence.drop(path);
+            } else {
+                self.said = Some(format!("{}: .glb and .gltf models can be dropped here", path.display()));
+            }
+        }
         let pressed = |key| ctx.input(|i| i.key_pressed(key) && !i.modifiers.command);
         let far = if ctx.input(|i| i.modifiers.shift) { 10 } else { 1 };
         if pressed(Key::Space) {
@@ -242,6 +260,7 @@ impl App {
             self.shows_keys = !self.shows_keys;
         }
         if pressed(Key::Escape) {
+            self.evidence.cancel();
             (self.shows_keys, self.shows_history) = (false, false);
         }
     }
@@ -259,6 +278,17 @@ impl App {
     }
 
     fn save(&mut self) {
+        let scene = self.project.scene_path();
+        if self.project.scene_is_changed()
+            && let Err(error) = self.project.save_scene(&scene)
+        {
+            self.said = Some(format!("Not saved: {error}"));
+            return;
+        }
+        if self.project.is_saved() {
+            self.said = Some(format!("Saved {}", scene.display()));
+            return;
+        }
         let Some(path) = self.project.profile.clone() else {
             self.said =
                 Some("There is no profile to save to: open with --profile FILE, which may be a new one".to_owned());
@@ -285,7 +315,7 @@ impl App {
             }
             ui.toggle_value(&mut self.shows_history, "History");
             let unsaved = !self.project.is_saved();
-            if ui.add_enabled(unsaved, egui::Button::new("Save profile")).on_hover_text("Ctrl+S").clicked() {
+            if ui.add_enabled(unsaved, egui::Button::new("Save")).on_hover_text("Ctrl+S").clicked() {
                 self.save();
             }
             ui.separator();
@@ -302,7 +332,7 @@ impl App {
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                if let Some(problem) = &self.problem {
+                if let Some(problem) = self.project.problem().or(self.problem.as_deref()) {
                     ui.add(
                         egui::Label::new(egui::RichText::new(problem).color(ui.visuals().error_fg_color)).truncate(),
                     );
@@ -364,8 +394,23 @@ impl eframe::App for App {
                 self.said = Some(refused);
             }
         });
+        egui::Panel::left("evidence").default_size(210.0).size_range(160.0..=400.0).show(ui, |ui| {
+            ui.add_space(4.0);
+            if let Some(wrong) = self.evidence.show(ui, &mut self.project) {
+                self.said = Some(wrong);
+            }
+        });
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| {
-            self.placed = picture::show(ui, &mut self.view, &self.viewer);
+            let seen = picture::show(ui, &mut self.view, &self.viewer, self.evidence.is_placing());
+            self.placed = seen.map(|seen| seen.placed);
+            if self.evidence.is_placing() && seen.is_some_and(|seen| seen.pointed.is_some()) {
+                ctx.set_cursor_icon(egui::CursorIcon::Crosshair);
+            }
+            let clicked = seen.and_then(|seen| seen.clicked).filter(|_| self.evidence.is_placing());
+            if let (Some(at), Some(frame)) = (clicked, &self.frame) {
+                let at = DVec2::new(at.x.into(), at.y.into());
+                self.said = self.evidence.place(&mut self.project, frame, at).err();
+            }
         });
         self.windows(&ctx);
     }

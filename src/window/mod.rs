@@ -3,12 +3,13 @@
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `reader`: decodes frames on a thread of its own. `player`: which frame is due.
 //! - `viewer`: composites on the window's own device, into textures that the window shows.
-//! - `app`: the window. `picture`, `controls`, `timeline`: its parts.
+//! - `app`: the window. `picture`, `controls`, `evidence`, `timeline`: its parts.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
 mod app;
 mod controls;
+mod evidence;
 mod history;
 mod picture;
 mod player;

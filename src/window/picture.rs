@@ -75,8 +75,16 @@ impl View {
     }
 }
 
-/// Draws the picture into what is left of the window.
-pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer) -> Option<Placed> {
+/// Where the picture was drawn, and where it was clicked, px of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    pub placed: Placed,
+    pub clicked: Option<Vec2>,
+    pub pointed: Option<Vec2>,
+}
+
+/// Draws the picture into what is left of the window. Where a click `places` something, a second one does not zoom.
+pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer, places: bool) -> Option<Seen> {
     let panel = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(panel, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
@@ -92,7 +100,7 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer) -> Option<Placed> {
             view.zoom_about(at, factor, panel, size, ppp);
         }
     }
-    if response.double_clicked() {
+    if response.double_clicked() && !places {
         match view.zoom {
             Some(_) => view.zoom = None,
             None => {
@@ -134,7 +142,10 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer) -> Option<Placed> {
         label(pos2(x - 8.0, y), egui::Align2::RIGHT_TOP, "camera");
         label(pos2(x + 8.0, y), egui::Align2::LEFT_TOP, "with evidence");
     }
-    Some(placed)
+    let inside =
+        |at: Pos2| Some(placed.picture_px(at)).filter(|px| px.min_elem() >= 0.0 && px.x < size.x && px.y < size.y);
+    let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten().and_then(inside);
+    Some(Seen { placed, clicked, pointed: response.hover_pos().and_then(inside) })
 }
 
 fn wipe_or_pan(ui: &Ui, view: &mut View, response: &egui::Response, size: Vec2, placed: Placed) {

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
 use super::History;
 use crate::compositor::Settings;
 use crate::params::{ParamError, Params, Value};
@@ -54,6 +56,10 @@ pub struct Project {
     pub profile: Option<PathBuf>,
     pub scene: Option<PathBuf>,
     scene_text: Option<scene::Document>,
+    /// What the shot's scene was loaded from.
+    loaded: SceneFile,
+    /// Why the scene is not that of all that is set.
+    problem: Option<String>,
     /// Grows with every change, so that it is known whether a picture is still what is set.
     version: u64,
     /// Grows with every change of what the scene consists of.
@@ -72,10 +78,12 @@ impl Project {
         Ok(Self {
             history: History::new(edit.clone()),
             opened: edit.clone(),
-            saved: edit,
+            saved: edit.clone(),
             profile: given.profile.clone(),
             scene: given.scene.clone(),
             scene_text,
+            loaded: edit.scene.clone(),
+            problem: None,
             shot,
             version: 0,
             scene_version: 0,
@@ -105,8 +113,17 @@ impl Project {
         &self.history
     }
 
+    /// Why the picture is not that of all that is set.
+    pub fn problem(&self) -> Option<&str> {
+        self.problem.as_deref()
+    }
+
     pub fn is_saved(&self) -> bool {
         *self.edit() == self.saved
+    }
+
+    pub fn scene_is_changed(&self) -> bool {
+        self.edit().scene != self.saved.scene
     }
 
     /// Ends a drag: the next change is a step of its own.
@@ -183,8 +200,45 @@ impl Project {
         self.follow();
     }
 
+    /// Where scene files are looked for and models named from: the scene's file, or where one would be made.
+    pub fn scene_path(&self) -> PathBuf {
+        self.scene.clone().unwrap_or_else(|| PathBuf::from("scene.toml"))
+    }
+
+    /// Whether objects can be placed: a model that is opened alone stands by its own coordinates.
+    pub fn can_place(&self) -> bool {
+        self.scene.is_none() || self.scene_text.is_some()
+    }
+
+    /// Changes what is put into the footage. What does not load is refused, and nothing changes.
+    pub fn change_scene(&mut self, what: &str, change: impl FnOnce(&mut SceneFile)) -> Result<(), SceneError> {
+        let mut edit = self.edit().clone();
+        change(&mut edit.scene);
+        scene::load_file(&edit.scene, &self.scene_path(), self.shot.recording.up)?;
+        self.change(what, edit);
+        Ok(())
+    }
+
+    /// The world's up, for the scene as it is.
+    pub fn up(&self) -> DVec3 {
+        self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
+    }
+
     /// Has the shot follow what is set.
     fn follow(&mut self) {
+        let edit = self.history.now();
+        if self.loaded != edit.scene {
+            // It was loaded when it was set; its files may be gone since.
+            match scene::load_file(&edit.scene, &self.scene_path(), self.shot.recording.up) {
+                Ok(scene) => {
+                    self.shot.scene = scene;
+                    self.loaded = edit.scene.clone();
+                    self.scene_version += 1;
+                    self.problem = None;
+                }
+                Err(error) => self.problem = Some(error.to_string()),
+            }
+        }
         let edit = self.history.now();
         self.shot.rig = edit.rig.clone();
         self.shot.settings = edit.settings.clone();
