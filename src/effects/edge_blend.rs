@@ -3,12 +3,29 @@
 //! result = (current + Σ cameraᵢ) / (n + 1) over the n camera pixels in the 3×3 neighbourhood, and `impact`
 //! interpolates between current (0) and result (1). Works on code values, as in the paper.
 //!
-//! In the paper a pixel is either an object's or the camera's. With edges softened by sampling or blur, a pixel is
-//! partly both: a neighbour with coverage Aᵢ has the weight (1 − Aᵢ), and a pixel with coverage A moves by A of the
-//! way. For hard edges that is the paper's rule. Off by default: edges are multisampled, and both together would erode
-//! the edge.
+//! In the paper a pixel is either an object's or the camera's, so an edge is hard. Multisampling and blur make it soft,
+//! and a material may be transparent. Coverage A of 0 to 1 is then a stack of hard masks, one for each level u: at it a
+//! pixel is an object's where A > u. For a straight edge that moved or was blurred these are the edge's places, each as
+//! often as the light saw it there. The rule is the paper's at each level, and the mean over the pixel's own levels:
 //!
-//! Not modelled: the edge's direction. A pixel in a corner is softened like one on an edge.
+//! result = current + impact · Σ sᵢ (cameraᵢ − current), sᵢ = 1/A ∫ du / (n(u) + 1) from Aᵢ to A, over the neighbours
+//! with Aᵢ < A
+//!
+//! where n(u) counts the neighbours with Aᵢ ≤ u. So
+//!
+//! - a hard edge has one level, and sᵢ is the paper's 1 / (n + 1);
+//! - inside a surface of constant coverage, transparent or not, no neighbour is covered less, and nothing changes;
+//! - what an edge loses in all does not depend on what softens it: the mean of edges is blended to the mean of blended
+//!   edges;
+//! - a surface with α of the coverage everywhere loses α of what it would lose: sᵢ has only ratios of coverage.
+//!
+//! The last two take the camera's pixels in the neighbourhood for alike. The pixel's own camera share, 1 − A, is not
+//! moved: current − camera is A times what the object adds.
+//!
+//! Off by default: edges are multisampled, and both together would erode the edge.
+//!
+//! Not modelled: the edge's direction. A pixel in a corner is softened like one on an edge. Edges that cross within a
+//! pixel count as nested.
 
 use super::{Case, Effect, LayerRun, MixedPart, Moment};
 use crate::gpu::Shader;
@@ -43,25 +60,66 @@ impl Effect for EdgeBlend {
     }
 }
 
-/// The rule for one channel. `neighbours`: the camera's code values among the eight, each with the camera's share of
-/// the pixel. `covered`: the pixel's own coverage.
+/// The rule for one channel. `covered`: the pixel's own coverage. `neighbours`: of those in the picture among the
+/// eight, the camera's code value and the coverage.
 pub fn twin(current: f64, covered: f64, neighbours: &[(f64, f64)], impact: f64) -> f64 {
-    let weight: f64 = neighbours.iter().map(|(_, w)| w).sum();
-    let blended = (current + neighbours.iter().map(|(code, w)| w * code).sum::<f64>()) / (weight + 1.0);
-    current + impact * covered * (blended - current)
+    let mut less: Vec<_> = neighbours.iter().copied().filter(|(_, a)| *a < covered).collect();
+    less.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    // Level by level: among the n that are covered least, the mean of the pixel and the camera.
+    let tops = less.iter().map(|(_, a)| *a).skip(1).chain([covered]);
+    let moved = (1..).zip(less.iter().zip(tops)).map(|(n, ((_, level), top))| {
+        let camera: f64 = less[..n].iter().map(|(code, _)| code).sum();
+        (top - level) * ((current + camera) / (n + 1) as f64 - current)
+    });
+    if covered > 0.0 { current + impact * moved.sum::<f64>() / covered } else { current }
 }
 
 #[cfg(test)]
 mod tests {
     use super::twin;
+    use proptest::prelude::*;
 
     #[test]
     fn the_papers_rule_by_hand() {
         // (10 + 40 + 70) / 3 = 40; half impact: 25.
-        assert_eq!(twin(10.0, 1.0, &[(40.0, 1.0), (70.0, 1.0)], 1.0), 40.0);
-        assert_eq!(twin(10.0, 1.0, &[(40.0, 1.0), (70.0, 1.0)], 0.5), 25.0);
+        assert_eq!(twin(10.0, 1.0, &[(40.0, 0.0), (70.0, 0.0)], 1.0), 40.0);
+        assert_eq!(twin(10.0, 1.0, &[(40.0, 0.0), (70.0, 0.0), (90.0, 1.0)], 0.5), 25.0);
         assert_eq!(twin(10.0, 1.0, &[], 1.0), 10.0);
-        // Soft: (10 + 0.5 · 40) / 1.5 = 20; a half-covered pixel goes half of the way.
-        assert_eq!(twin(10.0, 0.5, &[(40.0, 0.5)], 1.0), 15.0);
+        // Half of the levels have one camera neighbour: half of the way to (10 + 40) / 2.
+        assert_eq!(twin(10.0, 0.5, &[(40.0, 0.25), (40.0, 0.5), (40.0, 1.0)], 1.0), 17.5);
+        // Below 0.5 only 70 is the camera's, above both: 10 + 0.5 · 30 + 0.5 · 30.
+        assert_eq!(twin(10.0, 1.0, &[(40.0, 0.5), (70.0, 0.0)], 1.0), 40.0);
+        assert_eq!(twin(10.0, 0.0, &[(40.0, 0.0)], 1.0), 10.0);
+    }
+
+    /// What is left of the coverage in front of black, where the object is white.
+    fn left(covered: f64, around: &[f64]) -> f64 {
+        twin(covered, covered, &around.iter().map(|a| (0.0, *a)).collect::<Vec<_>>(), 1.0)
+    }
+
+    proptest! {
+        #[test]
+        fn an_even_surface_stays_and_a_fainter_one_loses_its_share(
+            covered in 0.01f64..1.0, around in prop::collection::vec(0.0f64..1.0, 8), alpha in 0.01f64..1.0,
+        ) {
+            prop_assert_eq!(left(covered, &[covered; 8]), covered);
+            let fainter: Vec<f64> = around.iter().map(|a| alpha * a).collect();
+            prop_assert!((left(alpha * covered, &fainter) - alpha * left(covered, &around)).abs() < 1e-12);
+        }
+
+        #[test]
+        fn the_mean_of_edges_is_blended_to_the_mean_of_blended_edges(
+            order in Just((0..9).collect::<Vec<usize>>()).prop_shuffle(), seen in prop::collection::vec(0.01f64..1.0, 9),
+        ) {
+            // An edge that passes over nine pixels one after another, and rests before each for a share of the time.
+            let whole: f64 = seen.iter().sum();
+            let (mut mean, mut blended) = ([0.0; 9], 0.0);
+            for (passed, share) in seen.iter().map(|s| s / whole).enumerate() {
+                let hard: Vec<f64> = (0..9).map(|i| f64::from(order[i] <= passed)).collect();
+                (0..9).for_each(|i| mean[i] += share * hard[i]);
+                blended += share * left(hard[0], &hard[1..]);
+            }
+            prop_assert!((left(mean[0], &mean[1..]) - blended).abs() < 1e-12);
+        }
     }
 }
