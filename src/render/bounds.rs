@@ -2,14 +2,17 @@
 //! rectangle.
 
 use std::borrow::Cow;
+use std::cell::LazyCell;
 use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 
+use super::in_view::{Extent, seen_in};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
-use crate::scene::Scene;
+use crate::pose::Pose;
+use crate::scene::{Part, Scene};
 
 /// The part of a picture that objects can touch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,7 +78,7 @@ pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
 }
 
 /// Normalised coordinates (x/z, y/z) of points seen with a pose; `None` if any is not in front of the camera.
-fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> {
+fn normalised(points: &[DVec3], pose: &Pose) -> Option<Vec<DVec2>> {
     points
         .iter()
         .map(|&c| {
@@ -85,59 +88,74 @@ fn normalised(points: &[DVec3], pose: &crate::pose::Pose) -> Option<Vec<DVec2>> 
         .collect()
 }
 
-/// An outline of at most this many points is clipped point by point; a larger one, by the box around it.
-const CLIPPED: usize = 16;
-
-/// Normalised coordinates of the part of some points' convex hull that lies in front of the near plane. Its corners are
-/// the points in front, and where lines from those to the others meet the plane.
-fn before_the_camera(points: &[DVec3], pose: &crate::pose::Pose) -> Vec<DVec2> {
-    let near = 2.0 * NEAR_M;
-    let seen: Vec<DVec3> = points.iter().map(|&p| pose.transform_point(p)).collect();
-    let (front, back): (Vec<DVec3>, Vec<DVec3>) = seen.iter().partition(|p| p.z >= near);
-    let meets = |f: &DVec3, b: &DVec3| f.lerp(*b, (f.z - near) / (f.z - b.z));
-    let crossing = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b)));
-    front.iter().copied().chain(crossing).map(|p| p.truncate() / p.z).collect()
+/// The image of a rectangle of normalised coordinates: points along its border.
+fn border_px(extent: Extent, geometry: &Geometry) -> impl Iterator<Item = DVec2> {
+    border(extent, geometry.distortion.model == LensModel::OpencvFisheye).map(|p| geometry.distorted_px(p))
 }
 
 /// The rectangle in the picture that contains a rectangle of normalised coordinates, plus a pixel for curvature between
 /// the border's samples.
-fn extent_px(low: DVec2, high: DVec2, geometry: &Geometry) -> Rect {
-    let (mut px_low, mut px_high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    for p in border(low, high, geometry.distortion.model == LensModel::OpencvFisheye) {
-        let d = geometry.distorted_px(p);
-        px_low = px_low.min(d);
-        px_high = px_high.max(d);
+fn extent_px(extent: Extent, geometry: &Geometry) -> Rect {
+    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for d in border_px(extent, geometry) {
+        low = low.min(d);
+        high = high.max(d);
     }
     let clamp = |v: f64| v.clamp(-1e6, 1e6);
     Rect::new(
-        clamp(px_low.x).floor() as i32,
-        clamp(px_low.y).floor() as i32,
-        clamp(px_high.x).ceil() as i32,
-        clamp(px_high.y).ceil() as i32,
+        clamp(low.x).floor() as i32,
+        clamp(low.y).floor() as i32,
+        clamp(high.x).ceil() as i32,
+        clamp(high.y).ceil() as i32,
     )
     .grown(1)
 }
 
-/// The corners of a box around the points, if there are many.
-fn few(points: &[DVec3]) -> Vec<DVec3> {
-    if points.len() <= CLIPPED {
-        return points.to_vec();
+/// Up to this many triangles of a part are cut one by one.
+const MOST_TRIANGLES: usize = 4096;
+/// An outline of more points is replaced by its box, since lines from each point to each are cut.
+const MOST_CUT: usize = 64;
+
+/// Convex hulls that together hold a part, corners in the world: its triangles; if they are many, its outline or box.
+fn hulls(scene: &Scene, part: &Part, outline: &[DVec3]) -> Vec<Vec<DVec3>> {
+    let world = |p: DVec3| part.world_from_mesh.transform_point3(p);
+    let few = scene.meshes.get(part.mesh).filter(|mesh| mesh.indices.len() <= 3 * MOST_TRIANGLES);
+    if let Some(mesh) = few {
+        let corner = |i: &u32| world(DVec3::from(mesh.vertices[*i as usize].position.map(f64::from)));
+        return mesh.indices.chunks_exact(3).map(|triangle| triangle.iter().map(corner).collect()).collect();
     }
-    let low = points.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
-    let high = points.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
-    Bounds { low, high }.corners().to_vec()
+    let low = outline.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
+    let high = outline.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
+    let corners = if outline.len() > MOST_CUT { Bounds { low, high }.corners().to_vec() } else { outline.to_vec() };
+    vec![corners.into_iter().map(world).collect()]
 }
 
-/// The footprint of all parts, by their meshes' outlines. A part that is partly at or behind the camera's plane counts
-/// as everywhere if its front comes near the picture. A part that stays farther from the picture than the picture is
-/// wide, farther than any blur, counts as nowhere.
+/// Farther from the axis than this (x/z, y/z) no lens sees anything: 89.9°.
+const WIDEST: f64 = 1000.0;
+
+/// Normalised coordinates that contain all that lands in a rectangle of the picture's plane.
+fn area_of(rect: Rect, geometry: &Geometry) -> Extent {
+    let square = |side: f64| Extent { low: DVec2::splat(-side), high: DVec2::splat(side) };
+    let inside = |p: DVec2| rect.grown(1).contains(p.x.floor() as i32, p.y.floor() as i32);
+    let holds = |area: &Extent| {
+        extent_px(*area, geometry).union(&rect) == extent_px(*area, geometry) && !border_px(*area, geometry).any(inside)
+    };
+    let sides = std::iter::successors(Some(0.5), |side| Some(2.0 * side)).take_while(|side| *side < WIDEST);
+    sides.map(square).find(holds).unwrap_or(square(WIDEST))
+}
+
+/// The footprint of all parts, by their meshes' outlines. A part at whose plane the camera is, or that passes it, counts
+/// where its part before the camera is seen. What stays farther from the picture than the picture is wide, farther than
+/// any blur, counts as nowhere.
 ///
 /// Conservative: without distortion, a part's image lies in the rectangle around its outline's image; distortion maps
 /// that rectangle's inside to the inside of its border's image; and poses within the shutter are sampled from key to
-/// key ([`ViewKeys::sampled`]).
+/// key ([`ViewKeys::sampled`]). Between two keys a part lies in the hull of where it is at both.
 pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
     let i = &geometry.intrinsics;
-    let picture = Rect::full(i.width_px, i.height_px);
+    let beside_px = i.width_px.max(i.height_px) as i32;
+    let around = Rect::full(i.width_px, i.height_px).grown(beside_px);
+    let area = LazyCell::new(|| area_of(around, geometry));
     let mut rect = Rect::new(0, 0, 0, 0);
     let mut fastest = 0.0f64;
     let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
@@ -148,29 +166,31 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
             continue;
         }
         let seen: Option<Vec<_>> = moments.iter().map(|pose| normalised(&points, pose)).collect();
-        let clipped = || {
-            let points = few(&points);
-            moments.iter().flat_map(|pose| before_the_camera(&points, pose)).collect::<Vec<_>>()
+        let simple = seen.as_ref().and_then(|seen| Extent::of(seen.iter().flatten().copied()));
+        let simple = simple.map(|extent| extent_px(extent, geometry));
+        let cut = || {
+            let hulls = if seen.is_some() { vec![points.clone()] } else { hulls(scene, part, &outlines[part.mesh]) };
+            let of_hull = |hull: &Vec<DVec3>| {
+                let at = |pose: &&Pose| hull.iter().map(|&p| pose.transform_point(p)).collect::<Vec<_>>();
+                let places: Vec<_> = moments.iter().map(at).collect();
+                let between = places.windows(2.min(places.len())).filter_map(|pair| seen_in(&pair.concat(), *area));
+                between.reduce(Extent::union)
+            };
+            hulls.iter().filter_map(of_hull).reduce(Extent::union).map(|extent| extent_px(extent, geometry))
         };
-        let all = seen.as_ref().map_or_else(clipped, |seen| seen.concat());
-        let low = all.iter().fold(DVec2::INFINITY, |m, p| m.min(*p));
-        let high = all.iter().fold(DVec2::NEG_INFINITY, |m, p| m.max(*p));
-        if all.is_empty() {
-            continue;
-        }
-        let own = extent_px(low, high, geometry);
-        let beside_px = i.width_px.max(i.height_px) as i32;
-        if own.intersection(&picture.grown(beside_px)).is_empty() {
-            continue;
-        }
+        let own = match simple.filter(|own| own.union(&around) == around) {
+            Some(own) => Some(own),
+            // What lies before the camera counts as far as it reaches: a long blur may bring it in.
+            None => cut().map(|own| simple.map_or(own, |simple| own.union(&simple))),
+        };
+        let Some(own) = own.filter(|own| !own.intersection(&around).is_empty()) else { continue };
+        rect = rect.union(&own);
         for pose in &moments {
             for z in points.iter().map(|&p| pose.transform_point(p).z) {
                 (nearest, farthest) = (nearest.min(z.max(NEAR_M)), farthest.max(z));
             }
         }
         let Some(seen) = seen else {
-            // The whole picture, and a margin from which anything can be blurred in.
-            rect = rect.union(&picture.grown(64));
             fastest = fastest.max(rotation_speed(geometry, keys));
             continue;
         };
@@ -181,18 +201,18 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
                 fastest = fastest.max(p.distance(*q) / step_s);
             }
         }
-        rect = rect.union(&own);
     }
     let depths_m = [nearest.min(farthest), farthest];
     // A tenth more for acceleration between the moments.
     Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m }
 }
 
-/// Points along a rectangle's border, so close together that its image is straight between them. Towards the sides of a
-/// fisheye lengths grow without bound and angles do not, so there a step is at most 3°: an arc of 500 px radius then
-/// lies 0.2 px off its chord.
-fn border(low: DVec2, high: DVec2, fisheye: bool) -> impl Iterator<Item = DVec2> {
-    let steps = if fisheye { 64 } else { 16 };
+/// Points along a rectangle's border, so close together that its image is straight between them. A step is at most
+/// 40 px of an ordinary picture. Towards the sides of a fisheye lengths grow without bound and angles do not, so there a
+/// step is at most 3°: an arc of 500 px radius then lies 0.2 px off its chord.
+fn border(Extent { low, high }: Extent, fisheye: bool) -> impl Iterator<Item = DVec2> {
+    let wide = (high - low).max_element();
+    let steps = if fisheye { 64 } else { (12.0 * wide).clamp(16.0, 512.0) as u32 };
     let between = move |a: f64, b: f64, f: f64| match fisheye {
         true => (a.atan() + f * (b.atan() - a.atan())).tan(),
         false => a + f * (b - a),
@@ -217,8 +237,9 @@ mod tests {
     use crate::camera::{Distortion, Intrinsics};
     use crate::pose::Pose;
     use crate::render::Shutter;
-    use crate::scene::{Object, Part};
+    use crate::scene::{Mesh, Object, Vertex};
     use glam::{DAffine3, DQuat};
+    use proptest::prelude::*;
 
     #[test]
     fn what_lies_beside_and_behind_the_camera_is_nowhere() {
@@ -240,9 +261,15 @@ mod tests {
             let found = cube(at, 0.1);
             assert!(found.rect.is_empty() && found.fastest_px_per_s == 0.0, "{at}: {found:?}");
         }
+        // Through the camera's plane, 3 m to the side of what is visible 1 cm before it, and 0.2 m beside the middle
+        // of the picture 0.1 m before it: beside the picture, too.
+        for at in [DVec3::new(1.0, 0.0, 0.0), DVec3::new(0.4, 0.0, -0.09)] {
+            let found = cube(at, 0.4);
+            assert!(found.rect.intersection(&Rect::full(640, 480)).is_empty(), "{at}: {found:?}");
+        }
         // Through the camera's plane and in front of its picture: everywhere.
         let found = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
-        assert_eq!(found.rect, Rect::full(640, 480).grown(64));
+        assert_eq!(found.rect.intersection(&Rect::full(640, 480).grown(64)), Rect::full(640, 480).grown(64));
         // A metre in front, 0.1 m wide: 52.5 px. It moves by rotation and translation: 525 · (0.5 + 0.5 / 0.95), and a
         // tenth more.
         let found = cube(DVec3::new(0.0, 0.0, 1.0), 0.1);
@@ -273,6 +300,95 @@ mod tests {
             // Each side of a cell's box touches a point. A corner is farther by at most the other two sides' share,
             // 2/√3 of a cell.
             assert!(told >= exact && told < exact + 1.155 * 2.5 / CELLS, "{towards}: {told}, exact {exact}");
+        }
+    }
+
+    /// A hand that turns and moves, a lens, and boxes around it, from as large as a pen to as large as a table.
+    fn seen_by_a_hand() -> impl Strategy<Value = (Geometry, ViewKeys, DAffine3)> {
+        let numbers = |n: usize, most: f64| prop::collection::vec(-most..most, n);
+        let lens = prop_oneof![
+            Just(Distortion::default()),
+            Just(Distortion { k1: -0.3, k2: 0.1, p1: 0.002, ..Default::default() }),
+            Just(Distortion { k1: 0.2624, k2: -0.9531, k3: 1.1633, ..Default::default() }),
+            Just(Distortion { model: LensModel::OpencvFisheye, k1: 0.01, ..Default::default() }),
+        ];
+        let own = (numbers(3, 0.6), numbers(4, 1.0), prop::collection::vec(-2.3f64..0.0, 3));
+        (lens, own, numbers(3, 1.0), numbers(3, 1.0)).prop_map(|(lens, (at, turn, sides), moves, turns)| {
+            let focal_px = if lens.model == LensModel::OpencvFisheye { 300.0 } else { 525.0 };
+            let intrinsics = Intrinsics { fx_px: focal_px, fy_px: focal_px, ..Default::default() };
+            let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.02, beyond_s: 0.0 };
+            let (moves, turns) = (DVec3::from_slice(&moves), DVec3::from_slice(&turns));
+            let keys = ViewKeys::new(shutter, |t| {
+                Pose::from_camera_in_world(moves * t, DQuat::from_scaled_axis(3.0 * turns * t))
+            });
+            let sides = DVec3::from_slice(&sides).map(|s| 10f64.powf(s));
+            let turn = DQuat::from_xyzw(turn[0], turn[1], turn[2], turn[3] + 1e-3).normalize();
+            let world_from_box = DAffine3::from_scale_rotation_translation(sides, turn, DVec3::from_slice(&at));
+            (Geometry::new(intrinsics, lens), keys, world_from_box)
+        })
+    }
+
+    /// The footprint of the box from -0.5 to 0.5 in each direction, in axes of its own.
+    fn of_box(geometry: &Geometry, keys: &ViewKeys, world_from_mesh: DAffine3, meshes: Vec<Mesh>) -> Footprint {
+        let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
+        let object = Object { name: "box".to_owned(), parts: vec![Part { mesh: 0, world_from_mesh }] };
+        let scene = Scene { objects: vec![object], meshes, ..Scene::default() };
+        footprint(&scene, &[unit.corners().to_vec().into()], geometry, keys)
+    }
+
+    /// Its sides.
+    fn sides() -> Mesh {
+        let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
+        let vertex = |c: DVec3| Vertex { position: c.as_vec3().to_array(), ..bytemuck::Zeroable::zeroed() };
+        let squares = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+        let indices = squares.iter().flat_map(|s: &[u32; 4]| [s[0], s[1], s[2], s[0], s[2], s[3]]).collect();
+        Mesh { vertices: unit.corners().map(vertex).to_vec(), indices, material: 0 }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(1500))]
+        #[test]
+        fn a_box_is_seen_nowhere_but_in_its_rectangle((geometry, keys, world_from_box) in seen_by_a_hand()) {
+            let by_outline = of_box(&geometry, &keys, world_from_box, Vec::new());
+            let by_triangles = of_box(&geometry, &keys, world_from_box, vec![sides()]);
+            let picture = Rect::full(640, 480).grown(100);
+            // Points all over its inside, at times all over the exposure: the plastic sequence in four dimensions.
+            for n in 0..3000 {
+                let [x, y, z, t] = [1, 2, 3, 4].map(|k| (f64::from(n) * 1.167_303_978_261_418_7f64.powi(-k)).fract() - 0.5);
+                // Half of them lie on its sides.
+                let mut p = [x, y, z];
+                if n % 2 == 0 {
+                    p[n as usize / 2 % 3] = 0.5f64.copysign(p[n as usize / 2 % 3]);
+                }
+                let found = if n % 2 == 0 { &by_triangles } else { &by_outline };
+                let p = DVec3::from(p);
+                let (rotation, position_m) = keys.at(2.0 * t * keys.reach_s);
+                let eye = position_m + keys.origin_in_world_m;
+                let p = rotation.normalize() * (world_from_box.transform_point3(p) - eye);
+                let Some(at) = geometry.project(p).filter(|_| p.z >= NEAR_M) else { continue };
+                let (x, y) = (at.x.floor() as i32, at.y.floor() as i32);
+                prop_assert!(!picture.contains(x, y) || found.rect.contains(x, y), "{at} of {p} is not in {found:?}");
+            }
+        }
+
+        #[test]
+        fn what_lies_beyond_one_of_the_pictures_sides_is_nowhere((_, _, world_from_box) in seen_by_a_hand()) {
+            let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
+            let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.0, beyond_s: 0.0 };
+            let keys = ViewKeys::new(shutter, |_| Pose::IDENTITY);
+            let found = of_box(&geometry, &keys, world_from_box, Vec::new());
+            let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
+            let corners = unit.corners().map(|c| world_from_box.transform_point3(c));
+            // Right and left of it 640 px and more, below and above as many.
+            let (x, y) = (961.0 / 525.0, 881.0 / 525.0);
+            let beyond = [
+                corners.iter().all(|c| c.z < NEAR_M),
+                corners.iter().all(|c| c.x > x * c.z),
+                corners.iter().all(|c| -c.x > x * c.z),
+                corners.iter().all(|c| c.y > y * c.z),
+                corners.iter().all(|c| -c.y > y * c.z),
+            ];
+            prop_assert!(!beyond.contains(&true) || (found.rect.is_empty() && found.fastest_px_per_s == 0.0), "{found:?}");
         }
     }
 }

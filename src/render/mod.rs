@@ -7,6 +7,7 @@ mod around_bounds;
 mod bounds;
 mod dice;
 mod draw;
+mod in_view;
 mod irradiance;
 mod light;
 mod material;

@@ -1,0 +1,120 @@
+//! The part of a convex hull's image that lies in a rectangle: what an object beside, around or behind the camera has
+//! in the picture.
+//!
+//! The hull is cut at the near plane, where projection ends. In front of it, the image of a convex hull is the convex
+//! hull of its corners' images, a polygon, and that is cut at the rectangle's sides. Both cuts are exact.
+
+use glam::{DVec2, DVec3};
+
+use super::view::NEAR_M;
+
+/// A rectangle of normalised coordinates (x/z, y/z).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    pub low: DVec2,
+    pub high: DVec2,
+}
+
+impl Extent {
+    /// The smallest that contains these points; `None` if there are none.
+    pub fn of(points: impl IntoIterator<Item = DVec2>) -> Option<Self> {
+        points.into_iter().fold(None, |all: Option<Self>, p| {
+            Some(all.map_or(Self { low: p, high: p }, |e| Self { low: e.low.min(p), high: e.high.max(p) }))
+        })
+    }
+
+    pub fn union(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+}
+
+/// The extent of what of the points' hull (in the camera's axes, metres) is seen within `area`.
+pub fn seen_in(points: &[DVec3], area: Extent) -> Option<Extent> {
+    let seen = within(&outline_of(before_the_camera(points)), area);
+    Extent::of(seen.into_iter().map(|p| p.clamp(area.low, area.high)))
+}
+
+/// Normalised coordinates of the corners of the part of a hull in front of the near plane, and of some points inside:
+/// the points in front, and where lines from those to the others meet the plane.
+fn before_the_camera(points: &[DVec3]) -> Vec<DVec2> {
+    let (front, back): (Vec<DVec3>, Vec<DVec3>) = points.iter().partition(|p| p.z >= NEAR_M);
+    let meets = |f: &DVec3, b: &DVec3| f.lerp(*b, (f.z - NEAR_M) / (f.z - b.z)).truncate() / NEAR_M;
+    let crossing = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b)));
+    front.iter().map(|p| p.truncate() / p.z).chain(crossing).collect()
+}
+
+/// The convex hull's corners, one after another (Andrew 1979, the monotone chain).
+fn outline_of(mut points: Vec<DVec2>) -> Vec<DVec2> {
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let half = |points: &mut dyn Iterator<Item = DVec2>| {
+        let mut chain: Vec<DVec2> = Vec::new();
+        for p in points {
+            while let [.., a, b] = chain[..]
+                && (b - a).perp_dot(p - b) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain
+    };
+    let mut there = half(&mut points.iter().copied());
+    let back = half(&mut points.iter().rev().copied());
+    there.extend(back);
+    there
+}
+
+/// The corners of a convex polygon's part in a rectangle (Sutherland and Hodgman 1974).
+fn within(polygon: &[DVec2], area: Extent) -> Vec<DVec2> {
+    // How far inside of each side a point lies.
+    let sides: [&dyn Fn(DVec2) -> f64; 4] =
+        [&|p| p.x - area.low.x, &|p| area.high.x - p.x, &|p| p.y - area.low.y, &|p| area.high.y - p.y];
+    sides.iter().fold(polygon.to_vec(), |polygon, inside| {
+        let next = polygon.iter().cycle().skip(1);
+        let kept = polygon.iter().zip(next).flat_map(|(a, b)| {
+            let (from, to) = (inside(*a), inside(*b));
+            let crossing = (from < 0.0) != (to < 0.0);
+            let meets = crossing.then(|| a.lerp(*b, from / (from - to)));
+            (from >= 0.0).then_some(*a).into_iter().chain(meets)
+        });
+        kept.collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AREA: Extent = Extent { low: DVec2::new(-1.0, -0.5), high: DVec2::new(1.0, 0.5) };
+
+    fn seen(points: &[[f64; 3]]) -> Option<Extent> {
+        seen_in(&points.iter().copied().map(DVec3::from).collect::<Vec<_>>(), AREA)
+    }
+
+    #[track_caller]
+    fn is(found: Option<Extent>, low: [f64; 2], high: [f64; 2]) {
+        let close = |a: DVec2, b: [f64; 2]| a.distance(b.into()) < 1e-12;
+        assert!(found.is_some_and(|e| close(e.low, low) && close(e.high, high)), "{found:?}, by hand {low:?} {high:?}");
+    }
+
+    #[test]
+    fn hulls_cut_by_hand() {
+        // In front, inside: its own extent. A point, a line.
+        is(seen(&[[0.0, 0.0, 2.0], [1.0, 0.5, 2.0], [-0.5, 0.25, 1.0]]), [-0.5, 0.0], [0.5, 0.25]);
+        is(seen(&[[0.5, 0.5, 2.0]]), [0.25, 0.25], [0.25, 0.25]);
+        // Over a corner: from (0.75, 0) to (1.25, 0.5) and (0.75, 0.5), cut at x = 1.
+        is(seen(&[[0.75, 0.0, 1.0], [1.25, 0.5, 1.0], [0.75, 0.5, 1.0]]), [0.75, 0.0], [1.0, 0.5]);
+        // Beside the corner, although its extent covers it.
+        assert_eq!(seen(&[[0.9, 2.0, 1.0], [4.0, 0.4, 1.0], [4.0, 2.0, 1.0]]), None);
+        // Behind. Across the near plane, beside the picture. Nothing.
+        assert_eq!(seen(&[[0.0, 0.0, -1.0], [0.1, 0.0, -1.0], [0.0, 0.1, -2.0]]), None);
+        assert_eq!(seen(&[[1.0, 0.0, -1.0], [1.0, 0.1, 0.5], [1.2, 0.0, 0.5]]), None);
+        assert_eq!(seen(&[]), None);
+        // From straight ahead through the camera's plane on its right: on to the right side, level.
+        is(seen(&[[0.0, 0.0, 1.0], [1.0, 0.0, -1.0]]), [0.0, 0.0], [1.0, 0.0]);
+        // All around the camera.
+        let around: Vec<[f64; 3]> =
+            (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|side| f64::from(side) - 0.5)).collect();
+        is(seen(&around), [-1.0, -0.5], [1.0, 0.5]);
+    }
+}
