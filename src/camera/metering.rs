@@ -61,7 +61,7 @@ impl PictureLight {
     /// Measures camera pixels. All 0 for an empty picture.
     pub fn of(pixels: &Pixels, response: &Response) -> Self {
         let most = pixels.max_code();
-        let light: Vec<f64> = (0..=most).map(|code| response.decode(f64::from(code) / f64::from(most))).collect();
+        let light = response.table(most);
         let at = |code: u32| light.get(code as usize).copied().unwrap_or(1.0);
         let (mut sum, mut clipped) = (0.0, 0u64);
         for y in 0..pixels.height {

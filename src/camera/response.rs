@@ -31,6 +31,11 @@ impl Response {
         }
     }
 
+    /// The light of each code from 0 to `max_code`.
+    pub fn table(&self, max_code: u32) -> Vec<f64> {
+        (0..=max_code).map(|code| self.decode(f64::from(code) / f64::from(max_code))).collect()
+    }
+
     /// Linear light to code value; both 0..1, brighter light clips at 1.
     pub fn encode(&self, light: f64) -> f64 {
         let light = light.clamp(0.0, 1.0);

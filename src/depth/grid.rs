@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::{edges, holes};
+use super::mended;
 use crate::camera::{Framed, Intrinsics, Response};
 use crate::pixels::{Pixels, Rect};
 
@@ -51,25 +51,17 @@ impl DepthGrid {
             let from = framed.source_px(enlargement * at);
             depth_m[place(from.y, whole_height) * whole_width + place(from.x, whole_width)]
         };
-        let most = f64::from(pixels.max_code());
+        let of_code = response.table(pixels.max_code());
         let seen = |at: DVec2| {
             let at = enlargement * at;
             let (x, y) = (place(at.x, pixels.width as usize), place(at.y, pixels.height as usize));
-            pixels.at(x as u32, y as u32).map(|code| response.decode(f64::from(code) / most) as f32)
+            pixels.at(x as u32, y as u32).map(|code| of_code[code as usize] as f32)
         };
         let mut depth_m: Vec<f32> = places().map(measured).collect();
         let light: Vec<[f32; 3]> = places().map(seen).collect();
         let looks: Vec<[f32; 3]> = light.iter().map(|l| l.map(|c| c.max(0.0).sqrt())).collect();
         let columns = width as usize;
-        let of_recorded = framed.step * enlargement;
-        let guessed = holes::fill(&mut depth_m, &looks, columns, (recorded.fx_px / of_recorded) as f32)?;
-        let off_px = (f64::from(recorded.width_px) * edges::MOST_OFF / of_recorded).round() as usize;
-        // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
-        let is_widened = edges::are_off(&depth_m, &looks, columns, off_px);
-        if is_widened {
-            let on_colors = edges::on_colors(&depth_m, &guessed, &looks, columns, off_px);
-            depth_m = edges::widened(&on_colors, Some(&looks), columns);
-        }
+        let is_widened = mended::complete(&mut depth_m, &looks, columns, recorded, framed.step * enlargement)?;
         Some(Self { width, height, enlargement, depth_m, light, is_widened })
     }
 

@@ -2,7 +2,7 @@
 //!
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's. `behind`: what is behind
-//!   them.
+//!   them. `mended`: holes filled and edges moved.
 //! - `repaired`: filled and with the picture's edges, where a recording's frame shows objects. `grid`: the same over a
 //!   photograph. `surfaces`: with what is behind too, for a photograph's real part.
 
@@ -11,6 +11,7 @@ mod behind;
 mod edges;
 mod grid;
 mod holes;
+mod mended;
 mod moment;
 mod repaired;
 mod surfaces;

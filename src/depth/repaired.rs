@@ -1,12 +1,12 @@
 //! A sensor's map at a frame's moment, completed with the help of the frame's own picture.
 //!
 //! Depth that hides an object must have no gaps. A sensor sees only a few places of a black screen, different ones in
-//! each frame, and between them the object behind it would show. So gaps are filled (`holes`) and edges moved to the
-//! picture's (`edges`), as for a photograph, but only around the objects.
+//! each frame, and between them the object behind it would show. So gaps are filled and edges moved to the picture's
+//! (`mended`), as for a photograph, but only around the objects.
 //!
 //! Not modelled: gaps depend only on what was measured within a twentieth of the picture's width around the objects.
 
-use super::{Rays, edges, holes};
+use super::{Rays, mended};
 use crate::camera::Response;
 use crate::pixels::{Codes, DepthMap, Pixels, Rect};
 use crate::pose::Pose;
@@ -37,15 +37,8 @@ impl Repair<'_> {
         let width = region.width() as usize;
         let mut depth_m = self.rays.reproject(self.depth, self.measured, self.frame, region);
         let looks = self.looks(region);
-        let focal_px = self.rays.geometry().intrinsics.fx_px as f32;
-        if let Some(guessed) = holes::fill(&mut depth_m, &looks, width, focal_px) {
-            let off_px = (f64::from(self.depth.width) * edges::MOST_OFF).round() as usize;
-            // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
-            if edges::are_off(&depth_m, &looks, width, off_px) {
-                let on_colors = edges::on_colors(&depth_m, &guessed, &looks, width, off_px);
-                depth_m = edges::widened(&on_colors, Some(&looks), width);
-            }
-        }
+        // Where nothing was measured, nothing hides.
+        mended::complete(&mut depth_m, &looks, width, &self.rays.geometry().intrinsics, 1.0);
         let columns = (rect.x0 - region.x0) as usize..(rect.x1 - region.x0) as usize;
         let rows = depth_m.chunks_exact(width.max(1)).skip((rect.y0 - region.y0) as usize);
         rows.take(rect.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
@@ -69,9 +62,8 @@ impl Repair<'_> {
             Codes::U8(_) => (8, 0),
             Codes::U16(_) => (BITS, 16 - BITS),
         };
-        let most = f64::from((1u32 << bits) - 1);
-        let look = |code: u32| self.response.decode(f64::from(code) / most).max(0.0).sqrt() as f32;
-        let looks: Vec<f32> = (0..1u32 << bits).map(look).collect();
+        let light = self.response.table((1 << bits) - 1).into_iter();
+        let looks: Vec<f32> = light.map(|light| light.max(0.0).sqrt() as f32).collect();
         let round = self.rays.geometry().is_round();
         let column = |x: i32| if round { x.rem_euclid(width) } else { x.clamp(0, width - 1) };
         let places = (region.y0..region.y1)

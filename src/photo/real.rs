@@ -97,9 +97,8 @@ fn sum(frames: &[(f64, Pixels)], response: &Response) -> Light {
     let (width, height) = frames.first().map_or((0, 0), |(_, p)| (p.width as usize, p.height as usize));
     let mut rgb = vec![[0.0f32; 3]; width * height];
     for (weight, pixels) in frames {
-        let most = pixels.max_code();
         let light: Vec<f32> =
-            (0..=most).map(|code| (weight * response.decode(f64::from(code) / f64::from(most))) as f32).collect();
+            response.table(pixels.max_code()).into_iter().map(|light| (weight * light) as f32).collect();
         over_rows(&mut rgb, width, processors(), |y, row| {
             for (x, sum) in row.iter_mut().enumerate() {
                 let codes = pixels.at(x as u32, y as u32);
