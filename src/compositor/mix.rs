@@ -1,5 +1,6 @@
 //! The composite, with the mixed stage's effects in the same pass, and drawing the whole picture into a view.
 
+use super::rgba::rgba;
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, Capture, NoiseProfile};
 use crate::effects::{MixedPart, curve_choice};
@@ -28,21 +29,13 @@ pub struct Sent {
 impl Sent {
     /// Uploads a rectangle of the camera's codes.
     pub fn new(recorder: &Recorder, pixels: &Pixels, rect: Rect) -> Self {
-        fn rgba<T: Copy + Default>(codes: &[T], picture_width: usize, rect: Rect) -> Vec<[T; 4]> {
-            let columns = rect.width() as usize;
-            let mut out = Vec::with_capacity(columns * rect.height() as usize);
-            for y in rect.y0 as usize..rect.y1 as usize {
-                let start = 3 * (y * picture_width + rect.x0 as usize);
-                out.extend(codes[start..start + 3 * columns].chunks_exact(3).map(|c| [c[0], c[1], c[2], T::default()]));
-            }
-            out
-        }
         let (width, height) = (rect.width(), rect.height());
+        let picture = (pixels.width, pixels.height);
         let gpu = &recorder.gpu;
         let texture = recorder.pool.lend_to_write(gpu, (width, height), format_of(pixels));
         match &pixels.codes {
-            Codes::U8(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
-            Codes::U16(c) => texture.write(gpu, width, height, &rgba(c, pixels.width as usize, rect)),
+            Codes::U8(c) => texture.write(gpu, width, height, &rgba(c, picture, rect, |code| code)),
+            Codes::U16(c) => texture.write(gpu, width, height, &rgba(c, picture, rect, |code| code)),
         }
         Self { texture, rect, max_code: pixels.max_code() as f32 }
     }
@@ -57,7 +50,7 @@ impl Sent {
 
     /// Draws the whole picture into a view of its size.
     pub fn show(&self, recorder: &mut Recorder, view: &wgpu::TextureView, format: wgpu::TextureFormat) {
-        let entry = Entry::from("main").choose("encodes", f64::from(u8::from(format.is_srgb())));
+        let entry = Entry::from("main").choose("encodes", format.is_srgb());
         let pass = recorder.pass(Shader::Show, entry).uniform("show", &Show { max_code: self.max_code });
         pass.texture("codes", &self.texture).draw_views(&[(view, format)], (self.rect.width(), self.rect.height()));
     }
@@ -135,12 +128,11 @@ pub fn mix(
         gamma: camera.response.gamma as f32,
     };
     let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
-    let on = |on: bool| f64::from(u8::from(on));
     let entry = Entry::from("main")
         .choose("curve", curve_choice(&camera.response))
-        .choose("whole", on(capture.whole))
-        .choose("parted", on(layer.coverage.is_some()))
-        .choose("light_alone", on(layer.light_alone));
+        .choose("whole", capture.whole)
+        .choose("parted", layer.coverage.is_some())
+        .choose("light_alone", layer.light_alone);
     let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
     let (shaders, tail) = module(&named, layer.real.is_some());
     let mut pass = recorder

@@ -11,6 +11,7 @@ mod paste;
 mod places;
 mod plan;
 mod real;
+mod rgba;
 mod run;
 mod settings;
 

@@ -1,5 +1,6 @@
 //! The real part of a photograph as effects see it: its light, and the depth of its surfaces.
 
+use super::rgba::rgba;
 use crate::camera::Response;
 use crate::depth::Surfaces;
 use crate::effects::curve_choice;
@@ -23,7 +24,12 @@ pub fn real_layer(
     let gpu = recorder.gpu.clone();
     let size = (drawn.width(), drawn.height());
     let camera = recorder.pool.lend_to_write(&gpu, size, wgpu::TextureFormat::Rgba16Uint);
-    camera.write(&gpu, size.0, size.1, &codes(pixels, drawn));
+    let picture = (pixels.width, pixels.height);
+    let codes = match &pixels.codes {
+        Codes::U8(codes) => rgba(codes, picture, drawn, |code| 257 * u16::from(code)),
+        Codes::U16(codes) => rgba(codes, picture, drawn, |code| code),
+    };
+    camera.write(&gpu, size.0, size.1, &codes);
 
     let grid = (surfaces.nearest.width, surfaces.nearest.height);
     let [near, behind] = [&surfaces.nearest.light, &surfaces.behind_light].map(|light| {
@@ -58,26 +64,4 @@ pub fn real_layer(
     let [light, behind, depths] = pass.draw([COLOR, COLOR, GEOMETRY], size);
     let ranges_m = surfaces.ranges_m(drawn, RealLayer::SIDE_PX);
     RealLayer { light, behind, depths, tolerance_m, ranges_m }
-}
-
-/// 16-bit codes over a rectangle. Beyond the picture, the edge continues.
-fn codes(pixels: &Pixels, rect: Rect) -> Vec<[u16; 4]> {
-    let scale = (65535 / pixels.max_code()) as u16;
-    let place = |at: i32, side: u32| at.clamp(0, side as i32 - 1) as usize;
-    let columns: Vec<usize> = (rect.x0..rect.x1).map(|x| place(x, pixels.width)).collect();
-    let mut out = Vec::with_capacity(columns.len() * rect.height() as usize);
-    for y in rect.y0..rect.y1 {
-        let start = 3 * place(y, pixels.height) * pixels.width as usize;
-        match &pixels.codes {
-            Codes::U8(c) => out.extend(columns.iter().map(|x| {
-                let c = &c[start + 3 * x..start + 3 * x + 3];
-                [scale * u16::from(c[0]), scale * u16::from(c[1]), scale * u16::from(c[2]), 0]
-            })),
-            Codes::U16(c) => out.extend(columns.iter().map(|x| {
-                let c = &c[start + 3 * x..start + 3 * x + 3];
-                [c[0], c[1], c[2], 0]
-            })),
-        }
-    }
-    out
 }

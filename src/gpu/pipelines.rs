@@ -29,8 +29,9 @@ impl Entry {
         Self { vertex, fragment, choices: Vec::new() }
     }
 
-    pub fn choose(mut self, name: &'static str, value: f64) -> Self {
-        self.choices.push((name, value.to_bits()));
+    /// Sets one of the shader's `override`s, to a number or to whether it holds.
+    pub fn choose(mut self, name: &'static str, value: impl Into<f64>) -> Self {
+        self.choices.push((name, value.into().to_bits()));
         self
     }
 

@@ -192,7 +192,7 @@ pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Laye
     const GEOMETRIES: [&str; 6] = ["geometry0", "geometry1", "geometry2", "geometry3", "geometry4", "geometry5"];
     let nothing = recorder
         .kept(Nothing, |gpu, _| [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1)));
-    let fisheye = f64::from(u8::from(view.geometry.distortion.model == LensModel::OpencvFisheye));
+    let fisheye = view.geometry.distortion.model == LensModel::OpencvFisheye;
     let mut pass = recorder
         .pass(Shader::Around, Entry::from("main").choose("fisheye", fisheye))
         .uniform("around", &AroundUniform::new(view, sides.iter().map(|(side, _)| side)))

@@ -116,8 +116,7 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
         margin: make(params).margin() as i32,
         half_side: make(params).half_side() as i32,
     };
-    let printed = f64::from(u8::from(params.mix == Mix::Printed));
-    let entry = Entry::from("spread").choose("printed", printed);
+    let entry = Entry::from("spread").choose("printed", params.mix == Mix::Printed);
     let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, entry).uniform("lens", &lens).storage("wang", &wang);
     let pass = pass.texture("factors", &factors).texture("color", &layer.color);
     let pass = pass.texture("operators", &operators).texture("around_tiles", &around);

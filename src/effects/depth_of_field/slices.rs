@@ -155,8 +155,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         });
         let in_layer = tiles.with_layer.is_some_and(|[near, far]| near <= slice && slice <= far);
         let both = |entry, half: i32| {
-            let layer_too = f64::from(u8::from(in_layer));
-            Entry::over("tiles", entry).choose("layer_too", layer_too).choose("half_side", f64::from(half))
+            Entry::over("tiles", entry).choose("layer_too", in_layer).choose("half_side", f64::from(half))
         };
         for level in 1..=kernel.level {
             let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("smaller", 1));
