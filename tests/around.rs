@@ -4,6 +4,8 @@
 
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/marks.rs"]
+mod marks;
 
 use std::borrow::Cow;
 use std::f64::consts::PI;
@@ -17,9 +19,10 @@ use locard::measure::displacement::{DisplacementOptions, displacements};
 use locard::params::Value;
 use locard::pixels::{DepthMap, LayerImage, Pixels};
 use locard::pose::Pose;
-use locard::scene::{Material, Mesh, Object, Part, Scene, Vertex};
+use locard::scene::Scene;
 use locard::simulate::{Detail, Motion, Options, Simulation, Snapshot, board};
 use locard::tracking::PoseTrack;
+use marks::marks;
 
 fn round(width_px: u32) -> Geometry {
     let intrinsics = Intrinsics { width_px, height_px: width_px / 2, ..Default::default() };
@@ -39,37 +42,6 @@ fn fisheye() -> Geometry {
     };
     let [k1, k2, k3, k4] = [0.02, -0.01, 0.002, -0.0002];
     Geometry::new(intrinsics, Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() })
-}
-
-/// Grey squares of `side` rad that face the origin from 2 m in these directions.
-fn marks(directions: &[DVec3], side: f64) -> Scene {
-    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
-    for d in directions {
-        let d = d.normalize();
-        let (x, y) = d.any_orthonormal_pair();
-        let first = vertices.len() as u32;
-        for (a, b) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-            let position = 2.0 * d + side * (a * x + b * y);
-            vertices.push(Vertex {
-                position: position.as_vec3().to_array(),
-                normal: [0.0, 0.0, 1.0],
-                tangent: [0.0; 4],
-                uv0: [0.0; 2],
-                uv1: [0.0; 2],
-                color: [0.5, 0.5, 0.5, 1.0],
-            });
-        }
-        indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
-    }
-    Scene {
-        meshes: vec![Mesh { vertices, indices, material: 0 }],
-        materials: vec![Material { unlit: true, double_sided: true, ..Material::default() }],
-        objects: vec![Object {
-            name: "marks".to_owned(),
-            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
-        }],
-        ..Scene::default()
-    }
 }
 
 fn still(pose: Pose) -> PoseTrack {
@@ -140,7 +112,7 @@ fn marks_land_where_the_formula_says_all_around() {
         let (mut found, mut worst, mut farthest) = (0, 0.0f64, 0.0f64);
         for few in directions.chunks(8) {
             // Few at a time: their squares must not meet.
-            let mut scene = marks(few, 0.03);
+            let mut scene = marks(few, 0.03, 0.5);
             scene.objects[0].parts[0].world_from_mesh =
                 DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m());
             let image = layer(&camera, plain(), scene, &still(pose));
@@ -174,7 +146,7 @@ fn marks_land_where_the_formula_says_all_around() {
 fn a_pole_is_covered_all_round_and_nothing_else() {
     let geometry = round(512);
     for pole in [DVec3::Y, DVec3::NEG_Y] {
-        let image = layer(&gpu::camera(&geometry, 0.0), plain(), marks(&[pole], 0.2), &still(Pose::IDENTITY));
+        let image = layer(&gpu::camera(&geometry, 0.0), plain(), marks(&[pole], 0.2, 0.5), &still(Pose::IDENTITY));
         let (mut wrong, mut rim) = (0, 0);
         for (i, p) in image.rgba.iter().enumerate() {
             let at = DVec2::new(f64::from(i as u32 % 512) + 0.5, f64::from(i as u32 / 512) + 0.5);
@@ -198,7 +170,7 @@ fn a_pole_is_covered_all_round_and_nothing_else() {
 fn the_seam_is_nowhere() {
     let geometry = round(1024);
     let mut camera = gpu::camera(&geometry, 0.03);
-    let scene = marks(&[DVec3::new(0.05, 0.2, 1.0), DVec3::new(-0.1, -0.2, 1.0)], 0.1);
+    let scene = marks(&[DVec3::new(0.05, 0.2, 1.0), DVec3::new(-0.1, -0.2, 1.0)], 0.1, 0.5);
     for exposure_time_s in [0.0, 0.03] {
         camera.exposure.time_s = Some(exposure_time_s);
         let middle = layer(&camera, Settings::default(), scene.clone(), &turning(1.0, DQuat::IDENTITY));
@@ -237,7 +209,7 @@ fn the_velocity_filter_is_near_the_reference_at_the_seam_and_in_a_wide_fisheye()
             };
             PoseTrack::new((-30..=30).map(at).collect(), 1.0).unwrap()
         };
-        let scene = marks(&[at], 0.12);
+        let scene = marks(&[at], 0.12, 0.5);
         let filtered = layer(&camera, Settings::default(), scene.clone(), &track);
         let summed = layer(&camera, reference(), scene, &track);
         let error = gpu::mean_absolute_error(&filtered, &summed.rgba);
@@ -267,7 +239,7 @@ fn speckled(geometry: &Geometry) -> Pixels {
 /// that of the whole run.
 #[test]
 fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
-    let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], 0.1);
+    let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], 0.1, 0.5);
     for geometry in [round(512), fisheye()] {
         let camera = noisy(gpu::camera(&geometry, 0.02));
         let settings = || {
@@ -328,7 +300,7 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
 #[test]
 fn real_depth_hides_what_is_behind_it_across_the_seam() {
     let geometry = round(512);
-    let scene = marks(&[DVec3::NEG_Z], 0.4);
+    let scene = marks(&[DVec3::NEG_Z], 0.4, 0.5);
     // Right of the seam (the picture's left) a wall at 1 m, left of it one at 3 m.
     let depth_m = (0..512 * 256).map(|i| if i % 512 < 256 { 1.0 } else { 3.0 }).collect();
     for later_s in [0.0, 0.01] {

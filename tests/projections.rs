@@ -4,55 +4,20 @@
 
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/marks.rs"]
+mod marks;
 
 use std::f64::consts::PI;
 use std::path::Path;
 
-use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
+use glam::{DQuat, DVec2, DVec3, Vec3};
 use locard::camera::curved::{Curve, Curved};
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use locard::pixels::LinearImage;
 use locard::pose::Pose;
 use locard::render::{Projection, Renderer, Still, take_still};
-use locard::scene::{Environment, EnvironmentMap, Lighting, Material, Mesh, Object, Part, Scene, Vertex};
-
-fn vertex(position: DVec3, color: Vec3) -> Vertex {
-    Vertex {
-        position: position.as_vec3().to_array(),
-        normal: [0.0, 0.0, 1.0],
-        tangent: [0.0; 4],
-        uv0: [0.0; 2],
-        uv1: [0.0; 2],
-        color: color.extend(1.0).to_array(),
-    }
-}
-
-fn scene(vertices: Vec<Vertex>, indices: Vec<u32>) -> Scene {
-    Scene {
-        meshes: vec![Mesh { vertices, indices, material: 0 }],
-        materials: vec![Material { unlit: true, double_sided: true, ..Material::default() }],
-        objects: vec![Object {
-            name: "marks".to_owned(),
-            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
-        }],
-        ..Scene::default()
-    }
-}
-
-/// White squares, 2.3° a side, that face the origin from 2 m in these directions.
-fn marks(directions: &[DVec3]) -> Scene {
-    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
-    for d in directions {
-        let d = d.normalize();
-        let (x, y) = d.any_orthonormal_pair();
-        let first = vertices.len() as u32;
-        for (a, b) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-            vertices.push(vertex(2.0 * d + 0.04 * (a * x + b * y), Vec3::ONE));
-        }
-        indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
-    }
-    scene(vertices, indices)
-}
+use locard::scene::{Environment, EnvironmentMap, Lighting, Scene};
+use marks::{marks, unlit, vertex};
 
 /// The colour of a direction on the walls of [`room`].
 fn wall_color(d: DVec3) -> Vec3 {
@@ -66,7 +31,7 @@ fn room() -> Scene {
     };
     let vertices = (0..8).map(|i| vertex(corner(i), wall_color(corner(i)))).collect();
     let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-    scene(vertices, sides.iter().flat_map(|s: &[u32; 4]| [s[0], s[1], s[2], s[0], s[2], s[3]]).collect())
+    unlit(vertices, sides.iter().flat_map(|s: &[u32; 4]| [s[0], s[1], s[2], s[0], s[2], s[3]]).collect())
 }
 
 fn shoot(scene: Scene, projection: &Projection, pose: Pose) -> LinearImage {
@@ -149,7 +114,8 @@ fn marks_land_where_the_formula_says_in_every_projection() {
         }
     }
     let pose = turned();
-    let scene = marks(&directions.iter().map(|d| pose.world_from_camera_rotation() * *d).collect::<Vec<_>>());
+    let scene =
+        marks(&directions.iter().map(|d| pose.world_from_camera_rotation() * *d).collect::<Vec<_>>(), 0.04, 1.0);
     let mut worst = 0.0f64;
     for projection in projections() {
         let image = shoot(scene.clone(), &projection, pose);
@@ -224,7 +190,7 @@ fn parallel_rays_keep_sizes_and_hide_what_is_behind() {
         [square(0.0, 1.0, 0.2), square(0.3, 9.0, 0.5), square(0.1, 5.0, 0.9), square(0.0, -1.0, 1.0)].concat();
     let indices = (0..4).flat_map(|n| [0, 1, 2, 0, 2, 3].map(|i| 4 * n + i)).collect();
     let projection = Projection::Orthographic { width_px: 200, height_px: 100, px_per_m: 200.0 };
-    let image = shoot(scene(vertices, indices), &projection, Pose::IDENTITY);
+    let image = shoot(unlit(vertices, indices), &projection, Pose::IDENTITY);
     let row = &image.rgba[50 * 200..51 * 200];
     let expected = |x: usize| match x {
         80..120 => [0.2, 0.2, 0.2, 1.0],
@@ -256,7 +222,7 @@ fn the_environment_stands_behind_and_shows_through_in_part() {
         map_from_world: glam::Quat::IDENTITY,
         intensity: 0.5,
     };
-    let mut scene = marks(&[DVec3::NEG_Z]);
+    let mut scene = marks(&[DVec3::NEG_Z], 0.04, 1.0);
     scene.lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
     // Looks along the world's −z, y up.
     let pose = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y).unwrap();
