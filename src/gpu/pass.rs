@@ -52,8 +52,22 @@ pub struct Pass<'a> {
     shape: Shape,
 }
 
+impl Recorder {
+    /// Begins a pass with a shader.
+    pub fn pass(&mut self, shader: Shader, entry: impl Into<Entry>) -> Pass<'_> {
+        self.pass_of(&[shader], String::new, entry)
+    }
+
+    /// Begins a pass with a module of several files. `tail` is appended to their texts when the module is made, and
+    /// must depend only on the files.
+    pub fn pass_of(&mut self, shaders: &[Shader], tail: impl FnOnce() -> String, entry: impl Into<Entry>) -> Pass<'_> {
+        let module = self.pipelines.module(&self.gpu, shaders, tail);
+        Pass::new(self, shaders, module, entry.into())
+    }
+}
+
 impl<'a> Pass<'a> {
-    pub(super) fn new(recorder: &'a mut Recorder, shaders: &[Shader], module: Arc<Module>, entry: Entry) -> Self {
+    fn new(recorder: &'a mut Recorder, shaders: &[Shader], module: Arc<Module>, entry: Entry) -> Self {
         Self {
             recorder,
             shaders: shaders.to_vec(),

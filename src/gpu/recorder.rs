@@ -1,10 +1,9 @@
 //! Records a frame's work.
 
 use super::kept::{FEW, Kept, MANY};
-use super::pass::Pass;
-use super::pipelines::{Entry, Pipelines};
+use super::pipelines::Pipelines;
 use super::uniform::{Bytes, Uniforms};
-use super::{Gpu, Shader, TexturePool};
+use super::{Gpu, TexturePool};
 
 /// Records passes, and keeps what outlasts a frame: pipelines, textures, uniforms, cached values.
 #[derive(Debug)]
@@ -44,18 +43,6 @@ impl Recorder {
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         let gpu = &self.gpu;
         self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()))
-    }
-
-    /// Begins a pass with a shader.
-    pub fn pass(&mut self, shader: Shader, entry: impl Into<Entry>) -> Pass<'_> {
-        self.pass_of(&[shader], String::new, entry)
-    }
-
-    /// Begins a pass with a module of several files. `tail` is appended to their texts when the module is made, and
-    /// must depend only on the files.
-    pub fn pass_of(&mut self, shaders: &[Shader], tail: impl FnOnce() -> String, entry: impl Into<Entry>) -> Pass<'_> {
-        let module = self.pipelines.module(&self.gpu, shaders, tail);
-        Pass::new(self, shaders, module, entry.into())
     }
 
     /// Stores bytes for a `var<uniform>`, for what is recorded until the next submission.

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 use glam::{DVec2, DVec3};
 
-use super::Args;
+use super::args::Args;
 use crate::camera::Geometry;
 use crate::photo::Aim;
 use crate::recording::Recording;
@@ -11,11 +11,6 @@ use crate::scene::{Object, Scene};
 
 /// The share of the photograph that an object fills, in width or in height.
 const FILLED: f64 = 0.5;
-
-pub fn columns(text: &str) -> Result<f64, String> {
-    let px = text.trim().trim_end_matches("px").trim_end().parse().ok().filter(|px: &f64| (1.0..=1e6).contains(px));
-    px.ok_or_else(|| format!("{text} is refused: accepted is 1 to as many columns as the recording has (px)"))
-}
 
 fn place(text: &str) -> Option<DVec2> {
     let (x, y) = text.split_once(',')?;

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 
-use super::{Args, Bracket};
+use super::args::{Args, Bracket};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, Mode, meter};
 use crate::camera::stops::{self, Step};

@@ -1,6 +1,7 @@
 //! `locard photo`.
 
 mod aim;
+mod args;
 mod dials;
 mod shoot;
 
@@ -8,16 +9,16 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
+pub use args::Args;
+use args::{Bracket, Focus};
 use dials::{Asked, Dials};
 use shoot::Shoot;
 
-use super::light;
 use super::outputs::Inputs;
-use super::which::Which;
 use super::{progress_of, tell, warn};
 use crate::camera::exposure::INDOORS_LX;
-use crate::camera::metering::{Mode, PictureLight};
-use crate::camera::{Film, Geometry, Opening};
+use crate::camera::metering::PictureLight;
+use crate::camera::{Geometry, Opening};
 use crate::depth::measured_from;
 use crate::gpu::Gpu;
 use crate::photo::{self, Framing};
@@ -25,93 +26,6 @@ use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::shot::{Note, USUAL_ISO};
 use crate::sink::photograph;
-
-#[derive(clap::Args)]
-pub struct Args {
-    #[command(flatten)]
-    light: light::LightArgs,
-    /// A .glb or .gltf in the recording's world coordinates, or a scene.toml
-    #[arg(long)]
-    scene: PathBuf,
-    /// p (program), a (aperture priority), s (shutter priority), m (manual); else by what is set
-    #[arg(long)]
-    mode: Option<Mode>,
-    /// The focal length in mm; else one that sees all of the recorded picture that the film's shape allows
-    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = focal_length)]
-    focal: Option<f64>,
-    /// What is in the middle: a place in the recorded picture, in its pixels, or an object of the scene by its name, which
-    /// then fills half of the photograph unless --focal or --across says otherwise
-    #[arg(long, value_name = "X,Y|OBJECT")]
-    aim: Option<String>,
-    /// How many columns of the recorded picture the photograph is wide
-    #[arg(long, value_name = "PX", conflicts_with = "focal", value_parser = aim::columns)]
-    across: Option<f64>,
-    /// The camera stands still while the shutter is open, as long as that may be: real and virtual things are as blurred as
-    /// in the frame (this is so without --hand-held)
-    #[arg(long)]
-    tripod: bool,
-    /// The camera moves while the shutter is open, as the recording's did: its frames are summed
-    #[arg(long, conflicts_with = "tripod")]
-    hand_held: bool,
-    /// What is sharp: a distance in metres, inf, or auto (what is in the middle)
-    #[arg(long, default_value = "auto", allow_hyphen_values = true, value_parser = focus)]
-    focus: Focus,
-    /// The film: 36x24, aps-c, aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 or WIDTHxHEIGHT in mm; else the recording's
-    #[arg(long)]
-    film: Option<Film>,
-    /// Width of the photograph; else as many pixels as the recording has there
-    #[arg(long, value_name = "PX")]
-    width: Option<u32>,
-    /// A series in which one setting goes through its range, and a contact sheet
-    #[arg(long, value_enum)]
-    bracket: Option<Bracket>,
-    #[command(flatten)]
-    which: Which,
-    /// Seed of the grain
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// A .jpg or .png; of a series, NAME-1.jpg and so on, and NAME-sheet.jpg
-    #[arg(short = 'o', long = "output", value_name = "FILE")]
-    output: PathBuf,
-    /// Replace pictures that exist
-    #[arg(long)]
-    force: bool,
-    /// No warnings
-    #[arg(long, short)]
-    quiet: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Focus {
-    Auto,
-    Metres(f64),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Bracket {
-    /// f/2.8 to f/22
-    Aperture,
-    /// Three stops to both sides
-    Shutter,
-    /// ISO 100 to 25600
-    Iso,
-    /// From half the distance to twice
-    Focus,
-}
-
-fn focus(text: &str) -> Result<Focus, String> {
-    let metres = match text.trim().trim_end_matches('m').trim_end() {
-        "auto" => return Ok(Focus::Auto),
-        "inf" | "infinity" => Some(f64::INFINITY),
-        number => number.parse().ok().filter(|m: &f64| (0.01..=1e5).contains(m)),
-    };
-    metres.map(Focus::Metres).ok_or_else(|| format!("{text} is refused: accepted are auto, inf, and 0.01 to 100000 m"))
-}
-
-fn focal_length(text: &str) -> Result<f64, String> {
-    let mm = text.trim().trim_end_matches("mm").trim_end().parse().ok().filter(|mm| (1.0..=5000.0).contains(mm));
-    mm.ok_or_else(|| format!("{text} is refused: accepted is 1 to 5000 mm"))
-}
 
 pub fn run(args: &Args) -> Result<()> {
     let mut shot = args.light.open(Some(args.scene.clone()))?;

@@ -5,8 +5,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Result;
 
+use super::args::{Args, Focus};
 use super::dials::{Asked, Dials};
-use super::{Args, Focus};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};

@@ -19,14 +19,10 @@ use crate::effects::{LayerRun, Moment};
 use crate::gpu::{Entry, Gpu, Shader, Texture};
 use crate::render::{COLOR, Layer};
 
+use super::layered;
 use super::operator::Make;
+use super::settings::{DepthOfField, Mix};
 use super::surroundings::{Lens, Tiling, passed, surroundings};
-use super::{DepthOfField, layered};
-
-crate::choices! {
-    /// How light spread from different depths is combined.
-    pub enum Mix { Conserving = "conserving", Printed = "printed" }
-}
 
 /// The most steps of the blur factor besides 0; the same as in shaders/depth_of_field_diffusion.wgsl.
 pub const MOST_STEPS: u32 = 32;

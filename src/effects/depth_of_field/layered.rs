@@ -19,8 +19,8 @@ use crate::render::{COLOR, GEOMETRY, Layer};
 
 use super::highlights;
 use super::image::{self, Blades};
+use super::settings::{WIDEST_PX, circles_px};
 use super::surroundings::{Lens, PHOTOGRAPHS_TILE_PX, Tiling};
-use super::{WIDEST_PX, circles_px};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
@@ -216,6 +216,6 @@ mod tests {
         let value = |name| constant(&shader, name) as f32;
         let half = value("TWO_HALF_PX").min(value("HALF_PX"));
         assert_eq!(FROM_PX, [half, value("QUARTER_PX"), value("EIGHTH_PX"), value("SIXTEENTH_PX")]);
-        assert_eq!(super::super::SHARP_PX, value("SHARP_PX"));
+        assert_eq!(super::super::settings::SHARP_PX, value("SHARP_PX"));
     }
 }

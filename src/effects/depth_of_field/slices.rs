@@ -35,7 +35,8 @@ use crate::pixels::Rect;
 use crate::render::{COLOR, Layer, RealLayer};
 
 use super::image::Blades;
-use super::{SHARP_PX, layered};
+use super::layered;
+use super::settings::SHARP_PX;
 
 /// Growth of diameters from slice to slice, on top of `GROWS_FROM_PX`.
 const RATIO: f64 = 1.25;

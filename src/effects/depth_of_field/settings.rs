@@ -1,0 +1,53 @@
+//! What is set of the depth of field, and the circles that a lens makes: what all methods share.
+
+use super::operator::Shape;
+use crate::effects::Moment;
+
+/// Smaller circles count as points, px.
+pub const SHARP_PX: f32 = 0.7;
+/// The widest circle drawn, px: 12.5 texels to each side at a sixteenth, which is what the shader's table covers.
+pub const WIDEST_PX: f32 = 400.0;
+
+crate::choices! {
+    /// How depth of field is made.
+    pub enum Method { Layered = "layered", Poisson = "poisson", Diffusion = "diffusion", Reference = "reference" }
+}
+
+crate::choices! {
+    /// How the method `diffusion` combines light spread from different depths.
+    pub enum Mix { Conserving = "conserving", Printed = "printed" }
+}
+
+crate::params! {
+    /// Parameters of the depth of field. The lens is in `camera.lens`.
+    pub struct DepthOfField in "depth_of_field" {
+        "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
+        method: Method = Method::Layered;
+        "poisson: points of the first disc"
+        points: u32 = 48, "1", 8.0..=64.0;
+        "diffusion: lens (its blades or circle), star (as many points as blades, else 5) or heart"
+        shape: Shape = Shape::Lens;
+        "diffusion: how much brighter the rim is drawn, for each px of radius (lambda)"
+        rim: f32 = 0.02, "1/px", 0.0..=1.0;
+        "diffusion: standard deviation of the Gaussian that smooths the shape"
+        gaussian_px: f32 = 0.5, "px", 0.0..=4.0;
+        "diffusion: no shape is drawn larger (R_K)"
+        largest_radius_px: f32 = 36.0, "px", 1.0..=64.0;
+        "diffusion: conserving keeps light; printed: as in the paper"
+        mix: Mix = Mix::Conserving;
+        "diffusion: K of the printed mix"
+        mix_ratio: f32 = 0.7, "1", 0.0..=1.0;
+        "diffusion: below this blur factor (0 to 1) the original is mixed in (w)"
+        blend_below: f32 = 0.1, "1", 0.0..=1.0;
+    }
+}
+
+/// Diameters of the circles of everything drawn, px: the smallest and the largest.
+pub fn circles_px(moment: &Moment<'_>) -> [f32; 2] {
+    let Some(opening) = moment.capture.opening else { return [0.0; 2] };
+    let [nearest, farthest] = moment.depths_m;
+    let depths_m = moment.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
+    let [near, far] = depths_m.map(|depth| opening.circle_px(moment.picture.intrinsics.fx_px, depth) as f32);
+    let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
+    [least, near.abs().max(far.abs())]
+}
