@@ -152,7 +152,7 @@ fn photographed(
             frame: gpu::frame(3, 0.0, stripes(size)),
             picture: &picture,
             capture,
-            real: RealDepth::Known { grid: None, surfaces: real_too.then_some(&surfaces) },
+            real: RealDepth::Known { grid: None, surfaces: real_too.then_some(&surfaces), moments: &[] },
             track: &sideways([200.0, 60.0]),
             time_offset_s: 0.0,
             interval_s: 1.0 / 30.0,

@@ -82,6 +82,7 @@ fn photo_of_frame(
         exposure,
         summed: &[],
         depth: None,
+        hiding: &[],
     };
     take(&mut compositor, &standpoint, framing, real, &exposed, |_| ()).unwrap().pixels
 }
@@ -330,7 +331,7 @@ fn parts_join_without_a_seam() {
                 frame: gpu::frame(3, 0.0, stripes.clone()),
                 picture: &geometry,
                 capture,
-                real: RealDepth::Known { grid: None, surfaces },
+                real: RealDepth::Known { grid: None, surfaces, moments: &[] },
                 track: &track,
                 time_offset_s: 0.0,
                 interval_s: 1.0 / 30.0,

@@ -69,6 +69,7 @@ fn photo_with(
         exposure: Default::default(),
         summed: &[],
         depth: Some(depth),
+        hiding: &[],
     };
     let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
     take(&mut compositor, &standpoint, &framing, real, &exposed, |_| ()).unwrap().pixels

@@ -6,7 +6,7 @@ use super::{Job, RealDepth, Settings};
 use crate::depth::{RayCache, Repair, measured_from};
 use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture};
-use crate::pixels::Rect;
+use crate::render::real_depth;
 
 /// The real scene's depth over the drawn rectangle (metres, 0 unknown).
 #[derive(Debug, Default)]
@@ -40,7 +40,8 @@ impl Hidden {
                 let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
                 Repair { rays, depth, measured: &measured, frame: &sight.keys.middle(), pixels, response }.over(drawn)
             }),
-            RealDepth::Known { grid, .. } => grid.filter(|_| !plan.hides_itself()).map(|grid| grid.over(drawn)),
+            RealDepth::Known { moments, .. } if plan.hides_itself() && moments.is_empty() => None,
+            RealDepth::Known { grid, .. } => grid.map(|grid| grid.over(drawn)),
         };
         let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
         // If objects are cut off after the blur, only what stays hidden when blurred is hidden before.
@@ -56,11 +57,4 @@ impl Hidden {
             nothing_because,
         }
     }
-}
-
-fn real_depth(recorder: &mut Recorder, texels: &[f32], drawn: Rect) -> Texture {
-    let size = (drawn.width(), drawn.height());
-    let texture = recorder.pool.lend_to_write(&recorder.gpu, size, wgpu::TextureFormat::R32Float);
-    texture.write(&recorder.gpu, size.0, size.1, texels);
-    texture
 }

@@ -33,8 +33,9 @@ pub enum RealDepth<'a> {
     /// From the frame's own depth map, if it has one.
     OfFrame,
     /// Known at the frame's moment over the picture that is made; it hides virtual things. With the surfaces made from
-    /// it, effects act on the real part too.
-    Known { grid: Option<&'a DepthGrid>, surfaces: Option<&'a Surfaces> },
+    /// it, effects act on the real part too. A picture that sums frames has `moments`: what hides in each of them,
+    /// with its time in seconds from the picture's.
+    Known { grid: Option<&'a DepthGrid>, surfaces: Option<&'a Surfaces>, moments: &'a [(f64, DepthGrid)] },
 }
 
 /// Where the picture goes.

@@ -21,7 +21,7 @@ use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, Recorder};
 use crate::pixels::{LayerImage, Rect};
-use crate::render::{Layer, Renderer, View};
+use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
@@ -141,13 +141,15 @@ impl Compositor {
             shutter: sight.shutter,
             depths_m: sight.footprint.depths_m,
             rect: places.drawn,
-            occlusion: hidden.first.as_ref().map(|texture| (texture, tolerance_m)),
+            occlusion: hidden.first.as_ref().map(|depth| Occlusion { depth, tolerance_m, moments: job.real.moments() }),
             parallel_to_m: None,
             outer: None,
         };
         let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);
         layer.real = plan.surfaces.map(|surfaces| {
-            let tolerance_m = settings.depth.occlusion.then_some(tolerance_m);
+            // What is hidden moment by moment is hidden already.
+            let hides = settings.depth.occlusion && job.real.moments().is_empty();
+            let tolerance_m = hides.then_some(tolerance_m);
             let pixels = &job.frame.pixels;
             real::real_layer(&mut self.recorder, pixels, surfaces, places.drawn, tolerance_m, &camera.response)
         });

@@ -3,7 +3,7 @@
 use super::places::{Asked, Places};
 use super::{Job, RealDepth, Settings, SubmitError};
 use crate::camera::{Camera, Geometry};
-use crate::depth::Surfaces;
+use crate::depth::{DepthGrid, Surfaces};
 use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
@@ -75,6 +75,14 @@ impl<'a> RealDepth<'a> {
         match self {
             Self::OfFrame => None,
             Self::Known { surfaces, .. } => *surfaces,
+        }
+    }
+
+    /// What hides in each of the frames that the picture sums.
+    pub fn moments(&self) -> &'a [(f64, DepthGrid)] {
+        match self {
+            Self::OfFrame => &[],
+            Self::Known { moments, .. } => moments,
         }
     }
 }

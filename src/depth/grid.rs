@@ -18,7 +18,7 @@ pub struct DepthGrid {
     pub enlargement: f64,
     /// z, metres; known everywhere.
     pub depth_m: Vec<f32>,
-    /// Linear light.
+    /// Linear light; empty if the depth alone is wanted.
     pub light: Vec<[f32; 3]>,
     /// Whether nearer surfaces have been widened by a pixel, for the picture's soft edges.
     pub is_widened: bool,
@@ -35,15 +35,42 @@ impl DepthGrid {
         framed: &Framed,
         response: &Response,
     ) -> Option<Self> {
+        let size = (pixels.width, pixels.height);
+        Self::completed((pixels, |at| at), recorded, depth_m, framed, size, response)
+    }
+
+    /// The depth alone, without light, by a frame as it was recorded. `size`: the photograph's.
+    pub fn of_frame(
+        pixels: &Pixels,
+        recorded: &Intrinsics,
+        depth_m: &[f32],
+        framed: &Framed,
+        size: (u32, u32),
+        response: &Response,
+    ) -> Option<Self> {
+        let looked_at = |at| framed.source_px(at);
+        let grid = Self::completed((pixels, looked_at), recorded, depth_m, framed, size, response);
+        grid.map(|grid| Self { light: Vec::new(), ..grid })
+    }
+
+    /// `place_of`: where in the picture a place in the photograph is.
+    fn completed(
+        (pixels, place_of): (&Pixels, impl Fn(DVec2) -> DVec2),
+        recorded: &Intrinsics,
+        depth_m: &[f32],
+        framed: &Framed,
+        size: (u32, u32),
+        response: &Response,
+    ) -> Option<Self> {
         let (whole_width, whole_height) = (recorded.width_px as usize, recorded.height_px as usize);
         if depth_m.len() != whole_width * whole_height {
             return None;
         }
         // One pixel of the grid per pixel of the recording, or of the photograph if those are larger.
-        let area = f64::from(pixels.width) * f64::from(pixels.height);
+        let area = f64::from(size.0) * f64::from(size.1);
         let enlargement = framed.step.recip().max((area / MOST_PIXELS).sqrt()).max(1.0);
         let side = |pixels: u32| (f64::from(pixels) / enlargement).ceil().max(1.0) as u32;
-        let (width, height) = (side(pixels.width), side(pixels.height));
+        let (width, height) = (side(size.0), side(size.1));
         let places =
             || (0..height).flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)));
         let place = |at: f64, side: usize| at.clamp(0.0, side as f64 - 1.0) as usize;
@@ -53,7 +80,7 @@ impl DepthGrid {
         };
         let of_code = response.table(pixels.max_code());
         let seen = |at: DVec2| {
-            let at = enlargement * at;
+            let at = place_of(enlargement * at);
             let (x, y) = (place(at.x, pixels.width as usize), place(at.y, pixels.height as usize));
             pixels.at(x as u32, y as u32).map(|code| of_code[code as usize] as f32)
         };

@@ -17,6 +17,7 @@
 
 mod focus;
 mod framing;
+mod hiding;
 mod real;
 mod sheet;
 mod take;
@@ -24,6 +25,7 @@ mod take;
 pub use crate::camera::Summed;
 pub use focus::distance_m;
 pub use framing::{Aim, Framing, FramingError};
+pub use hiding::Hiding;
 pub use real::{RealPart, shutter_weights};
 pub use sheet::{contact_sheet, small};
 pub use take::{Exposed, Standpoint, TakeError, Taken, take};

@@ -37,6 +37,9 @@ pub struct Standpoint<'a> {
     pub exposure: FrameExposure,
     /// Depth that hides virtual things, and on which the real part's depth of field depends.
     pub depth: Option<&'a DepthMap>,
+    /// What hides them in each of the summed frames ([`Hiding`](super::Hiding)), with its time in seconds from the
+    /// frame's. Where it is empty, `depth` hides.
+    pub hiding: &'a [(f64, DepthGrid)],
 }
 
 /// How the photograph is exposed.
@@ -134,7 +137,7 @@ pub fn take(
             frame,
             picture: &framing.geometry,
             capture: Capture { region, ..capture.clone() },
-            real: RealDepth::Known { grid: grid.as_ref(), surfaces: surfaces.as_ref() },
+            real: RealDepth::Known { grid: grid.as_ref(), surfaces: surfaces.as_ref(), moments: standpoint.hiding },
             track: standpoint.track,
             time_offset_s: standpoint.time_offset_s,
             interval_s: standpoint.interval_s,

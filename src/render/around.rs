@@ -173,7 +173,7 @@ impl AroundUniform {
             most_px_per_s: most_px_per_s(geometry, view.shutter) as f32,
             view_focal: views.fx_px as f32,
             view_middle: views.cx_px as f32,
-            tolerance_m: view.occlusion.map_or(0.0, |(_, tolerance)| tolerance),
+            tolerance_m: view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m),
             drawn,
             right: axes[0],
             down: axes[1],
@@ -196,7 +196,7 @@ pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Laye
     let mut pass = recorder
         .pass(Shader::Around, Entry::from("main").choose("fisheye", fisheye))
         .uniform("around", &AroundUniform::new(view, sides.iter().map(|(side, _)| side)))
-        .texture("real_depth", view.occlusion.map_or(no_depth, |(texture, _)| texture));
+        .texture("real_depth", view.occlusion.map_or(no_depth, |occlusion| occlusion.depth));
     for (face, (color, geometry)) in Face::ALL.into_iter().zip(COLORS.into_iter().zip(GEOMETRIES)) {
         let drawn = sides.iter().find(|(side, _)| side.face == face).map(|(_, layer)| layer);
         pass = pass.texture(color, drawn.map_or(&nothing[0], |layer| &layer.color));

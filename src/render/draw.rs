@@ -13,6 +13,7 @@ use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::material::bind_groups;
 use super::motion::Motion;
+use super::occlusion::Occlusion;
 use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
 use super::plan::{Layer, Sample, SamplePlan};
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
@@ -208,12 +209,14 @@ impl Renderer {
         }
         let one = layer(recorder, size);
         let sum = Sum::new(&recorder.gpu, size);
-        for (i, sample) in plan.samples.iter().enumerate() {
+        let mut held = None;
+        for (i, sample) in Occlusion::in_turn(view.occlusion.as_ref(), &plan.samples).into_iter().enumerate() {
             let part = self.part_of(view, sample, plan.focus_distance_m, &prepared);
             if !part.is_empty() {
                 let one = Layer { size: (part.width(), part.height()), ..one.clone() };
                 let from = ((part.x0 - view.rect.x0) as u32, (part.y0 - view.rect.y0) as u32);
-                let view = View { rect: part, ..*view };
+                let occlusion = view.occlusion.map(|real| real.of(sample, recorder, view.rect, &mut held));
+                let view = View { rect: part, occlusion, ..*view };
                 self.draw_sample(recorder, &view, (sample, plan.focus_distance_m), &prepared, &one);
                 sum.add(recorder, &one, from, sample.weight);
             }
@@ -377,7 +380,7 @@ impl Renderer {
         });
         let light = LightUniform::new(&self.scene.lighting, &self.environment, view.keys.origin_in_world_m);
         let light = recorder.uniform(bytemuck::bytes_of(&light));
-        let depth_view = view.occlusion.map_or(&self.no_depth.view, |(t, _)| &t.view);
+        let depth_view = view.occlusion.map_or(&self.no_depth.view, |occlusion| &occlusion.depth.view);
         let frame = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame"),
             layout: &self.pipelines.frame_layout,

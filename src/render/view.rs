@@ -2,9 +2,9 @@
 
 use glam::{DQuat, DVec3};
 
+use super::occlusion::Occlusion;
 use super::plan::Sample;
 use crate::camera::{Geometry, LensModel};
-use crate::gpu::Texture;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
@@ -107,8 +107,8 @@ pub struct View<'a> {
     pub depths_m: [f64; 2],
     /// The area drawn, in raster axes; may extend beyond the picture.
     pub rect: Rect,
-    /// The real scene's depth over the frame's rectangle (metres, 0 unknown), and how much nearer it must be to hide.
-    pub occlusion: Option<(&'a Texture, f32)>,
+    /// What real things hide; `None` if nothing.
+    pub occlusion: Option<Occlusion<'a>>,
     /// If rays are parallel: how far (m) they reach from the camera's plane. `geometry` then has no distortion, and its
     /// focal lengths are px per metre.
     pub parallel_to_m: Option<f64>,
@@ -159,7 +159,7 @@ crate::uniform! {
 impl ViewUniform {
     /// `whole` is the rectangle over which the real scene's depth is known.
     pub fn new(view: &View<'_>, whole: &Rect, sample: &Sample, focus_distance_m: f64) -> Self {
-        let tolerance_m = view.occlusion.map_or(0.0, |(_, tolerance)| tolerance);
+        let tolerance_m = view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m);
         let from = [view.rect.x0 - whole.x0, view.rect.y0 - whole.y0].map(|c| c as f32);
         let time_s = sample.time_s;
         let View { geometry, keys, shutter, rect, .. } = *view;

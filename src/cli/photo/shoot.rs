@@ -14,7 +14,7 @@ use crate::camera::{Camera, Geometry, Lens, Opening};
 use crate::cli::warn;
 use crate::compositor::{Compositor, Target, exposure_time_s};
 use crate::frame::Frame;
-use crate::photo::{self, Aim, Exposed, Framing, RealPart, Standpoint, Summed, Taken};
+use crate::photo::{self, Aim, Exposed, Framing, Hiding, RealPart, Standpoint, Summed, Taken};
 use crate::pixels::Rect;
 use crate::shot::{Shot, USUAL_ISO};
 use crate::sink::photograph::Notes;
@@ -89,14 +89,19 @@ impl Shoot<'_> {
             (args.light.frame..args.light.frame + 1, vec![1.0])
         };
         let mut frames = Vec::with_capacity(weights.len());
-        let mut summed = Vec::new();
+        let (mut summed, mut hiding) = (Vec::new(), Vec::new());
         if range.len() == 1 {
             frames.push((1.0, self.frame.pixels.clone()));
         } else {
+            let by_depth = self.frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
+            let from = (&recording.track, recording.time_offset_s);
+            let by_depth = by_depth.map(|depth| Hiding::new(&self.whole, from, framing, &self.camera.response, depth));
             for (frame, weight) in recording.frames(range)?.zip(weights) {
                 let frame = frame?;
+                let time_s = frame.timestamp_s - self.frame.timestamp_s;
+                hiding.extend(by_depth.as_ref().and_then(|hiding| Some((time_s, hiding.of(&frame)?))));
                 let exposure_s = exposure_time_s(&self.camera, &shot.settings, &frame, recording.frame_interval_s);
-                summed.push(Summed { time_s: frame.timestamp_s - self.frame.timestamp_s, exposure_s, weight });
+                summed.push(Summed { time_s, exposure_s, weight });
                 frames.push((weight, frame.pixels));
             }
         }
@@ -132,6 +137,7 @@ impl Shoot<'_> {
             exposure: self.frame.exposure,
             summed: &summed,
             depth: self.frame.depth.as_ref(),
+            hiding: &hiding,
         };
         Ok(photo::take(&mut self.compositor, &standpoint, framing, real, &exposed, done)?)
     }

@@ -1,0 +1,59 @@
+//! What hides virtual things in each of the frames that a photograph sums.
+//!
+//! While the shutter is open the camera moves, and real edges with it: a frame's depth hides where that frame's picture
+//! has its edges, and nowhere else. So each frame has a map of its own, completed by its own picture, and what is drawn
+//! within the frame's exposure is hidden by that. In the sum a thing behind a real edge is cut off as softly as the edge
+//! itself is blurred.
+//!
+//! Not modelled: that the real part beside a pixel's virtual share is that of the moments in which it was seen (the mean
+//! of all frames stands for it), and that a blurred thing is cut off sharply by a real one in focus: here it is cut off
+//! first and blurred then.
+
+use super::Framing;
+use crate::camera::{Geometry, Response};
+use crate::depth::{DepthGrid, Rays};
+use crate::frame::Frame;
+use crate::pixels::{DepthMap, Rect};
+use crate::tracking::PoseTrack;
+
+/// What is the same for all frames.
+#[derive(Debug)]
+pub struct Hiding<'a> {
+    rays: Rays,
+    recorded: &'a Geometry,
+    track: &'a PoseTrack,
+    time_offset_s: f64,
+    framing: &'a Framing,
+    response: &'a Response,
+    /// Stands for that of a frame without one.
+    depth: &'a DepthMap,
+}
+
+impl<'a> Hiding<'a> {
+    pub fn new(
+        recorded: &'a Geometry,
+        (track, time_offset_s): (&'a PoseTrack, f64),
+        framing: &'a Framing,
+        response: &'a Response,
+        depth: &'a DepthMap,
+    ) -> Self {
+        Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth }
+    }
+
+    /// A frame's depth over the photograph; `None` if it is not known when it was measured from where.
+    pub fn of(&self, frame: &Frame) -> Option<DepthGrid> {
+        let intrinsics = &self.recorded.intrinsics;
+        let depth = frame.depth.as_ref().unwrap_or(self.depth);
+        let [measured, taken] = [depth.timestamp_s, frame.timestamp_s].map(|t| self.track.at(t + self.time_offset_s));
+        let whole = Rect::full(intrinsics.width_px, intrinsics.height_px);
+        let depth_m = self.rays.reproject(depth, &measured.ok()?, &taken.ok()?, whole);
+        DepthGrid::of_frame(
+            &frame.pixels,
+            intrinsics,
+            &depth_m,
+            &self.framing.framed,
+            self.framing.size(),
+            self.response,
+        )
+    }
+}
