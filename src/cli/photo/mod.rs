@@ -43,7 +43,7 @@ pub struct Args {
     /// then fills half of the photograph unless --focal or --across says otherwise
     #[arg(long, value_name = "X,Y|OBJECT")]
     aim: Option<String>,
-    /// How many columns of the recorded picture the photograph is wide
+    /// Width of the photograph in columns of the recorded picture
     #[arg(long, value_name = "PX", conflicts_with = "focal", value_parser = aim::columns)]
     across: Option<f64>,
     /// The camera stands still while the shutter is open, as long as that may be: real and virtual things are as blurred as
@@ -225,7 +225,6 @@ pub fn run(args: &Args) -> Result<()> {
         }
         let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
         bar.set_message(format!("photograph {} of {}", n + 1, series.len()));
-        bar.enable_steady_tick(std::time::Duration::from_millis(500));
         let done = |share: f64| bar.set_position((100.0 * share) as u64);
         let photo::Taken { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, done)?;
         bar.finish_and_clear();
