@@ -1,6 +1,7 @@
 //! Raw R, G, B values, frame after frame, without a header; 16-bit values are little-endian.
 
-use std::io::Write;
+use std::io::{Error, Write};
+use std::path::{Path, PathBuf};
 
 use super::{Sink, SinkError, SinkOptions, little_endian};
 use crate::pixels::Pixels;
@@ -8,23 +9,32 @@ use crate::pixels::Pixels;
 #[derive(Debug)]
 pub struct RawSink<W> {
     writer: W,
+    /// `None` for the standard output.
+    path: Option<PathBuf>,
     options: SinkOptions,
 }
 
 impl<W: Write> RawSink<W> {
-    pub fn new(writer: W, options: &SinkOptions) -> Self {
-        Self { writer, options: *options }
+    pub fn new(writer: W, path: Option<&Path>, options: &SinkOptions) -> Self {
+        Self { writer, path: path.map(Path::to_owned), options: *options }
+    }
+
+    fn failed(&self, source: Error) -> SinkError {
+        match self.path.clone() {
+            Some(path) => SinkError::Write { path, source },
+            None => SinkError::Stdout { source },
+        }
     }
 }
 
 impl<W: Write> Sink for RawSink<W> {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
         self.options.check(frame_index, pixels)?;
-        self.writer.write_all(&little_endian(&pixels.codes)).map_err(|source| SinkError::Stdout { source })
+        self.writer.write_all(&little_endian(&pixels.codes)).map_err(|source| self.failed(source))
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), SinkError> {
-        self.writer.flush().map_err(|source| SinkError::Stdout { source })
+        self.writer.flush().map_err(|source| self.failed(source))
     }
 }
 
@@ -36,7 +46,7 @@ mod tests {
     fn values_follow_each_other_low_byte_first() {
         let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: 2, height: 1, bits: 16 };
         let mut written = Vec::new();
-        let mut sink = Box::new(RawSink::new(&mut written, &options));
+        let mut sink = Box::new(RawSink::new(&mut written, None, &options));
         sink.write(0, &Pixels::from_u16(2, 1, vec![1, 0x0203, 0, 0, 0, 0xfffe]).unwrap()).unwrap();
         let error = sink.write(1, &Pixels::from_u8(2, 1, vec![0; 6]).unwrap()).unwrap_err().to_string();
         assert_eq!(error, "frame 1 is 2x1 with 8 bits; 2x1 with 16 bits was announced");
