@@ -147,7 +147,7 @@ mod tests {
             assert!(inputs.check_file(&at("link")).is_err());
             // Links among an output's files, to what is read and to what would be a frame.
             std::fs::create_dir(at("links")).unwrap();
-            for (name, to) in [("0.png", "scene.toml"), ("1.png", "r/rgb/0.jpg"), ("2.png", "r/rgb/new.png")] {
+            for (name, to) in [("0.png", "scene.toml"), ("1.png", "r/rgb/0.jpg"), ("2.png", "r/new.png")] {
                 std::os::unix::fs::symlink(at(to), at("links").join(name)).unwrap();
                 assert!(inputs.check_folder(&at("links"), [name.to_owned()]).is_err(), "{name}");
             }

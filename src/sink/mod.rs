@@ -163,11 +163,11 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
     Ok(match out {
         OutPath::Folder(path) => Box::new(folder::FolderSink::open(path, options)?),
         OutPath::Video(path) => Box::new(video::VideoSink::open(path, options)?),
-        OutPath::Stdout => Box::new(raw::RawSink::new(std::io::stdout(), None, options)),
+        OutPath::Stdout => Box::new(raw::RawSink::new(std::io::stdout(), options)),
         OutPath::Stream(path) => {
             let file = std::fs::File::options().write(true).open(path);
             let file = file.map_err(|source| SinkError::of_writing(path, source))?;
-            Box::new(raw::RawSink::new(file, Some(path), options))
+            Box::new(raw::RawSink::new(file, options).named(path))
         }
     })
 }

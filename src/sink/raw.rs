@@ -15,8 +15,13 @@ pub struct RawSink<W> {
 }
 
 impl<W: Write> RawSink<W> {
-    pub fn new(writer: W, path: Option<&Path>, options: &SinkOptions) -> Self {
-        Self { writer, path: path.map(Path::to_owned), options: *options }
+    pub fn new(writer: W, options: &SinkOptions) -> Self {
+        Self { writer, path: None, options: *options }
+    }
+
+    /// Names what is written to in errors.
+    pub fn named(self, path: &Path) -> Self {
+        Self { path: Some(path.to_owned()), ..self }
     }
 
     fn failed(&self, source: Error) -> SinkError {
@@ -46,7 +51,7 @@ mod tests {
     fn values_follow_each_other_low_byte_first() {
         let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: 2, height: 1, bits: 16 };
         let mut written = Vec::new();
-        let mut sink = Box::new(RawSink::new(&mut written, None, &options));
+        let mut sink = Box::new(RawSink::new(&mut written, &options));
         sink.write(0, &Pixels::from_u16(2, 1, vec![1, 0x0203, 0, 0, 0, 0xfffe]).unwrap()).unwrap();
         let error = sink.write(1, &Pixels::from_u8(2, 1, vec![0; 6]).unwrap()).unwrap_err().to_string();
         assert_eq!(error, "frame 1 is 2x1 with 8 bits; 2x1 with 16 bits was announced");
