@@ -24,17 +24,17 @@ pub struct LightArgs {
     /// The film speed, 100 to 25600; else the recording's
     #[arg(long, allow_hyphen_values = true, value_parser = stops::parse_iso)]
     pub iso: Option<f64>,
-    /// Stops brighter than correct that are wanted, -5 to 5
+    /// Exposure compensation: this many stops brighter than correct, -5 to 5
     #[arg(long, value_name = "EV", default_value_t = 0.0, allow_hyphen_values = true, value_parser = compensation)]
     pub compensation: f64,
     /// The light on the scene, in lux; else it is estimated from the picture and its settings
     #[arg(long, value_name = "LX", allow_hyphen_values = true, value_parser = lux)]
     pub lux: Option<f64>,
-    /// The camera and the effects' parameters, above the recording's own
+    /// The camera and the effects' parameters; overrides the recording's own
     #[arg(long)]
     pub profile: Option<PathBuf>,
-    /// Set a parameter, as in --set camera.lens.blades=5; of camera.exposure and camera.lens.f_number, what the recording
-    /// was taken with
+    /// Set a parameter, as in --set camera.lens.blades=5; camera.exposure and camera.lens.f_number say how the recording
+    /// was taken
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     pub sets: Vec<String>,
     /// Length of a nerfstudio or COLMAP unit

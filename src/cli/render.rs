@@ -30,10 +30,10 @@ pub struct Args {
     /// (fisheye; 180, little-planet; 250), horizontal and, after a comma, vertical (environment; 360,180)
     #[arg(long, value_name = "DEG[,DEG]", value_parser = angles, allow_hyphen_values = true)]
     fov: Option<(f64, Option<f64>)>,
-    /// How much of the world the picture is high, in metres (orthographic); else all of the scene
+    /// Height of the view in metres (orthographic); else the whole scene
     #[arg(long, value_name = "M", value_parser = metres, allow_hyphen_values = true)]
     height: Option<f64>,
-    /// How far the window lies to the right and above of the axis, in its own widths and heights (off-centre)
+    /// Shift of the picture to the right of the axis and above it, in picture widths and heights (off-centre)
     #[arg(long, value_name = "X,Y", value_parser = vector::<2>, allow_hyphen_values = true)]
     shift: Option<[f64; 2]>,
     /// Where the camera stands, in metres; else where it sees the scene
@@ -120,9 +120,13 @@ fn metres(text: &str) -> Result<f64, String> {
 }
 
 fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let parsed: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.abs() <= 1e9)).collect();
-    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
+    let parsed: Option<Vec<f64>> = text.split(',').map(|t| t.trim().parse().ok()).collect();
+    let numbers: Option<[f64; N]> = parsed.and_then(|v| v.try_into().ok());
+    let numbers = numbers.ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))?;
+    match numbers.iter().all(|v| v.abs() <= 1e9) {
+        true => Ok(numbers),
+        false => Err(format!("{text}: accepted are numbers from -1000000000 to 1000000000")),
+    }
 }
 
 pub fn run(args: &Args) -> Result<()> {

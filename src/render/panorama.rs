@@ -113,7 +113,7 @@ fn taps(a2: f32, width: u32) -> Vec<Tap> {
         // The density of directions is D/4 with the eye along the normal.
         let density = a2 / (4.0 * std::f32::consts::PI * (cos2 * (a2 - 1.0) + 1.0).powi(2));
         let share = 1.0 / (density * LOBE_SAMPLES as f32);
-        let source = (0.5 * (share / texel).log2() + 0.0).round().max(0.0) as usize;
+        let source = (0.5 * (share / texel).log2()).round().max(0.0) as usize;
         Tap { towards: 2.0 * half.z * half - Vec3::Z, source }
     };
     (0..LOBE_SAMPLES).map(tap).filter(|tap| tap.towards.z > 0.0).collect()

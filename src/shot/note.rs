@@ -56,7 +56,7 @@ impl fmt::Display for Note {
                 write!(f, "nothing real hides objects in {of}, though there is depth (frame {first}: {because})")
             }
             Self::NothingSeen => f.write_str(
-                "no object of the scene is before the camera: `locard inspect RECORDING --frame N` says where the camera is \
+                "no object of the scene is in the picture: `locard inspect RECORDING --frame N` says where the camera is \
                  and looks, `locard inspect SCENE` where the objects are",
             ),
         }

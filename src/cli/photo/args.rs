@@ -24,7 +24,7 @@ pub struct Args {
     /// then fills half of the photograph unless --focal or --across says otherwise
     #[arg(long, value_name = "X,Y|OBJECT")]
     pub aim: Option<String>,
-    /// How many columns of the recorded picture the photograph is wide
+    /// Width of the photograph in columns of the recorded picture
     #[arg(long, value_name = "PX", conflicts_with = "focal", value_parser = columns)]
     pub across: Option<f64>,
     /// The camera stands still while the shutter is open, as long as that may be: real and virtual things are as blurred as

@@ -24,6 +24,8 @@ pub struct Dials {
     pub compensation_ev: f64,
     pub limits: Limits,
     pub focus_distance_m: f64,
+    /// Whether the shutter can be open only as long as the recording goes on.
+    hand_held: bool,
 }
 
 /// The times of a series, in stops from its middle.
@@ -82,6 +84,7 @@ impl Dials {
             compensation_ev: args.light.compensation,
             limits,
             focus_distance_m: f64::INFINITY,
+            hand_held: args.hand_held,
         })
     }
 
@@ -96,11 +99,10 @@ impl Dials {
         missed.then(|| {
             let (stops, side, helps) = match asked.over_ev {
                 over if over > 0.0 => (over, "too bright", "a smaller --iso helps"),
-                over => (
-                    -over,
-                    "too dark",
-                    "a larger --iso helps; held in the hand, a frame further from the recording's ends",
-                ),
+                over if self.hand_held => {
+                    (-over, "too dark", "a larger --iso helps, or a frame further from the recording's ends")
+                }
+                over => (-over, "too dark", "a larger --iso helps"),
             };
             let Limits { shortest_s, longest_s, widest_f_number, narrowest_f_number, .. } = self.limits;
             format!(

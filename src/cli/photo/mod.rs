@@ -139,7 +139,6 @@ pub fn run(args: &Args) -> Result<()> {
         }
         let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
         bar.set_message(format!("photograph {} of {}", n + 1, series.len()));
-        bar.enable_steady_tick(std::time::Duration::from_millis(500));
         let done = |share: f64| bar.set_position((100.0 * share) as u64);
         let photo::Taken { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, done)?;
         bar.finish_and_clear();
