@@ -4,6 +4,8 @@
 //! The list is global because signals are: ending the program undoes the whole list, whatever the threads are doing.
 
 use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Undoes one thing.
@@ -60,6 +62,29 @@ impl Drop for Unfinished {
     }
 }
 
+/// A folder for output, made with those above it. Unless kept, the ones that were not there before are removed again,
+/// as far as they are empty.
+#[derive(Debug)]
+pub struct MadeFolder(Unfinished);
+
+impl MadeFolder {
+    pub fn make(folder: &Path) -> io::Result<Self> {
+        let begun = Unfinished::begin(|| {
+            let is_new = |at: &&Path| !at.as_os_str().is_empty() && !at.exists();
+            // The deepest comes first.
+            let new: Vec<PathBuf> = folder.ancestors().take_while(is_new).map(Path::to_owned).collect();
+            std::fs::create_dir_all(folder)?;
+            let undo: Undo = Box::new(move || _ = new.iter().try_for_each(std::fs::remove_dir));
+            Ok::<_, io::Error>(((), undo))
+        });
+        Ok(Self(begun?.1))
+    }
+
+    pub fn keep(self) {
+        let _ = self.0.finish(|| Ok::<_, ()>(()));
+    }
+}
+
 /// Undoes everything, newest first. While the returned value lives, nothing can be begun or finished, so that the
 /// program can end.
 #[must_use]
@@ -77,6 +102,21 @@ mod tests {
     use std::sync::atomic::{AtomicU32, Ordering};
 
     use super::*;
+
+    #[test]
+    fn a_made_folder_stays_if_it_is_kept_or_not_empty() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = temp.path().join("a/b");
+        drop(MadeFolder::make(&folder).unwrap());
+        assert!(!temp.path().join("a").exists() && temp.path().exists());
+        let made = MadeFolder::make(&folder).unwrap();
+        std::fs::write(temp.path().join("a/mine"), "").unwrap();
+        drop(made);
+        assert!(!folder.exists() && temp.path().join("a/mine").exists());
+        MadeFolder::make(&folder).unwrap().keep();
+        drop(MadeFolder::make(&folder).unwrap());
+        assert!(folder.exists());
+    }
 
     #[test]
     fn what_is_not_finished_is_undone_once() {

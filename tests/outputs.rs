@@ -140,22 +140,24 @@ fn a_heavy_frame_is_ended_at_once() {
     let temp = tempfile::tempdir().unwrap();
     let begun = || std::fs::read_dir(temp.path()).unwrap().count() > 0;
     let heavy = ["depth_of_field.method=reference", "camera.lens.f_number=0.5", "camera.lens.focus_distance_m=0.2"];
-    let mut running = program()
-        .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "71..72", "-o"])
-        .arg(temp.path().join("out.mkv"))
-        .args(heavy.map(|set| ["--set", set]).as_flattened())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    while !begun() && running.try_wait().unwrap().is_none() {
-        std::thread::yield_now();
+    for out in ["out.mkv", "new/frames"] {
+        let mut running = program()
+            .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "71..72", "-o"])
+            .arg(temp.path().join(out))
+            .args(heavy.map(|set| ["--set", set]).as_flattened())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        while !begun() && running.try_wait().unwrap().is_none() {
+            std::thread::yield_now();
+        }
+        Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
+        let mut said = String::new();
+        std::io::BufReader::new(running.stderr.take().unwrap()).read_line(&mut said).unwrap();
+        assert!(said.starts_with("locard: interrupted; "), "{said}");
+        assert_eq!(running.wait().unwrap().code(), Some(2));
+        assert!(!begun(), "{out}");
     }
-    Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
-    let mut said = String::new();
-    std::io::BufReader::new(running.stderr.take().unwrap()).read_line(&mut said).unwrap();
-    assert!(said.starts_with("locard: interrupted; "), "{said}");
-    assert_eq!(running.wait().unwrap().code(), Some(2));
-    assert!(!begun());
 }
 
 #[test]

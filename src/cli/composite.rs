@@ -17,7 +17,8 @@ use crate::gpu::Gpu;
 use crate::recording::OpenOptions;
 use crate::shot::{Composites, Given, Note, Shot};
 use crate::sink::atomic::write_atomically;
-use crate::sink::{self, OutPath, SinkOptions};
+use crate::sink::{self, OutPath, SinkOptions, is_stdout};
+use crate::unfinished::MadeFolder;
 use crate::words::count;
 
 #[derive(clap::Args)]
@@ -50,7 +51,7 @@ pub struct Args {
     /// Also write what was found and done for each frame; - for stdout
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout
+    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout (a pipe or a device gets raw RGB too)
     #[arg(short = 'o', long = "output", value_name = "OUT")]
     output: PathBuf,
     /// Keep every code value in a video
@@ -102,17 +103,24 @@ pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) 
 
 /// Receives frames while the next ones are drawn.
 struct Writer {
+    /// Made after the sink's folder, which may hold it, and removed before.
+    layers: Option<(PathBuf, MadeFolder)>,
     sink: Box<dyn sink::Sink + Send>,
-    layers: Option<PathBuf>,
     force: bool,
 }
 
 impl Writer {
     fn write(&mut self, done: &Composited) -> Result<()> {
-        if let (Some(folder), Some(layer)) = (&self.layers, &done.layer) {
+        if let (Some((folder, _)), Some(layer)) = (&self.layers, &done.layer) {
             sink::exr::write_layers(&folder.join(layer_name(done.frame)), layer, self.force)?;
         }
         Ok(self.sink.write(done.frame, &done.pixels)?)
+    }
+
+    fn finish(self) -> Result<()> {
+        self.sink.finish()?;
+        self.layers.into_iter().for_each(|(_, made)| made.keep());
+        Ok(())
     }
 }
 
@@ -160,10 +168,11 @@ pub fn run(args: Args) -> Result<()> {
             bits: recording.bits,
         },
     )?;
-    let layers = args.layers.clone();
-    if let Some(folder) = &layers {
-        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
-    }
+    let layers = args.layers.clone().map(|folder| {
+        let made = MadeFolder::make(&folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
+        anyhow::Ok((folder, made))
+    });
+    let layers = layers.transpose()?;
     let bar = progress(args.quiet, range.len());
     let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
     let adapter = compositor.gpu().info.clone();
@@ -193,14 +202,9 @@ pub fn run(args: Args) -> Result<()> {
             write_atomically(path, args.force, |file| file.write_all(text.as_bytes()))?;
         }
     }
-    let place =
-        if args.output.as_os_str() == "-" { "standard output".to_owned() } else { args.output.display().to_string() };
+    let place = if out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
     tell(args.quiet, &format!("{} in {:.1} s: {place}", count(stats.len(), "frame"), start.elapsed().as_secs_f64()));
     Ok(())
-}
-
-fn is_stdout(path: &Path) -> bool {
-    path.as_os_str() == "-"
 }
 
 /// Checks that all outputs can be written, before any is begun.
@@ -208,7 +212,7 @@ fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usiz
     match out {
         OutPath::Folder(folder) => inputs.check_folder(folder, range.clone().map(sink::folder::frame_name))?,
         OutPath::Video(file) => inputs.check_file(file)?,
-        OutPath::Stdout => {}
+        OutPath::Stdout | OutPath::Stream(_) => {}
     }
     sink::check(out, args.force)?;
     if let Some(folder) = &args.layers {
@@ -223,7 +227,7 @@ fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usiz
     }
     let Some(report) = &args.report else { return check_apart(args, out, range) };
     if is_stdout(report) && *out == OutPath::Stdout {
-        bail!("-: is the output already; --report needs a file of its own");
+        bail!("{}: is the output already; --report needs a file of its own", report.display());
     }
     check_apart(args, out, range)?;
     if is_stdout(report) {
@@ -241,12 +245,12 @@ fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usiz
 fn check_apart(args: &Args, out: &OutPath, range: &Range<usize>) -> Result<()> {
     let named = |folder: &Path, name: fn(usize) -> String| {
         let folder = outputs::resolved(folder);
-        range.clone().map(move |frame| folder.join(name(frame)))
+        range.clone().map(move |frame| outputs::resolved(&folder.join(name(frame))))
     };
     let mut files: HashSet<PathBuf> = match out {
         OutPath::Folder(folder) => named(folder, sink::folder::frame_name).collect(),
         OutPath::Video(file) => [outputs::resolved(file)].into(),
-        OutPath::Stdout => HashSet::new(),
+        OutPath::Stdout | OutPath::Stream(_) => HashSet::new(),
     };
     let clashes = |files: &HashSet<PathBuf>, at: &Path| at.ancestors().any(|at| files.contains(at));
     if let Some(folder) = &args.layers {
@@ -273,7 +277,7 @@ fn write(mut frames: Composites<'_>, mut writer: Writer, mut done: impl FnMut(&C
             for frame in receiver {
                 match frame {
                     Some(frame) => writer.write(&frame)?,
-                    None => return Ok(writer.sink.finish()?),
+                    None => return writer.finish(),
                 }
             }
             Ok(())

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 
 use crate::shot::Shot;
+use crate::sink::atomic::Place;
 
 /// The files and folders that a run reads.
 #[derive(Debug, Default)]
@@ -58,11 +59,9 @@ impl Inputs {
         if self.folders.iter().any(|folder| at == *folder || (self.is_its(folder) && at.starts_with(folder))) {
             bail!("{}: is the folder of the recording's frames, {NEVER}", path.display());
         }
-        let mut there = names.into_iter().map(|name| at.join(name)).filter(|file| file.exists());
-        if let Some(read) = there.find(|file| self.is_read(file, file)) {
-            bail!("{}: is read in this run, {NEVER}", read.display());
-        }
-        Ok(())
+        // A link among them may lead anywhere.
+        let mut there = names.into_iter().map(|name| at.join(name)).filter(|file| file.symlink_metadata().is_ok());
+        there.try_for_each(|file| self.check_file(&file))
     }
 
     /// Whether a folder of frames belongs to the recording alone. Any other may contain anything next to the frames.
@@ -85,6 +84,9 @@ pub fn same(a: &Path, b: &Path) -> bool {
 
 /// An absolute path without links. Its last parts need not exist.
 pub fn resolved(path: &Path) -> PathBuf {
+    // A link may lead to what is not there yet.
+    let at = Place::of(path);
+    let path = if let Ok(Place::File(at)) = &at { at } else { path };
     // An empty path is the current folder.
     let path = std::path::absolute(Path::new(".").join(path)).unwrap_or_else(|_| path.to_owned());
     let parts: Vec<_> = path.components().collect();
@@ -143,6 +145,13 @@ mod tests {
         {
             std::os::unix::fs::symlink(at("scene.toml"), at("link")).unwrap();
             assert!(inputs.check_file(&at("link")).is_err());
+            // Links among an output's files, to what is read and to what would be a frame.
+            std::fs::create_dir(at("links")).unwrap();
+            for (name, to) in [("0.png", "scene.toml"), ("1.png", "r/rgb/0.jpg"), ("2.png", "r/new.png")] {
+                std::os::unix::fs::symlink(at(to), at("links").join(name)).unwrap();
+                assert!(inputs.check_folder(&at("links"), [name.to_owned()]).is_err(), "{name}");
+            }
+            assert!(inputs.check_folder(&at("links"), ["3.png".to_owned()]).is_ok());
         }
         assert!(same(&at("a/../b"), &at("b")) && !same(&at("a"), &at("b")));
     }

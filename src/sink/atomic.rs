@@ -9,6 +9,38 @@ use tempfile::NamedTempFile;
 use super::SinkError;
 use crate::unfinished::{Undo, Unfinished};
 
+/// Where an output goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A file, there or not yet, without a link in its last part: what a link leads to is written, and the link stays.
+    File(PathBuf),
+    /// A device or a pipe. It is written to directly, since a file in its place would be something else.
+    Stream,
+}
+
+/// Links that lead to links, as many as Linux follows.
+const MOST_LINKS: usize = 40;
+
+impl Place {
+    pub fn of(path: &Path) -> io::Result<Self> {
+        if std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+            return Ok(Self::Stream);
+        }
+        let mut at = path.to_owned();
+        for _ in 0..MOST_LINKS {
+            // `/dev/stdout` and the like: another file under that name would not be the one that is open.
+            if cfg!(target_os = "linux") && at.starts_with("/proc") {
+                return Err(io::Error::other("it leads to a file that is open already; name that file"));
+            }
+            match std::fs::read_link(&at) {
+                Ok(to) => at = at.parent().unwrap_or(Path::new("")).join(to),
+                Err(_) => return Ok(Self::File(at)),
+            }
+        }
+        Err(io::Error::other("its links lead in a circle"))
+    }
+}
+
 /// An unfinished file: hidden, in the same folder (so that renaming it is one step), with a name unique to this run. It
 /// is deleted with the value unless finished, and when the program is ended.
 #[derive(Debug)]
@@ -19,11 +51,15 @@ pub struct Partial {
 }
 
 impl Partial {
-    /// Makes an empty file that will become `target`. The extension stays last, for programs that depend on it.
-    pub fn create(target: &Path) -> io::Result<Self> {
+    /// Makes an empty file that will become `path`, or what a link of that name leads to. The extension stays last, for
+    /// programs that depend on it.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let Place::File(target) = Place::of(path)? else {
+            return Err(io::Error::other("it is a pipe or a device; name a file"));
+        };
         let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
         let (prefix, suffix) =
-            (format!(".{}.partial-", part(target.file_stem())), format!(".{}", part(target.extension())));
+            (format!(".{}.partial-", part(path.file_stem())), format!(".{}", part(path.extension())));
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).suffix(&suffix);
         #[cfg(unix)]
@@ -39,7 +75,7 @@ impl Partial {
             let undo: Undo = Box::new(move || _ = std::fs::remove_file(path));
             Ok::<_, io::Error>((file, undo))
         })?;
-        Ok(Self { file, target: target.to_owned(), unfinished })
+        Ok(Self { file, target, unfinished })
     }
 
     pub fn path(&self) -> &Path {
@@ -62,8 +98,7 @@ impl Partial {
 }
 
 /// Lets `write` fill a file, which appears under its name if that succeeds. Otherwise an existing file stays, as it
-/// does if `replace` is not set. A device or a pipe is written to directly, since a file in its place would be
-/// something else.
+/// does if `replace` is not set. See [`Place`] for links, devices and pipes.
 pub fn write_atomically<E>(
     path: &Path,
     replace: bool,
@@ -77,12 +112,14 @@ where
         write(&mut writer)?;
         writer.flush()
     };
-    let no_file = std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir());
-    let written = if no_file {
-        File::options().write(true).open(path).and_then(|mut file| fill(&mut file))
-    } else {
-        Partial::create(path).and_then(|mut partial| fill(partial.file()).and_then(|()| partial.finish(replace)))
-    };
+    let written = Place::of(path).and_then(|place| match place {
+        Place::Stream => File::options().write(true).open(path).and_then(|mut file| fill(&mut file)),
+        Place::File(_) => {
+            let mut partial = Partial::create(path)?;
+            fill(partial.file())?;
+            partial.finish(replace)
+        }
+    });
     written.map_err(|source| SinkError::of_writing(path, source))
 }
 
@@ -144,6 +181,47 @@ mod tests {
         std::fs::write(&any, "x").unwrap();
         let [ours, any] = [ours, any].map(|path| std::fs::metadata(path).unwrap().permissions().mode());
         assert_eq!(ours, any);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_and_what_it_leads_to_is_written() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("far")).unwrap();
+        std::fs::write(at("far/mine"), "mine").unwrap();
+        // A chain, each link relative to its own folder.
+        symlink("mine", at("far/near")).unwrap();
+        symlink("far/near", at("link")).unwrap();
+        let error = write_atomically(&at("link"), false, |w| w.write_all(b"x")).unwrap_err().to_string();
+        assert!(error.ends_with("link: exists already; it is kept unless --force is given"), "{error}");
+        write_atomically(&at("link"), true, |w| w.write_all(b"ours")).unwrap();
+        assert!(at("link").is_symlink() && at("far/near").is_symlink());
+        assert_eq!(std::fs::read_to_string(at("far/mine")).unwrap(), "ours");
+        // A link to what is not there yet makes it.
+        symlink("far/new", at("dangling")).unwrap();
+        write_atomically(&at("dangling"), false, |w| w.write_all(b"new")).unwrap();
+        assert!(at("dangling").is_symlink() && !at("far/new").is_symlink());
+        assert_eq!(std::fs::read_to_string(at("far/new")).unwrap(), "new");
+        symlink("circle", at("circle")).unwrap();
+        let error = write_atomically(&at("circle"), true, |w| w.write_all(b"x")).unwrap_err().to_string();
+        assert!(error.contains("its links lead in a circle") && at("circle").is_symlink(), "{error}");
+    }
+
+    /// What `/dev/stdout` is where a shell has opened a file.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_link_to_an_open_file_is_refused() {
+        use std::os::fd::AsRawFd;
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("x.txt"), folder.path().join("link"));
+        let file = File::create(&path).unwrap();
+        std::os::unix::fs::symlink(format!("/proc/self/fd/{}", file.as_raw_fd()), &link).unwrap();
+        let error = write_atomically(&link, true, |w| w.write_all(b"x")).unwrap_err().to_string();
+        assert!(error.contains("link: cannot be written: it leads to a file that is open already"), "{error}");
+        assert!(link.is_symlink() && std::fs::read(&path).unwrap().is_empty());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[cfg(target_os = "linux")]

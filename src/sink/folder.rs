@@ -8,6 +8,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::pixels::{Codes, Pixels};
+use crate::unfinished::MadeFolder;
 
 /// The name of a frame's file.
 pub fn frame_name(frame_index: usize) -> String {
@@ -19,13 +20,14 @@ pub fn frame_name(frame_index: usize) -> String {
 #[derive(Debug)]
 pub struct FolderSink {
     folder: PathBuf,
+    made: MadeFolder,
     options: SinkOptions,
 }
 
 impl FolderSink {
     pub fn open(folder: &Path, options: &SinkOptions) -> Result<Self, SinkError> {
-        std::fs::create_dir_all(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })?;
-        Ok(Self { folder: folder.to_owned(), options: *options })
+        let failed = |source| SinkError::Write { path: folder.to_owned(), source };
+        Ok(Self { folder: folder.to_owned(), made: MadeFolder::make(folder).map_err(failed)?, options: *options })
     }
 }
 
@@ -45,6 +47,7 @@ impl Sink for FolderSink {
     }
 
     fn finish(self: Box<Self>) -> Result<(), SinkError> {
+        self.made.keep();
         Ok(())
     }
 }

@@ -11,6 +11,7 @@ mod video;
 
 use std::path::{Path, PathBuf};
 
+use self::atomic::Place;
 use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
 use crate::words::reason;
@@ -32,24 +33,37 @@ pub enum OutPath {
     Video(PathBuf),
     /// Raw R, G, B on standard output.
     Stdout,
+    /// Raw R, G, B into a device or a pipe that is there.
+    Stream(PathBuf),
+}
+
+/// Whether a path names the standard output: `-`, `/dev/stdout`.
+pub fn is_stdout(path: &Path) -> bool {
+    ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)
 }
 
 impl OutPath {
-    /// From the user's input: `-`, a name ending in .mp4 or .mkv, otherwise a folder. A name that looks like another
-    /// kind of file is an error.
+    /// From the user's input: `-`, a name ending in .mp4 or .mkv, a device or a pipe that is there, otherwise a folder.
+    /// A name that looks like another kind of file is an error.
     pub fn parse(path: &Path) -> Result<Self, SinkError> {
-        if path.as_os_str() == "-" {
+        if is_stdout(path) {
             return Ok(Self::Stdout);
         }
+        let is_stream = matches!(Place::of(path), Ok(Place::Stream));
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match extension.as_str() {
             _ if path.is_dir() => Ok(Self::Folder(path.to_owned())),
+            "mp4" | "mkv" if is_stream => Err(SinkError::Refused {
+                path: path.to_owned(),
+                problem: "is a pipe or a device, which takes raw RGB alone; name a file for a video".to_owned(),
+            }),
             "mp4" | "mkv" => Ok(Self::Video(path.to_owned())),
             "avi" | "mov" | "webm" | "m4v" | "mpg" | "mpeg" | "gif" | "png" | "jpg" | "jpeg" | "tif" | "tiff"
             | "exr" | "raw" | "rgb" | "yuv" | "y4m" => Err(SinkError::Refused {
                 path: path.to_owned(),
                 problem: format!("cannot write .{extension}; {WRITES}"),
             }),
+            _ if is_stream => Ok(Self::Stream(path.to_owned())),
             _ => Ok(Self::Folder(path.to_owned())),
         }
     }
@@ -78,14 +92,13 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     if path.is_dir() {
         return refuse("is a folder; name a file".to_owned());
     }
-    if path.exists() && !force {
+    let Place::File(at) = Place::of(path).map_err(|source| SinkError::of_writing(path, source))? else {
+        return Ok(());
+    };
+    if at.exists() && !force {
         return Err(SinkError::Exists { path: path.to_owned() });
     }
-    if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-        // A device or a pipe, which is written to directly.
-        return Ok(());
-    }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = at.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
         return refuse(format!("cannot be written, for there is no folder {}; make it first", folder.display()));
     }
@@ -127,7 +140,7 @@ pub fn check(out: &OutPath, force: bool) -> Result<(), SinkError> {
         _ if force => false,
         OutPath::Folder(path) => std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()),
         OutPath::Video(path) => path.exists(),
-        OutPath::Stdout => false,
+        OutPath::Stdout | OutPath::Stream(_) => false,
     };
     match out {
         OutPath::Folder(path) | OutPath::Video(path) if taken => Err(SinkError::Exists { path: path.clone() }),
@@ -138,7 +151,7 @@ pub fn check(out: &OutPath, force: bool) -> Result<(), SinkError> {
 /// Opens an output after [`check`].
 pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>, SinkError> {
     let path = match out {
-        OutPath::Folder(path) | OutPath::Video(path) => path.as_path(),
+        OutPath::Folder(path) | OutPath::Video(path) | OutPath::Stream(path) => path.as_path(),
         OutPath::Stdout => Path::new("-"),
     };
     if !matches!(options.bits, 8 | 16) || options.width == 0 || options.height == 0 {
@@ -151,6 +164,11 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
         OutPath::Folder(path) => Box::new(folder::FolderSink::open(path, options)?),
         OutPath::Video(path) => Box::new(video::VideoSink::open(path, options)?),
         OutPath::Stdout => Box::new(raw::RawSink::new(std::io::stdout(), options)),
+        OutPath::Stream(path) => {
+            let file = std::fs::File::options().write(true).open(path);
+            let file = file.map_err(|source| SinkError::of_writing(path, source))?;
+            Box::new(raw::RawSink::new(file, options).named(path))
+        }
     })
 }
 

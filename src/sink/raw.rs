@@ -1,6 +1,7 @@
 //! Raw R, G, B values, frame after frame, without a header; 16-bit values are little-endian.
 
-use std::io::Write;
+use std::io::{Error, Write};
+use std::path::{Path, PathBuf};
 
 use super::{Sink, SinkError, SinkOptions, little_endian};
 use crate::pixels::Pixels;
@@ -8,23 +9,37 @@ use crate::pixels::Pixels;
 #[derive(Debug)]
 pub struct RawSink<W> {
     writer: W,
+    /// `None` for the standard output.
+    path: Option<PathBuf>,
     options: SinkOptions,
 }
 
 impl<W: Write> RawSink<W> {
     pub fn new(writer: W, options: &SinkOptions) -> Self {
-        Self { writer, options: *options }
+        Self { writer, path: None, options: *options }
+    }
+
+    /// Names what is written to in errors.
+    pub fn named(self, path: &Path) -> Self {
+        Self { path: Some(path.to_owned()), ..self }
+    }
+
+    fn failed(&self, source: Error) -> SinkError {
+        match self.path.clone() {
+            Some(path) => SinkError::Write { path, source },
+            None => SinkError::Stdout { source },
+        }
     }
 }
 
 impl<W: Write> Sink for RawSink<W> {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
         self.options.check(frame_index, pixels)?;
-        self.writer.write_all(&little_endian(&pixels.codes)).map_err(|source| SinkError::Stdout { source })
+        self.writer.write_all(&little_endian(&pixels.codes)).map_err(|source| self.failed(source))
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), SinkError> {
-        self.writer.flush().map_err(|source| SinkError::Stdout { source })
+        self.writer.flush().map_err(|source| self.failed(source))
     }
 }
 

@@ -10,6 +10,7 @@ use super::{Sink, SinkError, SinkOptions, little_endian};
 use crate::pixels::Pixels;
 use crate::source::ffmpeg::{self, Running};
 use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
+use crate::unfinished::MadeFolder;
 
 const ENDED_EARLY: &str = "ffmpeg ended before it had all frames, and did not say why; see whether `ffmpeg` is ffmpeg";
 
@@ -21,6 +22,8 @@ pub struct VideoSink {
     /// `None` once ended. Dropped before the file that it writes.
     running: Option<(Running, ChildStdin)>,
     partial: Partial,
+    /// The folder that it lies in. Dropped after the file.
+    made: Option<MadeFolder>,
     /// Number of frames passed to ffmpeg.
     frames: usize,
 }
@@ -35,15 +38,16 @@ impl VideoSink {
         if options.lossless && options.bits == 16 && !mkv {
             return Err(refuse("lossless video with 16 bits goes into .mkv only"));
         }
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })?;
-        }
+        let made = path.parent().map(|folder| {
+            MadeFolder::make(folder).map_err(|source| SinkError::Write { path: folder.to_owned(), source })
+        });
+        let made = made.transpose()?;
         let partial = Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
         let mut running = Running::start("ffmpeg", &arguments(options, partial.path(), mkv))?;
         // Nobody reads ffmpeg's stdout; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        Ok(Self { path: path.to_owned(), options: *options, running, partial, frames: 0 })
+        Ok(Self { path: path.to_owned(), options: *options, running, partial, made, frames: 0 })
     }
 
     /// Waits for ffmpeg and reports a failure in its words.
@@ -109,7 +113,9 @@ impl Sink for VideoSink {
         if is_empty && self.frames > 0 {
             return Err(self.refuse(ENDED_EARLY));
         }
-        let Self { path, partial, options, .. } = *self;
-        partial.finish(options.force).map_err(|source| SinkError::of_writing(&path, source))
+        let Self { path, partial, made, options, .. } = *self;
+        partial.finish(options.force).map_err(|source| SinkError::of_writing(&path, source))?;
+        made.into_iter().for_each(MadeFolder::keep);
+        Ok(())
     }
 }
