@@ -8,6 +8,7 @@ use toml_edit::visit_mut::{VisitMut, visit_table_mut};
 use toml_edit::{ArrayOfTables, DocumentMut, Formatted, Item, Table, TableLike, Value};
 
 use crate::params::{self, Params};
+use crate::words::brief;
 
 /// A problem with a text: where it is, and what was expected. Displays as one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -31,7 +32,7 @@ impl fmt::Display for Problem {
 impl Problem {
     fn of(text: &str, error: &toml::de::Error) -> Self {
         let place = error.span().map(|span| place(text, span.start));
-        let message = error.message().trim().replace('\n', "; ");
+        let message = brief(&error.message().trim().replace('\n', "; "));
         Self { line: place.as_ref().map(|p| p.0), key: place.map(|p| p.1).unwrap_or_default(), message }
     }
 }

@@ -79,6 +79,27 @@ pub fn fixed(number: f64, digits: usize) -> String {
     }
 }
 
+/// More digits in a row are a number of any size, written without an exponent.
+const MOST_DIGITS: usize = 40;
+
+/// A text with its very long numbers in the form of [`number`]: a library quoted them with all their zeros.
+pub fn brief(text: &str) -> String {
+    let is_digit = |c: char| c.is_ascii_digit() || c == '.';
+    let mut out = String::new();
+    let mut rest = text;
+    while let Some(start) = rest.find(is_digit) {
+        let (before, from) = rest.split_at(start);
+        let (digits, after) = from.split_at(from.find(|c| !is_digit(c)).unwrap_or(from.len()));
+        out += before;
+        match digits.parse() {
+            Ok(value) if digits.len() > MOST_DIGITS => out += &number(value),
+            _ => out += digits,
+        }
+        rest = after;
+    }
+    out + rest
+}
+
 /// At most six significant digits, no trailing zeros.
 pub fn short(number: f64) -> String {
     if !is_plain(number) {
@@ -150,6 +171,9 @@ mod tests {
         {
             assert_eq!(super::number(number), text);
         }
+        let quoting = |n: f64| super::brief(&format!("floating point `{n}`, 3.25. 10 of {n}"));
+        assert_eq!(quoting(1e300), "floating point `1e300`, 3.25. 10 of 1e300");
+        assert_eq!(quoting(-0.125), "floating point `-0.125`, 3.25. 10 of -0.125");
         assert_eq!([1e300, -0.25, -0.04].map(|n| super::fixed(n, 1)), ["1.00000e300", "-0.2", "0.0"]);
     }
 }

@@ -10,6 +10,8 @@
 //! ε. When the frames are drawn is decided elsewhere: effects/motion_blur.rs puts their mean time at the middle of the
 //! exposure.
 
+use crate::words::number;
+
 /// ε of vSLRcam (14): the weight of the oldest frame.
 pub const LEAST_WEIGHT: f64 = 1.0 / 50.0;
 /// The largest number of steps that is accepted.
@@ -18,8 +20,9 @@ pub const MOST_STEPS: usize = 10_000;
 /// An exposure that cannot be accumulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "accumulating {time_s} s at {frames_per_s} frames a second is refused: accepted are finite numbers from 0 whose \
-     product is at most {MOST_STEPS}"
+    "accumulating {} s at {} frames a second is refused: accepted are finite numbers from 0 whose product is at most \
+     {MOST_STEPS}",
+    number(*time_s), number(*frames_per_s)
 )]
 pub struct AccumulationError {
     pub time_s: f64,

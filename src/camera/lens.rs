@@ -2,6 +2,7 @@
 
 use super::Geometry;
 use super::thin_lens::{ThinLens, ThinLensError};
+use crate::words::number;
 
 crate::params! {
     /// The lens, as far as it is known. Without an opening the camera is a pinhole.
@@ -38,8 +39,9 @@ pub enum LensError {
     #[error("camera.lens.blades = {found} is refused: accepted is 0 (a circle) or 3 to 32")]
     Blades { found: u32 },
     #[error(
-        "camera.lens.aperture_diameter_mm = {diameter_mm} and camera.lens.f_number = {f_number} are both given: accepted \
-         is one of them (the other = none)"
+        "camera.lens.aperture_diameter_mm = {} and camera.lens.f_number = {} are both given: accepted is one of them (the \
+         other = none)",
+        number(*diameter_mm), number(*f_number)
     )]
     Both { diameter_mm: f64, f_number: f64 },
     #[error("camera.lens: {0}")]

@@ -13,6 +13,7 @@
 //! single one), diffraction, aberrations, and that f-numbers of real lenses are nominal.
 
 use super::Intrinsics;
+use crate::words::number;
 
 /// A lens with an opening and a focus. Distances are measured from the lens along its axis, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,19 +41,19 @@ impl Sharpness {
 /// Settings that no lens can have.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ThinLensError {
-    #[error("a focal length of {found_mm} mm is refused: accepted is a finite number above 0")]
+    #[error("a focal length of {} mm is refused: accepted is a finite number above 0", number(*found_mm))]
     FocalLength { found_mm: f64 },
-    #[error("an f-number of {found} is refused: accepted is a finite number above 0")]
+    #[error("an f-number of {} is refused: accepted is a finite number above 0", number(*found))]
     FNumber { found: f64 },
-    #[error("an opening of {found_mm} mm is refused: accepted is a finite number from 0 (a pinhole)")]
+    #[error("an opening of {} mm is refused: accepted is a finite number from 0 (a pinhole)", number(*found_mm))]
     Diameter { found_mm: f64 },
     #[error(
-        "a focus distance of {found_m} m is refused: it lies within the focal length of {0} m, where no \
-         picture forms behind the lens; accepted is more than {0} m, up to infinity",
-        to_tenths_of_mm(*focal_length_m)
+        "a focus distance of {} m is refused: it lies within the focal length of {1} m, where no picture forms behind the \
+         lens; accepted is more than {1} m, up to infinity",
+        number(*found_m), number(to_tenths_of_mm(*focal_length_m))
     )]
     FocusInsideFocalLength { found_m: f64, focal_length_m: f64 },
-    #[error("an image distance of {found_mm} mm is refused: accepted is a finite number above 0")]
+    #[error("an image distance of {} mm is refused: accepted is a finite number above 0", number(*found_mm))]
     ImageDistance { found_mm: f64 },
 }
 

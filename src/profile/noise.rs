@@ -2,7 +2,7 @@
 
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::document::numbers as numbers_of;
-use crate::words::{count, quoted};
+use crate::words::{count, number, quoted};
 use toml::{Table, Value};
 
 const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];
@@ -21,7 +21,7 @@ pub enum NoiseTableError {
     Length { key: &'static str, found: usize, expected: usize, why: &'static str },
     #[error("[camera.noise] code is empty; accepted is one code or more")]
     Empty,
-    #[error("[camera.noise] {key}, value {place}: {found} is refused: accepted is {accepted}")]
+    #[error("[camera.noise] {key}, value {place}: {} is refused: accepted is {accepted}", number(*found))]
     Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::source::SourceError;
 use crate::tracking::text::TextError;
+use crate::words::number;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -19,7 +20,7 @@ pub enum RecordingError {
     /// A file of a recording does not contain what it should.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
-    #[error("the option {name} = {found} is refused: accepted is {accepted}")]
+    #[error("the option {name} = {} is refused: accepted is {accepted}", number(*found))]
     Option { name: &'static str, found: f64, accepted: &'static str },
     #[error(
         "frames differ in size: {} is {first_size}, {} is {other_size}; all frames of a recording must be alike",

@@ -156,7 +156,8 @@ impl Parts {
         let count = self.timestamps_s.len();
         let mut associated = |what: &str, missing: usize| {
             if missing > 0 {
-                warnings.push(format!("no {what} within {reach_s:.4} s for {missing} of {count} frames"));
+                warnings
+                    .push(format!("no {what} within {} s for {missing} of {count} frames", words::fixed(reach_s, 4)));
             }
         };
         let listed: Vec<Option<FrameExposure>> =
@@ -315,9 +316,10 @@ fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {
     let count = timestamps_s.windows(2).filter(|pair| odd(pair)).count();
     let interval_s = timestamps_s[first + 1] - timestamps_s[first];
     Some(format!(
-        "time from frame to frame far from the usual {usual_s:.4} s: {} (first: {interval_s:.4} s between frames \
-         {first} and {})",
+        "time from frame to frame far from the usual {} s: {} (first: {} s between frames {first} and {})",
+        words::fixed(usual_s, 4),
         words::count(count, "interval"),
+        words::fixed(interval_s, 4),
         first + 1
     ))
 }

@@ -6,7 +6,7 @@ use glam::{DAffine3, Vec3};
 use serde::Serialize;
 
 use super::{Environment, Object, Scene, place};
-use crate::words::{count, shown};
+use crate::words::{count, fixed, number, shown};
 
 /// Beyond these extents a model is probably not in metres.
 const LARGE_M: f64 = 10.0;
@@ -44,16 +44,21 @@ pub struct TextureDescription {
     pub srgb: bool,
 }
 
+fn light(value: f32) -> String {
+    // By its own digits, not by those of the same number in more bits.
+    value.to_string().parse().map_or_else(|_| value.to_string(), number)
+}
+
 /// Counts what is in a scene and collects warnings about it.
 pub fn describe(scene: &Scene) -> Description {
     let mut warnings = scene.warnings.clone();
     let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
     let environment = match &scene.lighting.environment {
         Environment::Uniform(c) if *c == Vec3::ZERO => "none from around".to_owned(),
-        Environment::Uniform(c) if c.x == c.y && c.y == c.z => format!("{} from everywhere", c.x),
-        Environment::Uniform(c) => format!("{} {} {} from everywhere", c.x, c.y, c.z),
+        Environment::Uniform(c) if c.x == c.y && c.y == c.z => format!("{} from everywhere", light(c.x)),
+        Environment::Uniform(c) => format!("{} from everywhere", c.to_array().map(light).join(" ")),
         Environment::Map(map) => {
-            let factor = if map.intensity == 1.0 { String::new() } else { format!(", times {}", map.intensity) };
+            let factor = if map.intensity == 1.0 { String::new() } else { format!(", times {}", light(map.intensity)) };
             format!("a panorama of {}x{} px{factor}", map.width, map.height)
         }
     };
@@ -78,7 +83,7 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     match bounds.map(|(low, high)| (high - low).max_element()) {
         None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
         Some(extent) if extent > LARGE_M => {
-            warnings.push(format!("{}: {extent:.1} m large; is it in metres? (scale, size_m)", object.name));
+            warnings.push(format!("{}: {} m large; is it in metres? (scale, size_m)", object.name, fixed(extent, 1)));
         }
         Some(extent) if extent < SMALL_M => {
             warnings.push(format!("{}: {:.4} mm large; is it in metres? (scale, size_m)", object.name, extent * 1e3));
@@ -92,9 +97,9 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
 }
 
-/// To the millimetre, without a minus sign on zero.
+/// To the millimetre.
 fn metres(value: f64) -> String {
-    format!("{:.3}", (value * 1e3).round() / 1e3 + 0.0)
+    fixed(value, 3)
 }
 
 impl fmt::Display for Description {

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use crate::words::{reason, shown};
+use crate::words::{brief, reason, shown};
 
 /// Why a scene cannot be used. Each error names the file, the place in it, what was found and what is accepted.
 #[derive(Debug, thiserror::Error)]
@@ -40,7 +40,7 @@ impl SceneError {
             file: file.to_owned(),
             what: what.to_string(),
             // It may be anything from a file.
-            found: shown(&found.to_string()),
+            found: shown(&brief(&found.to_string())),
             accepted: accepted.to_string(),
         }
     }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::ffmpeg::{self, FfmpegError, Running};
 use super::{SourceError, file as plain};
 use crate::pixels::{Codes, Pixels};
+use crate::words::fixed;
 
 /// Advice about a damaged file.
 const MEND: &str =
@@ -219,7 +220,9 @@ fn whole(stream: &ProbedStream, packets: &[Packet]) -> Result<(), String> {
     {
         let end_s = last_s + interval_s;
         return Err(format!(
-            "ends after {end_s:.3} s ({there} frames), and says that it lasts {promised_s:.3} s: {WHAT_TO_DO}"
+            "ends after {} s ({there} frames), and says that it lasts {} s: {WHAT_TO_DO}",
+            fixed(end_s, 3),
+            fixed(promised_s, 3)
         ));
     }
     Ok(())

@@ -6,6 +6,7 @@ pub mod tum;
 use glam::DQuat;
 
 use crate::pose::Pose;
+use crate::words::fixed;
 
 /// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose this near counts as being at that
 /// time.
@@ -26,20 +27,20 @@ pub struct PoseTrack {
 pub enum NoPose {
     #[error("the track holds no poses")]
     Empty,
-    #[error("{time_s:.6} s lies before the first pose at {first_s:.6} s")]
+    #[error("{} s lies before the first pose at {} s", fixed(*time_s, 6), fixed(*first_s, 6))]
     Before { time_s: f64, first_s: f64 },
-    #[error("{time_s:.6} s lies after the last pose at {last_s:.6} s")]
+    #[error("{} s lies after the last pose at {} s", fixed(*time_s, 6), fixed(*last_s, 6))]
     After { time_s: f64, last_s: f64 },
     /// In a growing track: there may be a pose later.
-    #[error("the pose at {time_s:.6} s is not there yet")]
+    #[error("the pose at {} s is not there yet", fixed(*time_s, 6))]
     NotYet { time_s: f64 },
-    #[error("{time_s:.6} s lies in a gap of {gap_s:.3} s between poses")]
+    #[error("{} s lies in a gap of {} s between poses", fixed(*time_s, 6), fixed(*gap_s, 3))]
     Gap { time_s: f64, gap_s: f64 },
 }
 
 /// Timestamps that do not ascend.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("pose {index} at {time_s:.6} s does not come after the one before it at {before_s:.6} s")]
+#[error("pose {index} at {} s does not come after the one before it at {} s", fixed(*time_s, 6), fixed(*before_s, 6))]
 pub struct NotAscending {
     pub index: usize,
     pub time_s: f64,
