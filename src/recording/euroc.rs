@@ -44,7 +44,7 @@ fn find(path: &Path) -> Option<PathBuf> {
 fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (list, sensor) = (mav.join(PICTURES), mav.join("cam0/sensor.yaml"));
     let pictures = parse_pictures(&text::read(&list)?, &list)?;
-    let sensor_text = text::read(&sensor)?;
+    let sensor_text = text::read_description(&sensor)?;
     let camera = Yaml { keys: parse_yaml(&sensor_text), file: &sensor };
     let (geometry, body_from_camera) = (camera.geometry()?, camera.body_from_sensor()?);
 
@@ -54,7 +54,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     // Unless stated otherwise, the ground truth is that of the body itself.
     let body_from_truth = match truth_sensor.exists() {
         true => {
-            let text = text::read(&truth_sensor)?;
+            let text = text::read_description(&truth_sensor)?;
             described_by.push(truth_sensor.clone());
             Yaml { keys: parse_yaml(&text), file: &truth_sensor }.body_from_sensor()?
         }

@@ -11,6 +11,7 @@ use crate::document;
 use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
 use crate::tracking::text;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
+use crate::words::number;
 
 pub const FILE_NAME: &str = "recording.toml";
 
@@ -133,13 +134,13 @@ fn check(d: &Description) -> Result<(), String> {
 
 fn above_zero(name: &str, value: Option<f64>) -> Result<(), String> {
     match value {
-        Some(v) if !(v.is_finite() && v > 0.0) => Err(format!("{name} = {v} must be finite and above 0")),
+        Some(v) if !(v.is_finite() && v > 0.0) => Err(format!("{name} = {} must be finite and above 0", number(v))),
         _ => Ok(()),
     }
 }
 
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let description = parse(&text::read(file)?, file)?;
+    let description = parse(&text::read_description(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
     let (pictures, timestamps_s) = open_frames(&description.frames, folder, file)?;
     let mut parts = Parts::new(folder, pictures, timestamps_s);

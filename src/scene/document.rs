@@ -12,21 +12,33 @@ use crate::source::file as plain;
 /// A scene file and its text. Comments and order are kept when values change.
 pub type Document = document::Document<SceneFile>;
 
-/// Reads a scene file; files that it names are not opened.
+/// Reads a scene file for editing; files that it names are not opened.
 pub fn read(file: &Path) -> Result<Document, SceneError> {
+    let document = parsed(file, Document::parse)?;
+    document.value().check(file)?;
+    Ok(document)
+}
+
+/// Reads the values of a scene file, in a small part of the memory that editing needs.
+pub(super) fn values(file: &Path) -> Result<SceneFile, SceneError> {
+    parsed(file, document::read)
+}
+
+fn parsed<T>(file: &Path, parse: impl FnOnce(&str) -> Result<T, document::Problem>) -> Result<T, SceneError> {
     let failed = |source| SceneError::Read { file: file.to_owned(), needed_by: None, source };
     let bytes = plain::read(file, plain::MOST_DOCUMENT).map_err(failed)?;
     let text =
         str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
     let accepted = "the keys and values in docs/scenes.md";
-    let document = Document::parse(text).map_err(|problem| {
+    parse(text).map_err(|problem| {
         let line = problem.line.map_or_else(|| "the text".to_owned(), |line| format!("line {line}"));
         let key = if problem.key.is_empty() { String::new() } else { format!(", {}", problem.key) };
         SceneError::bad(file, line + &key, problem.message, accepted)
-    })?;
-    document.value().check(file)?;
-    Ok(document)
+    })
 }
+
+/// Each is drawn by itself, with a motion of its own.
+const MAX_OBJECTS: usize = 1 << 14;
 
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -140,6 +152,10 @@ impl Default for SceneFile {
 impl SceneFile {
     /// Checks what needs no other files. Further rules are checked on loading.
     pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {
+        let placed: usize = self.objects.iter().map(|object| object.instances.len().max(1)).sum();
+        if placed > MAX_OBJECTS {
+            return Err(SceneError::bad(file, "the placed objects", placed, format!("up to {MAX_OBJECTS}")));
+        }
         if let Some((key, found)) = toml::Value::try_from(self).ok().as_ref().and_then(not_finite) {
             return Err(SceneError::bad(file, key, found, "finite numbers"));
         }

@@ -19,7 +19,7 @@ use super::{Lighting, Scene, SceneError, bytes, document, model, scene_file};
 /// up. For a model alone with unknown up: ambient 1.
 ///
 /// No input makes it panic or exceed its memory limits: 1 GiB per file, 16384 pixels a side and 2^28 pixels in all
-/// textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes.
+/// textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes, 2^14 objects.
 pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
     guarded(path, || load_unguarded(path, world_up))
 }
@@ -63,7 +63,7 @@ fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneEr
                 loader.say_dark_ambient(path);
             }
         }
-        Some("toml") => scene_file::read(&mut loader, document::read(path)?.value(), path, world_up)?,
+        Some("toml") => scene_file::read(&mut loader, &document::values(path)?, path, world_up)?,
         _ => {
             bytes::read(path, None)?; // a missing file is the more useful error
             let found = path.extension().map_or("none".to_owned(), |e| e.to_string_lossy().into_owned());

@@ -29,14 +29,15 @@ fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
 /// The whole of a plain file of at most `most` bytes.
 pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
+    let refused = |length: u64| Err(io::Error::other(format!("it holds {length} bytes; at most {most} are read")));
     let length = file.metadata()?.len();
-    let mut bytes = Vec::with_capacity(length.min(most) as usize);
+    if length > most {
+        return refused(length);
+    }
+    let mut bytes = Vec::with_capacity(length as usize);
     // It may grow while being read.
     file.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most {
-        return Err(io::Error::other(format!("it holds {} bytes; at most {most} are read", length.max(most + 1))));
-    }
-    Ok(bytes)
+    if bytes.len() as u64 > most { refused(bytes.len() as u64) } else { Ok(bytes) }
 }
 
 /// Like [`read`], for UTF-8.
@@ -55,7 +56,7 @@ mod tests {
         std::fs::write(&file, "12345").unwrap();
         assert_eq!(read(&file, 5).unwrap(), b"12345");
         assert!(read(&file, 4).unwrap_err().to_string().contains("holds 5 bytes; at most 4"));
-        // A sparse file of 6 GB that takes no space on the disk. None of it is kept in memory.
+        // A sparse file of 6 GB that takes no space on the disk. None of it is read.
         std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(6 << 30).unwrap();
         assert!(read(&file, 1 << 20).unwrap_err().to_string().contains("6442450944 bytes"));
         std::fs::write(&file, [0xff]).unwrap();

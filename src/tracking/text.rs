@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::source::file::{self, MOST_TEXT};
+use crate::source::file::{self, MOST_DOCUMENT, MOST_TEXT};
 use crate::words::{quoted, reason};
 
 /// A text file cannot be read or does not contain what it should.
@@ -22,9 +22,18 @@ impl TextError {
     }
 }
 
-/// The whole of a plain UTF-8 file.
+/// The whole of a plain UTF-8 file: a list or a trajectory.
 pub fn read(file: &Path) -> Result<String, TextError> {
-    file::read_text(file, MOST_TEXT).map_err(|source| TextError::Read { file: file.to_owned(), source })
+    read_at_most(file, MOST_TEXT)
+}
+
+/// Like [`read`], for a description of a recording.
+pub fn read_description(file: &Path) -> Result<String, TextError> {
+    read_at_most(file, MOST_DOCUMENT)
+}
+
+fn read_at_most(file: &Path, most: u64) -> Result<String, TextError> {
+    file::read_text(file, most).map_err(|source| TextError::Read { file: file.to_owned(), source })
 }
 
 /// The lines with content, with their numbers from 1; blank lines and `#` comments are skipped.
