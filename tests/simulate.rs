@@ -319,14 +319,42 @@ fn what_is_there_is_kept() {
     let other = folder.path().join("letters");
     fs::create_dir(&other).unwrap();
     fs::write(other.join("letter.txt"), "dear").unwrap();
-    assert!(matches!(run(&other, &small(), true, &mut quiet), Err(SimulateError::Foreign { .. })));
+    assert!(matches!(run(&other, &small(), true, &mut quiet), Err(SimulateError::NotSimulated(_))));
     assert_eq!(fs::read_to_string(other.join("letter.txt")).unwrap(), "dear");
     let below_a_file = other.join("letter.txt/site");
     assert!(matches!(run(&below_a_file, &small(), false, &mut quiet), Err(SimulateError::Write { .. })));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
 
+    // A recording made by hand, with the same names.
+    let names = ["truth.toml", "recording.toml", "camera.toml", "rgb.txt", "groundtruth.txt"];
+    let by_hand = folder.path().join("by hand");
+    fs::create_dir(&by_hand).unwrap();
+    for name in names {
+        fs::write(by_hand.join(name), "mine").unwrap();
+    }
+    assert!(matches!(run(&by_hand, &small(), true, &mut quiet), Err(SimulateError::NotSimulated(_))));
+    for name in names {
+        assert_eq!(fs::read_to_string(by_hand.join(name)).unwrap(), "mine", "{name}");
+    }
+    fs::remove_dir_all(&by_hand).unwrap();
+
+    // A simulated one that somebody edited.
+    for name in ["camera.toml", "rgb/00000.png", "truth.toml"] {
+        let path = out.join(name);
+        let before = fs::read(&path).unwrap();
+        let edited = [b"# mine\n", &before[..]].concat();
+        fs::write(&path, &edited).unwrap();
+        let error = run(&out, &small(), true, &mut quiet).unwrap_err();
+        match name {
+            "truth.toml" => assert!(matches!(error, SimulateError::NotSimulated(_)), "{error}"),
+            _ => assert!(error.to_string().contains(&format!("{name} in it is no longer as")), "{error}"),
+        }
+        assert_eq!(fs::read(&path).unwrap(), edited);
+        fs::write(&path, before).unwrap();
+    }
+
     // What somebody put beside the frames, and a recording that somebody made.
-    for foreign in ["notes.txt", "rgb/00000.jpeg", "depth/mine/00000.png"] {
+    for foreign in ["notes.txt", "rgb/00000.jpg", "rgb/00007.png", "depth/mine/00000.png"] {
         let path = out.join(foreign);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(&path, "mine").unwrap();

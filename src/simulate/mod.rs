@@ -18,6 +18,7 @@ mod shapes;
 mod site;
 mod survey;
 mod write;
+mod written;
 
 use std::path::PathBuf;
 
@@ -91,7 +92,14 @@ pub enum SimulateError {
     Exists(PathBuf),
     #[error("{folder} is not replaced: {foreign} in it is nothing that `locard simulate` wrote; choose another folder")]
     Foreign { folder: PathBuf, foreign: PathBuf },
-    #[error("{0} is not replaced: it holds no truth.toml of a simulated recording; choose another folder")]
+    #[error(
+        "{folder} is not replaced: {changed} in it is no longer as `locard simulate` wrote it; choose another folder"
+    )]
+    Changed { folder: PathBuf, changed: PathBuf },
+    #[error(
+        "{0} is not replaced: it holds no truth.toml that lists its files as `locard simulate` wrote them; choose another \
+         folder, or remove this one"
+    )]
     NotSimulated(PathBuf),
     #[error("{0} is the folder that one is in, or holds it; name a new one for the recording")]
     Within(PathBuf),

@@ -7,23 +7,8 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use super::SimulateError;
-use crate::unfinished::{Undo, Unfinished};
-
-/// Marks a recording as simulated.
-const MARK: &str = "truth.toml";
-const FILES: [&str; 9] = [
-    "recording.toml",
-    "camera.toml",
-    MARK,
-    "rgb.txt",
-    "depth.txt",
-    "exposure.txt",
-    "groundtruth.txt",
-    "environment.hdr",
-    "board.glb",
-];
-/// Folders of numbered pictures.
-const FOLDERS: [&str; 2] = ["rgb", "depth"];
+use super::written::Written;
+use crate::unfinished::{MadeFolder, Undo, Unfinished};
 
 /// An unfinished recording, in a hidden folder next to its final place.
 pub struct Output {
@@ -32,6 +17,8 @@ pub struct Output {
     name: String,
     force: bool,
     unfinished: Unfinished,
+    /// The folder that it lies in.
+    made: MadeFolder,
 }
 
 impl Output {
@@ -46,7 +33,7 @@ impl Output {
         let name = name.to_string_lossy().into_owned();
         check(&place, out, force)?;
         let parent = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        fs::create_dir_all(parent).map_err(writing(parent))?;
+        let made = MadeFolder::make(parent).map_err(writing(parent))?;
         let (part, unfinished) = Unfinished::begin(|| {
             let part = hidden(parent, &name, "part")?;
             let path = part.path().to_owned();
@@ -54,7 +41,7 @@ impl Output {
             Ok::<_, io::Error>((part, undo))
         })
         .map_err(writing(out))?;
-        Ok(Self { part, place, name, force, unfinished })
+        Ok(Self { part, place, name, force, unfinished, made })
     }
 
     pub fn folder(&self) -> &Path {
@@ -67,7 +54,7 @@ impl Output {
 
     /// Moves the recording to its place. An older one is removed file by file, so that nothing else is removed with it.
     pub fn finish(self) -> Result<(), SimulateError> {
-        let Self { part, place, name, force, unfinished } = self;
+        let Self { part, place, name, force, unfinished, made } = self;
         unfinished.finish(|| {
             // Checked again: it may have changed while the frames were made.
             check(&place, &place, force)?;
@@ -84,7 +71,9 @@ impl Output {
             // Stays if anything is left in it.
             let _ = fs::remove_dir(&around);
             removed
-        })
+        })?;
+        made.keep();
+        Ok(())
     }
 }
 
@@ -118,14 +107,14 @@ fn check(place: &Path, shown: &Path, force: bool) -> Result<(), SimulateError> {
     if !force {
         return Err(SimulateError::Exists(shown.to_owned()));
     }
-    if let Some(foreign) = contents(place).map_err(writing(place))?.1.into_iter().next() {
-        let foreign = foreign.strip_prefix(place).map(Path::to_owned).unwrap_or(foreign);
-        return Err(SimulateError::Foreign { folder: shown.to_owned(), foreign });
+    let Some(written) = Written::of(place) else { return Err(SimulateError::NotSimulated(shown.to_owned())) };
+    let Contents { foreign, changed, .. } = contents(place, &written).map_err(writing(place))?;
+    let folder = shown.to_owned();
+    match (foreign.into_iter().next(), changed.into_iter().next()) {
+        (Some(foreign), _) => Err(SimulateError::Foreign { folder, foreign }),
+        (None, Some(changed)) => Err(SimulateError::Changed { folder, changed }),
+        (None, None) => Ok(()),
     }
-    if !place.join(MARK).is_file() {
-        return Err(SimulateError::NotSimulated(shown.to_owned()));
-    }
-    Ok(())
 }
 
 fn entries(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
@@ -134,38 +123,48 @@ fn entries(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     Ok(entries)
 }
 
-/// The entries of a folder with the name and kind of something written here, and the others.
-fn contents(folder: &Path) -> io::Result<(Vec<PathBuf>, Vec<PathBuf>)> {
-    let (mut ours, mut foreign) = (Vec::new(), Vec::new());
+/// What a folder contains, relative to it.
+#[derive(Default)]
+struct Contents {
+    /// As written.
+    ours: Vec<PathBuf>,
+    /// Written, and different now.
+    changed: Vec<PathBuf>,
+    foreign: Vec<PathBuf>,
+}
+
+fn contents(folder: &Path, written: &Written) -> io::Result<Contents> {
+    let mut found = Contents::default();
+    let mut sort = |name: String, kind: fs::FileType| {
+        let list = match &name {
+            name if !kind.is_file() || !written.lists(name) => &mut found.foreign,
+            name if written.is_unchanged(folder, name) => &mut found.ours,
+            _ => &mut found.changed,
+        };
+        list.push(PathBuf::from(name));
+    };
     for entry in entries(folder)? {
-        let (name, kind) = (entry.file_name(), entry.file_type()?);
-        if kind.is_dir() && FOLDERS.iter().any(|own| name == *own) {
-            for entry in entries(&entry.path())? {
-                let is_ours = entry.file_type()?.is_file() && is_numbered_picture(&entry.file_name());
-                if is_ours { &mut ours } else { &mut foreign }.push(entry.path());
+        let (name, kind) = (entry.file_name().to_string_lossy().into_owned(), entry.file_type()?);
+        if kind.is_dir() && written.lists_folder(&name) {
+            for inner in entries(&entry.path())? {
+                sort(format!("{name}/{}", inner.file_name().to_string_lossy()), inner.file_type()?);
             }
-        } else if kind.is_file() && FILES.iter().any(|own| name == *own) {
-            ours.push(entry.path());
         } else {
-            foreign.push(entry.path());
+            sort(name, kind);
         }
     }
-    Ok((ours, foreign))
+    Ok(found)
 }
 
-fn is_numbered_picture(name: &std::ffi::OsStr) -> bool {
-    let parts = name.to_str().and_then(|name| name.rsplit_once('.'));
-    parts.is_some_and(|(number, kind)| {
-        number.len() >= 5 && number.bytes().all(|b| b.is_ascii_digit()) && matches!(kind, "png" | "jpg")
-    })
-}
-
-/// Removes a recording, but nothing that was added to it meanwhile.
+/// Removes a recording, but nothing that was added to it or changed in it meanwhile.
 fn remove(folder: &Path) -> io::Result<()> {
-    contents(folder)?.0.iter().try_for_each(fs::remove_file)?;
-    for own in FOLDERS.map(|own| folder.join(own)) {
-        if own.exists() {
-            fs::remove_dir(own)?;
+    let written = Written::of(folder).unwrap_or_default();
+    for file in contents(folder, &written)?.ours {
+        fs::remove_file(folder.join(file))?;
+    }
+    for entry in entries(folder)? {
+        if entry.file_type()?.is_dir() && written.lists_folder(&entry.file_name().to_string_lossy()) {
+            fs::remove_dir(entry.path())?;
         }
     }
     fs::remove_dir(folder)

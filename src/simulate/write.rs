@@ -26,6 +26,7 @@ use super::output::{Output, writing};
 use super::render::Picture;
 use super::site::lamp;
 use super::survey::noise_through_file;
+use super::written::{TRUTH, Written, sealed};
 use super::{Format, Options, SimulateError, Simulation, board};
 
 /// Film speed given in the profile for a noise scale of 1.
@@ -59,8 +60,10 @@ fn fill(
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     let options = simulation.options();
-    let save = |path: &str, bytes: &[u8]| {
-        let path = folder.join(path);
+    let mut written = Written::default();
+    let mut save = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        written.add(name, bytes);
         fs::write(&path, bytes).map_err(writing(&path))
     };
     for sub in ["rgb", "depth"] {
@@ -114,8 +117,9 @@ fn fill(
         }
     };
     save("camera.toml", camera_toml(simulation, &noise).as_bytes())?;
-    save("truth.toml", truth_toml(simulation, &blur).as_bytes())?;
-    save("recording.toml", recording_toml(name, options)?.as_bytes())
+    save("recording.toml", recording_toml(name, options)?.as_bytes())?;
+    let path = folder.join(TRUTH);
+    fs::write(&path, truth_toml(simulation, &blur, &written)).map_err(writing(&path))
 }
 
 fn encoding(what: &str) -> impl FnOnce(ImageError) -> SimulateError {
@@ -258,7 +262,7 @@ fn said(mut table: Table, comment: &str) -> Item {
     Item::Table(table)
 }
 
-fn truth_toml(simulation: &Simulation, blur: &[f64]) -> String {
+fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Written) -> String {
     let mut text = DocumentMut::new();
     text.insert("version", toml_edit::value(1));
     text.insert("most_blur_px", Item::Value(numbers_in(blur.iter().copied(), 2)));
@@ -290,5 +294,7 @@ fn truth_toml(simulation: &Simulation, blur: &[f64]) -> String {
         let board = Table::from_iter([("corners_in_world_m", Value::Array(corners.into_iter().collect()))]);
         text.insert("board", said(board, ""));
     }
-    text.to_string()
+    let comment = "Length, bytes, and crc32 of the other files: what differs is not replaced.";
+    text.insert("files", said(written.table(), comment));
+    sealed(&text.to_string())
 }
