@@ -123,7 +123,7 @@ fn inspect_names_the_pictures_that_end_too_early() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let text = said(&["inspect", temp.path().to_str().unwrap()]);
-    assert!(text.contains("files      6 pictures, 1 ends too early; pixels are not decoded\n"), "{text}");
+    assert!(text.contains("files      6 pictures, 1 cannot be read; pixels are not decoded\n"), "{text}");
     assert!(text.contains("00003.jpg: the JPEG is truncated"), "{text}");
     let text = said(&["inspect", "recordings/demo"]);
     assert!(text.contains("files      144 pictures, none ends too early; pixels are not decoded\n"), "{text}");
@@ -278,7 +278,7 @@ fn a_picture_whose_data_ends_early_is_refused_whatever_stands_behind() {
     let text = refused(&[&arguments[..], &["-o", &out]].concat());
     assert!(text.contains("00003.jpg: the JPEG is truncated after"), "{text}");
     let text = said(&["inspect", &recording]);
-    assert!(text.contains("6 pictures, 1 ends too early"), "{text}");
+    assert!(text.contains("6 pictures, 1 cannot be read"), "{text}");
 }
 
 #[test]

@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DVec2, DVec3};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use crate::camera::Geometry;
 use crate::compositor::Settings;
 use crate::document;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
-use crate::recording::{OpenOptions, Recording};
-use crate::shot::{Given, Shot};
+use crate::recording::OpenOptions;
+use crate::shot::{Given, Shot, ShotError};
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::words::{count, fixed, number, reason, short, shown, shown_unit};
 
@@ -52,6 +54,14 @@ enum Found {
     Profile,
 }
 
+/// The keys that tell what a .toml is.
+#[derive(Deserialize)]
+struct Keys {
+    frames: Option<IgnoredAny>,
+    objects: Option<IgnoredAny>,
+    light: Option<IgnoredAny>,
+}
+
 /// By file extension; a .toml by its contents.
 fn kind(path: &Path) -> Result<Found> {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -61,11 +71,10 @@ fn kind(path: &Path) -> Result<Found> {
         "toml" => {
             let text = file::read_text(path, MOST_DOCUMENT)
                 .map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
-            let table: toml::Table =
-                document::read(&text).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
-            if table.contains_key("frames") {
+            let keys: Keys = document::read(&text).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
+            if keys.frames.is_some() {
                 Found::Recording
-            } else if table.contains_key("objects") || table.contains_key("light") {
+            } else if keys.objects.is_some() || keys.light.is_some() {
                 Found::Scene
             } else {
                 Found::Profile
@@ -121,10 +130,12 @@ fn profile(path: &Path) -> Result<()> {
             let (low, high) = sigmas.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));
             writeln!(
                 out,
-                "noise      {}, σ {low:.2} to {high:.2} 8-bit codes; correlation of channels {:.2?}, of neighbours {:.2?}",
+                "noise      {}, σ {} to {} 8-bit codes; correlation of channels [{}], of neighbours [{}]",
                 count(noise.bins[0].len(), "bin"),
-                noise.channel_correlation,
-                noise.neighbour_correlation
+                fixed(low, 2),
+                fixed(high, 2),
+                noise.channel_correlation.map(|c| fixed(c, 2)).join(", "),
+                noise.neighbour_correlation.map(|c| fixed(c, 2)).join(", ")
             )?;
         }
         None => writeln!(
@@ -145,32 +156,31 @@ fn profile(path: &Path) -> Result<()> {
 
 fn recording(args: &Args) -> Result<()> {
     let options = OpenOptions { metres_per_unit: args.metres_per_unit.unwrap_or(1.0), ..OpenOptions::default() };
-    let recording = Recording::open(&args.what, &options)?;
+    // Reads the profiles: a given one overrides the recording's own.
+    let given = Given { profile: args.profile.clone(), ..Given::default() };
+    let shot = Shot::open(&args.what, &options, &given)?;
     let mut out = std::io::stdout().lock();
     if let Some(frame) = args.frame {
-        return one_frame(args, recording, frame, &mut out);
+        return one_frame(args, shot, frame, &mut out);
     }
-    // A given profile overrides the recording's own.
-    let (recording, given) = match &args.profile {
-        None => (recording, None),
-        Some(_) => {
-            let shot = shot(args, recording)?;
-            let geometry = shot.geometry_at(0)?;
-            (shot.recording, Some(geometry))
-        }
+    let geometry = match shot.geometry_at(0) {
+        Err(ShotError::NoCamera { .. }) if args.profile.is_none() => None,
+        known => Some(known?),
     };
+    let recording = &shot.recording;
     let times = &recording.timestamps_s;
     let duration = times.last().zip(times.first()).map_or(0.0, |(b, a)| b - a);
     let posed = (0..recording.frame_count()).filter(|&i| recording.pose_at_frame(i).is_ok()).count();
     writeln!(out, "recording  {} ({})", shown(&recording.name), recording.kind)?;
     writeln!(
         out,
-        "frames     {} of {}x{} px, {} bits; {duration:.3} s, one every {:.4} s",
+        "frames     {} of {}x{} px, {} bits; {} s, one every {} s",
         recording.frame_count(),
         recording.width,
         recording.height,
         recording.bits,
-        recording.frame_interval_s
+        fixed(duration, 3),
+        fixed(recording.frame_interval_s, 4)
     )?;
     let frames = recording.frame_count();
     writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
@@ -180,25 +190,25 @@ fn recording(args: &Args) -> Result<()> {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
     }
-    match given.as_ref().or(recording.geometry_at_frame(0)) {
+    match &geometry {
         Some(g) if g.is_round() => writeln!(out, "camera     360°, longitude and latitude")?,
         Some(g) => writeln!(
             out,
-            "camera     fx {:.2} fy {:.2} cx {:.2} cy {:.2} px",
-            g.intrinsics.fx_px, g.intrinsics.fy_px, g.intrinsics.cx_px, g.intrinsics.cy_px
+            "camera     fx {} fy {} cx {} cy {} px",
+            fixed(g.intrinsics.fx_px, 2),
+            fixed(g.intrinsics.fy_px, 2),
+            fixed(g.intrinsics.cx_px, 2),
+            fixed(g.intrinsics.cy_px, 2)
         )?,
-        None => match &recording.camera_profile {
-            Some(path) => writeln!(out, "camera     {}", path.display())?,
-            None => writeln!(out, "camera     unknown: give a --profile")?,
-        },
+        None => writeln!(out, "camera     unknown: give a --profile")?,
     }
     let (files, damaged) = recording.check_ends();
     if files > 0 {
         let files = count(files, "picture");
         match damaged.len() {
             0 => writeln!(out, "files      {files}, none ends too early; pixels are not decoded")?,
-            1 => writeln!(out, "files      {files}, 1 ends too early; pixels are not decoded")?,
-            more => writeln!(out, "files      {files}, {more} end too early; pixels are not decoded")?,
+            1 => writeln!(out, "files      {files}, 1 cannot be read; pixels are not decoded")?,
+            more => writeln!(out, "files      {files}, {more} cannot be read; pixels are not decoded")?,
         }
     }
     for text in recording.warnings.iter().chain(&recording.missing_poses(0..frames)) {
@@ -210,17 +220,14 @@ fn recording(args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn shot(args: &Args, recording: Recording) -> Result<Shot> {
-    Ok(Shot::of(recording, &Given { profile: args.profile.clone(), ..Given::default() })?)
-}
-
-fn one_frame(args: &Args, recording: Recording, frame: usize, out: &mut impl Write) -> Result<()> {
+fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Result<()> {
+    let recording = &shot.recording;
     super::check_frame(frame, recording.frame_count())?;
     let is_metric = recording.kind.is_metric() || args.metres_per_unit.is_some();
     let unit = if is_metric { "m" } else { "units" };
     let shown = |p: DVec3| format!("{} {unit}", p.to_array().map(|c| fixed(c, 4)).join(" "));
     let pose = recording.pose_at_frame(frame);
-    writeln!(out, "frame      {frame} at {:.6} s", recording.timestamps_s[frame])?;
+    writeln!(out, "frame      {frame} at {} s", fixed(recording.timestamps_s[frame], 6))?;
     match &pose {
         Ok(pose) => {
             let p = pose.position_in_world_m();
@@ -232,7 +239,6 @@ fn one_frame(args: &Args, recording: Recording, frame: usize, out: &mut impl Wri
     let Some([x, y]) = args.pick else { return Ok(()) };
     let place = [x, y].map(number).join(",");
     let pose = pose?;
-    let shot = shot(args, recording)?;
     let at = DVec2::new(x, y);
     if let Some(plane) = args.plane {
         let support = shot.support_on_plane(frame, at, plane).with_context(|| format!("--pick {place}"))?;

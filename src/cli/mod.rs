@@ -27,7 +27,7 @@ use clap::{Parser, Subcommand};
 
 use crate::sink::SinkError;
 use crate::unfinished::undo_all;
-use crate::words::reason;
+use crate::words::{reason, shown};
 
 #[derive(Parser)]
 #[command(name = "locard", version, about = "Puts virtual evidence into real footage so that it looks photographed there", long_about = None)]
@@ -72,8 +72,7 @@ pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
-            // A closed pipe while printing help is no reason to fail.
-            let _ = error.print();
+            print(&error);
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
     };
@@ -104,6 +103,17 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Prints help, or clap's words on wrong arguments. These quote the arguments as they are, so they are made from
+/// arguments that are safe for a terminal. A closed pipe is no reason to fail.
+fn print(error: &clap::Error) {
+    let safe = std::env::args_os().map(|argument| shown(&argument.to_string_lossy()));
+    match Cli::try_parse_from(safe).err().filter(|of_safe| of_safe.kind() == error.kind()) {
+        Some(error) => _ = error.print(),
+        // Its escapes made another argument of one.
+        None => say(&error.to_string()),
+    }
+}
+
 const FAILED: u8 = 2;
 
 /// Whether the reader of our stdout has had enough (`locard params | head`). Any other closed pipe is a failure.
@@ -122,10 +132,13 @@ fn message(error: &anyhow::Error) -> String {
     if let Some(error) = error.chain().next().and_then(|error| error.downcast_ref::<std::io::Error>()) {
         return format!("standard output: cannot be written: {}", reason(error));
     }
-    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| {
+    error.chain().fold(String::new(), |text, cause| {
+        // Told in the words of `reason` already.
+        let of_system = cause.downcast_ref::<std::io::Error>();
+        let cause = cause.to_string();
         if text.is_empty() {
             cause
-        } else if text.contains(&cause) {
+        } else if text.contains(&cause) || of_system.is_some_and(|error| text.contains(&reason(error))) {
             text
         } else {
             format!("{text}: {cause}")
@@ -135,7 +148,7 @@ fn message(error: &anyhow::Error) -> String {
 
 /// A line on stderr. A closed stderr is no reason to fail.
 fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "locard: {}", crate::words::shown(text));
+    let _ = writeln!(std::io::stderr(), "locard: {}", shown(text));
 }
 
 /// The number of a frame, as an option's value.
@@ -206,6 +219,10 @@ mod tests {
         assert_eq!(super::message(&adding), "frame 3: no pose");
         let named = Err::<(), _>(std::io::Error::other("odd")).context("p.toml: cannot be read").unwrap_err();
         assert_eq!(super::message(&named), "p.toml: cannot be read: odd");
+        let gone = || std::io::Error::from_raw_os_error(2);
+        let said = format!("p.toml: cannot be read: {}", super::reason(&gone()));
+        let told = Err::<(), _>(gone()).context(said.clone()).unwrap_err();
+        assert_eq!(super::message(&told), said);
         let bare = anyhow::Error::from(std::io::Error::from(std::io::ErrorKind::StorageFull));
         assert!(super::message(&bare).starts_with("standard output: cannot be written: the disk is full"));
     }
