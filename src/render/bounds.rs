@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 
-use super::in_view::{Extent, seen_in};
+use super::dice::CUT_M;
+use super::in_view::{Extent, before, seen_in};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
@@ -151,7 +152,15 @@ fn area_of(rect: Rect, geometry: &Geometry) -> Extent {
 /// Conservative: without distortion, a part's image lies in the rectangle around its outline's image; distortion maps
 /// that rectangle's inside to the inside of its border's image; and poses within the shutter are sampled from key to
 /// key ([`ViewKeys::sampled`]). Between two keys a part lies in the hull of where it is at both.
-pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geometry, keys: &ViewKeys) -> Footprint {
+///
+/// `middle` is the pose at the middle moment of the whole exposure, of which `keys` may be a part.
+pub fn footprint(
+    scene: &Scene,
+    outlines: &[Cow<'_, [DVec3]>],
+    geometry: &Geometry,
+    keys: &ViewKeys,
+    middle: &Pose,
+) -> Footprint {
     let i = &geometry.intrinsics;
     let beside_px = i.width_px.max(i.height_px) as i32;
     let around = Rect::full(i.width_px, i.height_px).grown(beside_px);
@@ -171,7 +180,15 @@ pub fn footprint(scene: &Scene, outlines: &[Cow<'_, [DVec3]>], geometry: &Geomet
         let cut = || {
             let hulls = if seen.is_some() { vec![points.clone()] } else { hulls(scene, part, &outlines[part.mesh]) };
             let of_hull = |hull: &Vec<DVec3>| {
-                let at = |pose: &&Pose| hull.iter().map(|&p| pose.transform_point(p)).collect::<Vec<_>>();
+                // What passes the camera is drawn as far as it is before it at the middle moment.
+                let drawn: Vec<_> = match seen {
+                    Some(_) => hull.clone(),
+                    None => {
+                        let hull: Vec<_> = hull.iter().map(|&p| middle.transform_point(p)).collect();
+                        before(&hull, CUT_M).into_iter().map(|p| middle.inverse_transform_point(p)).collect()
+                    }
+                };
+                let at = |pose: &&Pose| drawn.iter().map(|&p| pose.transform_point(p)).collect::<Vec<_>>();
                 let places: Vec<_> = moments.iter().map(at).collect();
                 let between = places.windows(2.min(places.len())).filter_map(|pair| seen_in(&pair.concat(), *area));
                 between.reduce(Extent::union)
@@ -254,7 +271,7 @@ mod tests {
             let part = Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY };
             let scene =
                 Scene { objects: vec![Object { name: "cube".to_owned(), parts: vec![part] }], ..Scene::default() };
-            footprint(&scene, &[corners.into()], &geometry, &keys)
+            footprint(&scene, &[corners.into()], &geometry, &keys, &keys.middle())
         };
         // Beside the camera, one corner 1 cm in front of its plane: more than 3 m to the side of what is visible there.
         for at in [DVec3::new(1.0, 0.0, -0.04), DVec3::new(-1.0, 0.4, -0.03), DVec3::new(0.3, 0.0, -1.0)] {
@@ -333,7 +350,7 @@ mod tests {
         let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
         let object = Object { name: "box".to_owned(), parts: vec![Part { mesh: 0, world_from_mesh }] };
         let scene = Scene { objects: vec![object], meshes, ..Scene::default() };
-        footprint(&scene, &[unit.corners().to_vec().into()], geometry, keys)
+        footprint(&scene, &[unit.corners().to_vec().into()], geometry, keys, &keys.middle())
     }
 
     /// Its sides.
@@ -364,8 +381,11 @@ mod tests {
                 let p = DVec3::from(p);
                 let (rotation, position_m) = keys.at(2.0 * t * keys.reach_s);
                 let eye = position_m + keys.origin_in_world_m;
-                let p = rotation.normalize() * (world_from_box.transform_point3(p) - eye);
-                let Some(at) = geometry.project(p).filter(|_| p.z >= NEAR_M) else { continue };
+                let p = world_from_box.transform_point3(p);
+                let in_middle = keys.middle().transform_point(p);
+                let p = rotation.normalize() * (p - eye);
+                let is_drawn = p.z >= NEAR_M && in_middle.z >= CUT_M;
+                let Some(at) = geometry.project(p).filter(|_| is_drawn) else { continue };
                 let (x, y) = (at.x.floor() as i32, at.y.floor() as i32);
                 prop_assert!(!picture.contains(x, y) || found.rect.contains(x, y), "{at} of {p} is not in {found:?}");
             }

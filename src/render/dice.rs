@@ -12,6 +12,8 @@ use crate::scene::{Mesh, Vertex};
 const TOLERANCE_PX: f64 = 0.05;
 /// Longer edges are always cut, px: an edge through the centre can bend to both sides while its middle is right.
 const LONGEST_PX: f64 = 96.0;
+/// Where triangles that pass the camera are cut, metres before it at the middle moment: at others a point may be nearer.
+pub const CUT_M: f64 = 2.0 * NEAR_M;
 /// Each cut halves an edge, and no picture is wider than 2^12.
 const DEEPEST: u32 = 12;
 
@@ -102,9 +104,7 @@ pub fn dice(
         .iter()
         .flat_map(|pose| corners_in_world.iter().map(|&c| pose.transform_point(c).z))
         .fold(f64::INFINITY, f64::min);
-    // At other moments than the middle one a point may be nearer.
-    let near = 2.0 * NEAR_M;
-    let crosses = nearest < near;
+    let crosses = nearest < CUT_M;
     let scale = world_from_mesh.matrix3;
     let stretch = scale.x_axis.length().max(scale.y_axis.length()).max(scale.z_axis.length());
     if !crosses && longest * stretch * geometry.intrinsics.fx_px / nearest <= bend.safe_px {
@@ -121,7 +121,7 @@ pub fn dice(
                 (v, camera_from_mesh(&v))
             })
             .collect();
-        let clipped = clip(&corners, near);
+        let clipped = clip(&corners, CUT_M);
         for i in 1..clipped.len().saturating_sub(1) {
             dicer.cut([clipped[0], clipped[i], clipped[i + 1]], 0);
         }

@@ -150,6 +150,11 @@ impl Renderer {
 
     /// Where the objects can be while the shutter is open.
     pub fn footprint(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter) -> Footprint {
+        self.footprint_within(geometry, keys, shutter, &keys.middle())
+    }
+
+    /// The same for a part of an exposure with this pose in its middle.
+    fn footprint_within(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter, middle: &Pose) -> Footprint {
         if geometry.sees_around() {
             let bounds: Vec<_> = self.meshes.iter().map(|m| m.bounds).collect();
             return footprint_around(&self.scene, &bounds, geometry, keys, shutter);
@@ -164,7 +169,7 @@ impl Renderer {
                 _ => m.outline.as_slice().into(),
             })
             .collect();
-        footprint(&self.scene, &outlines, geometry, keys)
+        footprint(&self.scene, &outlines, geometry, keys, middle)
     }
 
     /// The box of each part, corners in the world; empty parts are skipped.
@@ -232,7 +237,7 @@ impl Renderer {
     fn part_of(&self, view: &View<'_>, sample: &Sample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
         let Prepared::Plane(Draws { motion, .. }) = prepared else { return view.rect };
         let keys = view.keys.around(sample.time_s, view.shutter.readout_time_s);
-        let footprint = self.footprint(view.geometry, &keys, view.shutter);
+        let footprint = self.footprint_within(view.geometry, &keys, view.shutter, &view.keys.middle());
         let from_lens_px = footprint.depths_m.map(|z| {
             let [x, y] = sample.lens_m.map(|c| c * view.geometry.intrinsics.fx_px * (1.0 / z - 1.0 / focus_distance_m));
             x.hypot(y)

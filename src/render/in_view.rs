@@ -30,17 +30,19 @@ impl Extent {
 
 /// The extent of what of the points' hull (in the camera's axes, metres) is seen within `area`.
 pub fn seen_in(points: &[DVec3], area: Extent) -> Option<Extent> {
-    let seen = within(&outline_of(before_the_camera(points)), area);
+    let images = before(points, NEAR_M).iter().map(|p| p.truncate() / p.z).collect();
+    let seen = within(&outline_of(images), area);
     Extent::of(seen.into_iter().map(|p| p.clamp(area.low, area.high)))
 }
 
-/// Normalised coordinates of the corners of the part of a hull in front of the near plane, and of some points inside:
-/// the points in front, and where lines from those to the others meet the plane.
-fn before_the_camera(points: &[DVec3]) -> Vec<DVec2> {
-    let (front, back): (Vec<DVec3>, Vec<DVec3>) = points.iter().partition(|p| p.z >= NEAR_M);
-    let meets = |f: &DVec3, b: &DVec3| f.lerp(*b, (f.z - NEAR_M) / (f.z - b.z)).truncate() / NEAR_M;
-    let crossing = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b)));
-    front.iter().map(|p| p.truncate() / p.z).chain(crossing).collect()
+/// Corners of the part of a hull with z of at least `near_m`, and some points inside it: the points in front of that
+/// plane, and where lines from those to the others meet it.
+pub fn before(points: &[DVec3], near_m: f64) -> Vec<DVec3> {
+    let (mut front, back): (Vec<DVec3>, Vec<DVec3>) = points.iter().partition(|p| p.z >= near_m);
+    let meets = |f: &DVec3, b: &DVec3| f.lerp(*b, (f.z - near_m) / (f.z - b.z)).with_z(near_m);
+    let crossing: Vec<_> = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b))).collect();
+    front.extend(crossing);
+    front
 }
 
 /// The convex hull's corners, one after another (Andrew 1979, the monotone chain).
