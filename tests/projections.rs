@@ -291,7 +291,7 @@ fn what_is_no_camera_is_refused() {
         (&["--camera", "environment", "--fov", "360,200"], "360 by 180"),
         (&["--from", "0,0,1", "--at", "0,0,1"], "make no view"),
         (&["--from", "0,0,1", "--at", "0,0,0", "--up", "0,0,1"], "make no view"),
-        (&["--from", "0,nan,1"], "3 numbers"),
+        (&["--from", "0,nan,1"], "accepted are numbers from"),
         (&["-o", "a.gif"], ".png and .exr"),
     ] {
         let mut all = vec!["render", "scenes/l-scale.glb"];
