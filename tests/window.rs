@@ -5,6 +5,8 @@
 
 #[path = "common/gpu.rs"]
 mod gpu;
+#[path = "common/program.rs"]
+mod program;
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -295,6 +297,54 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     window.get_by_label("Undo").click();
     settle(&mut window);
     assert!(shown(&window) == empty);
+}
+
+#[test]
+fn it_asks_before_changes_are_lost() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    std::fs::write(&profile, "version = 1\n").unwrap();
+    let mut window = open(Some(&profile));
+    let close = |window: &mut Harness<'_, App>| {
+        let id = window.input().viewport_id;
+        window.input_mut().viewports.get_mut(&id).unwrap().events.push(egui::ViewportEvent::Close);
+        window.run_steps(2);
+    };
+    close(&mut window);
+    assert_eq!(window.query_all_by_label("Save and close").count(), 0, "nothing has been changed");
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
+    close(&mut window);
+    window.get_by_label("Stay").click();
+    window.run_steps(2);
+    assert_eq!(window.query_all_by_label("Save and close").count(), 0);
+    close(&mut window);
+    window.get_by_label("Save and close").click();
+    window.run_steps(2);
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
+}
+
+#[test]
+fn a_damaged_frame_is_said_and_the_others_are_shown() {
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
+    let project = Project::open(temp.path(), &OpenOptions::default(), &given).unwrap();
+    let builder = Harness::builder().with_size(egui::vec2(1000.0, 700.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
+    settle(&mut window);
+    let until = |window: &mut Harness<'_, App>, done: fn(&App) -> bool| {
+        let begun = Instant::now();
+        while !done(window.state()) && begun.elapsed() < Duration::from_secs(60) {
+            window.step();
+            std::thread::yield_now();
+        }
+    };
+    window.state_mut().player_mut().seek(3);
+    until(&mut window, |app| app.problem().is_some());
+    assert!(window.state().problem().unwrap().contains("00003.jpg"));
+    window.state_mut().player_mut().seek(2);
+    until(&mut window, App::is_settled);
+    assert!(window.state().is_settled() && window.state().problem().is_none());
 }
 
 #[test]

@@ -58,7 +58,7 @@ fn reason(error: &str) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn a_librarys_file_is_no_reason() {
+    fn the_file_of_a_library_is_no_reason() {
         let error = "os error at /src/linux/mod.rs:788: Failed to open connection to X server";
         let said = super::reason(error);
         assert!(!said.contains("mod.rs") && (said.contains("X server") || said.contains("no display")), "{said}");

@@ -26,7 +26,7 @@ const SAVE: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::S)
 /// Every key with what it does, as the window lists them.
 const KEYS: [(&str, &str); 14] = [
     ("Space", "play, pause"),
-    ("← →", "one frame back, on (Shift: ten)"),
+    ("Left, Right", "one frame back, on (Shift: ten)"),
     ("Home, End", "first, last frame"),
     ("\\ held", "the camera's own picture"),
     ("W", "wipe between camera and composite"),
@@ -61,6 +61,10 @@ pub struct App {
     frame: Option<Frame>,
     /// The frame that the reader was asked for, as long as it has not come.
     asked: Option<usize>,
+    /// Nothing more is decoded.
+    reader_ended: bool,
+    /// The frame that could not be decoded last.
+    failed: Option<usize>,
     made: Option<Made>,
     stats: Option<FrameStats>,
     /// When pictures of the last second were begun.
@@ -69,6 +73,10 @@ pub struct App {
     problem: Option<String>,
     /// What was done last.
     said: Option<String>,
+    /// A person wants to close the window and has not saved.
+    asks_to_close: bool,
+    /// And has said that the changes may be lost.
+    may_close: bool,
     shows_keys: bool,
     shows_history: bool,
     placed: Option<Placed>,
@@ -93,11 +101,15 @@ impl App {
             evidence: Evidence::default(),
             frame: None,
             asked: None,
+            reader_ended: false,
+            failed: None,
             made: None,
             stats: None,
             begun: VecDeque::new(),
             problem: None,
             said: None,
+            asks_to_close: false,
+            may_close: false,
             shows_keys: false,
             shows_history: false,
             placed: None,
@@ -147,8 +159,12 @@ impl App {
                 Ok(Some((index, decoded))) => {
                     self.asked = self.asked.filter(|asked| *asked != index);
                     match decoded {
-                        Ok(frame) => self.frame = Some(frame),
+                        Ok(frame) => {
+                            self.frame = Some(frame);
+                            self.failed = None;
+                        }
                         Err(error) => {
+                            self.failed = Some(index);
                             self.problem = Some(error.to_string());
                             self.player.play(false);
                         }
@@ -156,14 +172,15 @@ impl App {
                 }
                 Ok(None) => break,
                 Err(()) => {
+                    self.reader_ended = true;
                     self.problem.get_or_insert_with(|| "decoding has ended".to_owned());
                     break;
                 }
             }
         }
         let due = self.player.frame();
-        if self.asked.is_none() && self.frame.as_ref().is_none_or(|frame| frame.index != due) && self.problem.is_none()
-        {
+        let is_there = self.frame.as_ref().is_some_and(|frame| frame.index == due);
+        if self.asked.is_none() && !is_there && self.failed != Some(due) && !self.reader_ended {
             self.reader.ask(due);
             self.asked = Some(due);
         }
@@ -224,11 +241,11 @@ impl App {
         if pressed(Key::Space) {
             self.player.play(!self.player.playing);
         }
-        if pressed(Key::ArrowLeft) {
-            self.player.step(-far);
-        }
-        if pressed(Key::ArrowRight) {
-            self.player.step(far);
+        // Of a key that is held several presses come at once.
+        let times = |key| ctx.input(|i| i.num_presses(key)) as isize;
+        let steps = times(Key::ArrowRight) - times(Key::ArrowLeft);
+        if steps != 0 {
+            self.player.step(steps * far);
         }
         if pressed(Key::Home) {
             self.player.step(isize::MIN);
@@ -346,16 +363,53 @@ impl App {
         });
     }
 
-    fn windows(&mut self, ctx: &egui::Context) {
-        egui::Window::new("Keys").open(&mut self.shows_keys).resizable(false).show(ctx, |ui| {
-            egui::Grid::new("keys").num_columns(2).spacing([16.0, 6.0]).show(ui, |ui| {
-                for (key, does) in KEYS {
-                    ui.strong(key);
-                    ui.label(does);
-                    ui.end_row();
-                }
+    /// Asks before anything is lost.
+    fn closing(&mut self, ctx: &egui::Context) {
+        let closes = ctx.input(|i| i.viewport().close_requested());
+        if closes && !self.may_close && !self.project.is_saved() {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+            self.asks_to_close = true;
+        }
+        if !self.asks_to_close {
+            return;
+        }
+        let (mut save, mut discard, mut stay) = (false, false, false);
+        egui::Modal::new(egui::Id::unique("closing")).show(ctx, |ui| {
+            ui.set_max_width(340.0);
+            ui.heading("Save what you have changed?");
+            ui.label("The changes since the last save are lost otherwise.");
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                save = ui.button("Save and close").clicked();
+                discard = ui.button("Close without saving").clicked();
+                stay = ui.button("Stay").clicked();
             });
         });
+        if save {
+            self.save();
+            discard = self.project.is_saved();
+        }
+        self.asks_to_close = !(save || discard || stay);
+        if discard {
+            self.may_close = true;
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+    }
+
+    fn windows(&mut self, ctx: &egui::Context) {
+        egui::Window::new("Keys")
+            .open(&mut self.shows_keys)
+            .resizable(false)
+            .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+            .show(ctx, |ui| {
+                egui::Grid::new("keys").num_columns(2).spacing([16.0, 6.0]).show(ui, |ui| {
+                    for (key, does) in KEYS {
+                        ui.strong(key);
+                        ui.label(does);
+                        ui.end_row();
+                    }
+                });
+            });
         let mut chosen = None;
         egui::Window::new("History").open(&mut self.shows_history).default_width(240.0).show(ctx, |ui| {
             egui::ScrollArea::vertical().max_height(360.0).stick_to_bottom(true).show(ui, |ui| {
@@ -388,13 +442,13 @@ impl eframe::App for App {
             timeline::show(ui, &mut self.player, &told);
             ui.add_space(2.0);
         });
-        egui::Panel::right("controls").default_size(430.0).size_range(320.0..=700.0).show(ui, |ui| {
+        egui::Panel::right("controls").default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
             ui.add_space(4.0);
             if let Some(refused) = self.controls.show(ui, &mut self.project) {
                 self.said = Some(refused);
             }
         });
-        egui::Panel::left("evidence").default_size(210.0).size_range(160.0..=400.0).show(ui, |ui| {
+        egui::Panel::left("evidence").default_size(170.0).size_range(140.0..=400.0).show(ui, |ui| {
             ui.add_space(4.0);
             if let Some(wrong) = self.evidence.show(ui, &mut self.project) {
                 self.said = Some(wrong);
@@ -413,5 +467,6 @@ impl eframe::App for App {
             }
         });
         self.windows(&ctx);
+        self.closing(&ctx);
     }
 }

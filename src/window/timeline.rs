@@ -73,14 +73,14 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
         if button(ui, Icon::First, "First frame", "Home") {
             player.step(isize::MIN);
         }
-        if button(ui, Icon::Back, "One frame back", "←") {
+        if button(ui, Icon::Back, "One frame back", "Left") {
             player.step(-1);
         }
         let (icon, name) = if playing { (Icon::Pause, "Pause") } else { (Icon::Play, "Play") };
         if button(ui, icon, name, "Space") {
             player.play(!playing);
         }
-        if button(ui, Icon::On, "One frame on", "→") {
+        if button(ui, Icon::On, "One frame on", "Right") {
             player.step(1);
         }
         if button(ui, Icon::Last, "Last frame", "End") {
