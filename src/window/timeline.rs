@@ -104,7 +104,7 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
             .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Speed"));
         let last = player.count().saturating_sub(1);
         let mut frame = player.frame();
-        let text_width = 230.0;
+        let text_width = 320.0;
         ui.spacing_mut().slider_width = (ui.available_width() - text_width - 16.0).max(60.0);
         let slider = ui.add_enabled(last > 0, egui::Slider::new(&mut frame, 0..=last).show_value(false));
         slider.widget_info(|| egui::WidgetInfo::slider(true, frame as f64, "Frame"));
