@@ -53,6 +53,8 @@ pub struct Project {
     /// As the recording and the profiles have it: what a value is compared with to tell who set it.
     opened: Edit,
     saved: Edit,
+    /// As it is where nobody says anything.
+    defaults: Edit,
     pub profile: Option<PathBuf>,
     pub scene: Option<PathBuf>,
     scene_text: Option<scene::Document>,
@@ -79,6 +81,7 @@ impl Project {
             history: History::new(edit.clone()),
             opened: edit.clone(),
             saved: edit.clone(),
+            defaults: Edit { rig: Rig::default(), settings: Settings::default(), scene: SceneFile::default() },
             profile: given.profile.clone(),
             scene: given.scene.clone(),
             scene_text,
@@ -166,10 +169,9 @@ impl Project {
 
     pub fn origin(&self, table: &str, name: &str) -> Origin {
         let (now, opened) = (value(self.edit(), table, name), self.opened(table, name));
-        let default = Edit { rig: Rig::default(), settings: Settings::default(), scene: SceneFile::default() };
         if now != opened {
             Origin::Person
-        } else if now != value(&default, table, name) {
+        } else if now != value(&self.defaults, table, name) {
             Origin::File
         } else {
             Origin::Default
