@@ -189,7 +189,7 @@ fn law_3_neutral_is_identity() {
         }
         // And a scene without objects is the recording itself.
         site.shot.rig = with_lens;
-        site.shot.scene.objects.clear();
+        std::sync::Arc::make_mut(&mut site.shot.scene).objects.clear();
         let frames = site.shot.recording.frames(20..24).unwrap();
         for (a, b) in composite(&gpu, &mut site, settings(), 20..24, false).iter().zip(frames) {
             assert!(a.pixels == b.unwrap().pixels);

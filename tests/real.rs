@@ -91,7 +91,7 @@ fn props_stand_on_the_desk_behind_and_before_its_things_in_all_90_frames() {
     let mut drawn = |objects: &[usize], occlusion: bool, range: Range<usize>| {
         shot.settings.plain();
         shot.settings.depth.occlusion = occlusion;
-        shot.scene.objects = objects.iter().map(|&i| scene.objects[i].clone()).collect();
+        std::sync::Arc::make_mut(&mut shot.scene).objects = objects.iter().map(|&i| scene.objects[i].clone()).collect();
         composite(&gpu, &shot, range)
     };
     let tolerance_m = Settings::default().depth.tolerance_m;
@@ -200,7 +200,7 @@ fn marks_on_the_door_lie_where_the_reconstruction_saw_its_points() {
         scene = board::both(scene, mark);
     }
     // Stills: nothing moved while they were taken.
-    shot.scene = scene;
+    shot.scene = std::sync::Arc::new(scene);
     let done = composite(&gpu::gpu(), &shot, 0..12);
     let recording = &shot.recording;
     let (mut errors_px, mut from_projection_px) = (Vec::new(), 0.0f64);

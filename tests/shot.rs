@@ -10,10 +10,12 @@ mod program;
 mod shot;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::recording::OpenOptions;
+use locard::scene::Scene;
 use locard::shot::{Given, Known, Note, Shot, ShotError};
 
 const SCENE: &str = "scenes/demo.toml";
@@ -67,8 +69,9 @@ fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
     let made = gpu.pipelines_made();
     // The first is 2 cm higher, of the second nothing is left.
     let up = DAffine3::from_translation(0.02 * DVec3::Z);
-    held.scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
-    held.scene.objects[1].parts.clear();
+    let scene = Arc::make_mut(&mut held.scene);
+    scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
+    scene.objects[1].parts.clear();
     let moved = picture(&mut held, &mut compositor, 31);
     assert_eq!(gpu.pipelines_made(), made);
     let mut new = held.compositor(gpu.clone());
@@ -77,7 +80,7 @@ fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
 
     let made = gpu.pipelines_made();
     held.scene = shot::demo(SCENE).scene;
-    compositor.set_scene(held.scene.clone());
+    compositor.set_scene(Scene::clone(&held.scene));
     assert!(picture(&mut held, &mut compositor, 31).pixels == before.pixels);
     assert_eq!(gpu.pipelines_made(), made);
 }

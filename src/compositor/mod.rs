@@ -53,6 +53,19 @@ pub struct Pending {
     work: Option<Work>,
     /// Earlier submissions of the frame, in order, without the last.
     parts: Vec<wgpu::SubmissionIndex>,
+    /// `None` where nothing had to be drawn.
+    last: Option<wgpu::SubmissionIndex>,
+}
+
+impl Pending {
+    pub fn stats(&self) -> &FrameStats {
+        &self.stats
+    }
+
+    /// Waits until all of it is drawn, on whatever thread. Of a picture that went into a view nothing else comes.
+    pub fn await_drawn(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        self.last.clone().map_or(Ok(()), |last| gpu.wait(Some(last)))
+    }
 }
 
 #[derive(Debug, Default)]
@@ -194,24 +207,27 @@ impl Compositor {
         for readback in codes.chain(work.layer.iter_mut().flat_map(|layer| &mut layer.parts)) {
             readback.submitted(submission.clone());
         }
+        let last = Some(submission);
         Ok(Pending {
             frame: job.frame,
             stats,
             want_layer: job.want_layer,
             work: Some(work),
             parts: self.recorder.parts(),
+            last,
         })
     }
 
     /// Passes a frame through to which nothing is added.
     fn untouched(&mut self, job: Job<'_>, stats: FrameStats, target: Target<'_>) -> Pending {
+        let mut last = None;
         if let Target::View(view, format) = target {
             let pixels = &job.frame.pixels;
             let sent = Sent::new(&self.recorder, pixels, Rect::full(pixels.width, pixels.height));
             sent.show(&mut self.recorder, view, format);
-            self.recorder.submit();
+            last = Some(self.recorder.submit());
         }
-        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new() }
+        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new(), last }
     }
 
     /// Whether [`Compositor::collect`] would return without waiting.

@@ -18,7 +18,7 @@ pub use device::{AdapterReport, Gpu, GpuError, adapters};
 pub use interface::{Global, Interface};
 pub use pass::Pass;
 pub use pipelines::Entry;
-pub use readback::{Readback, ReadbackSet};
+pub use readback::{Readback, ReadbackSet, read_back};
 pub use recorder::Recorder;
 #[cfg(test)]
 pub use shader::constant;

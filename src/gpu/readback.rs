@@ -30,39 +30,17 @@ const READY: u8 = 1;
 impl ReadbackSet {
     /// Records a copy of the upper left `width` × `height` of a texture.
     pub fn copy(&mut self, recorder: &mut Recorder, texture: &Texture, (width, height): (u32, u32)) -> Readback {
-        let texel_bytes = texture.format.block_copy_size(None).unwrap_or(4);
-        let row_bytes = width * texel_bytes;
-        let padded = row_bytes.div_ceil(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) * wgpu::COPY_BYTES_PER_ROW_ALIGNMENT;
+        let (_, padded) = row_bytes(&texture.texture, width);
         let size = u64::from(padded) * u64::from(height);
         let buffer = match self.free.iter().position(|b| b.size() >= size) {
             Some(i) => self.free.swap_remove(i),
             None => {
                 // A buffer that is too small would never be used again.
                 self.free.pop();
-                recorder.gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some("readback"),
-                    size: size.next_power_of_two(),
-                    usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-                    mapped_at_creation: false,
-                })
+                buffer_of(&recorder.gpu, size.next_power_of_two())
             }
         };
-        recorder.encoder().copy_texture_to_buffer(
-            texture.texture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded), rows_per_image: None },
-            },
-            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        );
-        Readback {
-            buffer,
-            size,
-            row_bytes: row_bytes as usize,
-            padded_row_bytes: padded as usize,
-            state: Arc::new(AtomicU8::new(PENDING)),
-            submission: None,
-        }
+        Readback::begin(recorder.encoder(), &texture.texture, buffer, (width, height))
     }
 
     /// Keeps a finished readback's buffer for the next one.
@@ -71,7 +49,58 @@ impl ReadbackSet {
     }
 }
 
+/// Bytes of a row of texels, and of a row of their copy.
+fn row_bytes(texture: &wgpu::Texture, width: u32) -> (u32, u32) {
+    let row = width * texture.format().block_copy_size(None).unwrap_or(4);
+    (row, row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT))
+}
+
+fn buffer_of(gpu: &Gpu, size: u64) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("readback"),
+        size,
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    })
+}
+
+/// All texels of a texture that somebody else owns, rows without padding. Waits for them.
+pub fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, GpuError> {
+    let (width, height) = (texture.width(), texture.height());
+    let size = u64::from(row_bytes(texture, width).1) * u64::from(height);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let mut readback = Readback::begin(&mut encoder, texture, buffer_of(gpu, size), (width, height));
+    readback.submitted(gpu.queue.submit([encoder.finish()]));
+    readback.bytes(gpu)
+}
+
 impl Readback {
+    /// Records a copy of the upper left of a texture into a buffer that is large enough.
+    fn begin(
+        encoder: &mut wgpu::CommandEncoder,
+        texture: &wgpu::Texture,
+        buffer: wgpu::Buffer,
+        (width, height): (u32, u32),
+    ) -> Self {
+        let (row, padded) = row_bytes(texture, width);
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded), rows_per_image: None },
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        Self {
+            buffer,
+            size: u64::from(padded) * u64::from(height),
+            row_bytes: row as usize,
+            padded_row_bytes: padded as usize,
+            state: Arc::new(AtomicU8::new(PENDING)),
+            submission: None,
+        }
+    }
+
     /// To be called once, after the encoder was submitted.
     pub fn submitted(&mut self, submission: wgpu::SubmissionIndex) {
         let state = Arc::clone(&self.state);

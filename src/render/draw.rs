@@ -81,9 +81,18 @@ impl Renderer {
         Self::with_pipelines(gpu, scene, Pipelines::new(gpu))
     }
 
-    /// Replaces the scene. Compiled pipelines are kept.
+    /// Replaces the scene. Compiled pipelines are kept, and what was uploaded if it is the same.
     pub fn set_scene(&mut self, gpu: &Gpu, scene: Scene) {
-        *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());
+        let before = &self.scene;
+        let is_uploaded = before.materials == scene.materials
+            && before.textures == scene.textures
+            && before.lighting.environment == scene.lighting.environment
+            && before.meshes == scene.meshes;
+        if is_uploaded {
+            self.scene = scene;
+        } else {
+            *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());
+        }
     }
 
     /// Replaces the objects. They use the scene's meshes; one without parts is not drawn.

@@ -11,6 +11,7 @@ mod stream;
 mod surface;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::camera::{Camera, CameraExposure, Geometry, Lens};
 use crate::compositor::{Compositor, Settings};
@@ -37,16 +38,16 @@ pub struct Given {
     pub scene: Option<PathBuf>,
 }
 
-/// A recording with its camera, what is put into it, and how.
-#[derive(Debug)]
+/// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
+#[derive(Clone, Debug)]
 pub struct Shot {
-    pub recording: Recording,
+    pub recording: Arc<Recording>,
     /// The camera from profiles and settings. For each frame it overrides the recording's own ([`Shot::geometry_at`]).
     pub rig: Rig,
     pub settings: Settings,
     /// Drawn by compositors made from it ([`Shot::compositor`]). They follow its objects' placement; for other changes
     /// call [`Compositor::set_scene`].
-    pub scene: Scene,
+    pub scene: Arc<Scene>,
     /// The profiles that were read.
     profiles: Vec<PathBuf>,
     /// The camera before `Given::sets`, and from `Given::sets` alone: for a frame's exposure they have different ranks
@@ -54,7 +55,7 @@ pub struct Shot {
     by_profile: Rig,
     by_sets: Rig,
     /// The frame of the last picture, as recorded: usually the next one's too.
-    held: Option<Frame>,
+    held: Option<Arc<Frame>>,
 }
 
 impl Shot {
@@ -84,12 +85,13 @@ impl Shot {
             Some(path) => scene::load(path, recording.up)?,
             None => Scene::default(),
         };
+        let (recording, scene) = (Arc::new(recording), Arc::new(scene));
         Ok(Self { recording, rig, settings, scene, profiles, by_profile, by_sets, held: None })
     }
 
     /// A compositor on a device, with the scene as it is now.
     pub fn compositor(&self, gpu: Gpu) -> Compositor {
-        Compositor::new(gpu, self.scene.clone())
+        Compositor::new(gpu, Scene::clone(&self.scene))
     }
 
     /// Every file that was read, or will be.

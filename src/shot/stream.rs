@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::{Shot, ShotError};
 use crate::camera::Geometry;
@@ -36,10 +37,11 @@ impl Shot {
     ) -> Result<Pending, ShotError> {
         let held = match self.held.take() {
             Some(held) if held.index == frame => held,
-            _ => self.read(frame)?,
+            _ => Arc::new(self.read(frame)?),
         };
         let geometry = self.geometry_at(frame);
-        let pending = geometry.and_then(|geometry| self.submit(compositor, held.clone(), &geometry, target, false));
+        let pending =
+            geometry.and_then(|geometry| self.submit(compositor, Frame::clone(&held), &geometry, target, false));
         self.held = Some(held);
         pending
     }

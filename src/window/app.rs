@@ -1,78 +1,26 @@
 //! The window: one frame of it is one call of [`App::ui`](eframe::App::ui).
 
-use std::collections::VecDeque;
-
-use std::time::Instant;
-
-use eframe::egui::{self, Key, KeyboardShortcut, Modifiers, Ui};
+use eframe::egui::{self, Key, Ui};
 use glam::DVec2;
 
+use super::actions::{self, Action};
 use super::controls::Controls;
 use super::evidence::Evidence;
-use super::picture::{self, Placed, View};
+use super::hand::{Hand, Wanted};
+use super::picture::{self, Placed, Taken, View};
 use super::player::Player;
 use super::project::Project;
-use super::reader::Reader;
+use super::session::Session;
 use super::timeline::{self, Told};
 use super::viewer::Viewer;
-use crate::compositor::FrameStats;
-use crate::frame::Frame;
-
-const UNDO: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::Z);
-const REDO: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND.plus(Modifiers::SHIFT), Key::Z);
-const REDO_TOO: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::Y);
-const SAVE: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::S);
-
-/// Every key with what it does, as the window lists them.
-const KEYS: [(&str, &str); 14] = [
-    ("Space", "play, pause"),
-    ("Left, Right", "one frame back, on (Shift: ten)"),
-    ("Home, End", "first, last frame"),
-    ("\\ held", "the camera's own picture"),
-    ("W", "wipe between camera and composite"),
-    ("F", "the whole picture"),
-    ("1", "one screen pixel to each of the picture's"),
-    ("+ -", "larger, smaller"),
-    ("Wheel, drag", "zoom about the pointer, move"),
-    ("Ctrl+Z", "undo"),
-    ("Ctrl+Shift+Z", "redo"),
-    ("Ctrl+S", "save profile and scene"),
-    ("T", "light or dark"),
-    ("?", "these keys"),
-];
-
-/// What the picture that is shown was made of.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Made {
-    frame: usize,
-    version: u64,
-}
 
 /// The tuner.
 pub struct App {
-    project: Project,
-    viewer: Viewer,
-    reader: Reader,
-    player: Player,
+    session: Session,
     pub view: View,
     controls: Controls,
     evidence: Evidence,
-    /// The frame that was decoded last.
-    frame: Option<Frame>,
-    /// The frame that the reader was asked for, as long as it has not come.
-    asked: Option<usize>,
-    /// Nothing more is decoded.
-    reader_ended: bool,
-    /// The frame that could not be decoded last.
-    failed: Option<usize>,
-    made: Option<Made>,
-    stats: Option<FrameStats>,
-    /// When pictures of the last second were begun.
-    begun: VecDeque<Instant>,
-    /// What went wrong last; stays until something goes right.
-    problem: Option<String>,
-    /// What was done last.
-    said: Option<String>,
+    hand: Hand,
     /// A person wants to close the window and has not saved.
     asks_to_close: bool,
     /// And has said that the changes may be lost.
@@ -86,28 +34,12 @@ impl App {
     /// Takes the window's device.
     pub fn new(context: &eframe::CreationContext<'_>, project: Project) -> Result<Self, String> {
         let window = context.wgpu_render_state.clone().ok_or("the window has no device that Locard can draw with")?;
-        let viewer = Viewer::new(window, &project);
-        let wake = context.egui_ctx.clone();
-        let reader = Reader::new(project.shot().recording.clone(), move || wake.request_repaint())
-            .map_err(|e| format!("no thread can be had that decodes: {e}"))?;
-        let player = Player::new(&project.shot().recording.timestamps_s);
         Ok(Self {
-            project,
-            viewer,
-            reader,
-            player,
+            session: Session::new(window, &context.egui_ctx, project)?,
             view: View::default(),
             controls: Controls::default(),
             evidence: Evidence::default(),
-            frame: None,
-            asked: None,
-            reader_ended: false,
-            failed: None,
-            made: None,
-            stats: None,
-            begun: VecDeque::new(),
-            problem: None,
-            said: None,
+            hand: Hand::default(),
             asks_to_close: false,
             may_close: false,
             shows_keys: false,
@@ -117,213 +49,118 @@ impl App {
     }
 
     pub fn project(&self) -> &Project {
-        &self.project
+        &self.session.project
     }
 
     pub fn project_mut(&mut self) -> &mut Project {
-        &mut self.project
+        &mut self.session.project
     }
 
     pub fn player_mut(&mut self) -> &mut Player {
-        &mut self.player
+        &mut self.session.player
     }
 
     pub fn viewer(&self) -> &Viewer {
-        &self.viewer
+        &self.session.viewer
     }
 
     /// Where a place of the picture, px, is on the screen.
     pub fn on_screen(&self, at_px: egui::Vec2) -> Option<egui::Pos2> {
-        self.placed.map(|placed| placed.rect.min + at_px * placed.scale)
+        self.placed.map(|placed| placed.screen(at_px))
     }
 
     /// What is wrong, as the window says it.
     pub fn problem(&self) -> Option<&str> {
-        self.problem.as_deref()
+        self.session.problem()
     }
 
     /// Whether the picture that is shown is finished, and is that of all that is set now.
     pub fn is_settled(&self) -> bool {
-        let wanted = Made { frame: self.player.frame(), version: self.project.version() };
-        self.made == Some(wanted) && !self.viewer.is_busy()
+        self.session.is_settled()
     }
 
-    /// Decodes and composites what is due, as far as that does not wait.
-    fn work(&mut self, ctx: &egui::Context) {
-        let busy = self.viewer.is_busy();
-        let frame = self.player.frame();
-        let is_shown = self.made.is_some_and(|made| made.frame == frame) && !busy;
-        self.player.advance(f64::from(ctx.input(|i| i.unstable_dt)), is_shown);
-        loop {
-            match self.reader.take() {
-                Ok(Some((index, decoded))) => {
-                    self.asked = self.asked.filter(|asked| *asked != index);
-                    match decoded {
-                        Ok(frame) => {
-                            self.frame = Some(frame);
-                            self.failed = None;
-                        }
-                        Err(error) => {
-                            self.failed = Some(index);
-                            self.problem = Some(error.to_string());
-                            self.player.play(false);
-                        }
-                    }
-                }
-                Ok(None) => break,
-                Err(()) => {
-                    self.reader_ended = true;
-                    self.problem.get_or_insert_with(|| "decoding has ended".to_owned());
-                    break;
-                }
+    fn act(&mut self, action: Action, ctx: &egui::Context) {
+        let player = &mut self.session.player;
+        let zoom = self.view.zoom.or(self.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
+        match action {
+            Action::Play => player.play(!player.playing),
+            Action::Step(by) => player.step(by),
+            Action::Wipe => self.view.wipe = if self.view.wipe.is_some() { None } else { Some(0.5) },
+            Action::Fit => self.view.zoom = None,
+            Action::OneToOne => self.view.zoom = Some(1.0),
+            Action::Larger => self.view.zoom = zoom.map(|zoom| (zoom * 2.0).min(picture::MOST_ZOOM)),
+            Action::Smaller => self.view.zoom = zoom.map(|zoom| (zoom * 0.5).max(picture::LEAST_ZOOM)),
+            Action::Undo => self.undo(),
+            Action::Redo => self.redo(),
+            Action::Save => self.save(),
+            Action::Theme => {
+                let dark = ctx.global_style().visuals.dark_mode;
+                ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
             }
-        }
-        let due = self.player.frame();
-        let is_there = self.frame.as_ref().is_some_and(|frame| frame.index == due);
-        if self.asked.is_none() && !is_there && self.failed != Some(due) && !self.reader_ended {
-            self.reader.ask(due);
-            self.asked = Some(due);
-        }
-        if let Some(frame) = self.frame.as_ref().filter(|_| !busy) {
-            let wanted = Made { frame: frame.index, version: self.project.version() };
-            if self.made != Some(wanted) {
-                if self.made.is_none_or(|made| made.frame != frame.index) {
-                    self.viewer.show_plain(frame);
-                }
-                let wake = ctx.clone();
-                match self.viewer.show(&self.project, frame, move || wake.request_repaint()) {
-                    Ok(stats) => {
-                        self.stats = Some(stats);
-                        self.problem = None;
-                    }
-                    Err(error) => {
-                        self.problem = Some(error.to_string());
-                        let _ = self.viewer.gpu().take_failure();
-                    }
-                }
-                self.made = Some(wanted);
-                let now = Instant::now();
-                self.begun.push_back(now);
-                self.begun.retain(|begun| now.duration_since(*begun).as_secs_f64() < 1.0);
+            Action::Keys => self.shows_keys = !self.shows_keys,
+            Action::Leave => {
+                self.hand.cancel();
+                self.evidence.cancel();
+                (self.shows_keys, self.shows_history) = (false, false);
             }
-        }
-        if self.player.playing || !self.is_settled() {
-            ctx.request_repaint();
         }
     }
 
-    fn keys(&mut self, ctx: &egui::Context) {
-        // Keys of the picture are letters where text is typed.
-        let typing = ctx.egui_wants_keyboard_input();
-        if ctx.input_mut(|i| i.consume_shortcut(&REDO) || i.consume_shortcut(&REDO_TOO)) {
-            self.redo();
+    fn input(&mut self, ctx: &egui::Context) {
+        for action in actions::pressed(ctx) {
+            self.act(action, ctx);
         }
-        if ctx.input_mut(|i| i.consume_shortcut(&UNDO)) {
-            self.undo();
-        }
-        if ctx.input_mut(|i| i.consume_shortcut(&SAVE)) {
-            self.save();
-        }
-        self.view.plain = !typing && ctx.input(|i| i.key_down(Key::Backslash));
-        if typing {
-            return;
-        }
+        self.view.plain = !ctx.egui_wants_keyboard_input() && ctx.input(|i| i.key_down(Key::Backslash));
         for file in ctx.input(|i| i.raw.dropped_files.clone()) {
             let path = file.path().to_owned();
             if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
                 self.evidence.drop(path);
             } else {
-                self.said = Some(format!("{}: .glb and .gltf models can be dropped here", path.display()));
+                self.session.say(format!("{}: .glb and .gltf models can be dropped here", path.display()));
             }
-        }
-        let pressed = |key| ctx.input(|i| i.key_pressed(key) && !i.modifiers.command);
-        let far = if ctx.input(|i| i.modifiers.shift) { 10 } else { 1 };
-        if pressed(Key::Space) {
-            self.player.play(!self.player.playing);
-        }
-        // Of a key that is held several presses come at once.
-        let times = |key| ctx.input(|i| i.num_presses(key)) as isize;
-        let steps = times(Key::ArrowRight) - times(Key::ArrowLeft);
-        if steps != 0 {
-            self.player.step(steps * far);
-        }
-        if pressed(Key::Home) {
-            self.player.step(isize::MIN);
-        }
-        if pressed(Key::End) {
-            self.player.step(isize::MAX);
-        }
-        if pressed(Key::W) {
-            self.view.wipe = if self.view.wipe.is_some() { None } else { Some(0.5) };
-        }
-        if pressed(Key::F) {
-            self.view.zoom = None;
-        }
-        if pressed(Key::Num1) {
-            self.view.zoom = Some(1.0);
-        }
-        let zoom = self.view.zoom.or(self.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
-        if pressed(Key::Plus) || pressed(Key::Equals) {
-            self.view.zoom = zoom.map(|zoom| (zoom * 2.0).min(64.0));
-        }
-        if pressed(Key::Minus) {
-            self.view.zoom = zoom.map(|zoom| (zoom * 0.5).max(1.0 / 32.0));
-        }
-        if pressed(Key::T) {
-            let dark = ctx.global_style().visuals.dark_mode;
-            ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
-        }
-        if pressed(Key::Questionmark) || pressed(Key::F1) {
-            self.shows_keys = !self.shows_keys;
-        }
-        if pressed(Key::Escape) {
-            self.evidence.cancel();
-            (self.shows_keys, self.shows_history) = (false, false);
         }
     }
 
     fn undo(&mut self) {
-        if let Some(name) = self.project.undo() {
-            self.said = Some(format!("Undone: {name}"));
+        if let Some(name) = self.session.project.undo() {
+            self.session.say(format!("Undone: {name}"));
         }
     }
 
     fn redo(&mut self) {
-        if let Some(name) = self.project.redo() {
-            self.said = Some(format!("Done again: {name}"));
+        if let Some(name) = self.session.project.redo() {
+            self.session.say(format!("Done again: {name}"));
         }
     }
 
     fn save(&mut self) {
-        let scene = self.project.scene_path();
-        if self.project.scene_is_changed()
-            && let Err(error) = self.project.save_scene(&scene)
-        {
-            self.said = Some(format!("Not saved: {error}"));
-            return;
+        let said = self.saved().unwrap_or_else(|error| format!("Not saved: {error}"));
+        self.session.say(said);
+    }
+
+    /// Saves scene and profile, as far as they are changed; says what was done.
+    fn saved(&mut self) -> Result<String, String> {
+        let project = &mut self.session.project;
+        let scene = project.scene_path();
+        if project.scene_is_changed() {
+            project.save_scene(&scene).map_err(|error| error.to_string())?;
         }
-        if self.project.is_saved() {
-            self.said = Some(format!("Saved {}", scene.display()));
-            return;
+        if project.is_saved() {
+            return Ok(format!("Saved {}", scene.display()));
         }
-        let Some(path) = self.project.profile.clone() else {
-            self.said =
-                Some("There is no profile to save to: open with --profile FILE, which may be a new one".to_owned());
-            return;
-        };
-        self.said = Some(match self.project.save_profile(&path) {
-            Ok(()) => format!("Saved {}", path.display()),
-            Err(error) => format!("Not saved: {error}"),
-        });
+        let path = project.profile.clone();
+        let path = path.ok_or("there is no profile to save to: open with --profile FILE, which may be a new one")?;
+        project.save_profile(&path).map_err(|error| error.to_string())?;
+        Ok(format!("Saved {}", path.display()))
     }
 
     fn bar(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
-            let recording = &self.project.shot().recording;
-            let star = if self.project.is_saved() { "" } else { " •" };
+            let recording = &self.session.project.shot().recording;
+            let star = if self.session.project.is_saved() { "" } else { " •" };
             ui.strong(format!("{}{star}", recording.name)).on_hover_text(recording.path.display().to_string());
             ui.separator();
-            let (undo, redo) = (self.project.history().can_undo(), self.project.history().can_redo());
+            let (undo, redo) = (self.session.project.history().can_undo(), self.session.project.history().can_redo());
             if ui.add_enabled(undo, egui::Button::new("Undo")).on_hover_text("Ctrl+Z").clicked() {
                 self.undo();
             }
@@ -331,7 +168,7 @@ impl App {
                 self.redo();
             }
             ui.toggle_value(&mut self.shows_history, "History");
-            let unsaved = !self.project.is_saved();
+            let unsaved = !self.session.project.is_saved();
             if ui.add_enabled(unsaved, egui::Button::new("Save")).on_hover_text("Ctrl+S").clicked() {
                 self.save();
             }
@@ -349,13 +186,13 @@ impl App {
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                if let Some(problem) = self.project.problem().or(self.problem.as_deref()) {
+                if let Some(problem) = self.session.problem() {
                     ui.add(
                         egui::Label::new(egui::RichText::new(problem).color(ui.visuals().error_fg_color)).truncate(),
                     );
-                } else if let Some(said) = &self.said {
+                } else if let Some(said) = self.session.said() {
                     ui.add(egui::Label::new(egui::RichText::new(said).weak()).truncate());
-                } else if let Some(why) = self.stats.as_ref().and_then(|stats| stats.no_pose.clone()) {
+                } else if let Some(why) = self.session.stats().and_then(|stats| stats.no_pose.clone()) {
                     let text = format!("Nothing is drawn here: {why}");
                     ui.add(egui::Label::new(egui::RichText::new(text).color(ui.visuals().warn_fg_color)).truncate());
                 }
@@ -363,10 +200,36 @@ impl App {
         });
     }
 
+    /// The picture, and what is done in it.
+    fn picture(&mut self, ui: &mut Ui) {
+        let frame = self.session.frame().cloned();
+        let asked = self.hand.asks_for();
+        let is_placing = self.evidence.is_placing() && asked.is_none();
+        let taken = Taken {
+            clicks: is_placing || asked.is_some(),
+            drags: asked.is_some_and(|(_, wanted)| wanted == Wanted::Rect),
+        };
+        let seen = picture::show(ui, &mut self.view, &mut self.session.viewer, frame.as_deref(), taken);
+        self.placed = seen.as_ref().map(|seen| seen.placed);
+        let (Some(seen), Some(frame)) = (seen, frame) else { return };
+        self.hand.work(&seen);
+        if is_placing {
+            if seen.pointed.is_some() {
+                ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
+            }
+            if let Some(at) = seen.clicked {
+                let at = DVec2::new(at.x.into(), at.y.into());
+                if let Err(wrong) = self.evidence.place(&mut self.session.project, &frame, at) {
+                    self.session.say(wrong);
+                }
+            }
+        }
+    }
+
     /// Asks before anything is lost.
     fn closing(&mut self, ctx: &egui::Context) {
         let closes = ctx.input(|i| i.viewport().close_requested());
-        if closes && !self.may_close && !self.project.is_saved() {
+        if closes && !self.may_close && !self.session.project.is_saved() {
             ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
             self.asks_to_close = true;
         }
@@ -387,7 +250,7 @@ impl App {
         });
         if save {
             self.save();
-            discard = self.project.is_saved();
+            discard = self.session.project.is_saved();
         }
         self.asks_to_close = !(save || discard || stay);
         if discard {
@@ -403,7 +266,7 @@ impl App {
             .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
             .show(ctx, |ui| {
                 egui::Grid::new("keys").num_columns(2).spacing([16.0, 6.0]).show(ui, |ui| {
-                    for (key, does) in KEYS {
+                    for (key, does) in actions::page() {
                         ui.strong(key);
                         ui.label(does);
                         ui.end_row();
@@ -413,7 +276,7 @@ impl App {
         let mut chosen = None;
         egui::Window::new("History").open(&mut self.shows_history).default_width(240.0).show(ctx, |ui| {
             egui::ScrollArea::vertical().max_height(360.0).stick_to_bottom(true).show(ui, |ui| {
-                let (names, at) = self.project.history().names();
+                let (names, at) = self.session.project.history().names();
                 for (step, name) in names.enumerate() {
                     let text = egui::RichText::new(name);
                     let text = if step > at { text.weak() } else { text };
@@ -424,7 +287,7 @@ impl App {
             });
         });
         if let Some(step) = chosen {
-            self.project.go_to(step);
+            self.session.project.go_to(step);
         }
     }
 }
@@ -432,40 +295,31 @@ impl App {
 impl eframe::App for App {
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
-        self.keys(&ctx);
-        self.work(&ctx);
+        self.input(&ctx);
+        self.session.work(&ctx);
         egui::Panel::top("bar").show(ui, |ui| self.bar(ui));
         egui::Panel::bottom("time").show(ui, |ui| {
             ui.add_space(3.0);
-            let time_s = self.project.shot().recording.timestamps_s.get(self.player.frame()).copied().unwrap_or(0.0);
-            let told = Told { time_s, shown_per_s: self.begun.len() as f64 };
-            timeline::show(ui, &mut self.player, &told);
+            let session = &mut self.session;
+            let times_s = &session.project.shot().recording.timestamps_s;
+            let time_s = times_s.get(session.player.frame()).copied().unwrap_or(0.0);
+            let told = Told { time_s, shown_per_s: session.pictures_per_s() };
+            timeline::show(ui, &mut session.player, &told);
             ui.add_space(2.0);
         });
         egui::Panel::right("controls").default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
             ui.add_space(4.0);
-            if let Some(refused) = self.controls.show(ui, &mut self.project) {
-                self.said = Some(refused);
+            if let Some(refused) = self.controls.show(ui, &mut self.session.project) {
+                self.session.say(refused);
             }
         });
         egui::Panel::left("evidence").default_size(170.0).size_range(140.0..=400.0).show(ui, |ui| {
             ui.add_space(4.0);
-            if let Some(wrong) = self.evidence.show(ui, &mut self.project) {
-                self.said = Some(wrong);
+            if let Some(wrong) = self.evidence.show(ui, &mut self.session.project) {
+                self.session.say(wrong);
             }
         });
-        egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| {
-            let seen = picture::show(ui, &mut self.view, &self.viewer, self.evidence.is_placing());
-            self.placed = seen.map(|seen| seen.placed);
-            if self.evidence.is_placing() && seen.is_some_and(|seen| seen.pointed.is_some()) {
-                ctx.set_cursor_icon(egui::CursorIcon::Crosshair);
-            }
-            let clicked = seen.and_then(|seen| seen.clicked).filter(|_| self.evidence.is_placing());
-            if let (Some(at), Some(frame)) = (clicked, &self.frame) {
-                let at = DVec2::new(at.x.into(), at.y.into());
-                self.said = self.evidence.place(&mut self.project, frame, at).err();
-            }
-        });
+        egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
         self.closing(&ctx);
     }

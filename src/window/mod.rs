@@ -1,20 +1,25 @@
 //! The tuner's window: a recording as it plays, its evidence in it, and every parameter beside the picture.
 //!
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
-//! - `reader`: decodes frames on a thread of its own. `player`: which frame is due.
-//! - `viewer`: composites on the window's own device, into textures that the window shows.
-//! - `app`: the window. `picture`, `controls`, `evidence`, `timeline`: its parts.
+//! - `session`: a recording that is open. `player`: which frame is due. `reader` decodes and `maker` composites, each on
+//!   threads of its own. `viewer`: the window's textures that it all goes into.
+//! - `app`: the window. `actions`: what keys do. `picture`, `controls`, `evidence`, `timeline`: its parts. `hand`: places
+//!   in the picture that another part asks for.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
+mod actions;
 mod app;
 mod controls;
 mod evidence;
+mod hand;
 mod history;
+mod maker;
 mod picture;
 mod player;
 mod project;
 mod reader;
+mod session;
 mod timeline;
 mod viewer;
 

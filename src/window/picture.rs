@@ -1,14 +1,15 @@
 //! The picture: as large as it fits or enlarged to single pixels, moved by dragging, with a wipe between the camera's own
 //! and the composite.
 
-use eframe::egui::{self, Color32, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
+use eframe::egui::{self, Color32, Painter, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
 use super::viewer::{Shown, Viewer};
+use crate::frame::Frame;
 
 /// From this enlargement on a picture's pixels are squares.
 const SQUARES_FROM: f32 = 2.0;
-const LEAST_ZOOM: f32 = 1.0 / 32.0;
-const MOST_ZOOM: f32 = 64.0;
+pub const LEAST_ZOOM: f32 = 1.0 / 32.0;
+pub const MOST_ZOOM: f32 = 64.0;
 /// How near the wipe's line a drag takes hold of it, points.
 const GRIP: f32 = 6.0;
 
@@ -46,6 +47,11 @@ impl Placed {
     pub fn picture_px(&self, at: Pos2) -> Vec2 {
         (at - self.rect.min) / self.scale
     }
+
+    /// A place in the picture, px, on the screen.
+    pub fn screen(&self, at_px: Vec2) -> Pos2 {
+        self.rect.min + at_px * self.scale
+    }
 }
 
 impl View {
@@ -75,22 +81,50 @@ impl View {
     }
 }
 
-/// Where the picture was drawn, and where it was clicked, px of the picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The picture as it was drawn in this frame of the window, for what is drawn over it and done in it.
 pub struct Seen {
     pub placed: Placed,
+    /// Of the picture, px.
+    pub size: Vec2,
+    pub response: Response,
+    /// Draws over the picture, within its panel.
+    pub painter: Painter,
+    /// Where it was clicked, px of the picture.
     pub clicked: Option<Vec2>,
+    /// Where the pointer is, px of the picture.
     pub pointed: Option<Vec2>,
 }
 
-/// Draws the picture into what is left of the window. Where a click `places` something, a second one does not zoom.
-pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer, places: bool) -> Option<Seen> {
+impl Seen {
+    /// Tells a person what to do now, at the lower edge of the picture.
+    pub fn tell(&self, text: &str) {
+        let at = self.painter.clip_rect().center_bottom() - vec2(0.0, 16.0);
+        let font = egui::FontId::proportional(14.0);
+        let galley = self.painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+        let rect = egui::Align2::CENTER_BOTTOM.anchor_size(at, galley.size());
+        self.painter.rect_filled(rect.expand2(vec2(10.0, 5.0)), 6.0, Color32::from_black_alpha(190));
+        self.painter.galley(rect.min, galley, Color32::WHITE);
+    }
+}
+
+/// What the pointer does in the picture besides moving it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Taken {
+    /// Clicks are for something: a second one does not zoom.
+    pub clicks: bool,
+    /// Drags with the first button are for something: they do not move the picture. Others still do.
+    pub drags: bool,
+}
+
+/// Draws the picture of a frame into what is left of the window. Without a frame there is nothing yet.
+pub fn show(ui: &mut Ui, view: &mut View, viewer: &mut Viewer, frame: Option<&Frame>, taken: Taken) -> Option<Seen> {
     let panel = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(panel, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
     ui.painter().rect_filled(panel, 0.0, Color32::from_gray(if ui.visuals().dark_mode { 18 } else { 160 }));
-    let plain = viewer.plain()?;
-    let size = vec2(plain.size.0 as f32, plain.size.1 as f32);
+    let frame = frame?;
+    let (width, height) = (frame.pixels.width, frame.pixels.height);
+    let size = vec2(width as f32, height as f32);
     let ppp = ui.ctx().pixels_per_point();
 
     if let Some(at) = response.hover_pos() {
@@ -100,7 +134,7 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer, places: bool) -> Opti
             view.zoom_about(at, factor, panel, size, ppp);
         }
     }
-    if response.double_clicked() && !places {
+    if response.double_clicked() && !taken.clicks {
         match view.zoom {
             Some(_) => view.zoom = None,
             None => {
@@ -111,7 +145,7 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer, places: bool) -> Opti
         }
     }
     let placed = view.placed(panel, size, ppp);
-    wipe_or_pan(ui, view, &response, size, placed);
+    wipe_or_pan(ui, view, &response, size, placed, taken);
     let placed = view.placed(panel, size, ppp);
 
     let painter = ui.painter().with_clip_rect(panel);
@@ -121,13 +155,15 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer, places: bool) -> Opti
         let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
         painter.with_clip_rect(clip.intersect(panel)).image(id, placed.rect, whole, Color32::WHITE);
     };
-    match viewer.composite().filter(|composite| !view.plain && composite.size == plain.size) {
-        None => picture(plain, panel),
-        Some(composite) => {
-            let x = line_x.unwrap_or(f32::NEG_INFINITY);
-            picture(plain, Rect::everything_left_of(x));
-            picture(composite, Rect::everything_right_of(x));
-        }
+    let x = line_x.unwrap_or(f32::NEG_INFINITY);
+    let composite = viewer.composite().filter(|composite| !view.plain && composite.size == (width, height));
+    if let Some(composite) = composite {
+        picture(composite, Rect::everything_right_of(x));
+    }
+    match composite.is_some() {
+        true if view.wipe.is_some() => picture(viewer.plain(frame), Rect::everything_left_of(x)),
+        true => {}
+        false => picture(viewer.plain(frame), panel),
     }
     if let (Some(x), false) = (line_x, view.plain) {
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
@@ -145,10 +181,11 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &Viewer, places: bool) -> Opti
     let inside =
         |at: Pos2| Some(placed.picture_px(at)).filter(|px| px.min_elem() >= 0.0 && px.x < size.x && px.y < size.y);
     let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten().and_then(inside);
-    Some(Seen { placed, clicked, pointed: response.hover_pos().and_then(inside) })
+    let pointed = response.hover_pos().and_then(inside);
+    Some(Seen { placed, size, response, painter, clicked, pointed })
 }
 
-fn wipe_or_pan(ui: &Ui, view: &mut View, response: &egui::Response, size: Vec2, placed: Placed) {
+fn wipe_or_pan(ui: &Ui, view: &mut View, response: &Response, size: Vec2, placed: Placed, taken: Taken) {
     let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
     let near_line = |at: Pos2| line_x.is_some_and(|x| (at.x - x).abs() <= GRIP);
     if response.hover_pos().is_some_and(near_line) || view.wiping {
@@ -163,6 +200,7 @@ fn wipe_or_pan(ui: &Ui, view: &mut View, response: &egui::Response, size: Vec2, 
             Some(at) if view.wiping => {
                 view.wipe = Some(((at.x - placed.rect.min.x) / placed.rect.width()).clamp(0.0, 1.0));
             }
+            _ if taken.drags && response.dragged_by(egui::PointerButton::Primary) => {}
             _ if view.zoom.is_some() => view.pan(response.drag_delta(), size, placed.scale),
             _ => {}
         }

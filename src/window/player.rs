@@ -21,9 +21,11 @@ pub struct Player {
     pub pace: Pace,
     /// What is played over and over.
     range: Range<usize>,
+    /// How far it went on last.
+    stride: usize,
     /// Where the clock stands, seconds on the recording's.
     time_s: f64,
-    /// Frames that were due while playing and not shown.
+    /// Frames that were due while playing and not composited.
     pub dropped: usize,
 }
 
@@ -33,7 +35,16 @@ impl Player {
         let time_s = timestamps_s.first().copied().unwrap_or(0.0);
         let range = 0..timestamps_s.len().max(1);
         let pace = Pace::Recorded(1.0);
-        Self { timestamps_s: timestamps_s.to_vec(), frame: 0, playing: false, pace, range, time_s, dropped: 0 }
+        Self {
+            timestamps_s: timestamps_s.to_vec(),
+            frame: 0,
+            playing: false,
+            pace,
+            range,
+            stride: 1,
+            time_s,
+            dropped: 0,
+        }
     }
 
     pub fn frame(&self) -> usize {
@@ -76,15 +87,16 @@ impl Player {
         self.seek(self.frame.saturating_add_signed(by));
     }
 
-    /// `seconds` have passed, and the frame that was due before `is_shown`: goes on to the one that is due now.
-    pub fn advance(&mut self, seconds: f64, is_shown: bool) {
+    /// `seconds` have passed, and the picture of the frame that was due before `is_begun`: goes on to the one that is due
+    /// now.
+    pub fn advance(&mut self, seconds: f64, is_begun: bool) {
         if !self.playing || self.count() < 2 {
             return;
         }
         let next = if self.frame + 1 < self.range.end { self.frame + 1 } else { self.range.start };
         match self.pace {
             Pace::EveryFrame => {
-                if is_shown {
+                if is_begun {
                     self.seek(next);
                 }
             }
@@ -100,10 +112,32 @@ impl Player {
                 }
                 let due = self.timestamps_s[self.range.clone()].partition_point(|t| *t <= self.time_s);
                 let due = (self.range.start + due).saturating_sub(1).max(self.frame);
-                self.dropped += (due - self.frame).saturating_sub(1) + usize::from(due > self.frame && !is_shown);
+                self.dropped += (due - self.frame).saturating_sub(1) + usize::from(due > self.frame && !is_begun);
+                if due > self.frame {
+                    self.stride = due - self.frame;
+                }
                 self.frame = due;
             }
         }
+    }
+
+    /// The frame that is due, and those that will be if it goes on as it did last.
+    pub fn from_now(&self) -> impl Iterator<Item = usize> {
+        let stride = if self.pace == Pace::EveryFrame { 1 } else { self.stride };
+        let (range, count) = (self.range.clone(), self.range.len());
+        let inside = self.frame.checked_sub(range.start).filter(|at| *at < count);
+        std::iter::once(self.frame).chain((1..count).map(move |n| match inside {
+            Some(at) => range.start + (at + n * stride) % count,
+            None => range.start + (n - 1) % count,
+        }))
+    }
+
+    /// Seconds until the next frame is due; `None` where time does not tell.
+    pub fn due_in_s(&self) -> Option<f64> {
+        let Pace::Recorded(speed) = self.pace else { return None };
+        let next = self.frame + 1;
+        let due_s = if next < self.range.end { self.timestamps_s[next] } else { self.end_s() };
+        Some(((due_s - self.time_s) / speed).max(0.0)).filter(|_| self.playing && self.count() > 1)
     }
 
     /// When the last frame of the range has been seen.

@@ -1,6 +1,7 @@
 //! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -233,7 +234,7 @@ impl Project {
             // It was loaded when it was set; its files may be gone since.
             match scene::load_file(&edit.scene, &self.scene_path(), self.shot.recording.up) {
                 Ok(scene) => {
-                    self.shot.scene = scene;
+                    self.shot.scene = Arc::new(scene);
                     self.loaded = edit.scene.clone();
                     self.scene_version += 1;
                     self.problem = None;

@@ -1,10 +1,15 @@
-//! Frames, decoded on a thread of their own: the one asked for last is decoded next, and nothing waits for it.
+//! Frames, decoded on a thread of their own in the order in which they are asked for.
 
+use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 
 use crate::frame::Frame;
-use crate::recording::{Recording, RecordingError};
+use crate::recording::{Frames, Recording, RecordingError};
+
+/// So many frames are decoded and thrown away rather than begun anew at the one that is wanted.
+const SKIPPED: usize = 8;
 
 /// A frame that was asked for, or why there is none.
 pub type Decoded = (usize, Result<Frame, RecordingError>);
@@ -12,33 +17,42 @@ pub type Decoded = (usize, Result<Frame, RecordingError>);
 /// Decodes a recording's frames in any order; one after the other costs least.
 #[derive(Debug)]
 pub struct Reader {
-    asked: Option<Sender<usize>>,
+    asked: Option<Sender<Asked>>,
     decoded: Receiver<Decoded>,
     thread: Option<JoinHandle<()>>,
 }
 
+#[derive(Debug)]
+struct Asked {
+    frame: usize,
+    /// What was asked for before is no longer wanted.
+    instead: bool,
+}
+
 impl Reader {
     /// `wake` is called from the thread whenever a frame is there.
-    pub fn new(recording: Recording, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let (asked, to_decode) = channel::<usize>();
+    pub fn new(recording: Arc<Recording>, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (asked, to_decode) = channel::<Asked>();
         let (done, decoded) = channel();
         let thread = std::thread::Builder::new().name("window reader".to_owned()).spawn(move || {
-            let mut stream: Option<(usize, crate::recording::Frames)> = None;
-            while let Ok(first) = to_decode.recv() {
-                // What was asked for before is no longer wanted.
-                let frame = to_decode.try_iter().last().unwrap_or(first);
-                let running = stream.take().filter(|(next, _)| *next == frame);
-                let opened = match running {
-                    Some((_, frames)) => Ok(frames),
-                    None => recording.frames(frame..recording.frame_count()),
-                };
-                let result = opened.and_then(|mut frames| {
-                    let missing = RecordingError::Range { start: frame, end: frame, count: recording.frame_count() };
-                    let decoded = frames.next().unwrap_or(Err(missing))?;
-                    stream = Some((frame + 1, frames));
-                    Ok(decoded)
-                });
-                if done.send((frame, result)).is_err() {
+            let mut stream = None;
+            let mut queue = VecDeque::new();
+            let take = |queue: &mut VecDeque<usize>, asked: Asked| {
+                if asked.instead {
+                    queue.clear();
+                }
+                queue.push_back(asked.frame);
+            };
+            loop {
+                match queue.is_empty() {
+                    true => match to_decode.recv() {
+                        Ok(asked) => take(&mut queue, asked),
+                        Err(_) => return,
+                    },
+                    false => to_decode.try_iter().for_each(|asked| take(&mut queue, asked)),
+                }
+                let Some(frame) = queue.pop_front() else { continue };
+                if done.send((frame, decode(&recording, &mut stream, frame))).is_err() {
                     return;
                 }
                 wake();
@@ -47,10 +61,10 @@ impl Reader {
         Ok(Self { asked: Some(asked), decoded, thread: Some(thread) })
     }
 
-    /// Asks for a frame.
-    pub fn ask(&self, frame: usize) {
+    /// Asks for a frame after those that were asked for, or `instead` of them.
+    pub fn ask(&self, frame: usize, instead: bool) {
         // A thread that is gone gives nothing; `take` tells of it.
-        let _ = self.asked.as_ref().map(|asked| asked.send(frame));
+        let _ = self.asked.as_ref().map(|asked| asked.send(Asked { frame, instead }));
     }
 
     /// What has been decoded since this was last called; `Err` where nothing more will come.
@@ -61,6 +75,19 @@ impl Reader {
             Err(TryRecvError::Disconnected) => Err(()),
         }
     }
+}
+
+/// Goes on with the stream, which stands at the frame of its number, where it comes by the frame soon.
+fn decode(recording: &Recording, stream: &mut Option<(usize, Frames)>, frame: usize) -> Result<Frame, RecordingError> {
+    let running = stream.take().filter(|(next, _)| (*next..=*next + SKIPPED).contains(&frame));
+    let (at, mut frames) = match running {
+        Some(running) => running,
+        None => (frame, recording.frames(frame..recording.frame_count())?),
+    };
+    let missing = RecordingError::Range { start: frame, end: frame, count: recording.frame_count() };
+    let decoded = frames.nth(frame - at).unwrap_or(Err(missing))?;
+    *stream = Some((frame + 1, frames));
+    Ok(decoded)
 }
 
 impl Drop for Reader {

@@ -1,26 +1,24 @@
-//! Pictures on the window's own device: the composite goes into a texture that the window shows, and never through the
-//! processor.
+//! Textures of the window's own device: composites go into them and are shown from there, never through the processor.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
 
-use super::Project;
-use crate::compositor::{Compositor, FrameStats, Target};
+use super::maker::{Finished, Made, Maker, Order};
 use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::Gpu;
 use crate::pixels::{Codes, Pixels};
-use crate::shot::ShotError;
+use crate::shot::Shot;
 
 /// Holds code values, which is what the window takes a texture's texels for.
-const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
 /// A picture that the window can show.
+#[derive(Debug)]
 pub struct Shown {
     pub texture: wgpu::Texture,
-    view: wgpu::TextureView,
     pub size: (u32, u32),
     /// Read between texels, for pictures that are made smaller.
     pub smooth: TextureId,
@@ -32,95 +30,107 @@ pub struct Shown {
 pub struct Viewer {
     gpu: Gpu,
     window: RenderState,
-    compositor: Compositor,
-    scene_version: u64,
-    /// The camera's picture, and the same with everything virtual.
-    plain: Option<Shown>,
-    composite: Option<Shown>,
-    busy: Arc<AtomicBool>,
+    maker: Maker,
+    /// One picture is shown while others are drawn, in order; the rest is free.
+    shown: Option<Shown>,
+    drawn: VecDeque<Shown>,
+    free: Vec<Shown>,
+    /// A camera's own picture, with its frame.
+    plain: Option<(usize, Shown)>,
 }
 
 impl Viewer {
-    pub fn new(window: RenderState, project: &Project) -> Self {
+    /// `wake` is called from a thread whenever a picture is finished.
+    pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
-        let compositor = project.shot().compositor(gpu.clone());
-        let scene_version = project.scene_version();
-        Self { gpu, window, compositor, scene_version, plain: None, composite: None, busy: Arc::default() }
+        let maker = Maker::new(&gpu, wake)?;
+        Ok(Self { gpu, window, maker, shown: None, drawn: VecDeque::new(), free: Vec::new(), plain: None })
     }
 
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
-    /// Whether a picture is still being made. One that is begun meanwhile would only wait for it.
-    pub fn is_busy(&self) -> bool {
-        // Callbacks are called here alone where nothing else is drawn.
-        let _ = self.gpu.poll();
-        self.busy.load(Ordering::Acquire)
+    pub fn window(&self) -> &RenderState {
+        &self.window
     }
 
-    pub fn plain(&self) -> Option<&Shown> {
-        self.plain.as_ref()
+    /// How many pictures are not finished.
+    pub fn under_way(&self) -> usize {
+        self.maker.under_way()
     }
 
+    /// The composite that was finished last; `None` where it failed.
     pub fn composite(&self) -> Option<&Shown> {
-        self.composite.as_ref()
+        self.shown.as_ref()
     }
 
-    /// Shows a frame as it came.
-    pub fn show_plain(&mut self, frame: &Frame) {
+    /// The camera's own picture that was needed last.
+    pub fn camera(&self) -> Option<&Shown> {
+        self.plain.as_ref().map(|(_, plain)| plain)
+    }
+
+    /// A frame as it came.
+    pub fn plain(&mut self, frame: &Frame) -> &Shown {
         let size = (frame.pixels.width, frame.pixels.height);
-        let plain = shown(&self.window, self.plain.take(), size);
-        let texels = rgba(&frame.pixels);
-        self.window.queue.write_texture(
-            plain.texture.as_image_copy(),
-            &texels,
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size.0), rows_per_image: None },
-            wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
-        );
-        self.plain = Some(plain);
+        let is_there = self.plain.as_ref().is_some_and(|(index, _)| *index == frame.index);
+        let plain = fitting(&self.window, self.plain.take().map(|(_, plain)| plain), size);
+        if !is_there {
+            self.window.queue.write_texture(
+                plain.texture.as_image_copy(),
+                &rgba(&frame.pixels),
+                wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size.0), rows_per_image: None },
+                wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
+            );
+        }
+        &self.plain.insert((frame.index, plain)).1
     }
 
-    /// Begins a frame's composite as all is set now. `done` is called, from wherever, when it can be seen.
-    pub fn show(
-        &mut self,
-        project: &Project,
-        frame: &Frame,
-        done: impl FnOnce() + Send + 'static,
-    ) -> Result<FrameStats, ShotError> {
-        let shot = project.shot();
-        if self.scene_version != project.scene_version() {
-            self.compositor.set_scene(shot.scene.clone());
-            self.scene_version = project.scene_version();
+    /// Begins a frame's composite as all is set in the shot. With `wants_codes` its code values come back, too.
+    pub fn begin(&mut self, made: Made, frame: Arc<Frame>, shot: Shot, wants_codes: bool) {
+        let size = (frame.pixels.width, frame.pixels.height);
+        let picture = fitting(&self.window, self.free.pop(), size);
+        let texture = picture.texture.clone();
+        self.drawn.push_back(picture);
+        self.maker.make(Order { made, frame, shot, texture, wants_codes });
+    }
+
+    /// The next picture that is finished, which is shown from now on; `Err` where nothing more will come.
+    pub fn take(&mut self) -> Result<Option<Finished>, ()> {
+        let finished = self.maker.take()?;
+        if let Some(finished) = &finished {
+            let drawn = self.drawn.pop_front();
+            match finished.picture {
+                Ok(_) => self.free.extend(std::mem::replace(&mut self.shown, drawn)),
+                Err(_) => self.free.extend(self.shown.take().into_iter().chain(drawn)),
+            }
         }
-        let composite = shown(&self.window, self.composite.take(), (frame.pixels.width, frame.pixels.height));
-        let target = Target::View(&composite.view, FORMAT);
-        let geometry = shot.geometry_at(frame.index);
-        let pending =
-            geometry.and_then(|geometry| shot.submit(&mut self.compositor, frame.clone(), &geometry, target, false));
-        self.composite = Some(composite);
-        let of_frame = |source: GpuError| ShotError::Gpu { frame: frame.index, source };
-        let stats = self.compositor.collect(pending?).map_err(of_frame)?.stats;
-        self.gpu.check().map_err(of_frame)?;
-        self.busy.store(true, Ordering::Release);
-        let busy = Arc::clone(&self.busy);
-        self.gpu.queue.on_submitted_work_done(move || {
-            busy.store(false, Ordering::Release);
-            done();
-        });
-        Ok(stats)
+        Ok(finished)
     }
 }
 
-/// A picture of that size: the one that was there where it fits.
-fn shown(window: &RenderState, before: Option<Shown>, size: (u32, u32)) -> Shown {
+impl Drop for Viewer {
+    /// Gives its textures back to the window.
+    fn drop(&mut self) {
+        let plain = self.plain.take().map(|(_, plain)| plain);
+        let all = self.free.drain(..).chain(self.drawn.drain(..)).chain(self.shown.take()).chain(plain);
+        all.for_each(|picture| free(&self.window, &picture));
+    }
+}
+
+fn free(window: &RenderState, picture: &Shown) {
     let mut renderer = window.renderer.write();
+    renderer.free_texture(&picture.smooth);
+    renderer.free_texture(&picture.nearest);
+}
+
+/// A picture of that size: the one that was there where it fits.
+fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32)) -> Shown {
     if let Some(before) = before {
         if before.size == size {
             return before;
         }
-        renderer.free_texture(&before.smooth);
-        renderer.free_texture(&before.nearest);
+        free(window, &before);
     }
     let texture = window.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("shown"),
@@ -136,13 +146,14 @@ fn shown(window: &RenderState, before: Option<Shown>, size: (u32, u32)) -> Shown
         view_formats: &[],
     });
     let view = texture.create_view(&Default::default());
+    let mut renderer = window.renderer.write();
     let mut register = |mag_filter, min_filter| {
         let sampler = wgpu::SamplerDescriptor { label: Some("shown"), mag_filter, min_filter, ..Default::default() };
         renderer.register_native_texture_with_sampler_options(&window.device, &view, sampler)
     };
     let smooth = register(wgpu::FilterMode::Linear, wgpu::FilterMode::Linear);
     let nearest = register(wgpu::FilterMode::Nearest, wgpu::FilterMode::Nearest);
-    Shown { texture, view, size, smooth, nearest }
+    Shown { texture, size, smooth, nearest }
 }
 
 /// 8-bit codes with an opaque A; 16 bits are rounded.

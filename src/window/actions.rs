@@ -1,0 +1,132 @@
+//! What keys do: one table, which the window's page of keys shows too.
+
+use eframe::egui::{Context, Key, Modifiers};
+
+/// What a key does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    Play,
+    /// Frames on; back where negative.
+    Step(isize),
+    Wipe,
+    Fit,
+    OneToOne,
+    Larger,
+    Smaller,
+    Undo,
+    Redo,
+    Save,
+    Theme,
+    Keys,
+    /// Ends what was begun.
+    Leave,
+}
+
+/// A key with its modifiers, and what it does. Those of one line of the page follow each other with the same words.
+struct Binding {
+    modifiers: Modifiers,
+    key: Key,
+    action: Action,
+    does: &'static str,
+}
+
+const fn bind(modifiers: Modifiers, key: Key, action: Action, does: &'static str) -> Binding {
+    Binding { modifiers, key, action, does }
+}
+
+const NONE: Modifiers = Modifiers::NONE;
+const SHIFT: Modifiers = Modifiers::SHIFT;
+const COMMAND: Modifiers = Modifiers::COMMAND;
+const COMMAND_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
+
+/// Of one key the binding with more modifiers stands first: an additional Shift does not keep a key from working.
+const BINDINGS: &[Binding] = &[
+    bind(NONE, Key::Space, Action::Play, "play, pause"),
+    bind(SHIFT, Key::ArrowLeft, Action::Step(-10), "ten frames back, on"),
+    bind(SHIFT, Key::ArrowRight, Action::Step(10), "ten frames back, on"),
+    bind(NONE, Key::ArrowLeft, Action::Step(-1), "one frame back, on"),
+    bind(NONE, Key::ArrowRight, Action::Step(1), "one frame back, on"),
+    bind(NONE, Key::Home, Action::Step(isize::MIN), "first, last frame"),
+    bind(NONE, Key::End, Action::Step(isize::MAX), "first, last frame"),
+    bind(NONE, Key::W, Action::Wipe, "wipe between camera and composite"),
+    bind(NONE, Key::F, Action::Fit, "the whole picture"),
+    bind(NONE, Key::Num1, Action::OneToOne, "one screen pixel to each of the picture's"),
+    bind(NONE, Key::Plus, Action::Larger, "larger, smaller"),
+    bind(NONE, Key::Equals, Action::Larger, "larger, smaller"),
+    bind(NONE, Key::Minus, Action::Smaller, "larger, smaller"),
+    bind(COMMAND_SHIFT, Key::Z, Action::Redo, "do again"),
+    bind(COMMAND, Key::Y, Action::Redo, "do again"),
+    bind(COMMAND, Key::Z, Action::Undo, "undo"),
+    bind(COMMAND, Key::S, Action::Save, "save profile and scene"),
+    bind(NONE, Key::T, Action::Theme, "light or dark"),
+    bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
+    bind(NONE, Key::F1, Action::Keys, "these keys"),
+    bind(NONE, Key::Escape, Action::Leave, "end what was begun"),
+];
+
+/// What is done by the pointer, or as long as a key is held.
+const HELD: &[(&str, &str)] = &[
+    ("\\ held", "the camera's own picture"),
+    ("Wheel", "larger, smaller about the pointer"),
+    ("Drag", "move the picture"),
+];
+
+/// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count.
+pub fn pressed(ctx: &Context) -> Vec<Action> {
+    let typing = ctx.egui_wants_keyboard_input();
+    let usable = BINDINGS.iter().filter(|binding| !typing || binding.modifiers.command);
+    let times = |binding: &Binding| ctx.input_mut(|i| i.count_and_consume_key(binding.modifiers, binding.key));
+    usable.flat_map(|binding| std::iter::repeat_n(binding.action, times(binding))).collect()
+}
+
+/// The page of keys: keys, and what they do.
+pub fn page() -> Vec<(String, &'static str)> {
+    let mut lines: Vec<(String, &'static str)> = Vec::new();
+    for Binding { modifiers, key, does, .. } in BINDINGS {
+        let key = named(*modifiers, *key);
+        match lines.last_mut() {
+            Some((keys, same)) if same == does => *keys = format!("{keys}, {key}"),
+            _ => lines.push((key, does)),
+        }
+    }
+    lines.extend(HELD.iter().map(|(key, does)| ((*key).to_owned(), *does)));
+    lines
+}
+
+/// As it stands on a keyboard.
+fn named(modifiers: Modifiers, key: Key) -> String {
+    let name = match key {
+        Key::ArrowLeft => "Left",
+        Key::ArrowRight => "Right",
+        Key::Plus => "+",
+        Key::Equals => "=",
+        Key::Minus => "-",
+        Key::Questionmark => "?",
+        Key::Escape => "Esc",
+        other => other.name(),
+    };
+    let before = [(modifiers.command, "Ctrl+"), (modifiers.shift, "Shift+")];
+    before.iter().filter(|(held, _)| *held).map(|(_, name)| *name).chain([name]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_binding_hides_a_later_one() {
+        for (n, binding) in BINDINGS.iter().enumerate() {
+            let hides = |earlier: &&Binding| {
+                earlier.key == binding.key && binding.modifiers.matches_logically(earlier.modifiers)
+            };
+            let hidden = BINDINGS[..n].iter().find(hides);
+            assert!(hidden.is_none(), "{} never does: {}", named(binding.modifiers, binding.key), binding.does);
+        }
+        let page = page();
+        let keys = |does: &str| page.iter().find(|line| line.1 == does).unwrap().0.as_str();
+        assert_eq!(
+            (keys("ten frames back, on"), keys("do again")),
+            ("Shift+Left, Shift+Right", "Ctrl+Shift+Z, Ctrl+Y")
+        );
+    }
+}

@@ -1,0 +1,151 @@
+//! Pictures are composited on threads of their own, so that the window never waits: one thread plans and records, another
+//! waits for the GPU. Two pictures may be under way, one drawn while the next is recorded.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::{Builder, JoinHandle};
+
+use super::viewer::FORMAT;
+use crate::compositor::{FrameStats, Pending, Target};
+use crate::frame::Frame;
+use crate::gpu::{Gpu, GpuError, read_back};
+use crate::pixels::Pixels;
+use crate::scene::Scene;
+use crate::shot::{Shot, ShotError};
+
+/// What a picture is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Made {
+    pub frame: usize,
+    /// The project's ([`Project::version`](super::Project::version)).
+    pub version: u64,
+}
+
+/// A picture to be made.
+#[derive(Debug)]
+pub struct Order {
+    pub made: Made,
+    pub frame: Arc<Frame>,
+    /// As all is set at this moment.
+    pub shot: Shot,
+    /// Where it goes: of the frame's size.
+    pub texture: wgpu::Texture,
+    /// Its code values are wanted too.
+    pub wants_codes: bool,
+}
+
+/// A picture that is made, or why it is not.
+#[derive(Debug)]
+pub struct Finished {
+    pub made: Made,
+    pub frame: Arc<Frame>,
+    pub picture: Result<Picture, ShotError>,
+}
+
+#[derive(Debug)]
+pub struct Picture {
+    pub stats: FrameStats,
+    /// 8 bits each, as they are shown.
+    pub codes: Option<Arc<Pixels>>,
+}
+
+/// Makes pictures in the order in which they are asked for.
+#[derive(Debug)]
+pub struct Maker {
+    orders: Option<Sender<Order>>,
+    finished: Receiver<Finished>,
+    threads: Vec<JoinHandle<()>>,
+    under_way: usize,
+}
+
+impl Maker {
+    /// `wake` is called from a thread whenever a picture is finished.
+    pub fn new(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (orders, to_make) = channel::<Order>();
+        let (begun, to_await) = channel::<(Order, Result<Pending, ShotError>)>();
+        let (done, finished) = channel();
+        let of_maker = gpu.clone();
+        let maker = Builder::new().name("window maker".to_owned()).spawn(move || {
+            let Ok(first) = to_make.recv() else { return };
+            let mut scene = Arc::clone(&first.shot.scene);
+            let mut compositor = first.shot.compositor(of_maker);
+            for order in std::iter::once(first).chain(to_make) {
+                if !Arc::ptr_eq(&scene, &order.shot.scene) {
+                    scene = Arc::clone(&order.shot.scene);
+                    compositor.set_scene(Scene::clone(&scene));
+                }
+                let view = order.texture.create_view(&Default::default());
+                let target = Target::View(&view, FORMAT);
+                let pending = order.shot.geometry_at(order.frame.index).and_then(|geometry| {
+                    order.shot.submit(&mut compositor, Frame::clone(&order.frame), &geometry, target, false)
+                });
+                if begun.send((order, pending)).is_err() {
+                    return;
+                }
+            }
+        })?;
+        let of_waiter = gpu.clone();
+        let waiter = Builder::new().name("window waiter".to_owned()).spawn(move || {
+            for (order, pending) in to_await {
+                let picture = pending.and_then(|pending| {
+                    let failed = |source| ShotError::Gpu { frame: order.frame.index, source };
+                    await_picture(&of_waiter, &order, &pending).map_err(failed)
+                });
+                let Order { made, frame, .. } = order;
+                if done.send(Finished { made, frame, picture }).is_err() {
+                    return;
+                }
+                wake();
+            }
+        })?;
+        Ok(Self { orders: Some(orders), finished, threads: vec![maker, waiter], under_way: 0 })
+    }
+
+    /// How many pictures are not finished.
+    pub fn under_way(&self) -> usize {
+        self.under_way
+    }
+
+    /// Begins a picture. Its texture is not to be shown until it is finished.
+    pub fn make(&mut self, order: Order) {
+        // A thread that is gone makes nothing; `take` tells of it.
+        if self.orders.as_ref().is_some_and(|orders| orders.send(order).is_ok()) {
+            self.under_way += 1;
+        }
+    }
+
+    /// The next picture that is finished; `Err` where nothing more will come.
+    pub fn take(&mut self) -> Result<Option<Finished>, ()> {
+        match self.finished.try_recv() {
+            Ok(finished) => {
+                self.under_way -= 1;
+                Ok(Some(finished))
+            }
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(()),
+        }
+    }
+}
+
+fn await_picture(gpu: &Gpu, order: &Order, pending: &Pending) -> Result<Picture, GpuError> {
+    pending.await_drawn(gpu)?;
+    gpu.check()?;
+    let codes = match order.wants_codes {
+        true => {
+            let texels = read_back(gpu, &order.texture)?;
+            let codes = texels.chunks_exact(4).flat_map(|texel| [texel[0], texel[1], texel[2]]).collect();
+            Pixels::from_u8(order.texture.width(), order.texture.height(), codes).map(Arc::new)
+        }
+        false => None,
+    };
+    Ok(Picture { stats: pending.stats().clone(), codes })
+}
+
+impl Drop for Maker {
+    fn drop(&mut self) {
+        drop(self.orders.take());
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! A recording that is open: what a person edits, where it stands, and its pictures as they are decoded and composited.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+use eframe::egui_wgpu::RenderState;
+
+use super::maker::{Finished, Made};
+use super::player::Player;
+use super::project::Project;
+use super::reader::Reader;
+use super::viewer::Viewer;
+use crate::compositor::FrameStats;
+use crate::frame::Frame;
+use crate::pixels::Pixels;
+
+/// Frames that are decoded before they are due, while it plays.
+const AHEAD: usize = 2;
+
+/// A picture that is shown.
+#[derive(Debug)]
+struct Now {
+    made: Made,
+    frame: Arc<Frame>,
+    /// `None` where it could not be composited.
+    stats: Option<FrameStats>,
+    codes: Option<Arc<Pixels>>,
+}
+
+/// The code values of the picture that is shown.
+#[derive(Clone, Debug)]
+pub struct ShownCodes {
+    pub frame: Arc<Frame>,
+    /// The project's when it was begun.
+    pub version: u64,
+    /// Of the composite, 8 bits each.
+    pub pixels: Arc<Pixels>,
+}
+
+/// A recording that is open.
+#[derive(Debug)]
+pub struct Session {
+    pub project: Project,
+    pub player: Player,
+    pub viewer: Viewer,
+    reader: Reader,
+    /// Frames that were decoded and are due, or soon will be.
+    decoded: Vec<Arc<Frame>>,
+    /// Frames that the reader was asked for and that have not come.
+    asked: Vec<usize>,
+    /// Nothing more is decoded or made.
+    ended: bool,
+    /// The frame that could not be decoded last.
+    failed: Option<usize>,
+    /// The picture that was begun last.
+    begun: Option<Made>,
+    now: Option<Now>,
+    wants_codes: bool,
+    /// When it was last asked which frame is due, while it plays.
+    clock: Option<Instant>,
+    /// When pictures of the last second were finished.
+    finished: VecDeque<Instant>,
+    /// What went wrong last; stays until something goes right.
+    problem: Option<String>,
+    /// What was done last.
+    said: Option<String>,
+}
+
+impl Session {
+    pub fn new(window: RenderState, ctx: &egui::Context, project: Project) -> Result<Self, String> {
+        let wake = || {
+            let ctx = ctx.clone();
+            move || ctx.request_repaint()
+        };
+        let failed = |e| format!("no thread can be had to decode and draw with: {e}");
+        let viewer = Viewer::new(window, wake()).map_err(failed)?;
+        let reader = Reader::new(project.shot().recording.clone(), wake()).map_err(failed)?;
+        let player = Player::new(&project.shot().recording.timestamps_s);
+        Ok(Self {
+            project,
+            player,
+            viewer,
+            reader,
+            decoded: Vec::new(),
+            asked: Vec::new(),
+            ended: false,
+            failed: None,
+            begun: None,
+            now: None,
+            wants_codes: false,
+            clock: None,
+            finished: VecDeque::new(),
+            problem: None,
+            said: None,
+        })
+    }
+
+    /// The frame that is shown.
+    pub fn frame(&self) -> Option<&Arc<Frame>> {
+        self.now.as_ref().map(|now| &now.frame)
+    }
+
+    /// What is known of the picture that is shown.
+    pub fn stats(&self) -> Option<&FrameStats> {
+        self.now.as_ref()?.stats.as_ref()
+    }
+
+    /// From now on until the window's next frame code values come with the pictures.
+    pub fn want_codes(&mut self) {
+        self.wants_codes = true;
+    }
+
+    /// The code values of the picture that is shown, if somebody wanted them.
+    pub fn codes(&self) -> Option<ShownCodes> {
+        let now = self.now.as_ref()?;
+        let pixels = Arc::clone(now.codes.as_ref()?);
+        Some(ShownCodes { frame: Arc::clone(&now.frame), version: now.made.version, pixels })
+    }
+
+    /// Pictures that were finished in the last second.
+    pub fn pictures_per_s(&self) -> f64 {
+        self.finished.len() as f64
+    }
+
+    /// Tells what was done.
+    pub fn say(&mut self, text: impl Into<String>) {
+        self.said = Some(text.into());
+    }
+
+    pub fn said(&self) -> Option<&str> {
+        self.said.as_deref()
+    }
+
+    /// Tells what is wrong, until something goes right.
+    pub fn wrong(&mut self, text: impl Into<String>) {
+        self.problem = Some(text.into());
+    }
+
+    pub fn problem(&self) -> Option<&str> {
+        self.project.problem().or(self.problem.as_deref())
+    }
+
+    fn wanted(&self) -> Made {
+        Made { frame: self.player.frame(), version: self.project.version() }
+    }
+
+    /// Whether the picture that is shown is that of all that is set now, and nothing is under way.
+    pub fn is_settled(&self) -> bool {
+        let is_shown = self.now.as_ref().is_some_and(|now| now.made == self.wanted());
+        is_shown && self.viewer.under_way() == 0
+    }
+
+    /// Decodes and composites what is due. Never waits.
+    pub fn work(&mut self, ctx: &egui::Context) {
+        self.take_decoded();
+        self.take_finished();
+        self.keep_time();
+        // What is dragged shows soonest where nothing else is under way; what plays is made ahead.
+        let most = if self.player.playing { 2 } else { 1 };
+        self.ask();
+        while self.viewer.under_way() < most && self.begin() {
+            if self.player.playing {
+                self.player.advance(0.0, true);
+                self.ask();
+            }
+        }
+        self.wants_codes = false;
+        if self.player.playing {
+            let due_s = self.player.due_in_s().unwrap_or(0.1).clamp(0.001, 0.1);
+            ctx.request_repaint_after(Duration::from_secs_f64(due_s));
+        }
+    }
+
+    fn take_decoded(&mut self) {
+        loop {
+            match self.reader.take() {
+                Ok(Some((index, decoded))) => {
+                    self.asked.retain(|asked| *asked != index);
+                    match decoded {
+                        Ok(frame) => {
+                            self.failed = None;
+                            self.decoded.push(Arc::new(frame));
+                        }
+                        Err(error) => {
+                            self.failed = Some(index);
+                            self.problem = Some(error.to_string());
+                            self.player.play(false);
+                        }
+                    }
+                }
+                Ok(None) => return,
+                Err(()) => return self.end("decoding has ended"),
+            }
+        }
+    }
+
+    fn take_finished(&mut self) {
+        let instant = Instant::now();
+        loop {
+            match self.viewer.take() {
+                Ok(Some(Finished { made, frame, picture })) => {
+                    let (stats, codes) = match picture {
+                        Ok(picture) => {
+                            self.problem = None;
+                            (Some(picture.stats), picture.codes)
+                        }
+                        Err(error) => {
+                            self.problem = Some(error.to_string());
+                            let _ = self.viewer.gpu().take_failure();
+                            (None, None)
+                        }
+                    };
+                    self.now = Some(Now { made, frame, stats, codes });
+                    self.finished.push_back(instant);
+                }
+                Ok(None) => break,
+                Err(()) => return self.end("drawing has ended"),
+            }
+        }
+        self.finished.retain(|finished| instant.duration_since(*finished).as_secs_f64() < 1.0);
+    }
+
+    fn end(&mut self, why: &str) {
+        self.ended = true;
+        self.problem.get_or_insert_with(|| format!("{why}: save your work and open it again"));
+    }
+
+    fn keep_time(&mut self) {
+        if !self.player.playing {
+            self.clock = None;
+            return;
+        }
+        let instant = Instant::now();
+        let passed_s = self.clock.map_or(0.0, |before| instant.duration_since(before).as_secs_f64());
+        self.clock = Some(instant);
+        let is_begun = self.begun.is_some_and(|begun| begun.frame == self.player.frame());
+        self.player.advance(passed_s, is_begun);
+    }
+
+    /// Has the due frame decoded, and while it plays those after it.
+    fn ask(&mut self) {
+        if self.ended {
+            return;
+        }
+        let due = self.player.frame();
+        let ahead = if self.player.playing { AHEAD } else { 0 };
+        let soon: Vec<usize> = self.player.from_now().take(1 + ahead).collect();
+        self.decoded.retain(|frame| soon.contains(&frame.index));
+        for frame in soon {
+            let mut there = self.decoded.iter().chain(self.now.iter().map(|now| &now.frame));
+            let is_there = there.any(|there| there.index == frame);
+            if is_there || self.asked.contains(&frame) || self.failed == Some(frame) {
+                continue;
+            }
+            let instead = frame == due;
+            if instead {
+                self.asked.clear();
+            }
+            self.reader.ask(frame, instead);
+            self.asked.push(frame);
+        }
+    }
+
+    /// Begins the due frame's picture, if it is decoded and there is something new in it.
+    fn begin(&mut self) -> bool {
+        let wanted = self.wanted();
+        let lacks_codes = self.wants_codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
+        if self.ended || self.begun == Some(wanted) && !lacks_codes {
+            return false;
+        }
+        let shown = self.now.iter().map(|now| &now.frame);
+        let Some(frame) = self.decoded.iter().chain(shown).find(|frame| frame.index == wanted.frame) else {
+            return false;
+        };
+        let frame = Arc::clone(frame);
+        self.viewer.begin(wanted, frame, self.project.shot().clone(), self.wants_codes);
+        self.begun = Some(wanted);
+        true
+    }
+}
