@@ -1,12 +1,13 @@
 //! `locard tune`: the window.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::{Result, anyhow};
 
 use crate::recording::OpenOptions;
 use crate::shot::Given;
-use crate::window::{self, Project};
+use crate::window::{self, Measure, Project};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -21,13 +22,17 @@ pub struct Args {
     /// How many metres a unit of the recording is
     #[arg(long, default_value_t = 1.0)]
     metres_per_unit: f64,
+    /// Measure what the window costs: it plays, changes each parameter, prints figures and closes
+    #[arg(long)]
+    measure: bool,
 }
 
 const DEMO: &str = "recordings/demo";
 const DEMO_SCENE: &str = "scenes/demo.toml";
 
 pub fn run(args: Args) -> Result<()> {
-    let Args { recording, mut scene, profile, metres_per_unit } = args;
+    let started = Instant::now();
+    let Args { recording, mut scene, profile, metres_per_unit, measure } = args;
     if recording.is_none() {
         scene = scene.or_else(|| Some(DEMO_SCENE.into()));
     }
@@ -39,7 +44,9 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(path) = new_profile {
         project.profile = Some(path);
     }
-    window::open(project).map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
+    let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
+    window::open(project, measure)
+        .map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
 }
 
 /// What a person can do about it; the error names files of libraries.

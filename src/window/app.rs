@@ -7,12 +7,15 @@ use super::actions::{self, Action};
 use super::controls::Controls;
 use super::evidence::Evidence;
 use super::hand::{Hand, Wanted};
-use super::picture::{self, Placed, Taken, View};
+use super::loupe;
+use super::measure::Measure;
+use super::picture::{self, Placed, Seen, Taken, View};
 use super::player::Player;
 use super::project::Project;
 use super::session::Session;
-use super::timeline::{self, Told};
+use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
+use crate::frame::Frame;
 
 /// The tuner.
 pub struct App {
@@ -28,6 +31,8 @@ pub struct App {
     shows_keys: bool,
     shows_history: bool,
     placed: Option<Placed>,
+    measure: Option<Measure>,
+    held: Held,
 }
 
 impl App {
@@ -45,7 +50,14 @@ impl App {
             shows_keys: false,
             shows_history: false,
             placed: None,
+            measure: None,
+            held: Held::default(),
         })
+    }
+
+    /// Works the window by itself, prints what it costs, and closes it.
+    pub fn measured(self, measure: Measure) -> Self {
+        Self { measure: Some(measure), ..self }
     }
 
     pub fn project(&self) -> &Project {
@@ -85,7 +97,11 @@ impl App {
         match action {
             Action::Play => player.play(!player.playing),
             Action::Step(by) => player.step(by),
+            Action::LoopFrom => player.set_range(player.frame()..player.range().end.max(player.frame() + 1)),
+            Action::LoopTo => player.set_range(player.range().start.min(player.frame())..player.frame() + 1),
+            Action::LoopAll => player.set_range(0..player.count()),
             Action::Wipe => self.view.wipe = if self.view.wipe.is_some() { None } else { Some(0.5) },
+            Action::Loupe => self.view.loupe = !self.view.loupe,
             Action::Fit => self.view.zoom = None,
             Action::OneToOne => self.view.zoom = Some(1.0),
             Action::Larger => self.view.zoom = zoom.map(|zoom| (zoom * 2.0).min(picture::MOST_ZOOM)),
@@ -183,6 +199,7 @@ impl App {
             if ui.toggle_value(&mut wiped, "Wipe").on_hover_text("W: drag the line in the picture").changed() {
                 self.view.wipe = wiped.then_some(0.5);
             }
+            ui.toggle_value(&mut self.view.loupe, "Loupe").on_hover_text("L: code values at the pointer");
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -212,6 +229,7 @@ impl App {
         let seen = picture::show(ui, &mut self.view, &mut self.session.viewer, frame.as_deref(), taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
+        self.codes(&seen, &frame);
         self.hand.work(&seen);
         if is_placing {
             if seen.pointed.is_some() {
@@ -223,6 +241,35 @@ impl App {
                     self.session.say(wrong);
                 }
             }
+        }
+    }
+
+    /// Code values at the pointer and in pixels that are large enough.
+    fn codes(&mut self, seen: &Seen, frame: &Frame) {
+        let ppp = seen.response.ctx.pixels_per_point();
+        let numbers = seen.placed.scale * ppp >= loupe::NUMBERS_FROM;
+        if !numbers && !self.view.loupe {
+            return;
+        }
+        self.session.want_codes();
+        let codes = self.session.codes().filter(|codes| codes.frame.index == frame.index);
+        if codes.is_none() && self.session.stats().is_some() {
+            seen.response.ctx.request_repaint();
+        }
+        if numbers {
+            loupe::numbers(seen, seen.camera, &frame.pixels, ppp);
+            if let Some(codes) = &codes {
+                let rest = if seen.camera.is_positive() { seen.camera.max.x } else { f32::NEG_INFINITY };
+                loupe::numbers(seen, egui::Rect::everything_right_of(rest), &codes.pixels, ppp);
+            }
+        }
+        if self.view.loupe && seen.pointed.is_some() {
+            self.session.viewer.plain(frame);
+            let viewer = &self.session.viewer;
+            let camera = viewer.camera().map(|shown| loupe::Side { name: "camera", shown, codes: Some(&frame.pixels) });
+            let pixels = codes.as_ref().map(|codes| &*codes.pixels);
+            let with = viewer.composite().map(|shown| loupe::Side { name: "with evidence", shown, codes: pixels });
+            loupe::show(seen, &camera.into_iter().chain(with).collect::<Vec<_>>());
         }
     }
 
@@ -297,6 +344,10 @@ impl eframe::App for App {
         let ctx = ui.ctx().clone();
         self.input(&ctx);
         self.session.work(&ctx);
+        if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &ctx)) {
+            (self.may_close, self.measure) = (true, None);
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
         egui::Panel::top("bar").show(ui, |ui| self.bar(ui));
         egui::Panel::bottom("time").show(ui, |ui| {
             ui.add_space(3.0);
@@ -304,6 +355,8 @@ impl eframe::App for App {
             let times_s = &session.project.shot().recording.timestamps_s;
             let time_s = times_s.get(session.player.frame()).copied().unwrap_or(0.0);
             let told = Told { time_s, shown_per_s: session.pictures_per_s() };
+            timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.held);
+            ui.add_space(3.0);
             timeline::show(ui, &mut session.player, &told);
             ui.add_space(2.0);
         });

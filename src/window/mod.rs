@@ -3,7 +3,8 @@
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `session`: a recording that is open. `player`: which frame is due. `reader` decodes and `maker` composites, each on
 //!   threads of its own. `viewer`: the window's textures that it all goes into.
-//! - `app`: the window. `actions`: what keys do. `picture`, `controls`, `evidence`, `timeline`: its parts. `hand`: places
+//! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`, `evidence`, `timeline` with its
+//!   `thumbnails`: its parts. `hand`: places
 //!   in the picture that another part asks for.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
@@ -14,12 +15,15 @@ mod controls;
 mod evidence;
 mod hand;
 mod history;
+mod loupe;
 mod maker;
+mod measure;
 mod picture;
 mod player;
 mod project;
 mod reader;
 mod session;
+mod thumbnails;
 mod timeline;
 mod viewer;
 
@@ -30,14 +34,15 @@ use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
 pub use app::App;
 pub use history::History;
+pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
 pub use project::{Edit, Origin, Project, SaveError};
 
 use crate::gpu::Gpu;
 
-/// Opens the window and waits until it is closed.
-pub fn open(project: Project) -> Result<(), eframe::Error> {
+/// Opens the window and waits until it is closed. With a [`Measure`] it works by itself.
+pub fn open(project: Project, measure: Option<Measure>) -> Result<(), eframe::Error> {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.device_descriptor = Arc::new(Gpu::wanted);
     let size = egui::vec2(1280.0, 800.0);
@@ -52,5 +57,15 @@ pub fn open(project: Project) -> Result<(), eframe::Error> {
         ..Default::default()
     };
     options.wgpu_options.wgpu_setup = WgpuSetup::CreateNew(setup);
-    eframe::run_native("locard", options, Box::new(|context| Ok(Box::new(App::new(context, project)?))))
+    eframe::run_native(
+        "locard",
+        options,
+        Box::new(|context| {
+            let app = App::new(context, project)?;
+            Ok(Box::new(match measure {
+                Some(measure) => app.measured(measure),
+                None => app,
+            }))
+        }),
+    )
 }

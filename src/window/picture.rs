@@ -24,13 +24,15 @@ pub struct View {
     pub wipe: Option<f32>,
     /// The camera's own picture is shown all over.
     pub plain: bool,
+    /// A loupe follows the pointer.
+    pub loupe: bool,
     /// The wipe's line is being dragged.
     wiping: bool,
 }
 
 impl Default for View {
     fn default() -> Self {
-        Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, wiping: false }
+        Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, loupe: false, wiping: false }
     }
 }
 
@@ -93,6 +95,8 @@ pub struct Seen {
     pub clicked: Option<Vec2>,
     /// Where the pointer is, px of the picture.
     pub pointed: Option<Vec2>,
+    /// The part of the panel where the camera's own picture is shown; elsewhere the composite is.
+    pub camera: Rect,
 }
 
 impl Seen {
@@ -160,10 +164,13 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &mut Viewer, frame: Option<&Fr
     if let Some(composite) = composite {
         picture(composite, Rect::everything_right_of(x));
     }
-    match composite.is_some() {
-        true if view.wipe.is_some() => picture(viewer.plain(frame), Rect::everything_left_of(x)),
-        true => {}
-        false => picture(viewer.plain(frame), panel),
+    let camera = match (composite.is_some(), view.wipe) {
+        (true, Some(_)) => Rect::everything_left_of(x),
+        (true, None) => Rect::NOTHING,
+        (false, _) => panel,
+    };
+    if camera.is_positive() {
+        picture(viewer.plain(frame), camera);
     }
     if let (Some(x), false) = (line_x, view.plain) {
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
@@ -182,7 +189,7 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &mut Viewer, frame: Option<&Fr
         |at: Pos2| Some(placed.picture_px(at)).filter(|px| px.min_elem() >= 0.0 && px.x < size.x && px.y < size.y);
     let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten().and_then(inside);
     let pointed = response.hover_pos().and_then(inside);
-    Some(Seen { placed, size, response, painter, clicked, pointed })
+    Some(Seen { placed, size, response, painter, clicked, pointed, camera })
 }
 
 fn wipe_or_pan(ui: &Ui, view: &mut View, response: &Response, size: Vec2, placed: Placed, taken: Taken) {

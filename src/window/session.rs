@@ -11,6 +11,7 @@ use super::maker::{Finished, Made};
 use super::player::Player;
 use super::project::Project;
 use super::reader::Reader;
+use super::thumbnails::Thumbnails;
 use super::viewer::Viewer;
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
@@ -40,12 +41,13 @@ pub struct ShownCodes {
 }
 
 /// A recording that is open.
-#[derive(Debug)]
 pub struct Session {
     pub project: Project,
     pub player: Player,
     pub viewer: Viewer,
     reader: Reader,
+    /// `None` where no thread can be had for them.
+    pub thumbnails: Option<Thumbnails>,
     /// Frames that were decoded and are due, or soon will be.
     decoded: Vec<Arc<Frame>>,
     /// Frames that the reader was asked for and that have not come.
@@ -62,6 +64,7 @@ pub struct Session {
     clock: Option<Instant>,
     /// When pictures of the last second were finished.
     finished: VecDeque<Instant>,
+    pictures: u64,
     /// What went wrong last; stays until something goes right.
     problem: Option<String>,
     /// What was done last.
@@ -77,12 +80,14 @@ impl Session {
         let failed = |e| format!("no thread can be had to decode and draw with: {e}");
         let viewer = Viewer::new(window, wake()).map_err(failed)?;
         let reader = Reader::new(project.shot().recording.clone(), wake()).map_err(failed)?;
+        let thumbnails = Thumbnails::new(project.shot().recording.clone(), ctx).ok();
         let player = Player::new(&project.shot().recording.timestamps_s);
         Ok(Self {
             project,
             player,
             viewer,
             reader,
+            thumbnails,
             decoded: Vec::new(),
             asked: Vec::new(),
             ended: false,
@@ -92,6 +97,7 @@ impl Session {
             wants_codes: false,
             clock: None,
             finished: VecDeque::new(),
+            pictures: 0,
             problem: None,
             said: None,
         })
@@ -117,6 +123,11 @@ impl Session {
         let now = self.now.as_ref()?;
         let pixels = Arc::clone(now.codes.as_ref()?);
         Some(ShownCodes { frame: Arc::clone(&now.frame), version: now.made.version, pixels })
+    }
+
+    /// Pictures that were finished.
+    pub fn pictures(&self) -> u64 {
+        self.pictures
     }
 
     /// Pictures that were finished in the last second.
@@ -156,6 +167,9 @@ impl Session {
     pub fn work(&mut self, ctx: &egui::Context) {
         self.take_decoded();
         self.take_finished();
+        if let Some(thumbnails) = &mut self.thumbnails {
+            thumbnails.work(ctx);
+        }
         self.keep_time();
         // What is dragged shows soonest where nothing else is under way; what plays is made ahead.
         let most = if self.player.playing { 2 } else { 1 };
@@ -214,6 +228,7 @@ impl Session {
                     };
                     self.now = Some(Now { made, frame, stats, codes });
                     self.finished.push_back(instant);
+                    self.pictures += 1;
                 }
                 Ok(None) => break,
                 Err(()) => return self.end("drawing has ended"),

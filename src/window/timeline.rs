@@ -1,8 +1,23 @@
-//! The time below the picture: play, step, go anywhere.
+//! The time below the picture: a strip of small pictures to go anywhere, and what is played over and over; play and step.
 
-use eframe::egui::{self, Color32, Pos2, Rect, Ui, vec2};
+use eframe::egui::{self, Align2, Color32, CursorIcon, FontId, Pos2, Rect, Sense, Stroke, Ui, pos2, vec2};
 
+use super::thumbnails::Thumbnails;
 use super::{Pace, Player};
+
+/// Of the strip, points.
+const HEIGHT: f32 = 40.0;
+/// How near an end of the loop a drag takes hold of it, points.
+const GRIP: f32 = 6.0;
+
+/// What is dragged on the strip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Held {
+    #[default]
+    Time,
+    Start,
+    End,
+}
 
 /// What is said beside the time.
 #[derive(Clone, Debug, Default)]
@@ -103,16 +118,87 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
             .on_hover_text("How fast it plays")
             .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Speed"));
         let last = player.count().saturating_sub(1);
-        let mut frame = player.frame();
-        let text_width = 320.0;
-        ui.spacing_mut().slider_width = (ui.available_width() - text_width - 16.0).max(60.0);
-        let slider = ui.add_enabled(last > 0, egui::Slider::new(&mut frame, 0..=last).show_value(false));
-        slider.widget_info(|| egui::WidgetInfo::slider(true, frame as f64, "Frame"));
-        if slider.changed() {
-            player.seek(frame);
-        }
         let dropped = if player.dropped > 0 { format!(", {} dropped", player.dropped) } else { String::new() };
         let rate = if playing { format!(", {:.0}/s{dropped}", told.shown_per_s) } else { String::new() };
         ui.monospace(format!("{}/{last}  {:.3} s{rate}", player.frame(), told.time_s));
+        let range = player.range();
+        if range.len() < player.count() {
+            ui.separator();
+            ui.label(format!("loop {} to {}", range.start, range.end - 1));
+            if ui.small_button("All").on_hover_text("Play all (Shift+I)").clicked() {
+                player.set_range(0..player.count());
+            }
+        }
     });
+}
+
+/// The strip: click or drag to go anywhere; the ends of what is looped can be dragged.
+pub fn strip(ui: &mut Ui, player: &mut Player, thumbnails: Option<&Thumbnails>, held: &mut Held) {
+    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::click_and_drag());
+    let (count, frame) = (player.count().max(1), player.frame());
+    response.widget_info(|| egui::WidgetInfo::slider(true, frame as f64, "Frame"));
+    // A frame takes its share of the width.
+    let x_of = |frame: usize| rect.min.x + rect.width() * frame as f32 / count as f32;
+    let at = |x: f32| (((x - rect.min.x) / rect.width() * count as f32).floor().max(0.0) as usize).min(count - 1);
+    let range = player.range();
+    let (start_x, end_x) = (x_of(range.start), x_of(range.end));
+    let hold = |x: f32| match ((x - start_x).abs() <= GRIP, (x - end_x).abs() <= GRIP) {
+        (true, _) if range.len() < count || x < rect.min.x + GRIP => Held::Start,
+        (_, true) => Held::End,
+        _ => Held::Time,
+    };
+    let pointer_x = response.interact_pointer_pos().map(|at| at.x);
+    let hover = response.hover_pos();
+    if response.drag_started() {
+        *held = ui.input(|i| i.pointer.press_origin()).map_or(Held::Time, |origin| hold(origin.x));
+    }
+    if let Some(x) = pointer_x.filter(|_| response.dragged() || response.clicked()) {
+        let edge = ((x - rect.min.x) / rect.width() * count as f32).round().clamp(0.0, count as f32) as usize;
+        match if response.clicked() { Held::Time } else { *held } {
+            Held::Time => player.seek(at(x)),
+            Held::Start => player.set_range(edge.min(range.end - 1)..range.end),
+            Held::End => player.set_range(range.start..edge.max(range.start + 1)),
+        }
+    }
+    if hover.is_some_and(|at| hold(at.x) != Held::Time) || response.dragged() && *held != Held::Time {
+        ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
+    }
+
+    let painter = ui.painter().with_clip_rect(rect);
+    let visuals = ui.visuals();
+    painter.rect_filled(rect, 0.0, visuals.extreme_bg_color);
+    if let Some(thumbnails) = thumbnails {
+        let width = HEIGHT * thumbnails.aspect();
+        let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+        for n in 0..(rect.width() / width).ceil() as usize {
+            let tile = Rect::from_min_size(rect.min + vec2(n as f32 * width, 0.0), vec2(width, HEIGHT));
+            if let Some(texture) = thumbnails.nearest(at(tile.center().x)) {
+                painter.image(texture.id(), tile, whole, Color32::WHITE);
+            }
+        }
+    }
+    let dim = Color32::from_black_alpha(150);
+    let accent = visuals.selection.bg_fill;
+    if range.len() < count {
+        painter.rect_filled(Rect::everything_left_of(start_x), 0.0, dim);
+        painter.rect_filled(Rect::everything_right_of(end_x), 0.0, dim);
+        painter.vline(start_x + 1.0, rect.y_range(), Stroke::new(2.0, accent));
+        painter.vline(end_x - 1.0, rect.y_range(), Stroke::new(2.0, accent));
+    }
+    let head = Rect::from_x_y_ranges(x_of(frame)..=x_of(frame + 1), rect.y_range());
+    if head.width() > 3.0 {
+        painter.rect_filled(head, 0.0, Color32::from_white_alpha(40));
+    }
+    painter.vline(head.min.x + 1.0, rect.y_range(), Stroke::new(1.0, Color32::from_black_alpha(200)));
+    painter.vline(head.min.x, rect.y_range(), Stroke::new(1.0, Color32::WHITE));
+    if let Some(hover) = hover {
+        let text = at(hover.x).to_string();
+        let anchor = if hover.x > rect.center().x { Align2::RIGHT_TOP } else { Align2::LEFT_TOP };
+        let offset = vec2(if hover.x > rect.center().x { -8.0 } else { 8.0 }, 4.0);
+        let place = pos2(hover.x, rect.min.y) + offset;
+        let galley = painter.layout_no_wrap(text, FontId::monospace(12.0), Color32::WHITE);
+        let back = anchor.anchor_size(place, galley.size());
+        painter.rect_filled(back.expand(2.0), 2.0, Color32::from_black_alpha(190));
+        painter.galley(back.min, galley, Color32::WHITE);
+    }
 }

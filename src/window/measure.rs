@@ -1,0 +1,187 @@
+//! What the window costs, measured in the window itself: the first picture, playing, and from a changed parameter to the
+//! picture that shows it.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+
+use super::project::tables;
+use super::session::Session;
+use super::{Pace, Player};
+use crate::compositor::IN_FLIGHT;
+use crate::gpu::Gpu;
+use crate::params::{Kind, Value};
+use crate::shot::{Shot, ShotError};
+
+/// How long it plays.
+const PLAYS: Duration = Duration::from_secs(8);
+/// Values that each parameter is set to.
+const VALUES: usize = 20;
+
+/// What is measured, one after another.
+enum Step {
+    First,
+    Play,
+    Change { table: &'static str, name: &'static str, values: VecDeque<Value> },
+}
+
+/// From a change to its picture.
+struct Change {
+    parameter: String,
+    worst_s: f64,
+    sum_s: f64,
+    count: usize,
+}
+
+/// Works the window by itself, and prints what it found.
+pub struct Measure {
+    started: Instant,
+    /// Pictures per second of the same frames without a window.
+    without_per_s: f64,
+    steps: VecDeque<Step>,
+    begun: Option<(Instant, u64)>,
+    /// When a value was set; and whether its picture has been drawn into the window.
+    set: Option<(Instant, bool)>,
+    changes: Vec<Change>,
+}
+
+impl Measure {
+    /// `started`: when the program was. Composites the recording once without a window.
+    pub fn new(started: Instant, shot: &Shot) -> Result<Self, ShotError> {
+        let failed = |source| ShotError::Gpu { frame: 0, source };
+        let mut compositor = shot.compositor(Gpu::open().map_err(failed)?);
+        let range = 0..shot.recording.frame_count();
+        // Pipelines are made with the first.
+        shot.frames(&mut compositor, 0..1, false, 1)?.try_for_each(|done| done.map(drop))?;
+        let begun = Instant::now();
+        let mut count = 0;
+        while begun.elapsed() < PLAYS {
+            for done in shot.frames(&mut compositor, range.clone(), false, IN_FLIGHT)? {
+                done?;
+                count += 1;
+            }
+        }
+        let without_per_s = f64::from(count) / begun.elapsed().as_secs_f64();
+        let mut steps = VecDeque::from([Step::First, Step::Play]);
+        for params in tables(&shot.rig, &shot.settings) {
+            let table = params.table();
+            for spec in params.specs() {
+                if let Some(values) = params.get(spec.name).and_then(|now| values(&spec.kind, &now)) {
+                    steps.push_back(Step::Change { table, name: spec.name, values });
+                }
+            }
+        }
+        let started = started + begun.elapsed();
+        Ok(Self { started, without_per_s, steps, begun: None, set: None, changes: Vec::new() })
+    }
+
+    /// Goes on; says whether all is done. To be called in each frame of the window.
+    pub fn step(&mut self, session: &mut Session, ctx: &egui::Context) -> bool {
+        let Some(step) = self.steps.front_mut() else { return true };
+        match step {
+            Step::First => {
+                if session.is_settled() {
+                    println!("first picture          {:.2} s", self.started.elapsed().as_secs_f64());
+                    self.steps.pop_front();
+                    ctx.request_repaint();
+                }
+            }
+            Step::Play => match self.begun {
+                None => {
+                    session.player.pace = Pace::EveryFrame;
+                    session.player.play(true);
+                    self.begun = Some((Instant::now(), session.pictures()));
+                    ctx.request_repaint();
+                }
+                Some((begun, pictures)) if begun.elapsed() > PLAYS => {
+                    let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
+                    let share = self.without_per_s / per_s;
+                    let without = self.without_per_s;
+                    println!(
+                        "playing                {per_s:.1} pictures/s; without a window {without:.1}: {share:.2} times"
+                    );
+                    rest(&mut session.player);
+                    self.begun = None;
+                    self.steps.pop_front();
+                    ctx.request_repaint();
+                }
+                Some(_) => {}
+            },
+            Step::Change { table, name, values } => {
+                let Some((set, is_drawn)) = self.set else {
+                    let Some(value) = values.pop_front() else {
+                        session.project.undo();
+                        self.steps.pop_front();
+                        ctx.request_repaint();
+                        return false;
+                    };
+                    if session.is_settled() {
+                        let before = session.project.version();
+                        let done = session.project.set(table, name, &value);
+                        if done.is_ok() && session.project.version() != before {
+                            self.set = Some((Instant::now(), false));
+                        }
+                    } else {
+                        values.push_front(value);
+                    }
+                    ctx.request_repaint();
+                    return false;
+                };
+                if is_drawn {
+                    let took_s = set.elapsed().as_secs_f64();
+                    let parameter = format!("{table}.{name}");
+                    match self.changes.last_mut().filter(|change| change.parameter == parameter) {
+                        Some(change) => {
+                            change.worst_s = change.worst_s.max(took_s);
+                            change.sum_s += took_s;
+                            change.count += 1;
+                        }
+                        // The first one makes what is made once.
+                        None => self.changes.push(Change { parameter, worst_s: 0.0, sum_s: 0.0, count: 0 }),
+                    }
+                    self.set = None;
+                    ctx.request_repaint();
+                } else if session.is_settled() {
+                    // It is on the screen when the next frame of the window begins.
+                    self.set = Some((set, true));
+                    ctx.request_repaint();
+                }
+            }
+        }
+        if self.steps.is_empty() {
+            self.print();
+        }
+        self.steps.is_empty()
+    }
+
+    fn print(&mut self) {
+        self.changes.retain(|change| change.count > 0);
+        self.changes.sort_by(|a, b| b.worst_s.total_cmp(&a.worst_s));
+        let (sum_s, count) = self.changes.iter().fold((0.0, 0), |(s, n), c| (s + c.sum_s, n + c.count));
+        println!("a changed parameter    {:.0} ms, mean of {count}", 1e3 * sum_s / count.max(1) as f64);
+        for Change { parameter, worst_s, sum_s, count } in self.changes.iter().take(5) {
+            let mean = 1e3 * sum_s / *count as f64;
+            println!("  {parameter:<34} {mean:.0} ms, worst of {count} {:.0} ms", 1e3 * worst_s);
+        }
+    }
+}
+
+fn rest(player: &mut Player) {
+    player.play(false);
+    player.seek(player.count() / 3);
+}
+
+/// As a slider is dragged: a tenth to either side.
+fn values(kind: &Kind, now: &Value) -> Option<VecDeque<Value>> {
+    let Value::Number(now) = *now else { return None };
+    let (min, max, whole) = match *kind {
+        Kind::Number { min, max } => (min, max, false),
+        Kind::Integer { min, max } => (min, max, true),
+        _ => return None,
+    };
+    let reach = (0.1 * now.abs()).max(0.01 * (max - min).min(10.0));
+    let at = |n: usize| now + reach * (2.0 * (n as f64 + 0.5) / VALUES as f64 - 1.0);
+    let rounded = |n: f64| if whole { n.round() } else { n };
+    Some((0..=VALUES).map(|n| Value::Number(rounded(at(n)).clamp(min, max))).collect())
+}

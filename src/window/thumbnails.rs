@@ -1,0 +1,123 @@
+//! Small pictures of a recording for its time line, decoded on a thread of their own.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread::JoinHandle;
+
+use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
+
+use crate::pixels::Pixels;
+use crate::recording::Recording;
+
+/// Height in texels: enough for a display of twice the usual scale.
+const HEIGHT: u32 = 72;
+/// How many at most.
+const MOST: usize = 40;
+
+/// Small pictures, the first, the last and the middle ones first.
+pub struct Thumbnails {
+    pictures: Vec<(usize, TextureHandle)>,
+    decoded: Receiver<(usize, ColorImage)>,
+    is_ended: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    /// Of a picture, width by height.
+    aspect: f32,
+}
+
+impl Thumbnails {
+    pub fn new(recording: Arc<Recording>, ctx: &egui::Context) -> std::io::Result<Self> {
+        let (done, decoded) = channel();
+        let is_ended = Arc::new(AtomicBool::new(false));
+        let (ends, ctx) = (Arc::clone(&is_ended), ctx.clone());
+        let aspect = recording.width as f32 / recording.height as f32;
+        let thread = std::thread::Builder::new().name("window thumbnails".to_owned()).spawn(move || {
+            for frame in spread(recording.frame_count()) {
+                let decoded = recording.frames(frame..frame + 1).ok().and_then(|mut frames| frames.next()?.ok());
+                // A frame that cannot be decoded is told of where it is shown.
+                let Some(decoded) = decoded else { continue };
+                if ends.load(Ordering::Relaxed) || done.send((frame, small(&decoded.pixels))).is_err() {
+                    return;
+                }
+                ctx.request_repaint();
+            }
+        })?;
+        Ok(Self { pictures: Vec::new(), decoded, is_ended, thread: Some(thread), aspect })
+    }
+
+    pub fn aspect(&self) -> f32 {
+        self.aspect
+    }
+
+    /// Takes what has been decoded.
+    pub fn work(&mut self, ctx: &egui::Context) {
+        for (frame, picture) in self.decoded.try_iter() {
+            let texture = ctx.load_texture(format!("frame {frame}"), picture, TextureOptions::LINEAR);
+            self.pictures.push((frame, texture));
+        }
+    }
+
+    /// The one nearest to a frame.
+    pub fn nearest(&self, frame: usize) -> Option<&TextureHandle> {
+        self.pictures.iter().min_by_key(|(of, _)| of.abs_diff(frame)).map(|(_, texture)| texture)
+    }
+}
+
+impl Drop for Thumbnails {
+    fn drop(&mut self) {
+        self.is_ended.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Frames spread over a recording, coarsely first.
+fn spread(count: usize) -> Vec<usize> {
+    let parts = MOST.min(count).max(1);
+    let mut order: Vec<usize> = (0..parts).collect();
+    // By the lowest bit that is set in its place: each half, then each quarter.
+    order.sort_by_key(|n| (std::cmp::Reverse(if *n == 0 { u32::MAX } else { n.trailing_zeros() }), *n));
+    order.into_iter().map(|n| n * count / parts).filter(|frame| *frame < count).collect()
+}
+
+/// Made smaller: each texel is the mean of the code values that it covers.
+fn small(pixels: &Pixels) -> ColorImage {
+    let height = HEIGHT.min(pixels.height).max(1);
+    let width = (pixels.width * height / pixels.height.max(1)).clamp(1, pixels.width.max(1));
+    let max = f64::from(pixels.max_code());
+    let covered = |n: u32, of: u32, all: u32| n * all / of..((n + 1) * all / of).max(n * all / of + 1);
+    let mean = |x: u32, y: u32| {
+        let (mut sum, mut count) = ([0.0; 3], 0.0);
+        for row in covered(y, height, pixels.height) {
+            for column in covered(x, width, pixels.width) {
+                let codes = pixels.at(column, row);
+                sum.iter_mut().zip(codes).for_each(|(sum, code)| *sum += f64::from(code));
+                count += 1.0;
+            }
+        }
+        let [r, g, b] = sum.map(|sum: f64| (255.0 * sum / count / max).round() as u8);
+        egui::Color32::from_rgb(r, g, b)
+    };
+    let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+    ColorImage::new([width as usize, height as usize], texels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn they_are_spread_and_each_is_the_mean_of_what_it_covers() {
+        assert_eq!(spread(1), [0]);
+        assert_eq!(spread(5), [0, 4, 2, 1, 3]);
+        let many = spread(1000);
+        assert_eq!((many.len(), many[0], many[1], many[2]), (40, 0, 800, 400));
+        // Twice as high as wanted: four pixels to a texel.
+        let codes = |y: u32, x: u32| [(x % 2) as u8 * 10, (y % 2) as u8 * 20, 100];
+        let all = (0..2 * HEIGHT).flat_map(|y| (0..4).flat_map(move |x| codes(y, x))).collect();
+        let small = small(&Pixels::from_u8(4, 2 * HEIGHT, all).unwrap());
+        assert_eq!(small.size, [2, HEIGHT as usize]);
+        assert!(small.pixels.iter().all(|texel| *texel == egui::Color32::from_rgb(5, 10, 100)));
+    }
+}
