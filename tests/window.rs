@@ -367,3 +367,58 @@ fn it_plays_and_stays_at_the_frame_that_it_shows() {
     settle(&mut window);
     assert_eq!(window.state_mut().player_mut().frame(), frame + 1);
 }
+
+#[test]
+fn two_settings_are_compared_and_copied() {
+    let mut window = open(None);
+    let a = shown(&window);
+    window.key_press(Key::B);
+    window.step();
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
+    until(&mut window, |app| app.is_settled() && app.viewer().other().is_some());
+    // B is edited, and A stays as it was.
+    let other = |window: &Harness<'_, App>| {
+        let viewer = window.state().viewer();
+        let texels = gpu::read_back(viewer.gpu(), &viewer.other().unwrap().texture);
+        texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect::<Vec<_>>()
+    };
+    let b = shown(&window);
+    assert!(b == written(&["noise.scale=0"], 0) && other(&window) == a);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::B);
+    window.step();
+    until(&mut window, App::is_settled);
+    assert!(shown(&window) == a && window.state().project().edit().other.as_ref().is_some_and(|other| !other.is_a));
+    window.get_by_label("A to B").click();
+    window.run_steps(2);
+    let other = window.state().project().edit().other.clone().unwrap();
+    assert!(other.settings == window.state().project().edit().settings);
+    // Undo brings B back, and the other one is no change that would be saved.
+    window.get_by_label("Undo").click();
+    window.run_steps(2);
+    let other = window.state().project().edit().other.clone().unwrap();
+    assert!(other.settings != window.state().project().edit().settings && window.state().project().is_saved());
+}
+
+#[test]
+fn the_time_line_goes_anywhere_and_its_loop_is_played() {
+    let mut window = open(None);
+    let strip = window.get_by_role_and_label(Role::Slider, "Frame").rect();
+    window.hover_at(strip.center());
+    window.step();
+    window.drag_at(strip.center());
+    window.step();
+    window.drop_at(strip.center());
+    window.step();
+    settle(&mut window);
+    assert_eq!(window.state_mut().player_mut().frame(), 36);
+    window.key_press(Key::I);
+    window.step();
+    window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
+    window.step();
+    window.key_press(Key::O);
+    window.step();
+    assert_eq!(window.state_mut().player_mut().range(), 36..47);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::I);
+    window.step();
+    assert_eq!(window.state_mut().player_mut().range(), 0..72);
+}

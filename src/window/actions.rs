@@ -14,6 +14,9 @@ pub enum Action {
     LoopAll,
     Wipe,
     Loupe,
+    /// Two settings beside each other; edits the other one.
+    Compare,
+    Exchange,
     Fit,
     OneToOne,
     Larger,
@@ -57,6 +60,8 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::I, Action::LoopFrom, "loop from here, to here"),
     bind(NONE, Key::O, Action::LoopTo, "loop from here, to here"),
     bind(NONE, Key::W, Action::Wipe, "wipe between camera and composite"),
+    bind(SHIFT, Key::B, Action::Exchange, "edit the other one of A and B"),
+    bind(NONE, Key::B, Action::Compare, "two settings, A and B, beside each other"),
     bind(NONE, Key::L, Action::Loupe, "loupe: code values at the pointer"),
     bind(NONE, Key::F, Action::Fit, "the whole picture"),
     bind(NONE, Key::Num1, Action::OneToOne, "one screen pixel to each of the picture's"),

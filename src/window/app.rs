@@ -9,7 +9,7 @@ use super::evidence::Evidence;
 use super::hand::{Hand, Wanted};
 use super::loupe;
 use super::measure::Measure;
-use super::picture::{self, Placed, Seen, Taken, View};
+use super::picture::{self, Compared, Placed, Seen, Taken, View};
 use super::player::Player;
 use super::project::Project;
 use super::session::Session;
@@ -101,6 +101,8 @@ impl App {
             Action::LoopTo => player.set_range(player.range().start.min(player.frame())..player.frame() + 1),
             Action::LoopAll => player.set_range(0..player.count()),
             Action::Wipe => self.view.wipe = if self.view.wipe.is_some() { None } else { Some(0.5) },
+            Action::Compare => self.compare(),
+            Action::Exchange => self.session.project.exchange(),
             Action::Loupe => self.view.loupe = !self.view.loupe,
             Action::Fit => self.view.zoom = None,
             Action::OneToOne => self.view.zoom = Some(1.0),
@@ -135,6 +137,13 @@ impl App {
                 self.session.say(format!("{}: .glb and .gltf models can be dropped here", path.display()));
             }
         }
+    }
+
+    /// Begins or ends to compare two settings.
+    fn compare(&mut self) {
+        let begins = self.session.project.edit().other.is_none();
+        self.session.project.compare(begins);
+        self.view.wipe = begins.then_some(0.5);
     }
 
     fn undo(&mut self) {
@@ -199,6 +208,23 @@ impl App {
             if ui.toggle_value(&mut wiped, "Wipe").on_hover_text("W: drag the line in the picture").changed() {
                 self.view.wipe = wiped.then_some(0.5);
             }
+            let edits_b = self.session.project.edit().other.as_ref().map(|other| other.is_a);
+            let hint = "B: two settings beside each other";
+            if ui.selectable_label(edits_b.is_some(), "A|B").on_hover_text(hint).clicked() {
+                self.compare();
+            }
+            if let Some(edits_b) = edits_b {
+                for (name, is_edited) in [("A", !edits_b), ("B", edits_b)] {
+                    let label = ui.selectable_label(is_edited, name).on_hover_text("Shift+B: edit the other one");
+                    if label.clicked() && !is_edited {
+                        self.session.project.exchange();
+                    }
+                }
+                let text = if edits_b { "B to A" } else { "A to B" };
+                if ui.button(text).on_hover_text("Copy the settings that are edited to the other one").clicked() {
+                    self.session.project.copy_to_other();
+                }
+            }
             ui.toggle_value(&mut self.view.loupe, "Loupe").on_hover_text("L: code values at the pointer");
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
@@ -226,7 +252,13 @@ impl App {
             clicks: is_placing || asked.is_some(),
             drags: asked.is_some_and(|(_, wanted)| wanted == Wanted::Rect),
         };
-        let seen = picture::show(ui, &mut self.view, &mut self.session.viewer, frame.as_deref(), taken);
+        let other = self.session.project.edit().other.as_ref();
+        let compared = other.map(|other| Compared { edits_a: !other.is_a });
+        if compared.is_some() && self.view.wipe.is_some() {
+            self.session.want_other(ui.ctx());
+        }
+        let viewer = &mut self.session.viewer;
+        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref(), compared, taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
         self.codes(&seen, &frame);
@@ -259,8 +291,7 @@ impl App {
         if numbers {
             loupe::numbers(seen, seen.camera, &frame.pixels, ppp);
             if let Some(codes) = &codes {
-                let rest = if seen.camera.is_positive() { seen.camera.max.x } else { f32::NEG_INFINITY };
-                loupe::numbers(seen, egui::Rect::everything_right_of(rest), &codes.pixels, ppp);
+                loupe::numbers(seen, seen.composite, &codes.pixels, ppp);
             }
         }
         if self.view.loupe && seen.pointed.is_some() {

@@ -17,8 +17,10 @@ use crate::shot::{Shot, ShotError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Made {
     pub frame: usize,
-    /// The project's ([`Project::version`](super::Project::version)).
+    /// The project's ([`Project::version`](super::Project::version)), or that of what it is compared with.
     pub version: u64,
+    /// Whether it is what it is compared with.
+    pub is_other: bool,
 }
 
 /// A picture to be made.

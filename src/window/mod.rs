@@ -37,7 +37,7 @@ pub use history::History;
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
-pub use project::{Edit, Origin, Project, SaveError};
+pub use project::{Edit, Origin, Other, Project, SaveError};
 
 use crate::gpu::Gpu;
 

@@ -95,8 +95,9 @@ pub struct Seen {
     pub clicked: Option<Vec2>,
     /// Where the pointer is, px of the picture.
     pub pointed: Option<Vec2>,
-    /// The part of the panel where the camera's own picture is shown; elsewhere the composite is.
+    /// The parts of the panel where the camera's own picture and the composite are shown.
     pub camera: Rect,
+    pub composite: Rect,
 }
 
 impl Seen {
@@ -120,8 +121,22 @@ pub struct Taken {
     pub drags: bool,
 }
 
+/// Two settings are compared, A at the left of the line and B at the right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Compared {
+    /// A is edited, or else B.
+    pub edits_a: bool,
+}
+
 /// Draws the picture of a frame into what is left of the window. Without a frame there is nothing yet.
-pub fn show(ui: &mut Ui, view: &mut View, viewer: &mut Viewer, frame: Option<&Frame>, taken: Taken) -> Option<Seen> {
+pub fn show(
+    ui: &mut Ui,
+    view: &mut View,
+    viewer: &mut Viewer,
+    frame: Option<&Frame>,
+    compared: Option<Compared>,
+    taken: Taken,
+) -> Option<Seen> {
     let panel = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(panel, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
@@ -160,36 +175,45 @@ pub fn show(ui: &mut Ui, view: &mut View, viewer: &mut Viewer, frame: Option<&Fr
         painter.with_clip_rect(clip.intersect(panel)).image(id, placed.rect, whole, Color32::WHITE);
     };
     let x = line_x.unwrap_or(f32::NEG_INFINITY);
-    let composite = viewer.composite().filter(|composite| !view.plain && composite.size == (width, height));
-    if let Some(composite) = composite {
-        picture(composite, Rect::everything_right_of(x));
-    }
-    let camera = match (composite.is_some(), view.wipe) {
-        (true, Some(_)) => Rect::everything_left_of(x),
-        (true, None) => Rect::NOTHING,
-        (false, _) => panel,
+    let [left, right] = [Rect::everything_left_of(x), Rect::everything_right_of(x)];
+    let fits = |shown: &&Shown| shown.size == (width, height);
+    let composite = viewer.composite().filter(|shown| fits(shown) && !view.plain);
+    let (mine, others) = match (composite, line_x, compared) {
+        (None, ..) => (Rect::NOTHING, panel),
+        (Some(_), None, _) => (panel, Rect::NOTHING),
+        (Some(_), Some(_), Some(Compared { edits_a: true })) => (left, right),
+        (Some(_), Some(_), _) => (right, left),
     };
-    if camera.is_positive() {
-        picture(viewer.plain(frame), camera);
+    if let Some(composite) = composite {
+        picture(composite, mine);
+    }
+    let is_camera = compared.is_none() || composite.is_none();
+    match viewer.other().filter(fits) {
+        Some(other) if !is_camera => picture(other, others),
+        _ if others.is_positive() => picture(viewer.plain(frame), others),
+        _ => {}
     }
     if let (Some(x), false) = (line_x, view.plain) {
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
         line(0.0, Color32::WHITE);
         line(1.0, Color32::from_black_alpha(160));
-        let label = |at: Pos2, align, text: &str| {
-            let font = egui::FontId::proportional(12.0);
-            painter.text(at + vec2(1.0, 1.0), align, text, font.clone(), Color32::BLACK);
-            painter.text(at, align, text, font, Color32::WHITE);
+        let label = |at: Pos2, align: egui::Align2, text: &str| {
+            let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(12.0), Color32::WHITE);
+            let rect = align.anchor_size(at, galley.size());
+            painter.rect_filled(rect.expand2(vec2(6.0, 3.0)), 4.0, Color32::from_black_alpha(150));
+            painter.galley(rect.min, galley, Color32::WHITE);
         };
-        let y = placed.rect.intersect(panel).min.y + 6.0;
-        label(pos2(x - 8.0, y), egui::Align2::RIGHT_TOP, "camera");
-        label(pos2(x + 8.0, y), egui::Align2::LEFT_TOP, "with evidence");
+        let y = placed.rect.intersect(panel).min.y + 8.0;
+        let names = if compared.is_some() { ["A", "B"] } else { ["camera", "with evidence"] };
+        label(pos2(x - 12.0, y), egui::Align2::RIGHT_TOP, names[0]);
+        label(pos2(x + 12.0, y), egui::Align2::LEFT_TOP, names[1]);
     }
+    let camera = if is_camera { others } else { Rect::NOTHING };
     let inside =
         |at: Pos2| Some(placed.picture_px(at)).filter(|px| px.min_elem() >= 0.0 && px.x < size.x && px.y < size.y);
     let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten().and_then(inside);
     let pointed = response.hover_pos().and_then(inside);
-    Some(Seen { placed, size, response, painter, clicked, pointed, camera })
+    Some(Seen { placed, size, response, painter, clicked, pointed, camera, composite: mine })
 }
 
 fn wipe_or_pan(ui: &Ui, view: &mut View, response: &Response, size: Vec2, placed: Placed, taken: Taken) {

@@ -22,6 +22,24 @@ pub struct Edit {
     pub rig: Rig,
     pub settings: Settings,
     pub scene: SceneFile,
+    /// What it is compared with.
+    pub other: Option<Box<Other>>,
+}
+
+/// Another camera and other settings, to compare with. One of the two is called A, and stands at the left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Other {
+    pub rig: Rig,
+    pub settings: Settings,
+    /// Whether this one is A, and B is edited.
+    pub is_a: bool,
+}
+
+impl Edit {
+    /// Whether the same would be saved.
+    fn saves_like(&self, other: &Self) -> bool {
+        self.rig == other.rig && self.settings == other.settings && self.scene == other.scene
+    }
 }
 
 /// Where a parameter's value comes from.
@@ -67,6 +85,9 @@ pub struct Project {
     version: u64,
     /// Grows with every change of what the scene consists of.
     scene_version: u64,
+    /// The version at which what is compared with changed last, and what that is.
+    other_version: u64,
+    other: Option<Box<Other>>,
 }
 
 impl Project {
@@ -77,12 +98,17 @@ impl Project {
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scene::document::read(path)).transpose()?;
         let scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
-        let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene };
+        let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene, other: None };
         Ok(Self {
             history: History::new(edit.clone()),
             opened: edit.clone(),
             saved: edit.clone(),
-            defaults: Edit { rig: Rig::default(), settings: Settings::default(), scene: SceneFile::default() },
+            defaults: Edit {
+                rig: Rig::default(),
+                settings: Settings::default(),
+                scene: SceneFile::default(),
+                other: None,
+            },
             profile: given.profile.clone(),
             scene: given.scene.clone(),
             scene_text,
@@ -91,6 +117,8 @@ impl Project {
             shot,
             version: 0,
             scene_version: 0,
+            other_version: 0,
+            other: None,
         })
     }
 
@@ -108,6 +136,11 @@ impl Project {
         self.version
     }
 
+    /// Each change of what is compared with gives another number.
+    pub fn other_version(&self) -> u64 {
+        self.other_version
+    }
+
     /// Each change of the scene's models or light gives another number.
     pub fn scene_version(&self) -> u64 {
         self.scene_version
@@ -123,7 +156,7 @@ impl Project {
     }
 
     pub fn is_saved(&self) -> bool {
-        *self.edit() == self.saved
+        self.edit().saves_like(&self.saved)
     }
 
     pub fn scene_is_changed(&self) -> bool {
@@ -161,6 +194,46 @@ impl Project {
             self.change(&format!("{effect} {}", if on { "on" } else { "off" }), edit);
             self.close_step();
         }
+    }
+
+    /// Begins to compare what is set now (A) with the same that is changed from here on (B), or ends it; what is edited then
+    /// stays.
+    pub fn compare(&mut self, on: bool) {
+        let mut edit = self.edit().clone();
+        let copy = Other { rig: edit.rig.clone(), settings: edit.settings.clone(), is_a: true };
+        edit.other = on.then(|| Box::new(copy));
+        self.change(if on { "A and B compared" } else { "comparing ended" }, edit);
+        self.close_step();
+    }
+
+    /// Edits the other one of A and B.
+    pub fn exchange(&mut self) {
+        let mut edit = self.edit().clone();
+        let Some(other) = &mut edit.other else { return };
+        std::mem::swap(&mut edit.rig, &mut other.rig);
+        std::mem::swap(&mut edit.settings, &mut other.settings);
+        other.is_a = !other.is_a;
+        let what = if other.is_a { "B edited" } else { "A edited" };
+        self.change(what, edit);
+        self.close_step();
+    }
+
+    /// Makes the other one of A and B like the one that is edited.
+    pub fn copy_to_other(&mut self) {
+        let mut edit = self.edit().clone();
+        let Some(other) = &mut edit.other else { return };
+        (other.rig, other.settings) = (edit.rig.clone(), edit.settings.clone());
+        let what = if other.is_a { "B copied to A" } else { "A copied to B" };
+        self.change(what, edit);
+        self.close_step();
+    }
+
+    /// What is compared with, as a shot.
+    pub fn other_shot(&self) -> Option<Shot> {
+        let other = self.edit().other.as_ref()?;
+        let mut shot = self.shot.clone();
+        (shot.rig, shot.settings) = (other.rig.clone(), other.settings.clone());
+        Some(shot)
     }
 
     /// The value as it was opened.
@@ -229,6 +302,7 @@ impl Project {
 
     /// Has the shot follow what is set.
     fn follow(&mut self) {
+        let before = self.scene_version;
         let edit = self.history.now();
         if self.loaded != edit.scene {
             // It was loaded when it was set; its files may be gone since.
@@ -246,6 +320,10 @@ impl Project {
         self.shot.rig = edit.rig.clone();
         self.shot.settings = edit.settings.clone();
         self.version += 1;
+        if self.other != edit.other || self.scene_version != before {
+            self.other = edit.other.clone();
+            self.other_version = self.version;
+        }
     }
 
     /// Writes what differs from the recording's own camera and from a profile's text into that profile, whose comments and

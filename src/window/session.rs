@@ -56,10 +56,12 @@ pub struct Session {
     ended: bool,
     /// The frame that could not be decoded last.
     failed: Option<usize>,
-    /// The picture that was begun last.
+    /// The picture that was begun last, and the last one of what is compared with.
     begun: Option<Made>,
+    begun_other: Option<Made>,
     now: Option<Now>,
     wants_codes: bool,
+    wants_other: bool,
     /// When it was last asked which frame is due, while it plays.
     clock: Option<Instant>,
     /// When pictures of the last second were finished.
@@ -93,8 +95,10 @@ impl Session {
             ended: false,
             failed: None,
             begun: None,
+            begun_other: None,
             now: None,
             wants_codes: false,
+            wants_other: false,
             clock: None,
             finished: VecDeque::new(),
             pictures: 0,
@@ -116,6 +120,18 @@ impl Session {
     /// From now on until the window's next frame code values come with the pictures.
     pub fn want_codes(&mut self) {
         self.wants_codes = true;
+    }
+
+    /// From now on until the window's next frame a picture of what is compared with is made, too.
+    pub fn want_other(&mut self, ctx: &egui::Context) {
+        self.wants_other = true;
+        if self.viewer.under_way() == 0 && self.begun_other != self.wanted_other() {
+            ctx.request_repaint();
+        }
+    }
+
+    fn wanted_other(&self) -> Option<Made> {
+        Some(Made { version: self.project.other_version(), is_other: true, ..self.begun? })
     }
 
     /// The code values of the picture that is shown, if somebody wanted them.
@@ -154,7 +170,7 @@ impl Session {
     }
 
     fn wanted(&self) -> Made {
-        Made { frame: self.player.frame(), version: self.project.version() }
+        Made { frame: self.player.frame(), version: self.project.version(), is_other: false }
     }
 
     /// Whether the picture that is shown is that of all that is set now, and nothing is under way.
@@ -175,12 +191,16 @@ impl Session {
         let most = if self.player.playing { 2 } else { 1 };
         self.ask();
         while self.viewer.under_way() < most && self.begin() {
+            self.begin_other();
             if self.player.playing {
                 self.player.advance(0.0, true);
                 self.ask();
             }
         }
-        self.wants_codes = false;
+        if self.viewer.under_way() == 0 {
+            self.begin_other();
+        }
+        (self.wants_codes, self.wants_other) = (false, false);
         if self.player.playing {
             let due_s = self.player.due_in_s().unwrap_or(0.1).clamp(0.001, 0.1);
             ctx.request_repaint_after(Duration::from_secs_f64(due_s));
@@ -226,6 +246,9 @@ impl Session {
                             (None, None)
                         }
                     };
+                    if made.is_other {
+                        continue;
+                    }
                     self.now = Some(Now { made, frame, stats, codes });
                     self.finished.push_back(instant);
                     self.pictures += 1;
@@ -293,5 +316,17 @@ impl Session {
         self.viewer.begin(wanted, frame, self.project.shot().clone(), self.wants_codes);
         self.begun = Some(wanted);
         true
+    }
+
+    /// Begins a picture of what is compared with, of the frame that was begun last.
+    fn begin_other(&mut self) {
+        let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended) else { return };
+        let mut frames = self.decoded.iter().chain(self.now.iter().map(|now| &now.frame));
+        let frame = frames.find(|frame| frame.index == wanted.frame);
+        let (Some(shot), Some(frame)) = (self.project.other_shot(), frame) else { return };
+        if self.begun_other != Some(wanted) {
+            self.viewer.begin(wanted, Arc::clone(frame), shot, false);
+            self.begun_other = Some(wanted);
+        }
     }
 }

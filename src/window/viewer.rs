@@ -33,6 +33,8 @@ pub struct Viewer {
     maker: Maker,
     /// One picture is shown while others are drawn, in order; the rest is free.
     shown: Option<Shown>,
+    /// The picture that it is compared with.
+    other: Option<Shown>,
     drawn: VecDeque<Shown>,
     free: Vec<Shown>,
     /// A camera's own picture, with its frame.
@@ -44,7 +46,7 @@ impl Viewer {
     pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
         let maker = Maker::new(&gpu, wake)?;
-        Ok(Self { gpu, window, maker, shown: None, drawn: VecDeque::new(), free: Vec::new(), plain: None })
+        Ok(Self { gpu, window, maker, shown: None, other: None, drawn: VecDeque::new(), free: Vec::new(), plain: None })
     }
 
     pub fn gpu(&self) -> &Gpu {
@@ -63,6 +65,11 @@ impl Viewer {
     /// The composite that was finished last; `None` where it failed.
     pub fn composite(&self) -> Option<&Shown> {
         self.shown.as_ref()
+    }
+
+    /// The picture that it is compared with.
+    pub fn other(&self) -> Option<&Shown> {
+        self.other.as_ref()
     }
 
     /// The camera's own picture that was needed last.
@@ -100,10 +107,9 @@ impl Viewer {
         let finished = self.maker.take()?;
         if let Some(finished) = &finished {
             let drawn = self.drawn.pop_front();
-            match finished.picture {
-                Ok(_) => self.free.extend(std::mem::replace(&mut self.shown, drawn)),
-                Err(_) => self.free.extend(self.shown.take().into_iter().chain(drawn)),
-            }
+            let place = if finished.made.is_other { &mut self.other } else { &mut self.shown };
+            let (now, failed) = if finished.picture.is_ok() { (drawn, None) } else { (None, drawn) };
+            self.free.extend(std::mem::replace(place, now).into_iter().chain(failed));
         }
         Ok(finished)
     }
@@ -113,7 +119,13 @@ impl Drop for Viewer {
     /// Gives its textures back to the window.
     fn drop(&mut self) {
         let plain = self.plain.take().map(|(_, plain)| plain);
-        let all = self.free.drain(..).chain(self.drawn.drain(..)).chain(self.shown.take()).chain(plain);
+        let all = self
+            .free
+            .drain(..)
+            .chain(self.drawn.drain(..))
+            .chain(self.shown.take())
+            .chain(self.other.take())
+            .chain(plain);
         all.for_each(|picture| free(&self.window, &picture));
     }
 }
