@@ -16,12 +16,16 @@ use crate::shot::{Shot, ShotError};
 
 /// How long it plays.
 const PLAYS: Duration = Duration::from_secs(8);
+/// How long the window is painted.
+const PAINTS: Duration = Duration::from_secs(3);
 /// Values that each parameter is set to.
 const VALUES: usize = 20;
 
 /// What is measured, one after another.
 enum Step {
     First,
+    /// The window alone, while its picture stands still.
+    Paint,
     Play,
     Change { table: &'static str, name: &'static str, values: VecDeque<Value> },
 }
@@ -63,7 +67,7 @@ impl Measure {
             }
         }
         let without_per_s = f64::from(count) / begun.elapsed().as_secs_f64();
-        let mut steps = VecDeque::from([Step::First, Step::Play]);
+        let mut steps = VecDeque::from([Step::First, Step::Paint, Step::Play]);
         for params in tables(&shot.rig, &shot.settings) {
             let table = params.table();
             for spec in params.specs() {
@@ -87,6 +91,23 @@ impl Measure {
                     ctx.request_repaint();
                 }
             }
+            Step::Paint => match &mut self.begun {
+                None => {
+                    self.begun = Some((Instant::now(), 0));
+                    ctx.request_repaint();
+                }
+                Some((begun, paints)) if begun.elapsed() > PAINTS => {
+                    let took_s = begun.elapsed().as_secs_f64() / *paints as f64;
+                    println!("the window itself      {:.1} ms", 1e3 * took_s);
+                    self.begun = None;
+                    self.steps.pop_front();
+                    ctx.request_repaint();
+                }
+                Some((_, paints)) => {
+                    *paints += 1;
+                    ctx.request_repaint();
+                }
+            },
             Step::Play => match self.begun {
                 None => {
                     session.player.pace = Pace::EveryFrame;

@@ -54,6 +54,8 @@ pub fn open(project: Project, measure: Option<Measure>) -> Result<(), eframe::Er
             .with_min_inner_size(egui::vec2(640.0, 400.0))
             .with_drag_and_drop(true),
         renderer: eframe::Renderer::Wgpu,
+        // It would change the picture's code values.
+        dithering: false,
         ..Default::default()
     };
     options.wgpu_options.wgpu_setup = WgpuSetup::CreateNew(setup);
