@@ -308,7 +308,7 @@ impl Project {
             // It was loaded when it was set; its files may be gone since.
             match scene::load_file(&edit.scene, &self.scene_path(), self.shot.recording.up) {
                 Ok(scene) => {
-                    self.shot.scene = Arc::new(scene);
+                    self.shot.set_scene(Arc::new(scene));
                     self.loaded = edit.scene.clone();
                     self.scene_version += 1;
                     self.problem = None;
