@@ -6,6 +6,7 @@
 mod bytes;
 mod describe;
 pub mod document;
+mod edit;
 mod error;
 mod geometry;
 mod gltf;
@@ -31,11 +32,13 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 pub use describe::{Description, ObjectDescription, TextureDescription, describe};
 pub use document::{Document, Entry, SceneFile};
+pub use edit::Stance;
 pub use error::SceneError;
 pub use lay::{Posture, Support, lay, relative};
 pub use load::{load, load_file, load_file_with};
 pub use models::Models;
 pub use overlap::{Overlap, overlaps};
+pub use place::Size;
 
 /// Everything that the renderer draws.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -5,8 +5,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use super::{Object, Part, Scene};
 
 /// How large a model becomes.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Size {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Size {
     /// Factors along the model's own axes.
     Scale(DVec3),
     /// The model's largest extent, metres.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3, Vec3};
 
 use super::document::{Instance, LightTable, PlacedModel, Scale, SceneFile, SunTable};
+use super::edit;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loader::Loader;
 use super::place::{Placement, Size, turn_up};
@@ -136,12 +137,7 @@ fn rotation(
     match (rotation_deg.map(DVec3::from), quaternion.map(DQuat::from_array)) {
         (None, None) => Ok(None),
         (Some(_), Some(_)) => Err(SceneError::bad(file, what, "rotation_deg and quaternion", "one of them")),
-        (Some(angles), None) if angles.is_finite() => {
-            let angles = angles * std::f64::consts::PI / 180.0;
-            Ok(Some(
-                DQuat::from_rotation_z(angles.z) * DQuat::from_rotation_y(angles.y) * DQuat::from_rotation_x(angles.x),
-            ))
-        }
+        (Some(angles), None) if angles.is_finite() => Ok(Some(edit::rotation(angles))),
         (Some(angles), None) => {
             Err(SceneError::bad(file, format!("{what}.rotation_deg"), angles, "three finite numbers"))
         }
