@@ -5,9 +5,7 @@ use glam::{DVec2, DVec3};
 use super::outline::outline;
 use super::{Eye, Shot, SurfaceError};
 use crate::pixels::Rect;
-#[cfg(doc)]
-use crate::scene::Object;
-use crate::scene::{Part, Scene, Vertex};
+use crate::scene::{Object, Part, Scene, Vertex};
 
 /// An object in a frame's picture, px from the upper left.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,18 +42,23 @@ impl Eye {
     /// If the scene has no such object.
     pub fn seen(&self, scene: &Scene, object: usize) -> SeenObject {
         let of = &scene.objects[object];
-        let i = &self.geometry().intrinsics;
-        // Closed beyond the picture, so that its rim is no side of the object.
-        let area = Rect::full(i.width_px, i.height_px).grown(4);
         let corners_px = of.corners_m(scene).map_or([None; 8], |corners| corners.map(|corner| self.project(corner)));
-        let mut triangles = Vec::new();
-        of.parts.iter().for_each(|part| self.project_part(scene, part, &area, &mut triangles));
         SeenObject {
             object,
-            outline_px: outline(&triangles, &area),
+            outline_px: self.outline_px(scene, of),
             corners_px,
             position_px: self.project(of.position_m),
         }
+    }
+
+    /// The border of an object of the scene's meshes, which need not be one of the scene's: [`SeenObject::outline_px`].
+    pub fn outline_px(&self, scene: &Scene, of: &Object) -> Vec<Vec<DVec2>> {
+        let i = &self.geometry().intrinsics;
+        // Closed beyond the picture, so that its rim is no side of the object.
+        let area = Rect::full(i.width_px, i.height_px).grown(4);
+        let mut triangles = Vec::new();
+        of.parts.iter().for_each(|part| self.project_part(scene, part, &area, &mut triangles));
+        outline(&triangles, &area)
     }
 
     fn project_part(&self, scene: &Scene, part: &Part, area: &Rect, triangles: &mut Vec<[DVec2; 3]>) {
