@@ -303,6 +303,13 @@ fn small_steps_copies_and_deleting_by_keys() {
     let by = stance(&window, MARKER).position_m - DVec3::from(MARKER_AT);
     assert!((by.length() - 3e-3).abs() < 1e-9 && by.abs().max_element() > 2.9e-3, "{by}");
     assert_eq!(steps(&window).len(), 2);
+    press(&mut window, Key::H);
+    assert!(window.state().project().edit().scene.objects[0].hidden);
+    press(&mut window, Key::G);
+    types(&mut window, "1");
+    press(&mut window, Key::Escape);
+    press(&mut window, Key::H);
+    assert!(!window.state().project().edit().scene.objects[0].hidden);
     let count = window.state().project().edit().scene.objects.len();
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
@@ -315,8 +322,7 @@ fn small_steps_copies_and_deleting_by_keys() {
     press(&mut window, Key::Delete);
     assert!(window.state().project().edit().scene.objects.len() == count && window.state().selected().is_none());
     let names = steps(&window);
-    assert_eq!(
-        names[1..],
-        ["marker 1: moved by keys", "marker 1 copy: duplicated, moved 20 cm", "marker 1 copy: deleted"]
-    );
+    let named = ["moved by keys", "hidden", "shown"].map(|what| format!("marker 1: {what}"));
+    assert_eq!(names[1..4], named);
+    assert_eq!(names[4..], ["marker 1 copy: duplicated, moved 20 cm", "marker 1 copy: deleted"]);
 }

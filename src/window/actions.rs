@@ -32,6 +32,8 @@ pub enum Action {
     /// Moves what is selected a little to the right and up the picture; left and down where negative. Steps.
     Nudge(i8, i8),
     Delete,
+    /// Leaves what is selected out of the picture, or shows it again.
+    Hide,
     Keys,
     /// Ends what was begun.
     Leave,
@@ -91,6 +93,7 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn what is selected"),
     bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale what is selected"),
     bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "a second one of what is selected"),
+    bind(NONE, Key::H, Action::Hide, "hide what is selected, show it again"),
     bind(NONE, Key::Delete, Action::Delete, "delete what is selected"),
     bind(NONE, Key::Escape, Action::Leave, "end what was begun"),
 ];

@@ -136,6 +136,11 @@ impl App {
                     self.session.say(wrong);
                 }
             }
+            Action::Hide => {
+                if let Some(wrong) = self.evidence.hide(&mut self.session.project) {
+                    self.session.say(wrong);
+                }
+            }
             Action::Delete => {
                 if let Some(wrong) = self.evidence.delete(&mut self.session.project) {
                     self.session.say(wrong);

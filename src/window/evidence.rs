@@ -77,7 +77,9 @@ impl Evidence {
         egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
             for entry in entries {
                 let is_selected = self.selected == Some(entry);
-                if ui.selectable_label(is_selected, scene.title(entry)).clicked() {
+                let title = RichText::new(scene.title(entry));
+                let title = if scene.is_hidden(entry) { title.weak().italics() } else { title };
+                if ui.selectable_label(is_selected, title).clicked() {
                     self.selected = (!is_selected).then_some(entry);
                 }
             }
@@ -134,6 +136,9 @@ impl Evidence {
             if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
                 wrong = self.duplicate(project, entry);
             }
+            if ui.button(if scene.is_hidden(entry) { "Show" } else { "Hide" }).on_hover_text("H").clicked() {
+                wrong = self.hide(project);
+            }
             if ui.button("Delete").on_hover_text("Del").clicked() {
                 wrong = self.delete(project);
             }
@@ -156,6 +161,17 @@ impl Evidence {
         if done.is_ok() {
             self.selected = copy.or(self.selected);
         }
+        done.err().map(|e| e.to_string())
+    }
+
+    /// Leaves what is selected out of the picture, or shows it again. Gives back what went wrong.
+    pub fn hide(&mut self, project: &mut Project) -> Option<String> {
+        let entry = self.selected?;
+        let scene = &project.edit().scene;
+        let hides = !scene.is_hidden(entry);
+        let what = format!("{}: {}", scene.title(entry), if hides { "hidden" } else { "shown" });
+        let done = project.change_scene(&what, |scene| scene.hide(entry, hides));
+        project.close_step();
         done.err().map(|e| e.to_string())
     }
 

@@ -329,6 +329,9 @@ impl Handles {
     }
 
     fn handle_at(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, entry: Entry, at: Pos2) -> Option<Handle> {
+        if project.edit().scene.is_hidden(entry) {
+            return None;
+        }
         let border = self.border(over, project, eye, entry)?;
         let on_gizmo = gizmo(over, project, eye, entry, border)?.at(DVec2::new(at.x.into(), at.y.into()));
         on_gizmo.or_else(|| is_within(px(over, at), border).then_some(Handle::Slide))
@@ -348,7 +351,7 @@ impl Handles {
     }
 
     fn paint(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: Option<Entry>) {
-        let Some(entry) = selected else { return };
+        let Some(entry) = selected.filter(|entry| !project.edit().scene.is_hidden(*entry)) else { return };
         let placed = over.seen.placed;
         // Left of the wipe's line the picture is the camera's own.
         let from_x = over.view.wipe.map_or(f32::NEG_INFINITY, |share| placed.rect.min.x + share * placed.rect.width());
@@ -416,6 +419,9 @@ fn gizmo(over: &Over<'_>, project: &Project, eye: &Eye, entry: Entry, border: &B
 fn held(project: &Project, eye: &Eye, entry: Entry, grip: Option<DVec2>, anchor: Option<DVec2>) -> Option<Held> {
     let file = &project.edit().scene;
     let stance = file.stance(entry)?;
+    if file.is_hidden(entry) {
+        return None;
+    }
     let scene = &project.shot().scene;
     let object = scene.objects.get(file.entries().iter().position(|known| *known == entry)?)?;
     let is_grounded = file.objects[entry.object].ground;
