@@ -57,11 +57,12 @@ fn rectangles(all: &[Rectangle]) -> Scene {
         indices.extend([0, 1, 2, 0, 2, 3].map(|i| 4 * number + i));
     }
     Scene {
-        meshes: vec![Mesh { vertices, indices, material: 0 }],
+        meshes: vec![Mesh { vertices, indices, material: 0 }.into()],
         materials: vec![Material { unlit: true, double_sided: true, ..Material::default() }],
         objects: vec![Object {
             name: "rectangles".to_owned(),
             parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+            ..Object::default()
         }],
         lighting: Lighting { environment: Environment::Uniform(glam::Vec3::ONE), ..Lighting::default() },
         ..Scene::default()

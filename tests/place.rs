@@ -5,6 +5,8 @@
 mod common;
 #[path = "common/program.rs"]
 mod program;
+#[path = "common/shot.rs"]
+mod shot;
 
 use std::path::Path;
 
@@ -70,4 +72,83 @@ fn what_cannot_be_placed_changes_nothing() {
     std::fs::write(&file, "version = 2\n").unwrap();
     refused(&place(scene, &[&["--at", "320,300"], &marker[..]].concat()));
     assert_eq!(std::fs::read_to_string(Path::new(scene)).unwrap(), "version = 2\n");
+}
+
+/// The floor of the demonstration is z = 0.
+#[test]
+fn a_point_that_two_frames_show_is_placed_on_and_three_points_give_a_plane() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = temp.path().join("scene.toml");
+    let scene = scene.to_str().unwrap();
+    let shot = shot::demo("scenes/demo.toml");
+    let seen = |frame: usize, point: [f64; 3]| {
+        let at = shot.eye(frame).unwrap().project(point.into()).unwrap();
+        format!("{:.3},{:.3}", at.x, at.y)
+    };
+    let points = [[0.1, -0.1, 0.0], [0.3, 0.2, 0.0], [-0.2, 0.1, 0.0]];
+    let picks = points.map(|point| format!("{}+50:{}", seen(30, point), seen(50, point)));
+    let at = ["--at", &picks[0], "--model", "scenes/marker-1.glb"];
+    let told = said(&place(scene, &at));
+    assert!(told.contains("taken for level; the point is known within"), "{told}");
+    let placed = document::read(Path::new(scene)).unwrap().value().objects[0].position_m.unwrap();
+    assert!(placed.iter().zip(points[0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
+
+    let mut inspect = vec!["inspect", "recordings/demo", "--frame", "30"];
+    picks.iter().for_each(|pick| inspect.extend(["--pick", pick.as_str()]));
+    let told = said(&inspect);
+    // By Pythagoras: 0.2, 0.3 and 0.5, 0.1.
+    assert!(told.contains("distance   0.3606 m, 1 to 2") && told.contains("distance   0.5099 m, 2 to 3"), "{told}");
+    let plane = told.lines().find_map(|line| line.strip_prefix("plane      --plane ")).unwrap();
+    let on_plane = seen(40, [0.0, 0.3, 0.0]);
+    let other = temp.path().join("other.toml");
+    let other = other.to_str().unwrap();
+    let frame = ["place", "recordings/demo", "--frame", "40", "--at", &on_plane, "--plane", plane];
+    said(&[&frame[..], &["--model", "scenes/marker-1.glb", "--scene", other]].concat());
+    let placed = document::read(Path::new(other)).unwrap().value().objects[0].position_m.unwrap();
+    assert!(placed.iter().zip([0.0, 0.3, 0.0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
+
+    let two = [&inspect[..8], &["--distance", "0.7212"]].concat();
+    assert!(said(&two).contains("scale      -50.0 % off: the recording is in metres already"), "{}", said(&two));
+    assert!(refused(&[&inspect[..6], &["--distance", "1"]].concat()).contains("give --pick twice"));
+    assert!(refused(&["inspect", "recordings/demo", "--frame", "30", "--pick", "3,4+99:5,6"]).contains("99"));
+}
+
+#[test]
+fn what_stands_wrong_is_told_and_a_preview_shows_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let scene = file.to_str().unwrap();
+    let preview = temp.path().join("preview.png");
+    let preview = preview.to_str().unwrap();
+    let marker = ["--at", "320,300", "--model", "scenes/marker-1.glb"];
+    assert!(!said(&place(scene, &marker)).contains("odd"));
+    let composite = ["composite", "recordings/demo", "--preview", "30", "--force", "-o", preview, "--scene"];
+    let sound = program::locard(&[&composite[..], &["scenes/demo.toml"]].concat());
+    let told = String::from_utf8(sound.stderr).unwrap();
+    assert!(!told.contains("stand") && !told.contains("hovers") && !told.contains("sunk"), "{told}");
+    // The same again, in the same place.
+    let twice = said(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
+    assert!(twice.contains("odd        marker-1 and second stand inside each other"), "{twice}");
+    // 20 cm above the floor, and 3 cm below.
+    let text = std::fs::read_to_string(&file).unwrap();
+    let at = |z: &str| {
+        let lines = text.lines().map(|line| match line.strip_prefix("position_m = [") {
+            Some(rest) => format!("position_m = [{}, {z}]", rest.rsplit_once(',').unwrap().0),
+            None => line.to_owned(),
+        });
+        std::fs::write(&file, lines.collect::<Vec<_>>().join("\n").replacen("second", "hidden\"\nhidden = true #", 1))
+            .unwrap();
+        let done = program::locard(&[&composite[..], &[scene]].concat());
+        assert!(done.status.success());
+        String::from_utf8(done.stderr).unwrap()
+    };
+    let hovers = at("0.2");
+    assert!(hovers.contains("marker-1 hovers 200 mm over the surface that the depth of frame 30 shows"), "{hovers}");
+    assert!(!hovers.contains("inside each other"), "{hovers}");
+    let sunk = at("-0.06");
+    assert!(sunk.contains("marker-1 is sunk 60 mm into the surface"), "{sunk}");
+    let picture = image::open(preview).unwrap().to_rgb8();
+    // The axes' colours are in no place of the demonstration.
+    let has = |ink: [u8; 3]| picture.pixels().any(|p| p.0.iter().zip(ink).all(|(a, b)| a.abs_diff(b) < 12));
+    assert!(picture.dimensions() == (640, 480) && has([255, 70, 70]) && has([90, 220, 90]) && has([90, 140, 255]));
 }

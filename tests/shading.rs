@@ -40,15 +40,19 @@ fn board(material: Material) -> Scene {
         color: [1.0; 4],
     };
     Scene {
-        meshes: vec![Mesh {
-            vertices: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
-            indices: vec![0, 2, 1, 0, 3, 2],
-            material: 0,
-        }],
+        meshes: vec![
+            Mesh {
+                vertices: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+                indices: vec![0, 2, 1, 0, 3, 2],
+                material: 0,
+            }
+            .into(),
+        ],
         materials: vec![Material { double_sided: true, ..material }],
         objects: vec![Object {
             name: "board".to_owned(),
             parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+            ..Object::default()
         }],
         ..Scene::default()
     }

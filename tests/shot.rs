@@ -12,7 +12,7 @@ mod shot;
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
@@ -192,4 +192,42 @@ fn what_is_typed_stands_above_profiles() {
     assert!(by_profile.iso != typed.iso && taken(&["camera.exposure.iso=1234"]) == typed);
     // An instant is no exposure to meter by.
     assert_eq!(taken(&["camera.exposure.time_s=0"]), by_profile);
+}
+
+#[test]
+fn an_outline_is_the_border_of_what_is_drawn_and_what_is_inside_is_hit() {
+    let gpu = gpu::gpu();
+    // Sharp, so that coverage is the objects' own. The camera turns, its rows have times, and its lens distorts.
+    let mut held = opened(&["camera.exposure.time_s=0"]).unwrap();
+    held.settings.plain();
+    let frame = 31;
+    let geometry = held.geometry_at(frame).unwrap();
+    let mut compositor = held.compositor(gpu.clone());
+    let pending = held.submit(&mut compositor, held.read(frame).unwrap(), &geometry, Target::Pixels, true).unwrap();
+    let layer = compositor.collect(pending).unwrap().layer.unwrap();
+    let seen = held.seen_at(frame).unwrap();
+    assert!(seen.iter().filter(|object| !object.outline_px.is_empty()).count() > 2, "{seen:?}");
+    let eye = held.eye(frame).unwrap();
+    let inside = |at: DVec2| {
+        let winding = |polygon: &Vec<DVec2>| {
+            let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
+            sides
+                .filter(|(a, b)| {
+                    (a.y <= at.y) != (b.y <= at.y) && at.x < a.x + (at.y - a.y) / (b.y - a.y) * (b.x - a.x)
+                })
+                .count()
+        };
+        seen.iter().any(|object| object.outline_px.iter().map(winding).sum::<usize>() % 2 == 1)
+    };
+    let (mut covered, mut wrong, mut missed) = (0, 0, 0);
+    for (x, y) in (0..480u32).flat_map(|y| (0..640u32).map(move |x| (x, y))) {
+        let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let alpha = layer.rgba[(y * 640 + x) as usize][3];
+        covered += u32::from(alpha > 0.5);
+        wrong += u32::from((alpha > 0.5) != inside(at));
+        // Of some: each ray is tried on every triangle.
+        missed += u32::from((x + y) % 7 == 0 && alpha > 0.99 && eye.object_at(&held.scene, at).is_none());
+    }
+    // A px along the border, where the outline is half a cell wide of it.
+    assert!(covered > 3000 && wrong * 20 < covered && missed * 3500 < covered, "{covered}: {wrong}, {missed}");
 }

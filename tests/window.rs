@@ -7,50 +7,20 @@
 mod gpu;
 #[path = "common/program.rs"]
 mod program;
+#[path = "common/window.rs"]
+mod worked;
 
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
-use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use egui_kittest::{Harness, TestRenderer};
 use locard::compositor::Target;
-use locard::gpu::Gpu;
 use locard::params::{Kind, Params, Value};
-use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::shot::{Given, Shot};
 use locard::window::{App, Origin, Project};
-
-/// Gives the window a device, as a screen would. What it would show of itself is not looked at.
-struct Device(RenderState);
-
-impl Device {
-    fn new() -> Self {
-        let mut setup = WgpuSetupCreateNew::without_display_handle();
-        setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
-        setup.device_descriptor = std::sync::Arc::new(Gpu::wanted);
-        let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
-        let state = pollster::block_on(async {
-            let instance = configuration.wgpu_setup.new_instance().await;
-            RenderState::create(&configuration, &instance, None, RendererOptions::PREDICTABLE).await
-        });
-        Self(state.unwrap())
-    }
-}
-
-impl TestRenderer for Device {
-    fn setup_eframe(&self, context: &mut eframe::CreationContext<'_>, frame: &mut eframe::Frame) {
-        context.wgpu_render_state = Some(self.0.clone());
-        frame.wgpu_render_state = Some(self.0.clone());
-    }
-
-    fn handle_delta(&mut self, delta: &mut egui::TexturesDelta) {
-        delta.set.clear();
-        delta.free.clear();
-    }
-}
+use worked::{codes, settle, shown, until, window};
 
 fn given(profile: Option<&Path>) -> Given {
     Given { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..Given::default() }
@@ -58,40 +28,7 @@ fn given(profile: Option<&Path>) -> Given {
 
 fn open(profile: Option<&Path>) -> Harness<'static, App> {
     let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(profile)).unwrap();
-    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
-    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
-    settle(&mut window);
-    window
-}
-
-/// Until the picture is that of all that is set.
-fn settle(window: &mut Harness<'_, App>) {
-    until(window, App::is_settled);
-    assert_eq!(window.state().problem(), None);
-}
-
-/// Decoding and drawing have threads of their own: goes on until they are as far.
-fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
-    let begun = Instant::now();
-    loop {
-        window.step();
-        if done(window.state()) {
-            return;
-        }
-        assert!(begun.elapsed() < Duration::from_secs(120), "it does not come");
-        std::thread::yield_now();
-    }
-}
-
-/// The codes that the window shows.
-fn shown(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
-    let viewer = window.state().viewer();
-    let texels = gpu::read_back(viewer.gpu(), &viewer.composite().unwrap().texture);
-    texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
-}
-
-fn codes(pixels: &Pixels) -> Vec<[u8; 3]> {
-    pixels.codes.eight_bit().unwrap().chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+    window(project, egui::vec2(1400.0, 900.0))
 }
 
 /// What `locard composite` writes with these settings.
@@ -264,8 +201,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     std::fs::write(&scene, text).unwrap();
     let given = Given { scene: Some(scene.clone()), ..Given::default() };
     let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
-    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
-    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(30);
     settle(&mut window);
     let empty = shown(&window);
@@ -333,16 +269,7 @@ fn a_damaged_frame_is_said_and_the_others_are_shown() {
     program::with_a_truncated_frame(temp.path());
     let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
     let project = Project::open(temp.path(), &OpenOptions::default(), &given).unwrap();
-    let builder = Harness::builder().with_size(egui::vec2(1000.0, 700.0)).renderer(Device::new());
-    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
-    settle(&mut window);
-    let until = |window: &mut Harness<'_, App>, done: fn(&App) -> bool| {
-        let begun = Instant::now();
-        while !done(window.state()) && begun.elapsed() < Duration::from_secs(60) {
-            window.step();
-            std::thread::yield_now();
-        }
-    };
+    let mut window = window(project, egui::vec2(1000.0, 700.0));
     window.state_mut().player_mut().seek(3);
     until(&mut window, |app| app.problem().is_some());
     assert!(window.state().problem().unwrap().contains("00003.jpg"));

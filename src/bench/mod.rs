@@ -117,14 +117,18 @@ fn scene(geometry: &Geometry) -> Scene {
     let sun =
         Sun { towards_light_in_world: glam::Vec3::new(0.3, -0.8, -0.5).normalize(), color: glam::Vec3::splat(0.6) };
     Scene {
-        meshes: vec![sphere()],
+        meshes: vec![sphere().into()],
         materials: vec![Material {
             base_color: [0.6, 0.5, 0.4, 1.0],
             metallic: 0.0,
             roughness: 0.5,
             ..Material::default()
         }],
-        objects: vec![Object { name: "sphere".to_owned(), parts: vec![Part { mesh: 0, world_from_mesh }] }],
+        objects: vec![Object {
+            name: "sphere".to_owned(),
+            parts: vec![Part { mesh: 0, world_from_mesh }],
+            ..Object::default()
+        }],
         lighting: Lighting {
             suns: vec![sun],
             points: Vec::new(),

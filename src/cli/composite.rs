@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail};
 use super::outputs::{self, Inputs};
 use super::which::Which;
 use super::{progress, tell, warn};
-use crate::compositor::{Composited, FrameStats, IN_FLIGHT};
+use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT, Target};
 use crate::gpu::Gpu;
 use crate::recording::OpenOptions;
 use crate::shot::{Composites, Given, Note, Shot};
@@ -57,6 +57,9 @@ pub struct Args {
     /// Keep every code value in a video
     #[arg(long)]
     lossless: bool,
+    /// Write this frame alone, as a .png or .jpg, with the objects' outlines and names and the world's axes where they stand
+    #[arg(long, value_name = "N", conflicts_with_all = ["frames", "layers", "report", "lossless", "strict"], value_parser = super::frame_number)]
+    preview: Option<usize>,
     /// Replace output that exists
     #[arg(long)]
     force: bool,
@@ -137,8 +140,11 @@ pub fn run(args: Args) -> Result<()> {
     };
     let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
     let mut shot = Shot::open(&args.recording, &options, &given)?;
-    let range = frame_range(args.frames, shot.recording.frame_count())?;
-    let out = OutPath::parse(&args.output)?;
+    if let Some(frame) = args.preview {
+        super::check_frame(frame, shot.recording.frame_count())?;
+    }
+    let asked = args.preview.map_or(args.frames, |frame| Some((Some(frame), Some(frame + 1))));
+    let range = frame_range(asked, shot.recording.frame_count())?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
     if args.plain {
@@ -148,14 +154,29 @@ pub fn run(args: Args) -> Result<()> {
     if args.strict {
         shot.check_poses(range.clone())?;
     }
-    check_outputs(&args, &out, &Inputs::of(&shot), &range)?;
-    for note in shot.notes(range.clone()) {
+    let inputs = Inputs::of(&shot);
+    let out = match args.preview {
+        Some(_) => {
+            inputs.check_file(&args.output)?;
+            sink::photograph::check(&args.output, args.force)?;
+            None
+        }
+        None => {
+            let out = OutPath::parse(&args.output)?;
+            check_outputs(&args, &out, &inputs, &range)?;
+            Some(out)
+        }
+    };
+    for note in shot.notes(range.clone()).into_iter().chain(shot.standing_notes(range.clone())) {
         warn(args.quiet, &note.to_string());
     }
     let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
         warn(args.quiet, &text);
     }
+    let Some(out) = out else {
+        return preview(&args, &mut shot, &mut compositor, range.start);
+    };
     let recording = &shot.recording;
     let sink = sink::open(
         &out,
@@ -204,6 +225,19 @@ pub fn run(args: Args) -> Result<()> {
     }
     let place = if out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
     tell(args.quiet, &format!("{} in {:.1} s: {place}", count(stats.len(), "frame"), start.elapsed().as_secs_f64()));
+    Ok(())
+}
+
+/// Writes one frame with what a person wants to know about its objects.
+fn preview(args: &Args, shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Result<()> {
+    let pending = shot.picture(compositor, frame, Target::Pixels)?;
+    let done = compositor.collect(pending).with_context(|| format!("frame {frame}"))?;
+    for note in Note::of_frames(std::slice::from_ref(&done.stats)) {
+        warn(args.quiet, &note.to_string());
+    }
+    let annotated = shot.annotated(frame, &done.pixels)?;
+    sink::photograph::write(&args.output, &annotated, None, args.force)?;
+    tell(args.quiet, &format!("frame {frame}, annotated: {}", args.output.display()));
     Ok(())
 }
 

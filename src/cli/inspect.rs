@@ -3,11 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail};
-use glam::{DVec2, DVec3};
+use anyhow::{Result, anyhow, bail};
+use glam::DVec3;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::pick::{self, Asked, Pick, Picker};
 use crate::camera::Geometry;
 use crate::compositor::Settings;
 use crate::document;
@@ -16,7 +17,7 @@ use crate::profile::Rig;
 use crate::recording::OpenOptions;
 use crate::shot::{Given, Shot, ShotError};
 use crate::source::file::{self, MOST_DOCUMENT};
-use crate::words::{count, fixed, number, reason, short, shown, shown_unit};
+use crate::words::{count, fixed, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -25,12 +26,16 @@ pub struct Args {
     /// A frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: Option<usize>,
-    /// Columns and rows from the upper left: the world point there
-    #[arg(long, value_name = "X,Y", requires = "frame", value_parser = numbers::<2>)]
-    pick: Option<[f64; 2]>,
-    /// Without depth: the plane a·x + b·y + c·z = d of the world that the point lies on
-    #[arg(long, value_name = "A,B,C,D", requires = "pick", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    /// Column and row from the upper left: the world point there; several times for distances, three times for a plane.
+    /// Without depth: where other frames show the same point, too
+    #[arg(long = "pick", value_name = "X,Y[+N:X,Y]", requires = "frame", value_parser = Pick::parse)]
+    picks: Vec<Pick>,
+    /// Without depth: the plane a·x + b·y + c·z = d of the world that the points lie on
+    #[arg(long, value_name = "A,B,C,D", requires = "picks", value_parser = numbers::<4>, allow_hyphen_values = true)]
     plane: Option<[f64; 4]>,
+    /// The true distance of two picked points: how long a nerfstudio or COLMAP unit is
+    #[arg(long, value_name = "M", requires = "picks", allow_negative_numbers = true)]
+    distance: Option<f64>,
     /// The camera, where the recording does not know it
     #[arg(long)]
     profile: Option<PathBuf>,
@@ -225,7 +230,7 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     super::check_frame(frame, recording.frame_count())?;
     let is_metric = recording.kind.is_metric() || args.metres_per_unit.is_some();
     let unit = if is_metric { "m" } else { "units" };
-    let shown = |p: DVec3| format!("{} {unit}", p.to_array().map(|c| fixed(c, 4)).join(" "));
+    let shown = |p: DVec3| format!("{} {unit}", pick::triple(p));
     let pose = recording.pose_at_frame(frame);
     writeln!(out, "frame      {frame} at {} s", fixed(recording.timestamps_s[frame], 6))?;
     match &pose {
@@ -236,25 +241,11 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
         }
         Err(reason) => writeln!(out, "no pose    {reason}")?,
     }
-    let Some([x, y]) = args.pick else { return Ok(()) };
-    let place = [x, y].map(number).join(",");
-    let pose = pose?;
-    let at = DVec2::new(x, y);
-    if let Some(plane) = args.plane {
-        let support = shot.support_on_plane(frame, at, plane).with_context(|| format!("--pick {place}"))?;
-        let depth = pose.transform_point(support.point_m).z;
-        writeln!(out, "world      {} (on the plane, depth {} {unit})", shown(support.point_m), fixed(depth, 4))?;
+    if args.picks.is_empty() {
         return Ok(());
     }
-    let picture = shot.read(frame)?;
-    let surface = shot.surface_at(&picture, at).with_context(|| format!("--pick {place}"))?;
-    writeln!(out, "world      {} (depth {} {unit})", shown(surface.point_m), fixed(surface.depth_m, 4))?;
-    let n = surface.normal_in_world;
-    let on = 100.0 * surface.share;
-    write!(out, "surface    normal {:.3} {:.3} {:.3}", n.x, n.y, n.z)?;
-    if let Some(up) = shot.recording.up {
-        write!(out, ", tilted by {:.1}°", n.dot(up).clamp(-1.0, 1.0).acos().to_degrees())?;
-    }
-    writeln!(out, ", uneven by {} {unit}, {on:.0} % of what is around", fixed(surface.sigma_m, 5))?;
-    Ok(())
+    pose?;
+    let metres_per_unit = args.metres_per_unit.or(recording.kind.is_metric().then_some(1.0));
+    let asked = Asked { picks: &args.picks, distance_m: args.distance, metres_per_unit };
+    pick::show(&Picker::new(&shot, frame, args.plane)?, &asked, out)
 }

@@ -12,6 +12,7 @@ mod meter;
 mod outputs;
 mod params;
 mod photo;
+mod pick;
 mod place;
 mod render;
 mod simulate;

@@ -2,13 +2,15 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::inspect::numbers;
+use super::pick::{Known, Pick, Picker};
 use crate::recording::OpenOptions;
-use crate::scene::{self, Document, Posture, SceneFile, Support};
+use crate::scene::{self, Document, Posture, SceneFile};
 use crate::shot::{Given, Shot};
 use crate::sink::atomic::write_atomically;
 use crate::words::fixed;
@@ -20,9 +22,9 @@ pub struct Args {
     /// The frame in which the place is seen
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: usize,
-    /// The place: column and row from the upper left
-    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>)]
-    at: [f64; 2],
+    /// The place: column and row from the upper left. Without depth: where other frames show the same point, too
+    #[arg(long, value_name = "X,Y[+N:X,Y]", value_parser = Pick::parse)]
+    at: Pick,
     /// The evidence, a .glb or .gltf file
     #[arg(long)]
     model: PathBuf,
@@ -57,27 +59,22 @@ pub fn run(args: &Args) -> Result<()> {
         bail!("--heading {}: accepted is a number of degrees", args.heading);
     }
     let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
-    let given = Given { profile: args.profile.clone(), ..Given::default() };
-    let shot = Shot::open(&args.recording, &options, &given)?;
-    super::check_frame(args.frame, shot.recording.frame_count())?;
+    // A scene file may say how long the recording's unit is.
+    let scene = args.scene.exists().then(|| args.scene.clone());
+    let given = Given { profile: args.profile.clone(), scene, ..Given::default() };
+    let mut shot = Shot::open(&args.recording, &options, &given)?;
     let mut document = match args.scene.exists() {
         true => scene::document::read(&args.scene)?,
         false => Document::new(SceneFile::default()).context("a new scene")?,
     };
-    let frame = shot.read(args.frame)?;
-    let at = DVec2::from(args.at);
-    let (support, found) = match args.plane {
-        Some(plane) => (shot.support_on_plane(args.frame, at, plane)?, None),
-        None => {
-            let surface = shot.surface_at(&frame, at)?;
-            (Support { point_m: surface.point_m, normal: surface.normal_in_world }, Some(surface))
-        }
-    };
+    let picked = Picker::new(&shot, args.frame, args.plane)?.find(&args.at)?;
     let mut file = document.value().clone();
+    let file_up = file.up;
     let up = match file.up {
         Some(up) => up.axis(&args.scene, "up")?,
         None => shot.recording.up.unwrap_or(DVec3::Z),
     };
+    let support = picked.support(up);
     let model = scene::relative(&args.model, &args.scene);
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
     let mut placed = scene::lay(&model, &args.scene, &support, posture, args.heading, up)?;
@@ -85,23 +82,36 @@ pub fn run(args: &Args) -> Result<()> {
     let position = placed.position_m.unwrap_or_default();
     file.objects.push(placed);
     // What does not load is not written.
-    scene::load_file(&file, &args.scene, shot.recording.up)?;
+    shot.set_scene(Arc::new(scene::load_file(&file, &args.scene, shot.recording.up)?));
     document.set(file).context("the scene file")?;
     write_atomically(&args.scene, true, |out| out.write_all(document.to_string().as_bytes()))?;
 
     let mut out = std::io::stdout().lock();
     writeln!(out, "placed     {model} at {} m", position.map(|n| fixed(n, 4)).join(" "))?;
     let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
-    write!(out, "surface    tilted by {tilt:.1}°")?;
-    match found {
-        Some(found) => writeln!(
+    match picked.known {
+        Known::Depth(found) => writeln!(
             out,
-            ", depth {:.4} m, uneven by {:.1} mm, {:.0} % of what is around",
+            "surface    tilted by {tilt:.1}°, depth {:.4} m, uneven by {:.1} mm, {:.0} % of what is around",
             found.depth_m,
             1e3 * found.sigma_m,
             100.0 * found.share
         )?,
-        None => writeln!(out, ", as given")?,
+        Known::Plane { .. } => writeln!(out, "surface    tilted by {tilt:.1}°, as given")?,
+        Known::Views(found) => writeln!(
+            out,
+            "surface    taken for level; the point is known within {:.1} mm (rays at {:.1}°, {:.1} px off)",
+            1e3 * found.sigma_m,
+            found.angle_deg,
+            found.off_px
+        )?,
+    }
+    if file_up.is_none() && shot.recording.up.is_none() {
+        writeln!(out, "odd        nothing says which way is up: z is taken; `up` in the scene file says otherwise")?;
+    }
+    let frame = shot.read(args.frame)?;
+    for wrong in shot.wrongs(&frame) {
+        writeln!(out, "odd        {}", wrong.note)?;
     }
     Ok(())
 }

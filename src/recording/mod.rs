@@ -75,6 +75,8 @@ pub struct Recording {
     /// The median interval between frames; 1/30 s for a single frame.
     pub frame_interval_s: f64,
     pub track: PoseTrack,
+    /// Length of the format's unit by which the track is in metres; 1 where the format is.
+    pub metres_per_unit: f64,
     /// Added to a frame's time to get the track's.
     pub time_offset_s: f64,
     /// The camera of all frames, if the format knows it and it is the same in all. No format knows film width and
@@ -105,6 +107,14 @@ impl Recording {
             parts.warnings.push(format!("a {format} recording is in metres; metres_per_unit is left out"));
         }
         parts.assemble(format, options)
+    }
+
+    /// Takes another length for the format's unit, above 0. A recording in metres stays as it is.
+    pub fn rescale(&mut self, metres_per_unit: f64) {
+        if !self.kind.is_metric() {
+            self.track = self.track.scaled(metres_per_unit / self.metres_per_unit);
+            self.metres_per_unit = metres_per_unit;
+        }
     }
 
     pub fn frame_count(&self) -> usize {

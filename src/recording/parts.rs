@@ -181,6 +181,7 @@ impl Parts {
             FrameExposure { time_s, photo, ..listed }
         });
         Ok(Recording {
+            metres_per_unit: if kind.is_metric() { 1.0 } else { options.metres_per_unit },
             name: self.name,
             path: self.path,
             kind,

@@ -269,8 +269,7 @@ mod tests {
         let cube = |at: DVec3, side: f64| {
             let corners = Bounds { low: at - 0.5 * side, high: at + 0.5 * side }.corners().to_vec();
             let part = Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY };
-            let scene =
-                Scene { objects: vec![Object { name: "cube".to_owned(), parts: vec![part] }], ..Scene::default() };
+            let scene = Scene { objects: vec![Object { parts: vec![part], ..Object::default() }], ..Scene::default() };
             footprint(&scene, &[corners.into()], &geometry, &keys, &keys.middle())
         };
         // Beside the camera, one corner 1 cm in front of its plane: more than 3 m to the side of what is visible there.
@@ -347,8 +346,9 @@ mod tests {
 
     /// The footprint of the box from -0.5 to 0.5 in each direction, in axes of its own.
     fn of_box(geometry: &Geometry, keys: &ViewKeys, world_from_mesh: DAffine3, meshes: Vec<Mesh>) -> Footprint {
+        let meshes = meshes.into_iter().map(Into::into).collect();
         let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
-        let object = Object { name: "box".to_owned(), parts: vec![Part { mesh: 0, world_from_mesh }] };
+        let object = Object { parts: vec![Part { mesh: 0, world_from_mesh }], ..Object::default() };
         let scene = Scene { objects: vec![object], meshes, ..Scene::default() };
         footprint(&scene, &[unit.corners().to_vec().into()], geometry, keys, &keys.middle())
     }

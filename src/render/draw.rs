@@ -83,12 +83,7 @@ impl Renderer {
 
     /// Replaces the scene. Compiled pipelines are kept, and what was uploaded if it is the same.
     pub fn set_scene(&mut self, gpu: &Gpu, scene: Scene) {
-        let before = &self.scene;
-        let is_uploaded = before.materials == scene.materials
-            && before.textures == scene.textures
-            && before.lighting.environment == scene.lighting.environment
-            && before.meshes == scene.meshes;
-        if is_uploaded {
+        if self.scene.is_made_of_the_same(&scene) {
             self.scene = scene;
         } else {
             *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());

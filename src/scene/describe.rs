@@ -32,6 +32,8 @@ pub struct Description {
 pub struct ObjectDescription {
     pub name: String,
     pub triangles: usize,
+    /// Left out of the picture.
+    pub hidden: bool,
     /// The corners of its bounding box, world axes, metres; `None` if it has no points.
     pub bounds_in_world_m: Option<[[f64; 3]; 2]>,
 }
@@ -81,6 +83,7 @@ pub fn describe(scene: &Scene) -> Description {
 fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -> ObjectDescription {
     let bounds = place::bounds(scene, &object.parts, DAffine3::IDENTITY);
     match bounds.map(|(low, high)| (high - low).max_element()) {
+        None if object.hidden => {}
         None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
         Some(extent) if extent > LARGE_M => {
             warnings.push(format!("{}: {} m large; is it in metres? (scale, size_m)", object.name, fixed(extent, 1)));
@@ -92,6 +95,7 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
     ObjectDescription {
         name: object.name.clone(),
+        hidden: object.hidden,
         triangles: object.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum(),
         bounds_in_world_m: bounds.map(|(low, high)| [low.to_array(), high.to_array()]),
     }
@@ -105,7 +109,10 @@ fn metres(value: f64) -> String {
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for object in &self.objects {
-            write!(f, "object     {}: {}", shown(&object.name), count(object.triangles, "triangle"))?;
+            match object.hidden {
+                true => write!(f, "object     {}: hidden", shown(&object.name))?,
+                false => write!(f, "object     {}: {}", shown(&object.name), count(object.triangles, "triangle"))?,
+            }
             if let Some([low, high]) = object.bounds_in_world_m {
                 let extent = [0, 1, 2].map(|i| metres(high[i] - low[i])).join(" x ");
                 let [low, high] = [low, high].map(|corner| corner.map(metres).join(" "));

@@ -47,6 +47,9 @@ pub struct SceneFile {
     pub version: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub up: Option<Up>,
+    /// Length of a unit of the recording, if that is not in metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metres_per_unit: Option<f64>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<PlacedModel>,
     #[serde(default, skip_serializing_if = "is_default")]
@@ -60,6 +63,9 @@ pub struct PlacedModel {
     /// A `.glb` or `.gltf` file, relative to the scene file.
     pub model: String,
     pub name: Option<String>,
+    /// Left out of the picture, with all its instances.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub hidden: bool,
     pub up: Option<Up>,
     /// Whether the position is that of the model's lowest point.
     #[serde(default, skip_serializing_if = "is_default")]
@@ -84,6 +90,8 @@ pub struct PlacedModel {
 #[serde(deny_unknown_fields)]
 pub struct Instance {
     pub name: Option<String>,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub hidden: bool,
     pub position_m: Option<[f64; 3]>,
     pub rotation_deg: Option<[f64; 3]>,
     pub quaternion: Option<[f64; 4]>,
@@ -145,11 +153,54 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 
 impl Default for SceneFile {
     fn default() -> Self {
-        Self { version: 1, up: None, objects: Vec::new(), light: LightTable::default() }
+        Self { version: 1, up: None, metres_per_unit: None, objects: Vec::new(), light: LightTable::default() }
     }
 }
 
+/// Where an object of a loaded scene stands in its scene file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// Index into [`SceneFile::objects`].
+    pub object: usize,
+    /// Index into its [`PlacedModel::instances`]; `None` if it has none and is placed itself.
+    pub instance: Option<usize>,
+}
+
 impl SceneFile {
+    /// The entry of each object of the loaded scene, in the order of [`super::Scene::objects`].
+    pub fn entries(&self) -> Vec<Entry> {
+        let of = |(object, placed): (usize, &PlacedModel)| -> Vec<Entry> {
+            match placed.instances.len() {
+                0 => vec![Entry { object, instance: None }],
+                count => (0..count).map(|i| Entry { object, instance: Some(i) }).collect(),
+            }
+        };
+        self.objects.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// Whether a thing is left out of the picture: by its own key, or its object's.
+    pub fn is_hidden(&self, entry: Entry) -> bool {
+        self.objects.get(entry.object).is_some_and(|object| {
+            object.hidden || entry.instance.and_then(|i| object.instances.get(i)).is_some_and(|i| i.hidden)
+        })
+    }
+
+    /// Leaves a thing out of the picture, or shows it. Of an object that was hidden with all its instances, the others stay
+    /// hidden by their own keys.
+    pub fn hide(&mut self, entry: Entry, hidden: bool) {
+        let Some(object) = self.objects.get_mut(entry.object) else { return };
+        let Some(i) = entry.instance else {
+            object.hidden = hidden;
+            return;
+        };
+        if !hidden && std::mem::take(&mut object.hidden) {
+            object.instances.iter_mut().for_each(|instance| instance.hidden = true);
+        }
+        if let Some(instance) = object.instances.get_mut(i) {
+            instance.hidden = hidden;
+        }
+    }
+
     /// Checks what needs no other files. Further rules are checked on loading.
     pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {
         let placed: usize = self.objects.iter().map(|object| object.instances.len().max(1)).sum();
@@ -289,7 +340,7 @@ mod tests {
         ) {
             let suns = sun.map(|towards| SunTable { towards, color: Some(Color::Rgb(towards)), intensity: Some(towards[0]) });
             let light = LightTable { ambient: sun.map(|s| Color::Grey(s[1])), sun: suns.into_iter().collect(), ..LightTable::default() };
-            let scene = |objects| SceneFile { version: 1, up: sun.map(Up::Direction), objects, light: light.clone() };
+            let scene = |objects| SceneFile { up: sun.map(Up::Direction), objects, light: light.clone(), ..SceneFile::default() };
             let mut document = Document::new(scene(before)).unwrap();
             let read = Document::parse(&document.to_string()).unwrap();
             prop_assert_eq!(read.value(), document.value());

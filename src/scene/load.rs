@@ -3,12 +3,12 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 
 use super::document::SceneFile;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loader::Loader;
-use super::{Lighting, Scene, SceneError, bytes, document, model, scene_file};
+use super::{Lighting, Models, Object, Scene, SceneError, bytes, document, model, scene_file};
 
 /// Reads what is to be put into the room.
 ///
@@ -26,10 +26,22 @@ pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
 
 /// Like [`load`], for the contents of a scene file. `path` is where it is or would be; models are found relative to it.
 pub fn load_file(file: &SceneFile, path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
+    load_file_with(file, path, world_up, &mut Models::default())
+}
+
+/// Like [`load_file`]; models that `models` keeps are not read again unless their files have changed.
+pub fn load_file_with(
+    file: &SceneFile,
+    path: &Path,
+    world_up: Option<DVec3>,
+    models: &mut Models,
+) -> Result<Scene, SceneError> {
+    let kept = std::mem::take(models);
     guarded(path, || {
-        let mut loader = Loader::default();
-        scene_file::read(&mut loader, file, path, unit(path, world_up)?)?;
-        Ok(loader.scene)
+        let mut loader = Loader { kept, ..Loader::default() };
+        let done = unit(path, world_up).and_then(|up| scene_file::read(&mut loader, file, path, up));
+        *models = loader.kept;
+        done.map(|()| loader.scene)
     })
 }
 
@@ -56,7 +68,7 @@ fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneEr
             loader.scene.up_in_world = world_up;
             let model = model::load(&mut loader, path, None)?;
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            loader.place(path, &model, name, DAffine3::IDENTITY, DEFAULT_WHITE_LX)?;
+            loader.place(path, &model, Object { name, ..Object::default() }, DEFAULT_WHITE_LX)?;
             if loader.scene.lighting.is_dark() {
                 loader.scene.lighting = world_up.map_or_else(Lighting::default, default_lighting);
             } else {

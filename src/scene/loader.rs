@@ -6,11 +6,12 @@ use std::rc::Rc;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
+use super::models::Models;
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
 /// Vertices and indices of a scene together take 1.6 GB.
-const MAX_VERTICES: usize = 1 << 24;
-const MAX_INDICES: usize = 1 << 26;
+pub(super) const MAX_VERTICES: usize = 1 << 24;
+pub(super) const MAX_INDICES: usize = 1 << 26;
 pub(super) const MAX_PARTS: usize = 1 << 20;
 const MAX_WARNINGS: usize = 100;
 
@@ -22,7 +23,7 @@ pub(super) struct Model {
 }
 
 /// A light of KHR_lights_punctual, in photometric units.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct ModelLight {
     pub model_from_light: DAffine3,
     /// Lux for a directional light, candela for the others.
@@ -30,7 +31,7 @@ pub(super) struct ModelLight {
     pub kind: LightKind,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) enum LightKind {
     Directional,
     Point {
@@ -44,11 +45,13 @@ pub(super) enum LightKind {
 pub(super) struct Loader {
     pub scene: Scene,
     pub pixels: u64,
-    vertices: usize,
-    indices: usize,
-    parts: usize,
+    pub vertices: usize,
+    pub indices: usize,
+    pub parts: usize,
     /// The models read so far, by file.
     pub models: HashMap<PathBuf, Rc<Model>>,
+    /// What earlier scenes read.
+    pub kept: Models,
 }
 
 impl Default for Loader {
@@ -56,15 +59,19 @@ impl Default for Loader {
     fn default() -> Self {
         let lighting = Lighting { suns: Vec::new(), points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
         let scene = Scene { lighting, ..Scene::default() };
-        Self { scene, pixels: 0, vertices: 0, indices: 0, parts: 0, models: HashMap::new() }
+        Self { scene, pixels: 0, vertices: 0, indices: 0, parts: 0, models: HashMap::new(), kept: Models::default() }
     }
 }
 
 impl Loader {
     /// Adds a warning once, with the name of its file.
     pub fn warn(&mut self, file: &Path, text: String) {
+        self.warn_as_it_is(format!("{}: {text}", file.display()));
+    }
+
+    /// Adds a warning once.
+    pub fn warn_as_it_is(&mut self, text: String) {
         let warnings = &mut self.scene.warnings;
-        let text = format!("{}: {text}", file.display());
         if warnings.len() < MAX_WARNINGS && !warnings.contains(&text) {
             warnings.push(text);
             if warnings.len() == MAX_WARNINGS {
@@ -79,15 +86,13 @@ impl Loader {
         }
     }
 
-    /// Puts a model into the world as an object, with its lights.
-    pub fn place(
-        &mut self,
-        file: &Path,
-        model: &Model,
-        name: String,
-        world_from_model: DAffine3,
-        white_lx: f64,
-    ) -> Result<(), SceneError> {
+    /// Puts a model into the world as an object, with its lights. `object` has everything but its parts; a hidden one gets none.
+    pub fn place(&mut self, file: &Path, model: &Model, object: Object, white_lx: f64) -> Result<(), SceneError> {
+        let world_from_model = object.world_from_model;
+        if object.hidden {
+            self.scene.objects.push(object);
+            return Ok(());
+        }
         self.parts += model.parts.len();
         if self.parts > MAX_PARTS {
             let found = format!("{} placed meshes so far", self.parts);
@@ -96,9 +101,9 @@ impl Loader {
         let place = |part: &Part| Part { world_from_mesh: world_from_model * part.world_from_mesh, ..*part };
         let parts: Vec<_> = model.parts.iter().map(place).collect();
         if !parts.iter().all(|part| part.world_from_mesh.is_finite()) {
-            return Err(SceneError::bad(file, &name, "a place that is not finite", "finite numbers"));
+            return Err(SceneError::bad(file, &object.name, "a place that is not finite", "finite numbers"));
         }
-        self.scene.objects.push(Object { name, parts });
+        self.scene.objects.push(Object { parts, ..object });
         for light in &model.lights {
             let world_from_light = world_from_model * light.model_from_light;
             let towards = world_from_light.transform_vector3(DVec3::Z).normalize().as_vec3();

@@ -6,6 +6,7 @@
 mod bytes;
 mod describe;
 pub mod document;
+mod edit;
 mod error;
 mod geometry;
 mod gltf;
@@ -15,7 +16,9 @@ mod load;
 mod loader;
 mod material;
 mod model;
+mod models;
 mod nodes;
+mod overlap;
 mod picture;
 mod place;
 mod reader;
@@ -28,32 +31,64 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 pub use describe::{Description, ObjectDescription, TextureDescription, describe};
-pub use document::{Document, SceneFile};
+pub use document::{Document, Entry, SceneFile};
+pub use edit::Stance;
 pub use error::SceneError;
 pub use lay::{Posture, Support, lay, relative};
-pub use load::{load, load_file};
+pub use load::{load, load_file, load_file_with};
+pub use models::Models;
+pub use overlap::{Overlap, overlaps};
+pub use place::Size;
 
 /// Everything that the renderer draws.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
-    pub meshes: Vec<Mesh>,
+    pub meshes: Vec<Arc<Mesh>>,
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
     pub objects: Vec<Object>,
     pub lighting: Lighting,
     /// The world's up, if known: a unit vector.
     pub up_in_world: Option<DVec3>,
+    /// How long the recording's unit is by the scene file, metres.
+    pub metres_per_unit: Option<f64>,
     /// Warnings, each given once.
     pub warnings: Vec<String>,
     /// The files that the scene was read from.
     pub files: Vec<PathBuf>,
 }
 
+impl Scene {
+    /// Whether it has the same meshes, materials, pictures and surrounding light, however they are placed and lit.
+    pub fn is_made_of_the_same(&self, other: &Self) -> bool {
+        let shared = |a: &Arc<Mesh>, b: &Arc<Mesh>| Arc::ptr_eq(a, b) || a == b;
+        let around = match (&self.lighting.environment, &other.lighting.environment) {
+            (Environment::Map(a), Environment::Map(b)) if Arc::ptr_eq(&a.rgb, &b.rgb) => {
+                let placed = |map: &EnvironmentMap| (map.width, map.height, map.map_from_world, map.intensity);
+                placed(a) == placed(b)
+            }
+            (a, b) => a == b,
+        };
+        around
+            && self.materials == other.materials
+            && self.textures == other.textures
+            && self.meshes.len() == other.meshes.len()
+            && self.meshes.iter().zip(&other.meshes).all(|(a, b)| shared(a, b))
+    }
+}
+
 /// One piece of evidence: the unit with its own blur vector.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Object {
     pub name: String,
+    /// Without any, it is not drawn.
     pub parts: Vec<Part>,
+    /// The model's own axes in the world. Nothing is drawn by it: each part has its own.
+    pub world_from_model: DAffine3,
+    /// The place that it was given, world axes, metres: the model's origin, or, put on the ground, the place below it.
+    pub position_m: DVec3,
+    /// Left out by its scene file; it has no parts then.
+    pub hidden: bool,
 }
 
 /// A placed mesh.

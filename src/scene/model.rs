@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -18,10 +19,16 @@ pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -
     if let Some(known) = loader.models.get(file) {
         return Ok(Rc::clone(known));
     }
+    if let Some(kept) = loader.take_kept(file) {
+        loader.models.insert(file.to_owned(), Rc::clone(&kept));
+        return Ok(kept);
+    }
+    let start = loader.lengths();
     let model = Rc::new(read(loader, file, needed_by)?);
     if model.parts.is_empty() {
         loader.warn(file, "there is nothing in it to see".to_owned());
     }
+    loader.keep(file, &model, start);
     loader.models.insert(file.to_owned(), Rc::clone(&model));
     Ok(model)
 }
@@ -96,7 +103,7 @@ impl Reader<'_> {
         let mut meshes = Vec::new();
         for (i, primitive) in gltf.get(&gltf.json.meshes, "meshes", index, what)?.primitives.iter().enumerate() {
             if let Some(mesh) = self.primitive(primitive, &format!("meshes[{index}].primitives[{i}]"))? {
-                self.loader.scene.meshes.push(mesh);
+                self.loader.scene.meshes.push(Arc::new(mesh));
                 meshes.push(self.loader.scene.meshes.len() - 1);
             }
         }

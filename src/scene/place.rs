@@ -2,11 +2,11 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
-use super::{Part, Scene};
+use super::{Object, Part, Scene};
 
 /// How large a model becomes.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Size {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Size {
     /// Factors along the model's own axes.
     Scale(DVec3),
     /// The model's largest extent, metres.
@@ -64,6 +64,31 @@ pub(super) fn lowest(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<
 pub(super) fn bounds(scene: &Scene, parts: &[Part], world_from_parts: DAffine3) -> Option<(DVec3, DVec3)> {
     let moved = points(scene, parts).map(|p| world_from_parts.transform_point3(p));
     moved.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+}
+
+impl Object {
+    /// The corners of the box around the object along its model's own axes, in the world, metres: bit 0 of an index is x, bit 1
+    /// y, bit 2 z; 0 low, 1 high. `None` without parts.
+    pub fn corners_m(&self, scene: &Scene) -> Option<[DVec3; 8]> {
+        let (low, high) = bounds(scene, &self.parts, self.world_from_model.inverse())?;
+        let sides = [low, high];
+        Some(std::array::from_fn(|i| {
+            let corner = DVec3::new(sides[i & 1].x, sides[i >> 1 & 1].y, sides[i >> 2 & 1].z);
+            self.world_from_model.transform_point3(corner)
+        }))
+    }
+
+    /// The corners of its triangles in the world, metres.
+    pub fn points_m<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = DVec3> + 'a {
+        points(scene, &self.parts)
+    }
+
+    /// Moves it in the world; its meshes stay.
+    pub fn move_by(&mut self, by: DAffine3) {
+        self.world_from_model = by * self.world_from_model;
+        self.position_m = by.transform_point3(self.position_m);
+        self.parts.iter_mut().for_each(|part| part.world_from_mesh = by * part.world_from_mesh);
+    }
 }
 
 /// The corners of all triangles, transformed by their parts.

@@ -3,13 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{DAffine3, DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use super::document::{Instance, LightTable, PlacedModel, Scale, SceneFile, SunTable};
+use super::edit;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loader::Loader;
 use super::place::{Placement, Size, turn_up};
-use super::{Environment, EnvironmentMap, SceneError, Sun, model, picture};
+use super::{Environment, EnvironmentMap, Object, SceneError, Sun, model, picture};
 
 /// Puts the contents of a scene file into the loader. `file` is named in errors, and models are found relative to it.
 pub(super) fn read(
@@ -25,6 +26,10 @@ pub(super) fn read(
         None => recording_up.unwrap_or(DVec3::Z),
     };
     loader.scene.up_in_world = Some(world_up);
+    if let Some(found) = scene.metres_per_unit.filter(|m| !(*m > 0.0 && m.is_finite())) {
+        return Err(SceneError::bad(file, "metres_per_unit", found, "more than 0"));
+    }
+    loader.scene.metres_per_unit = scene.metres_per_unit;
     let white_lx = scene.light.white_lx.unwrap_or(DEFAULT_WHITE_LX);
     if !(white_lx > 0.0 && white_lx.is_finite()) {
         return Err(SceneError::bad(file, "light.white_lx", white_lx, "more than 0"));
@@ -64,7 +69,7 @@ fn place(
         Some(up) => up.axis(file, &format!("{what}.up"))?,
         None => DVec3::Y,
     };
-    let placement = |instance: Option<&Instance>, what: &str| -> Result<DAffine3, SceneError> {
+    let placement = |instance: Option<&Instance>, name: String, what: &str| -> Result<Object, SceneError> {
         let turned = |rotation_deg, quaternion| rotation(file, what, rotation_deg, quaternion);
         let sized = |scale, size_m| size(file, what, scale, size_m);
         // Anything an instance does not give is taken from the object.
@@ -73,6 +78,7 @@ fn place(
         let size = own_size.or(sized(object.scale, object.size_m)?).unwrap_or(Size::Scale(DVec3::ONE));
         let position = instance.and_then(|i| i.position_m).or(object.position_m).unwrap_or([0.0; 3]);
         let rotation = own_rotation.or(turned(object.rotation_deg, object.quaternion)?).unwrap_or(DQuat::IDENTITY);
+        let hidden = object.hidden || instance.is_some_and(|i| i.hidden);
         let heading_deg = instance.and_then(|i| i.heading_deg).or(object.heading_deg).unwrap_or(0.0);
         let placement = Placement {
             world_up,
@@ -82,10 +88,11 @@ fn place(
             ground: object.ground,
         };
         let transform = placement.world_from_model(&loader.scene, &model.parts, size);
-        transform.ok_or_else(|| {
+        let world_from_model = transform.ok_or_else(|| {
             let found = "numbers too large, or a model without extent";
             SceneError::bad(file, what, found, "a place, a rotation and a size that fit the model")
-        })
+        })?;
+        Ok(Object { name, parts: Vec::new(), world_from_model, position_m: placement.position_m, hidden })
     };
     let name = object.name.clone().unwrap_or_else(|| {
         Path::new(&object.model).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
@@ -93,13 +100,13 @@ fn place(
     let mut places = Vec::new();
     for (i, instance) in object.instances.iter().enumerate() {
         let own_name = instance.name.clone().unwrap_or_else(|| format!("{name} {}", i + 1));
-        places.push((own_name, placement(Some(instance), &format!("{what}.instances[{i}]"))?));
+        places.push(placement(Some(instance), own_name, &format!("{what}.instances[{i}]"))?);
     }
     if object.instances.is_empty() {
-        places.push((name, placement(None, what)?));
+        places.push(placement(None, name, what)?);
     }
-    for (name, world_from_model) in places {
-        loader.place(&path, &model, name, world_from_model, white_lx)?;
+    for object in places {
+        loader.place(&path, &model, object, white_lx)?;
     }
     Ok(())
 }
@@ -130,12 +137,7 @@ fn rotation(
     match (rotation_deg.map(DVec3::from), quaternion.map(DQuat::from_array)) {
         (None, None) => Ok(None),
         (Some(_), Some(_)) => Err(SceneError::bad(file, what, "rotation_deg and quaternion", "one of them")),
-        (Some(angles), None) if angles.is_finite() => {
-            let angles = angles * std::f64::consts::PI / 180.0;
-            Ok(Some(
-                DQuat::from_rotation_z(angles.z) * DQuat::from_rotation_y(angles.y) * DQuat::from_rotation_x(angles.x),
-            ))
-        }
+        (Some(angles), None) if angles.is_finite() => Ok(Some(edit::rotation(angles))),
         (Some(angles), None) => {
             Err(SceneError::bad(file, format!("{what}.rotation_deg"), angles, "three finite numbers"))
         }
@@ -191,12 +193,14 @@ fn environment(
         return Err(SceneError::bad(file, "light.environment_rotation_deg", degrees, "a finite number"));
     }
     let path = file.parent().unwrap_or(Path::new("")).join(name);
-    let (width, height, rgb) = picture::decode_hdr(&path, file)?;
+    let (width, height, rgb) = loader.panorama(&path, || {
+        picture::decode_hdr(&path, file).map(|(width, height, rgb)| (width, height, Arc::new(rgb)))
+    })?;
     loader.scene.files.push(path.clone());
     if width != 2 * height {
         loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
     }
     let world_from_map = DQuat::from_axis_angle(world_up, degrees.to_radians()) * turn_up(DVec3::Y, world_up);
     let map_from_world = world_from_map.conjugate().as_quat().normalize();
-    Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb: Arc::new(rgb), map_from_world, intensity })))
+    Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb, map_from_world, intensity })))
 }

@@ -5,10 +5,18 @@
 
 mod check;
 mod error;
+mod eye;
 mod light;
 mod note;
+mod outline;
+mod pick;
+mod points;
+mod preview;
+mod seen;
+mod standing;
 mod stream;
 mod surface;
+mod triangulate;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,10 +30,16 @@ use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Scene};
 
 pub use error::ShotError;
+pub use eye::{Eye, Ray};
 pub use light::{Known, SceneLight, USUAL_ISO};
-pub use note::Note;
+pub use note::{Note, Wrong};
+pub use pick::{Hit, nearest};
+pub use points::{FittedPlane, metres_per_unit, plane_through};
+pub use seen::SeenObject;
+pub use standing::Standing;
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
+pub use triangulate::{Triangulated, View};
 
 /// A person's input in addition to the recording.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -45,7 +59,7 @@ pub struct Shot {
     /// The camera from profiles and settings. For each frame it overrides the recording's own ([`Shot::geometry_at`]).
     pub rig: Rig,
     pub settings: Settings,
-    /// Drawn by compositors made from it ([`Shot::compositor`]). They follow its objects' placement; for other changes
+    /// Drawn by compositors made from it ([`Shot::compositor`]). Another one comes by [`Shot::set_scene`]. They follow its objects' placement; for other changes
     /// call [`Compositor::set_scene`].
     pub scene: Arc<Scene>,
     /// The profiles that were read.
@@ -54,6 +68,8 @@ pub struct Shot {
     /// ([`Shot::taken`]).
     by_profile: Rig,
     by_sets: Rig,
+    /// The recording's unit as it was opened, metres: 1 if nobody said it.
+    opened_unit_m: f64,
     /// The frame of the last picture, as recorded: usually the next one's too.
     held: Option<Arc<Frame>>,
 }
@@ -85,8 +101,27 @@ impl Shot {
             Some(path) => scene::load(path, recording.up)?,
             None => Scene::default(),
         };
+        let opened_unit_m = recording.metres_per_unit;
         let (recording, scene) = (Arc::new(recording), Arc::new(scene));
-        Ok(Self { recording, rig, settings, scene, profiles, by_profile, by_sets, held: None })
+        let mut shot =
+            Self { recording, rig, settings, scene, profiles, by_profile, by_sets, opened_unit_m, held: None };
+        shot.follow_unit();
+        Ok(shot)
+    }
+
+    /// Puts another scene into the footage. If it says how long the recording's unit is, the recording follows.
+    pub fn set_scene(&mut self, scene: Arc<Scene>) {
+        self.scene = scene;
+        self.follow_unit();
+    }
+
+    /// What was said when the recording was opened overrides the scene file.
+    fn follow_unit(&mut self) {
+        let by_scene = self.scene.metres_per_unit.filter(|_| self.opened_unit_m == 1.0);
+        let wanted_m = by_scene.unwrap_or(self.opened_unit_m);
+        if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
+            Arc::make_mut(&mut self.recording).rescale(wanted_m);
+        }
     }
 
     /// A compositor on a device, with the scene as it is now.

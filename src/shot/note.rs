@@ -3,9 +3,11 @@
 use std::fmt;
 use std::ops::Range;
 
-use super::Shot;
+use super::{Shot, Standing};
 use crate::compositor::FrameStats;
-use crate::words::count;
+use crate::frame::Frame;
+use crate::scene::{Overlap, overlaps};
+use crate::words::{count, fixed, number, shown};
 
 /// Something odd or unknown. Displays as a line for a person.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,6 +20,11 @@ pub enum Note {
     /// The frames' exposure is unknown. `has_times`: whether their times mean anything.
     UnknownExposure {
         has_times: bool,
+    },
+    /// The scene file's length of a unit is not the one that holds, metres.
+    OtherUnit {
+        of_scene: f64,
+        holds: f64,
     },
     /// The camera's noise is not known.
     UnknownNoise,
@@ -32,7 +39,31 @@ pub enum Note {
     },
     /// No object was in any picture.
     NothingSeen,
+    /// Two objects share volume, `depth_m` deep at least.
+    Overlap {
+        names: [String; 2],
+        depth_m: f64,
+    },
+    /// There are more of these.
+    MoreOverlaps(usize),
+    /// An object hovers over what a frame's depth shows, or, below 0, is sunk into it.
+    Gap {
+        name: String,
+        gap_m: f64,
+        frame: usize,
+    },
 }
+
+/// A note with the objects that it is about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wrong {
+    /// Indices into [`crate::scene::Scene::objects`].
+    pub objects: Vec<usize>,
+    pub note: Note,
+}
+
+/// More overlaps are only counted.
+const MOST_OVERLAPS: usize = 8;
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -46,6 +77,10 @@ impl fmt::Display for Note {
                 })?;
                 f.write_str("; --set camera.exposure.time_s=SECONDS sets an exposure")
             }
+            Self::OtherUnit { of_scene, holds } => {
+                let (of_scene, holds) = (number(*of_scene), number(*holds));
+                write!(f, "the scene file's metres_per_unit = {of_scene} is left out: the recording's unit is {holds} m")
+            }
             Self::UnknownNoise => f.write_str(
                 "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it; \
                  `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the recording \
@@ -55,12 +90,31 @@ impl fmt::Display for Note {
                 let of = format!("{number} of {}", count(*frames, "frame"));
                 write!(f, "nothing real hides objects in {of}, though there is depth (frame {first}: {because})")
             }
+            Self::Overlap { names: [a, b], depth_m } => {
+                let (a, b, deep) = (shown(a), shown(b), millimetres(*depth_m));
+                write!(f, "{a} and {b} stand inside each other, by {deep} mm")
+            }
+            Self::MoreOverlaps(more) => {
+                write!(f, "{} of objects more stand inside each other", count(*more, "pair"))
+            }
+            Self::Gap { name, gap_m, frame } => {
+                let (name, far) = (shown(name), millimetres(gap_m.abs()));
+                let how = if *gap_m > 0.0 { "hovers" } else { "is sunk" };
+                let whence = if *gap_m > 0.0 { "over" } else { "into" };
+                write!(f, "{name} {how} {far} mm {whence} the surface that the depth of frame {frame} shows")
+            }
             Self::NothingSeen => f.write_str(
                 "no object of the scene is in the picture: `locard inspect RECORDING --frame N` says where the camera is \
                  and looks, `locard inspect SCENE` where the objects are",
             ),
         }
     }
+}
+
+/// Whole ones from 10 on.
+fn millimetres(length_m: f64) -> String {
+    let mm = 1e3 * length_m;
+    fixed(mm, if mm < 9.95 { 1 } else { 0 })
 }
 
 impl Note {
@@ -85,6 +139,10 @@ impl Shot {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
+        let holds = self.recording.metres_per_unit;
+        if let Some(of_scene) = self.scene.metres_per_unit.filter(|of_scene| *of_scene != holds) {
+            notes.push(Note::OtherUnit { of_scene, holds });
+        }
         if self.lacks_exposure() {
             notes.push(Note::UnknownExposure { has_times: self.recording.kind.has_times() });
         }
@@ -93,6 +151,56 @@ impl Shot {
             notes.push(Note::UnknownNoise);
         }
         notes.extend(self.settings.idle(&camera).into_iter().map(Note::Idle));
+        notes.extend(self.overlap_notes());
         notes
+    }
+
+    /// Notes on objects that stand inside each other.
+    pub fn overlap_notes(&self) -> Vec<Note> {
+        let found = overlaps(&self.scene);
+        let mut notes: Vec<_> = found.iter().take(MOST_OVERLAPS).map(|overlap| self.overlap_note(overlap)).collect();
+        if found.len() > MOST_OVERLAPS {
+            notes.push(Note::MoreOverlaps(found.len() - MOST_OVERLAPS));
+        }
+        notes
+    }
+
+    fn overlap_note(&self, overlap: &Overlap) -> Note {
+        let names = overlap.objects.map(|object| self.scene.objects[object].name.clone());
+        Note::Overlap { names, depth_m: overlap.depth_m }
+    }
+
+    /// What stands wrong: inside something else, or, as a frame's depth shows, over or in the ground.
+    pub fn wrongs(&self, frame: &Frame) -> Vec<Wrong> {
+        let overlaps = overlaps(&self.scene).into_iter();
+        let overlaps = overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: self.overlap_note(&o) });
+        let gaps = self.standing(frame).into_iter().filter_map(|Standing { object, gap_m }| {
+            let (name, gap_m, frame) = (self.scene.objects[object].name.clone(), gap_m?, frame.index);
+            Some(Wrong { objects: vec![object], note: Note::Gap { name, gap_m, frame } })
+        });
+        overlaps.chain(gaps).collect()
+    }
+
+    /// Notes on objects that hover or are sunk wherever they are seen: in the first frame of a range, the middle one and the
+    /// last. Those frames are decoded; what cannot be read says nothing.
+    pub fn standing_notes(&self, range: Range<usize>) -> Vec<Note> {
+        if range.is_empty() || self.scene.objects.is_empty() || !self.recording.has_depth() {
+            return Vec::new();
+        }
+        let mut frames = vec![range.start, range.start + range.len() / 2, range.end - 1];
+        frames.dedup();
+        let frames: Vec<Frame> = frames.into_iter().filter_map(|frame| self.read(frame).ok()).collect();
+        let looked: Vec<_> = frames.iter().map(|frame| (frame.index, self.standing(frame))).collect();
+        (0..self.scene.objects.len())
+            .filter_map(|object| {
+                let of = |standing: &[Standing]| standing.iter().find(|s| s.object == object).map(|s| s.gap_m);
+                let seen: Vec<_> = looked.iter().filter_map(|(frame, all)| Some((*frame, of(all)?))).collect();
+                let claimed: Option<Vec<_>> = seen.iter().map(|(frame, gap)| Some((*frame, (*gap)?))).collect();
+                let claimed = claimed
+                    .filter(|gaps| gaps.iter().all(|(_, gap)| *gap > 0.0) || gaps.iter().all(|(_, gap)| *gap < 0.0))?;
+                let (frame, gap_m) = claimed.into_iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+                Some(Note::Gap { name: self.scene.objects[object].name.clone(), gap_m, frame })
+            })
+            .collect()
     }
 }

@@ -46,7 +46,7 @@ pub struct Surface {
 /// Why no surface is known under a pixel.
 #[derive(Debug, thiserror::Error)]
 pub enum SurfaceError {
-    #[error("frame {frame} has no depth: give a plane, or place by numbers")]
+    #[error("frame {frame} has no depth: give a plane, or pick the point in a second frame too (X,Y+FRAME:X,Y)")]
     NoDepth { frame: usize },
     #[error("{} lies outside of the picture, {width}x{height} px", place(*.at_px))]
     Outside { at_px: [f64; 2], width: u32, height: u32 },
@@ -56,6 +56,10 @@ pub enum SurfaceError {
     NotMeasured { at_px: [f64; 2] },
     #[error("--plane {plane} {reason}")]
     Plane { plane: String, reason: &'static str },
+    #[error("{what} has no world point: {reason}")]
+    Views { what: String, reason: String },
+    #[error("the points make no plane: {reason}")]
+    Points { reason: &'static str },
     #[error(transparent)]
     NoPose(#[from] NoPose),
     #[error(transparent)]
@@ -66,59 +70,70 @@ fn place(at_px: [f64; 2]) -> String {
     at_px.map(number).join(",")
 }
 
+/// The depth has a moment of its own: where the place is in it depends on how far away it is. So often it is looked for.
+const LOOKS: usize = 4;
+
 impl Shot {
-    /// The surface at a place of a frame's picture, px from the upper left.
+    /// The surface at a place of a frame's picture, px from the upper left. The depth map is of a moment of its own, and the
+    /// place's row too: both are taken into account, as when objects are hidden behind what is real.
     pub fn surface_at(&self, frame: &Frame, at_px: DVec2) -> Result<Surface, SurfaceError> {
         let index = frame.index;
         let depth = frame.depth.as_ref().ok_or(SurfaceError::NoDepth { frame: index })?;
-        let geometry = self.geometry_at(index).map_err(Box::new)?;
         let told = at_px.to_array();
-        if !(at_px.cmpge(DVec2::ZERO).all() && at_px.x < depth.width.into() && at_px.y < depth.height.into()) {
+        let (width, height) = (f64::from(depth.width), f64::from(depth.height));
+        let is_inside = |at: DVec2| at.cmpge(DVec2::ZERO).all() && at.x < width && at.y < height;
+        if !is_inside(at_px) {
             return Err(SurfaceError::Outside { at_px: told, width: depth.width, height: depth.height });
         }
-        let ray = geometry.depth_ray(at_px).ok_or(SurfaceError::NoRay { at_px: told })?;
-        let plane = Plane::around(depth, at_px, |px| geometry.depth_ray(px));
-        let plane = plane.ok_or(SurfaceError::NotMeasured { at_px: told })?;
-        let inverse = plane.inverse_depth.dot(ray);
-        if !(inverse > 0.0 && inverse.is_finite()) {
-            return Err(SurfaceError::NotMeasured { at_px: told });
-        }
-        let depth_m = inverse.recip();
-        // Depth belongs to its own moment. Where the track does not cover that, to the frame's.
+        let eye = self.eye(index)?;
+        let geometry = eye.geometry();
+        let ray = eye.ray(at_px).ok_or(SurfaceError::NoRay { at_px: told })?;
+        let not_measured = || SurfaceError::NotMeasured { at_px: told };
+        // Where the track does not cover the depth's moment, to the frame's.
         let recording = &self.recording;
-        let at = |time_s: f64| recording.track.at(time_s + recording.time_offset_s);
-        let pose = at(depth.timestamp_s).or_else(|_| at(frame.timestamp_s))?;
+        let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s);
+        let pose = measured.or_else(|_| recording.pose_at_frame(index))?;
+        let (origin, along) =
+            (pose.transform_point(ray.origin_m), pose.world_from_camera_rotation().inverse() * ray.direction);
+        let mut in_map = at_px;
+        for _ in 1..LOOKS {
+            let plane = Plane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
+            let point = plane.meets(origin, along).ok_or_else(not_measured)?;
+            let next = geometry.project(point).filter(|next| is_inside(*next)).ok_or_else(not_measured)?;
+            let is_found = geometry.way_px(in_map, next).length() < 0.5;
+            in_map = next;
+            if is_found {
+                break;
+            }
+        }
+        let plane = Plane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
+        let point = plane.meets(origin, along).ok_or_else(not_measured)?;
+        let depth_m = if geometry.is_round() { point.length() } else { point.z };
         // n/d points away from the camera, since the depth is positive.
         let normal_in_world = -(pose.world_from_camera_rotation() * plane.inverse_depth.normalize());
         Ok(Surface {
-            point_m: pose.inverse_transform_point(ray * depth_m),
+            point_m: pose.inverse_transform_point(point),
             normal_in_world,
             depth_m,
             sigma_m: plane.sigma * depth_m * depth_m,
             share: plane.share,
         })
     }
-}
 
-impl Shot {
     /// Where the ray through a place of a frame's picture meets the plane a·x + b·y + c·z = d of the world.
     pub fn support_on_plane(&self, frame: usize, at_px: DVec2, plane: [f64; 4]) -> Result<Support, SurfaceError> {
         let [a, b, c, d] = plane;
         let normal = DVec3::new(a, b, c);
         let refused = |reason| SurfaceError::Plane { plane: plane.map(number).join(","), reason };
         let unit = normal.try_normalize().ok_or_else(|| refused("is no plane: the normal A,B,C has no length"))?;
-        let geometry = self.geometry_at(frame).map_err(Box::new)?;
-        let ray = geometry.depth_ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
-        let pose = self.recording.pose_at_frame(frame)?;
-        let eye = pose.position_in_world_m();
-        let along = pose.world_from_camera_rotation() * ray;
-        let t = (d - normal.dot(eye)) / normal.dot(along);
+        let ray = self.eye(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
+        let t = (d - normal.dot(ray.origin_m)) / normal.dot(ray.direction);
         if !(t.is_finite() && t > 0.0) {
             return Err(refused("does not lie before the camera there"));
         }
         // Seen from its front.
-        let normal = if unit.dot(along) > 0.0 { -unit } else { unit };
-        Ok(Support { point_m: eye + along * t, normal })
+        let normal = if unit.dot(ray.direction) > 0.0 { -unit } else { unit };
+        Ok(Support { point_m: ray.at(t), normal })
     }
 }
 
@@ -132,6 +147,13 @@ struct Plane {
 }
 
 impl Plane {
+    /// Where a ray in the camera's axes meets it; `None` if it lies behind the ray's origin.
+    fn meets(&self, origin: DVec3, along: DVec3) -> Option<DVec3> {
+        // n·X = d is (n/d)·X = 1.
+        let t = (1.0 - self.inverse_depth.dot(origin)) / self.inverse_depth.dot(along);
+        (t > 0.0 && t.is_finite()).then(|| origin + t * along)
+    }
+
     fn around(depth: &DepthMap, at_px: DVec2, ray: impl Fn(DVec2) -> Option<DVec3>) -> Option<Self> {
         let radius = (RADIUS * f64::from(depth.width)).max(4.0);
         let step = ((2.0 * radius / f64::from(MOST_A_SIDE)).ceil() as i32).max(1);

@@ -4,6 +4,7 @@
 pub mod atomic;
 pub mod exr;
 pub mod folder;
+pub mod lettering;
 pub mod photograph;
 pub mod picture;
 pub mod raw;

@@ -116,6 +116,12 @@ impl PoseTrack {
         &self.poses
     }
 
+    /// The same track in units that are so many times as long.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let scaled = |pose: &Pose| Pose::new(pose.rotation, factor * pose.translation_m);
+        Self { poses: self.poses.iter().map(|(t, pose)| (*t, scaled(pose))).collect(), ..*self }
+    }
+
     /// The same track for a camera rotated in place; `turn` takes its axes to the rotated one's.
     pub fn turned(&self, turn: DQuat) -> Self {
         let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);

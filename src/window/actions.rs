@@ -2,6 +2,8 @@
 
 use eframe::egui::{Context, Key, Modifiers};
 
+use super::handles::Begin;
+
 /// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
@@ -25,6 +27,13 @@ pub enum Action {
     Redo,
     Save,
     Theme,
+    /// Begins to change what is selected.
+    Begin(Begin),
+    /// Moves what is selected a little to the right and up the picture; left and down where negative. Steps.
+    Nudge(i8, i8),
+    Delete,
+    /// Leaves what is selected out of the picture, or shows it again.
+    Hide,
     Keys,
     /// Ends what was begun.
     Leave,
@@ -45,10 +54,15 @@ const fn bind(modifiers: Modifiers, key: Key, action: Action, does: &'static str
 const NONE: Modifiers = Modifiers::NONE;
 const SHIFT: Modifiers = Modifiers::SHIFT;
 const COMMAND: Modifiers = Modifiers::COMMAND;
+const ALT: Modifiers = Modifiers::ALT;
 const COMMAND_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
 
 /// Of one key the binding with more modifiers stands first: an additional Shift does not keep a key from working.
 const BINDINGS: &[Binding] = &[
+    bind(ALT, Key::ArrowLeft, Action::Nudge(-1, 0), "move what is selected by a millimetre"),
+    bind(ALT, Key::ArrowRight, Action::Nudge(1, 0), "move what is selected by a millimetre"),
+    bind(ALT, Key::ArrowUp, Action::Nudge(0, 1), "move what is selected by a millimetre"),
+    bind(ALT, Key::ArrowDown, Action::Nudge(0, -1), "move what is selected by a millimetre"),
     bind(NONE, Key::Space, Action::Play, "play, pause"),
     bind(SHIFT, Key::ArrowLeft, Action::Step(-10), "ten frames back, on"),
     bind(SHIFT, Key::ArrowRight, Action::Step(10), "ten frames back, on"),
@@ -75,6 +89,12 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::T, Action::Theme, "light or dark"),
     bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
     bind(NONE, Key::F1, Action::Keys, "these keys"),
+    bind(NONE, Key::G, Action::Begin(Begin::Move), "move what is selected; then X, Y, Z, numbers"),
+    bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn what is selected"),
+    bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale what is selected"),
+    bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "a second one of what is selected"),
+    bind(NONE, Key::H, Action::Hide, "hide what is selected, show it again"),
+    bind(NONE, Key::Delete, Action::Delete, "delete what is selected"),
     bind(NONE, Key::Escape, Action::Leave, "end what was begun"),
 ];
 
@@ -112,6 +132,8 @@ fn named(modifiers: Modifiers, key: Key) -> String {
     let name = match key {
         Key::ArrowLeft => "Left",
         Key::ArrowRight => "Right",
+        Key::ArrowUp => "Up",
+        Key::ArrowDown => "Down",
         Key::Plus => "+",
         Key::Equals => "=",
         Key::Minus => "-",
@@ -119,7 +141,7 @@ fn named(modifiers: Modifiers, key: Key) -> String {
         Key::Escape => "Esc",
         other => other.name(),
     };
-    let before = [(modifiers.command, "Ctrl+"), (modifiers.shift, "Shift+")];
+    let before = [(modifiers.command, "Ctrl+"), (modifiers.alt, "Alt+"), (modifiers.shift, "Shift+")];
     before.iter().filter(|(held, _)| *held).map(|(_, name)| *name).chain([name]).collect()
 }
 

@@ -7,6 +7,7 @@ use super::actions::{self, Action};
 use super::controls::Controls;
 use super::evidence::Evidence;
 use super::hand::{Hand, Wanted};
+use super::handles::{Handles, Over};
 use super::loupe;
 use super::measure::Measure;
 use super::picture::{self, Compared, Placed, Seen, Taken, View};
@@ -16,6 +17,7 @@ use super::session::Session;
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
 use crate::frame::Frame;
+use crate::scene::Entry;
 
 /// The tuner.
 pub struct App {
@@ -24,6 +26,7 @@ pub struct App {
     controls: Controls,
     evidence: Evidence,
     hand: Hand,
+    handles: Handles,
     /// A person wants to close the window and has not saved.
     asks_to_close: bool,
     /// And has said that the changes may be lost.
@@ -45,6 +48,7 @@ impl App {
             controls: Controls::default(),
             evidence: Evidence::default(),
             hand: Hand::default(),
+            handles: Handles::default(),
             asks_to_close: false,
             may_close: false,
             shows_keys: false,
@@ -74,6 +78,11 @@ impl App {
 
     pub fn viewer(&self) -> &Viewer {
         &self.session.viewer
+    }
+
+    /// The thing that is selected in the list and in the picture.
+    pub fn selected(&self) -> Option<Entry> {
+        self.evidence.selected
     }
 
     /// Where a place of the picture, px, is on the screen.
@@ -115,6 +124,28 @@ impl App {
                 let dark = ctx.global_style().visuals.dark_mode;
                 ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
             }
+            Action::Begin(what) => {
+                player.play(false);
+                self.handles.begin(what);
+            }
+            Action::Nudge(right, up) => {
+                let frame = self.session.frame().map(|frame| frame.index);
+                if let (Some(frame), Some(entry)) = (frame, self.evidence.selected)
+                    && let Err(wrong) = Handles::nudge(&mut self.session.project, frame, entry, right, up)
+                {
+                    self.session.say(wrong);
+                }
+            }
+            Action::Hide => {
+                if let Some(wrong) = self.evidence.hide(&mut self.session.project) {
+                    self.session.say(wrong);
+                }
+            }
+            Action::Delete => {
+                if let Some(wrong) = self.evidence.delete(&mut self.session.project) {
+                    self.session.say(wrong);
+                }
+            }
             Action::Keys => self.shows_keys = !self.shows_keys,
             Action::Leave => {
                 self.hand.cancel();
@@ -125,6 +156,7 @@ impl App {
     }
 
     fn input(&mut self, ctx: &egui::Context) {
+        self.handles.keys(ctx);
         for action in actions::pressed(ctx) {
             self.act(action, ctx);
         }
@@ -250,7 +282,7 @@ impl App {
         let is_placing = self.evidence.is_placing() && asked.is_none();
         let taken = Taken {
             clicks: is_placing || asked.is_some(),
-            drags: asked.is_some_and(|(_, wanted)| wanted == Wanted::Rect),
+            drags: asked.is_some_and(|(_, wanted)| wanted == Wanted::Rect) || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
         let compared = other.map(|other| Compared { edits_a: !other.is_a });
@@ -263,6 +295,18 @@ impl App {
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
         self.codes(&seen, &frame);
         self.hand.work(&seen);
+        let over = Over {
+            seen: &seen,
+            view: &self.view,
+            frame: &frame,
+            is_free: !is_placing && asked.is_none(),
+            is_hidden: self.view.plain || self.session.player.playing,
+        };
+        match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
+            Some(Ok(done)) => self.session.say(done),
+            Some(Err(wrong)) => self.session.say(wrong),
+            None => {}
+        }
         if is_placing {
             if seen.pointed.is_some() {
                 ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);

@@ -8,8 +8,7 @@ use glam::{DVec2, DVec3};
 use super::Project;
 use super::controls::parse_number;
 use crate::frame::Frame;
-use crate::scene::document::PlacedModel;
-use crate::scene::{Posture, Support, lay, relative};
+use crate::scene::{Entry, Posture, SceneFile, Size, Stance, Support, lay, relative};
 use crate::words::number;
 
 /// What is being done with the evidence.
@@ -22,7 +21,8 @@ pub struct Evidence {
     placing: Option<PathBuf>,
     lies_flat: bool,
     heading_deg: f64,
-    selected: Option<usize>,
+    /// In the list and in the picture.
+    pub selected: Option<Entry>,
 }
 
 impl Evidence {
@@ -71,83 +71,117 @@ impl Evidence {
             ui.label(RichText::new("Click in the picture; Esc ends it.").weak());
         }
         ui.separator();
-        let objects = project.edit().scene.objects.clone();
-        self.selected = self.selected.filter(|selected| *selected < objects.len());
+        let scene = project.edit().scene.clone();
+        let entries = scene.entries();
+        self.selected = self.selected.filter(|selected| entries.contains(selected));
         egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
-            for (i, object) in objects.iter().enumerate() {
-                let count = object.instances.len();
-                let more = if count > 1 { format!(" ×{count}") } else { String::new() };
-                if ui.selectable_label(self.selected == Some(i), format!("{}{more}", title(object))).clicked() {
-                    self.selected = if self.selected == Some(i) { None } else { Some(i) };
+            for entry in entries {
+                let is_selected = self.selected == Some(entry);
+                let title = RichText::new(scene.title(entry));
+                let title = if scene.is_hidden(entry) { title.weak().italics() } else { title };
+                if ui.selectable_label(is_selected, title).clicked() {
+                    self.selected = (!is_selected).then_some(entry);
                 }
             }
         });
-        if let Some(i) = self.selected {
+        if let Some(entry) = self.selected {
             ui.separator();
-            wrong = self.selected(ui, project, i, &objects[i]);
+            wrong = self.selected(ui, project, &scene, entry);
         }
         wrong
     }
 
-    fn selected(&mut self, ui: &mut Ui, project: &mut Project, i: usize, object: &PlacedModel) -> Option<String> {
-        let mut changed = object.clone();
-        let mut done = false;
-        let mut edit_name = title(object);
-        if ui.add(egui::TextEdit::singleline(&mut edit_name).desired_width(180.0)).changed() {
-            changed.name = Some(edit_name).filter(|name| !name.is_empty());
+    /// The name and the numbers of what is selected.
+    fn selected(&mut self, ui: &mut Ui, project: &mut Project, scene: &SceneFile, entry: Entry) -> Option<String> {
+        let stance = scene.stance(entry)?;
+        let (title, mut changed, mut done) = (scene.title(entry), stance, false);
+        let mut name = title.clone();
+        let is_renamed = ui.add(egui::TextEdit::singleline(&mut name).desired_width(180.0)).changed();
+        egui::Grid::new("stance").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {
+            for (axis, value) in ["x", "y", "z"].into_iter().zip(changed.position_m.as_mut()) {
+                done |= row(ui, axis, &format!("position {axis}"), value, 0.002, " m");
+            }
+            done |= row(ui, "heading", "heading", &mut changed.heading_deg, 0.5, " °");
+            done |= size(ui, &stance, &mut changed);
+        });
+        // To a tenth of a millimetre and of a degree, but only what was touched.
+        let moved = changed.position_m != stance.position_m;
+        let rounded = |to: f64, from: f64| if to == from { to } else { (to * 1e4).round() / 1e4 };
+        for i in 0..3 {
+            changed.position_m[i] = rounded(changed.position_m[i], stance.position_m[i]);
         }
-        if object.instances.is_empty() {
-            let mut position = object.position_m.unwrap_or_default();
-            for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut position) {
-                ui.horizontal(|ui| {
-                    ui.label(axis);
-                    let response = numeric(ui, &format!("position {axis}"), value, 0.002, " m");
-                    done |= response.drag_stopped() || response.lost_focus();
-                });
-            }
-            if position != object.position_m.unwrap_or_default() {
-                changed.position_m = Some(position.map(|n| (n * 1e4).round() / 1e4));
-            }
-            let mut heading = object.heading_deg.unwrap_or(0.0);
-            ui.horizontal(|ui| {
-                ui.label("heading");
-                let response = numeric(ui, "heading", &mut heading, 0.5, " °");
-                done |= response.drag_stopped() || response.lost_focus();
-            });
-            if heading != object.heading_deg.unwrap_or(0.0) {
-                changed.heading_deg = Some((heading * 10.0).round() / 10.0);
-            }
-        } else {
-            ui.label(RichText::new("It stands in several places: edit them in the scene file.").weak());
+        if changed.heading_deg != stance.heading_deg {
+            changed.heading_deg = (changed.heading_deg * 10.0).round() / 10.0;
         }
         let mut wrong = None;
-        if changed != *object {
-            let what = format!("{}: changed", title(object));
-            wrong = project.change_scene(&what, |scene| scene.objects[i] = changed).err().map(|e| e.to_string());
+        if is_renamed || changed != stance {
+            let verb = match () {
+                () if is_renamed => "renamed",
+                () if moved => "moved",
+                () if changed.heading_deg != stance.heading_deg => "turned",
+                () => "scaled",
+            };
+            let change = |scene: &mut SceneFile| {
+                scene.put(entry, &changed);
+                if is_renamed {
+                    scene.rename(entry, &name);
+                }
+            };
+            wrong = project.change_scene(&format!("{title}: {verb}"), change).err().map(|e| e.to_string());
         }
         if done {
             project.close_step();
         }
         ui.horizontal(|ui| {
-            if ui.button("Duplicate").clicked() {
-                let mut copy = object.clone();
-                if let Some([x, ..]) = &mut copy.position_m {
-                    *x += 0.1;
-                }
-                let what = format!("{}: duplicated", title(object));
-                wrong =
-                    project.change_scene(&what, |scene| scene.objects.insert(i + 1, copy)).err().map(|e| e.to_string());
-                project.close_step();
-                self.selected = Some(i + 1);
+            if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
+                wrong = self.duplicate(project, entry);
             }
-            if ui.button("Delete").clicked() {
-                let what = format!("{}: deleted", title(object));
-                wrong = project.change_scene(&what, |scene| _ = scene.objects.remove(i)).err().map(|e| e.to_string());
-                project.close_step();
-                self.selected = None;
+            if ui.button(if scene.is_hidden(entry) { "Show" } else { "Hide" }).on_hover_text("H").clicked() {
+                wrong = self.hide(project);
+            }
+            if ui.button("Delete").on_hover_text("Del").clicked() {
+                wrong = self.delete(project);
             }
         });
         wrong
+    }
+
+    /// A second one, 10 cm to the side.
+    fn duplicate(&mut self, project: &mut Project, entry: Entry) -> Option<String> {
+        let what = format!("{}: duplicated", project.edit().scene.title(entry));
+        let mut copy = None;
+        let done = project.change_scene(&what, |scene| {
+            copy = scene.duplicate(entry);
+            if let Some((copy, mut stance)) = copy.and_then(|copy| Some((copy, scene.stance(copy)?))) {
+                stance.position_m.x += 0.1;
+                scene.put(copy, &stance);
+            }
+        });
+        project.close_step();
+        if done.is_ok() {
+            self.selected = copy.or(self.selected);
+        }
+        done.err().map(|e| e.to_string())
+    }
+
+    /// Leaves what is selected out of the picture, or shows it again. Gives back what went wrong.
+    pub fn hide(&mut self, project: &mut Project) -> Option<String> {
+        let entry = self.selected?;
+        let scene = &project.edit().scene;
+        let hides = !scene.is_hidden(entry);
+        let what = format!("{}: {}", scene.title(entry), if hides { "hidden" } else { "shown" });
+        let done = project.change_scene(&what, |scene| scene.hide(entry, hides));
+        project.close_step();
+        done.err().map(|e| e.to_string())
+    }
+
+    /// Takes away what is selected. Gives back what went wrong.
+    pub fn delete(&mut self, project: &mut Project) -> Option<String> {
+        let entry = self.selected.take()?;
+        let what = format!("{}: deleted", project.edit().scene.title(entry));
+        let done = project.change_scene(&what, |scene| scene.remove(entry));
+        project.close_step();
+        done.err().map(|e| e.to_string())
     }
 
     /// Puts what is being placed where the frame shows a surface, and goes on placing.
@@ -159,10 +193,10 @@ impl Evidence {
         let (file, up): (PathBuf, DVec3) = (project.scene_path(), project.up());
         let model = relative(model, &file);
         let placed = lay(&model, &file, &support, posture, self.heading_deg, up).map_err(|e| e.to_string())?;
-        let what = format!("{}: placed", title(&placed));
+        let what = format!("{}: placed", placed.title());
         project.change_scene(&what, |scene| scene.objects.push(placed)).map_err(|e| e.to_string())?;
         project.close_step();
-        self.selected = Some(project.edit().scene.objects.len() - 1);
+        self.selected = Some(Entry { object: project.edit().scene.objects.len() - 1, instance: None });
         Ok(())
     }
 
@@ -208,8 +242,41 @@ fn name(model: &Path) -> String {
     model.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn title(object: &PlacedModel) -> String {
-    object.name.clone().unwrap_or_else(|| name(Path::new(&object.model)))
+/// A number with its label; whether a change of it has ended.
+fn row(ui: &mut Ui, label: &str, called: &str, value: &mut f64, speed: f64, unit: &str) -> bool {
+    ui.label(label);
+    let response = numeric(ui, called, value, speed, unit);
+    ui.end_row();
+    response.drag_stopped() || response.lost_focus()
+}
+
+/// The size as the scene file has it: a factor, three, or the largest extent.
+fn size(ui: &mut Ui, stance: &Stance, changed: &mut Stance) -> bool {
+    // Zero and less are nothing to look at; a mirror image is a matter for the scene file.
+    let kept = |to: f64, from: f64| if to != 0.0 && to.signum() == from.signum() { to } else { from };
+    match stance.size {
+        Size::LargestM(from) => {
+            let mut to = from;
+            let done = row(ui, "size", "largest extent", &mut to, 0.001 * from.max(0.01), " m");
+            changed.size = Size::LargestM(kept(to, from));
+            done
+        }
+        Size::Scale(from) if from.x == from.y && from.y == from.z => {
+            let mut to = from.x;
+            let done = row(ui, "scale", "scale", &mut to, 0.005 * from.x.abs(), "");
+            changed.size = Size::Scale(glam::DVec3::splat(kept(to, from.x)));
+            done
+        }
+        Size::Scale(from) => {
+            let (mut to, mut done) = (from, false);
+            for (axis, i) in ["scale x", "scale y", "scale z"].into_iter().zip(0..3) {
+                done |= row(ui, axis, axis, &mut to[i], 0.005 * from[i].abs(), "");
+                to[i] = kept(to[i], from[i]);
+            }
+            changed.size = Size::Scale(to);
+            done
+        }
+    }
 }
 
 fn numeric(ui: &mut Ui, called: &str, value: &mut f64, speed: f64, unit: &str) -> egui::Response {

@@ -9,22 +9,44 @@ pub struct History<T> {
     /// The first is what was opened.
     steps: Vec<(String, T)>,
     at: usize,
+    /// What is being tried, and is no step yet.
+    tried: Option<T>,
     /// Whether the step that was made last still grows: a slider is being dragged.
     is_open: bool,
 }
 
 impl<T: Clone + PartialEq> History<T> {
     pub fn new(opened: T) -> Self {
-        Self { steps: vec![("opened".to_owned(), opened)], at: 0, is_open: false }
+        Self { steps: vec![("opened".to_owned(), opened)], at: 0, tried: None, is_open: false }
     }
 
     pub fn now(&self) -> &T {
-        &self.steps[self.at].1
+        self.tried.as_ref().unwrap_or(&self.steps[self.at].1)
+    }
+
+    /// What holds now, until it is kept or dropped. The steps stay as they are.
+    pub fn try_on(&mut self, value: T) {
+        self.tried = Some(value);
+    }
+
+    /// Takes back what was tried.
+    pub fn drop_tried(&mut self) {
+        self.tried = None;
+    }
+
+    /// Makes what was tried a step of its own. `false` where that changes nothing.
+    pub fn keep_tried(&mut self, what: &str) -> bool {
+        let Some(tried) = self.tried.take().filter(|tried| *tried != self.steps[self.at].1) else { return false };
+        self.close();
+        self.change(what, tried);
+        self.close();
+        true
     }
 
     /// A change. What was undone before is forgotten. As long as the step is open, changes of the same name are one step;
     /// [`History::close`] ends it.
     pub fn change(&mut self, what: &str, to: T) {
+        self.tried = None;
         if to == *self.now() {
             return;
         }
@@ -49,6 +71,7 @@ impl<T: Clone + PartialEq> History<T> {
 
     /// Takes back a step. Gives its name, `None` where nothing is left to take back.
     pub fn undo(&mut self) -> Option<&str> {
+        self.drop_tried();
         self.close();
         self.at = self.at.checked_sub(1)?;
         Some(&self.steps[self.at + 1].0)
@@ -56,6 +79,7 @@ impl<T: Clone + PartialEq> History<T> {
 
     /// Does again what was undone last.
     pub fn redo(&mut self) -> Option<&str> {
+        self.drop_tried();
         self.close();
         let (name, _) = self.steps.get(self.at + 1)?;
         self.at += 1;
@@ -64,6 +88,7 @@ impl<T: Clone + PartialEq> History<T> {
 
     /// Goes to a step by its place in [`History::names`].
     pub fn go_to(&mut self, step: usize) {
+        self.drop_tried();
         self.close();
         self.at = step.min(self.steps.len() - 1);
     }
@@ -107,6 +132,28 @@ mod tests {
         history.change("other", 9);
         assert!(!history.can_redo());
         assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "other"]);
+    }
+
+    #[test]
+    fn what_is_tried_is_no_step_until_it_is_kept() {
+        let mut history = History::new(0);
+        history.change("one", 1);
+        history.undo();
+        history.try_on(7);
+        history.try_on(8);
+        assert!(*history.now() == 8 && history.can_redo() && history.names().0.len() == 2);
+        // Dropped, all is as it was: what was undone can be done again.
+        history.drop_tried();
+        assert!(*history.now() == 0 && history.can_redo());
+        history.try_on(0);
+        assert!(!history.keep_tried("nothing") && history.can_redo());
+        history.try_on(9);
+        assert!(history.keep_tried("moved") && *history.now() == 9);
+        history.change("moved", 10);
+        assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "moved", "moved"]);
+        history.try_on(11);
+        assert_eq!(history.undo(), Some("moved"));
+        assert_eq!(*history.now(), 9);
     }
 
     #[test]

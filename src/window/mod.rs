@@ -3,9 +3,9 @@
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `session`: a recording that is open. `player`: which frame is due. `reader` decodes and `maker` composites, each on
 //!   threads of its own. `viewer`: the window's textures that it all goes into.
-//! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`, `evidence`, `timeline` with its
-//!   `thumbnails`: its parts. `hand`: places
-//!   in the picture that another part asks for.
+//! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
+//!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
+//!   `handles`: objects in the picture, selected and moved.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
@@ -14,6 +14,7 @@ mod app;
 mod controls;
 mod evidence;
 mod hand;
+mod handles;
 mod history;
 mod loupe;
 mod maker;

@@ -11,7 +11,7 @@ const SQUARES_FROM: f32 = 2.0;
 pub const LEAST_ZOOM: f32 = 1.0 / 32.0;
 pub const MOST_ZOOM: f32 = 64.0;
 /// How near the wipe's line a drag takes hold of it, points.
-const GRIP: f32 = 6.0;
+pub const GRIP: f32 = 6.0;
 
 /// How the picture is looked at.
 #[derive(Clone, Debug, PartialEq)]

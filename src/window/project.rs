@@ -10,7 +10,7 @@ use crate::compositor::Settings;
 use crate::params::{ParamError, Params, Value};
 use crate::profile::{self, ProfileError, Rig};
 use crate::recording::OpenOptions;
-use crate::scene::{self, SceneError, SceneFile};
+use crate::scene::{self, Models, Scene, SceneError, SceneFile};
 use crate::shot::{Given, Shot, ShotError};
 use crate::sink::SinkError;
 use crate::sink::atomic::write_atomically;
@@ -79,6 +79,8 @@ pub struct Project {
     scene_text: Option<scene::Document>,
     /// What the shot's scene was loaded from.
     loaded: SceneFile,
+    /// Of the scenes so far.
+    models: Models,
     /// Why the scene is not that of all that is set.
     problem: Option<String>,
     /// Grows with every change, so that it is known whether a picture is still what is set.
@@ -113,6 +115,7 @@ impl Project {
             scene: given.scene.clone(),
             scene_text,
             loaded: edit.scene.clone(),
+            models: Models::default(),
             problem: None,
             shot,
             version: 0,
@@ -290,9 +293,34 @@ impl Project {
     pub fn change_scene(&mut self, what: &str, change: impl FnOnce(&mut SceneFile)) -> Result<(), SceneError> {
         let mut edit = self.edit().clone();
         change(&mut edit.scene);
-        scene::load_file(&edit.scene, &self.scene_path(), self.shot.recording.up)?;
+        let loaded = self.load(&edit.scene)?;
+        self.put(loaded, &edit.scene);
         self.change(what, edit);
         Ok(())
+    }
+
+    /// Shows another scene, which is no step of the history until it is kept. What does not load is refused, and what
+    /// was shown stays.
+    pub fn try_scene(&mut self, scene: SceneFile) -> Result<(), SceneError> {
+        if scene == self.edit().scene {
+            return Ok(());
+        }
+        let loaded = self.load(&scene)?;
+        self.put(loaded, &scene);
+        self.history.try_on(Edit { scene, ..self.edit().clone() });
+        self.follow();
+        Ok(())
+    }
+
+    /// Makes the scene that was tried a step. `false` where that changes nothing.
+    pub fn keep_tried(&mut self, what: &str) -> bool {
+        self.history.keep_tried(what)
+    }
+
+    /// Goes back to the scene before it was tried.
+    pub fn drop_tried(&mut self) {
+        self.history.drop_tried();
+        self.follow();
     }
 
     /// The world's up, for the scene as it is.
@@ -300,19 +328,27 @@ impl Project {
         self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
     }
 
+    fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
+        let path = self.scene_path();
+        scene::load_file_with(scene, &path, self.shot.recording.up, &mut self.models)
+    }
+
+    /// Has the shot show what was loaded from a scene file's contents. What follows has the next version.
+    fn put(&mut self, loaded: Scene, from: &SceneFile) {
+        self.shot.set_scene(Arc::new(loaded));
+        self.loaded = from.clone();
+        self.scene_version += 1;
+        self.other_version = self.version + 1;
+        self.problem = None;
+    }
+
     /// Has the shot follow what is set.
     fn follow(&mut self) {
-        let before = self.scene_version;
-        let edit = self.history.now();
-        if self.loaded != edit.scene {
+        if self.loaded != self.edit().scene {
+            let scene = self.edit().scene.clone();
             // It was loaded when it was set; its files may be gone since.
-            match scene::load_file(&edit.scene, &self.scene_path(), self.shot.recording.up) {
-                Ok(scene) => {
-                    self.shot.scene = Arc::new(scene);
-                    self.loaded = edit.scene.clone();
-                    self.scene_version += 1;
-                    self.problem = None;
-                }
+            match self.load(&scene) {
+                Ok(loaded) => self.put(loaded, &scene),
                 Err(error) => self.problem = Some(error.to_string()),
             }
         }
@@ -320,7 +356,7 @@ impl Project {
         self.shot.rig = edit.rig.clone();
         self.shot.settings = edit.settings.clone();
         self.version += 1;
-        if self.other != edit.other || self.scene_version != before {
+        if self.other != edit.other {
             self.other = edit.other.clone();
             self.other_version = self.version;
         }

@@ -21,16 +21,19 @@ pub fn panel(from_px: [f64; 2], to_px: [f64; 2], grey: f32) -> Scene {
         color: [1.0; 4],
     };
     Scene {
-        meshes: vec![Mesh {
-            vertices: vec![
-                corner(from_px[0], from_px[1], [0.0, 0.0]),
-                corner(to_px[0], from_px[1], [1.0, 0.0]),
-                corner(to_px[0], to_px[1], [1.0, 1.0]),
-                corner(from_px[0], to_px[1], [0.0, 1.0]),
-            ],
-            indices: vec![0, 1, 2, 0, 2, 3],
-            material: 0,
-        }],
+        meshes: vec![
+            Mesh {
+                vertices: vec![
+                    corner(from_px[0], from_px[1], [0.0, 0.0]),
+                    corner(to_px[0], from_px[1], [1.0, 0.0]),
+                    corner(to_px[0], to_px[1], [1.0, 1.0]),
+                    corner(from_px[0], to_px[1], [0.0, 1.0]),
+                ],
+                indices: vec![0, 1, 2, 0, 2, 3],
+                material: 0,
+            }
+            .into(),
+        ],
         materials: vec![Material {
             base_color: [grey, grey, grey, 1.0],
             unlit: true,
@@ -40,6 +43,7 @@ pub fn panel(from_px: [f64; 2], to_px: [f64; 2], grey: f32) -> Scene {
         objects: vec![Object {
             name: "board".to_owned(),
             parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+            ..Object::default()
         }],
         lighting: Lighting { environment: Environment::Uniform(glam::Vec3::ONE), ..Lighting::default() },
         ..Scene::default()
@@ -54,7 +58,7 @@ pub fn board(half_px: [f64; 2], grey: f32) -> Scene {
 /// Both scenes' objects.
 pub fn both(mut a: Scene, b: Scene) -> Scene {
     let (meshes, materials) = (a.meshes.len(), a.materials.len());
-    a.meshes.extend(b.meshes.into_iter().map(|m| Mesh { material: m.material + materials, ..m }));
+    a.meshes.extend(b.meshes.iter().map(|m| Mesh { material: m.material + materials, ..Mesh::clone(m) }.into()));
     a.materials.extend(b.materials);
     a.objects.extend(b.objects.into_iter().map(|mut object| {
         object.parts.iter_mut().for_each(|part| part.mesh += meshes);

@@ -18,11 +18,12 @@ pub fn vertex(position: DVec3, color: Vec3) -> Vertex {
 
 pub fn unlit(vertices: Vec<Vertex>, indices: Vec<u32>) -> Scene {
     Scene {
-        meshes: vec![Mesh { vertices, indices, material: 0 }],
+        meshes: vec![Mesh { vertices, indices, material: 0 }.into()],
         materials: vec![Material { unlit: true, double_sided: true, ..Material::default() }],
         objects: vec![Object {
             name: "marks".to_owned(),
             parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+            ..Object::default()
         }],
         ..Scene::default()
     }

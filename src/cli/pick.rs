@@ -1,0 +1,222 @@
+//! Picked points: where they are in the world, how far apart, and what plane goes through them.
+
+use std::cell::OnceCell;
+use std::io::Write;
+
+use anyhow::{Context, Result, bail};
+use glam::{DVec2, DVec3};
+
+use super::inspect::numbers;
+use crate::frame::Frame;
+use crate::scene::Support;
+use crate::shot::{FittedPlane, Shot, Surface, Triangulated, View, metres_per_unit, plane_through};
+use crate::words::{fixed, number};
+
+/// A place in a frame's picture, and where other frames show the same point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pick {
+    at_px: DVec2,
+    also: Vec<View>,
+}
+
+impl Pick {
+    /// From `X,Y`, or `X,Y+FRAME:X,Y` with as many more as are seen.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let mut parts = text.split('+');
+        let at_px = numbers::<2>(parts.next().unwrap_or_default())?.into();
+        let view = |part: &str| {
+            let expected = || format!("{part}: expected FRAME:X,Y after +, as in 320,300+45:310,290");
+            let (frame, at) = part.split_once(':').ok_or_else(expected)?;
+            let frame = frame.trim().parse().map_err(|_| expected())?;
+            Ok(View { frame, at_px: numbers::<2>(at)?.into() })
+        };
+        Ok(Self { at_px, also: parts.map(view).collect::<Result<_, String>>()? })
+    }
+}
+
+impl std::fmt::Display for Pick {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.at_px.to_array().map(number).join(","))?;
+        let mut also = self.also.iter();
+        also.try_for_each(|view| write!(f, "+{}:{}", view.frame, view.at_px.to_array().map(number).join(",")))
+    }
+}
+
+/// How a picked point is known.
+pub enum Known {
+    Depth(Surface),
+    Plane { normal: DVec3 },
+    Views(Triangulated),
+}
+
+pub struct Picked {
+    pub point_m: DVec3,
+    pub known: Known,
+}
+
+impl Picked {
+    /// What can stand there; seen from several frames alone, a level surface.
+    pub fn support(&self, up: DVec3) -> Support {
+        let normal = match &self.known {
+            Known::Depth(surface) => surface.normal_in_world,
+            Known::Plane { normal } => *normal,
+            Known::Views(_) => up,
+        };
+        Support { point_m: self.point_m, normal }
+    }
+}
+
+/// Finds points in a frame of a recording.
+pub struct Picker<'a> {
+    pub shot: &'a Shot,
+    pub frame: usize,
+    /// Overrides depth.
+    pub plane: Option<[f64; 4]>,
+    picture: OnceCell<Frame>,
+}
+
+impl<'a> Picker<'a> {
+    pub fn new(shot: &'a Shot, frame: usize, plane: Option<[f64; 4]>) -> Result<Self> {
+        super::check_frame(frame, shot.recording.frame_count())?;
+        Ok(Self { shot, frame, plane, picture: OnceCell::new() })
+    }
+
+    pub fn find(&self, pick: &Pick) -> Result<Picked> {
+        if !pick.also.is_empty() {
+            let views: Vec<View> = std::iter::once(View { frame: self.frame, at_px: pick.at_px })
+                .chain(pick.also.iter().copied())
+                .collect();
+            views.iter().try_for_each(|view| super::check_frame(view.frame, self.shot.recording.frame_count()))?;
+            let found = self.shot.triangulate(&views)?;
+            return Ok(Picked { point_m: found.point_m, known: Known::Views(found) });
+        }
+        if let Some(plane) = self.plane {
+            let Support { point_m, normal } = self.shot.support_on_plane(self.frame, pick.at_px, plane)?;
+            return Ok(Picked { point_m, known: Known::Plane { normal } });
+        }
+        let picture = match self.picture.get() {
+            Some(picture) => picture,
+            None => {
+                let picture = self.shot.read(self.frame)?;
+                self.picture.get_or_init(|| picture)
+            }
+        };
+        let surface = self.shot.surface_at(picture, pick.at_px)?;
+        Ok(Picked { point_m: surface.point_m, known: Known::Depth(surface) })
+    }
+}
+
+/// What `inspect` is asked about its points.
+pub struct Asked<'a> {
+    pub picks: &'a [Pick],
+    /// The true distance between two of them, m.
+    pub distance_m: Option<f64>,
+    /// `None` if nobody said it and the recording is not in metres.
+    pub metres_per_unit: Option<f64>,
+}
+
+/// Says where the points are, how far apart, and what plane lies through three or more.
+pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Result<()> {
+    let Asked { picks, distance_m, .. } = *asked;
+    if let Some(distance_m) = distance_m {
+        match picks.len() {
+            2 if distance_m > 0.0 => {}
+            2 => bail!("--distance {distance_m}: accepted is what lies above 0"),
+            given => bail!("--distance is that of two points: give --pick twice ({given} given)"),
+        }
+    }
+    let shot = picker.shot;
+    let is_metric = shot.recording.kind.is_metric();
+    let unit = if is_metric || asked.metres_per_unit.is_some() { "m" } else { "units" };
+    let mut points = Vec::new();
+    for (i, pick) in picks.iter().enumerate() {
+        let picked = picker.find(pick).with_context(|| format!("--pick {pick}"))?;
+        let which = if picks.len() > 1 { format!(" {}", i + 1) } else { String::new() };
+        write!(out, "{:<11}{} {unit}", format!("world{which}"), triple(picked.point_m))?;
+        match &picked.known {
+            Known::Depth(surface) => {
+                writeln!(out, " (depth {} {unit})", fixed(surface.depth_m, 4))?;
+                let n = surface.normal_in_world;
+                write!(out, "{:<11}normal {:.3} {:.3} {:.3}", format!("surface{which}"), n.x, n.y, n.z)?;
+                if let Some(up) = shot.recording.up {
+                    write!(out, ", tilted by {:.1}°", n.dot(up).clamp(-1.0, 1.0).acos().to_degrees())?;
+                }
+                let on = 100.0 * surface.share;
+                writeln!(out, ", uneven by {} {unit}, {on:.0} % of what is around", fixed(surface.sigma_m, 5))?;
+            }
+            Known::Plane { .. } => {
+                let depth = shot.recording.pose_at_frame(picker.frame)?.transform_point(picked.point_m).z;
+                writeln!(out, " (on the plane, depth {} {unit})", fixed(depth, 4))?;
+            }
+            Known::Views(found) => writeln!(
+                out,
+                " (± {} {unit}; rays at {}°, {} px off)",
+                fixed(found.sigma_m, 4),
+                fixed(found.angle_deg, 1),
+                fixed(found.off_px, 2)
+            )?,
+        }
+        points.push(picked.point_m);
+    }
+    for (i, pair) in points.windows(2).enumerate() {
+        writeln!(out, "distance   {} {unit}, {} to {}", fixed(pair[0].distance(pair[1]), 4), i + 1, i + 2)?;
+    }
+    if points.len() > 2 {
+        let eye = shot.recording.pose_at_frame(picker.frame)?.position_in_world_m();
+        let plane = plane_through(&points)?.facing(shot.recording.up.unwrap_or(eye - points[0]));
+        let FittedPlane { off_m, most_m, .. } = plane;
+        let numbers = plane.numbers().map(|n| fixed(n, 6)).join(",");
+        write!(out, "plane      --plane {numbers}")?;
+        match points.len() {
+            3 => writeln!(out)?,
+            _ => writeln!(out, " (points off by {} {unit}, {} at most)", fixed(off_m, 4), fixed(most_m, 4))?,
+        }
+    }
+    if let (Some(distance_m), [a, b]) = (distance_m, points.as_slice()) {
+        let found = a.distance(*b);
+        let now = asked.metres_per_unit.unwrap_or(1.0);
+        let Some(scale) = metres_per_unit(*a, *b, distance_m, now) else {
+            bail!("--distance {distance_m}: the two points are one and the same");
+        };
+        let percent = 100.0 * (found / distance_m - 1.0);
+        match is_metric {
+            true => writeln!(out, "scale      {} % off: the recording is in metres already", fixed(percent, 1))?,
+            false => writeln!(
+                out,
+                "scale      --metres-per-unit {0}, or metres_per_unit = {0} in the scene file",
+                short(scale)
+            )?,
+        }
+    }
+    Ok(())
+}
+
+/// Six digits that count.
+fn short(n: f64) -> String {
+    let digits = (5.0 - n.abs().log10().floor()).clamp(0.0, 17.0) as usize;
+    number(fixed(n, digits).parse().unwrap_or(n))
+}
+
+pub fn triple(point: DVec3) -> String {
+    point.to_array().map(|c| fixed(c, 4)).join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn picks_are_read_as_they_are_written() {
+        let pick = Pick::parse("320,300+45:310.5,290+50:1,2").unwrap();
+        assert_eq!(pick.to_string(), "320,300+45:310.5,290+50:1,2");
+        assert_eq!((pick.at_px, pick.also.len()), (DVec2::new(320.0, 300.0), 2));
+        assert!(Pick::parse("3,4").unwrap().also.is_empty());
+        for wrong in ["", "3", "3,4,5", "3,4+5,6", "3,4+x:5,6", "3,4+-1:5,6", "nan,4"] {
+            assert!(Pick::parse(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(
+            (short(0.123456789), short(12.3456789), short(4321.0)),
+            ("0.123457".into(), "12.3457".into(), "4321".into())
+        );
+    }
+}

@@ -1,0 +1,248 @@
+//! Models and panoramas that were read, kept for the next scene that places the same files.
+//!
+//! Moving a thing in a window makes a scene sixty times a second; only where things stand differs. What a model has, its
+//! meshes and pictures, is shared between the scenes, and its files are read again once they have changed on disk.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use super::loader::{Loader, MAX_INDICES, MAX_VERTICES, Model, ModelLight};
+use super::picture::MAX_PIXELS;
+use super::{Material, Mesh, Part, Texture};
+
+/// Keeps what was read; for [`super::load_file_with`].
+#[derive(Debug, Default)]
+pub struct Models {
+    models: HashMap<PathBuf, Kept>,
+    panoramas: HashMap<PathBuf, (Stamp, Panorama)>,
+}
+
+/// Width, height, and linear colours row by row.
+pub(super) type Panorama = (u32, u32, Arc<Vec<[f32; 3]>>);
+
+/// What tells whether a file is still the same.
+#[derive(Clone, Debug, PartialEq)]
+struct Stamp {
+    file: PathBuf,
+    modified: Option<SystemTime>,
+    length: Option<u64>,
+}
+
+impl Stamp {
+    fn of(file: &Path) -> Self {
+        let found = std::fs::metadata(file).ok();
+        let modified = found.as_ref().and_then(|m| m.modified().ok());
+        Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
+    }
+
+    fn is_fresh(&self) -> bool {
+        self.length.is_some() && *self == Self::of(&self.file)
+    }
+}
+
+/// Everything of a model as it stands in the scene into which it was read.
+#[derive(Clone, Debug)]
+struct Kept {
+    files: Vec<Stamp>,
+    start: Lengths,
+    meshes: Vec<Arc<Mesh>>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    parts: Vec<Part>,
+    lights: Vec<ModelLight>,
+    warnings: Vec<String>,
+    pixels: u64,
+    vertices: usize,
+    indices: usize,
+}
+
+/// How much of everything a scene has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Lengths {
+    meshes: usize,
+    materials: usize,
+    textures: usize,
+    files: usize,
+    warnings: usize,
+    pixels: u64,
+    vertices: usize,
+    indices: usize,
+}
+
+impl Loader {
+    pub fn lengths(&self) -> Lengths {
+        let scene = &self.scene;
+        Lengths {
+            meshes: scene.meshes.len(),
+            materials: scene.materials.len(),
+            textures: scene.textures.len(),
+            files: scene.files.len(),
+            warnings: scene.warnings.len(),
+            pixels: self.pixels,
+            vertices: self.vertices,
+            indices: self.indices,
+        }
+    }
+
+    /// Keeps a model that has just been read; `start` is what the scene had before.
+    pub fn keep(&mut self, file: &Path, model: &Model, start: Lengths) {
+        let scene = &self.scene;
+        let kept = Kept {
+            files: scene.files[start.files..].iter().map(|file| Stamp::of(file)).collect(),
+            start,
+            meshes: scene.meshes[start.meshes..].to_vec(),
+            materials: scene.materials[start.materials..].to_vec(),
+            textures: scene.textures[start.textures..].to_vec(),
+            parts: model.parts.clone(),
+            lights: model.lights.clone(),
+            warnings: scene.warnings[start.warnings..].to_vec(),
+            pixels: self.pixels - start.pixels,
+            vertices: self.vertices - start.vertices,
+            indices: self.indices - start.indices,
+        };
+        self.kept.models.insert(file.to_owned(), kept);
+    }
+
+    /// Puts a model that is kept into the scene. `None` if it is not, its files have changed, or the scene would be too large:
+    /// then it must be read.
+    pub fn take_kept(&mut self, file: &Path) -> Option<Rc<Model>> {
+        let kept = self.kept.models.get(file).filter(|kept| kept.files.iter().all(Stamp::is_fresh))?;
+        let fits = self.pixels + kept.pixels <= MAX_PIXELS
+            && self.vertices + kept.vertices <= MAX_VERTICES
+            && self.indices + kept.indices <= MAX_INDICES;
+        if !fits {
+            return None;
+        }
+        let mut kept = kept.clone();
+        let start = self.lengths();
+        kept.move_to(start);
+        let scene = &mut self.scene;
+        scene.meshes.extend(kept.meshes.iter().cloned());
+        scene.materials.extend(kept.materials.iter().cloned());
+        scene.textures.extend(kept.textures.iter().cloned());
+        scene.files.extend(kept.files.iter().map(|stamp| stamp.file.clone()));
+        (self.pixels, self.vertices, self.indices) =
+            (self.pixels + kept.pixels, self.vertices + kept.vertices, self.indices + kept.indices);
+        let model = Rc::new(Model { parts: kept.parts.clone(), lights: kept.lights.clone() });
+        for warning in &kept.warnings {
+            self.warn_as_it_is(warning.clone());
+        }
+        self.kept.models.insert(file.to_owned(), kept);
+        Some(model)
+    }
+
+    /// A panorama that was read; `read` reads it where it is not kept or has changed.
+    pub fn panorama<E>(&mut self, file: &Path, read: impl FnOnce() -> Result<Panorama, E>) -> Result<Panorama, E> {
+        if let Some((_, known)) = self.kept.panoramas.get(file).filter(|(stamp, _)| stamp.is_fresh()) {
+            return Ok(known.clone());
+        }
+        let stamp = Stamp::of(file);
+        let read = read()?;
+        self.kept.panoramas.insert(file.to_owned(), (stamp, read.clone()));
+        Ok(read)
+    }
+}
+
+impl Kept {
+    /// Has its indices count from elsewhere. Meshes are copied only if their materials have other numbers there.
+    fn move_to(&mut self, start: Lengths) {
+        let from = std::mem::replace(&mut self.start, start);
+        let moved = |index: usize, from: usize, to: usize| index - from + to;
+        if start.materials != from.materials {
+            for mesh in &mut self.meshes {
+                Arc::make_mut(mesh).material = moved(mesh.material, from.materials, start.materials);
+            }
+        }
+        for material in &mut self.materials {
+            let uses = [
+                &mut material.base_color_texture,
+                &mut material.metallic_roughness_texture,
+                &mut material.normal_texture,
+                &mut material.occlusion_texture,
+                &mut material.emissive_texture,
+            ];
+            for used in uses.into_iter().flatten() {
+                used.texture = moved(used.texture, from.textures, start.textures);
+            }
+        }
+        for part in &mut self.parts {
+            part.mesh = moved(part.mesh, from.meshes, start.meshes);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::document::{Instance, PlacedModel};
+    use crate::scene::{Entry, Models, SceneFile, load_file, load_file_with};
+    use glam::DVec3;
+
+    fn placed(models: &[&str]) -> SceneFile {
+        let object = |model: &&str| PlacedModel { model: (*model).to_owned(), ..PlacedModel::default() };
+        SceneFile { objects: models.iter().map(object).collect(), ..SceneFile::default() }
+    }
+
+    #[test]
+    fn a_scene_of_kept_models_is_the_same_and_shares_them() {
+        let path = Path::new("scenes/any.toml");
+        let mut models = Models::default();
+        let [a, b, c] = ["marker-1.glb", "l-scale.glb", "cartridge-case-9mm.glb"];
+        let first = placed(&[a, b]);
+        let scene = load_file_with(&first, path, Some(DVec3::Z), &mut models).unwrap();
+        let mut moved = first.clone();
+        moved.objects[1].position_m = Some([0.5, 0.0, 0.0]);
+        let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models).unwrap();
+        assert!(scene.meshes.iter().zip(&again.meshes).all(|(a, b)| Arc::ptr_eq(a, b)));
+        assert!(again.is_made_of_the_same(&scene) && again != scene);
+        // In another order, with others, and back: as if nothing were kept.
+        for file in [placed(&[b, c, a]), placed(&[c]), moved.clone(), first] {
+            let kept = load_file_with(&file, path, Some(DVec3::Z), &mut models).unwrap();
+            assert!(kept == load_file(&file, path, Some(DVec3::Z)).unwrap(), "{file:?}");
+        }
+        assert!(!load_file(&placed(&[a, c]), path, None).unwrap().is_made_of_the_same(&scene));
+        // What goes wrong loses nothing.
+        let before = load_file_with(&moved, path, Some(DVec3::Z), &mut models).unwrap();
+        load_file_with(&placed(&["none.glb"]), path, None, &mut models).unwrap_err();
+        let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models).unwrap();
+        assert!(before.meshes.iter().zip(&again.meshes).all(|(a, b)| Arc::ptr_eq(a, b)));
+    }
+
+    #[test]
+    fn a_model_that_changes_on_disk_is_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, model) = (folder.path().join("scene.toml"), folder.path().join("a.glb"));
+        std::fs::copy("scenes/marker-1.glb", &model).unwrap();
+        let mut models = Models::default();
+        let mut load = || load_file_with(&placed(&["a.glb"]), &path, None, &mut models);
+        let before = load().unwrap();
+        std::fs::copy("scenes/l-scale.glb", &model).unwrap();
+        assert!(!load().unwrap().is_made_of_the_same(&before));
+        std::fs::remove_file(&model).unwrap();
+        assert!(load().unwrap_err().to_string().contains("a.glb"));
+    }
+
+    #[test]
+    fn what_is_hidden_keeps_its_place_and_is_not_drawn() {
+        let path = Path::new("scenes/any.toml");
+        let mut file = placed(&["marker-1.glb", "l-scale.glb"]);
+        file.objects[1].instances = vec![Instance::default(), Instance::default()];
+        let [marker, first, second] = file.entries()[..] else { panic!("{:?}", file.entries()) };
+        file.hide(marker, true);
+        file.hide(first, true);
+        let hidden = |file: &SceneFile| file.entries().into_iter().map(|e| file.is_hidden(e)).collect::<Vec<_>>();
+        assert_eq!(hidden(&file), [true, true, false]);
+        let scene = load_file(&file, path, Some(DVec3::Z)).unwrap();
+        let drawn: Vec<bool> = scene.objects.iter().map(|object| !object.parts.is_empty()).collect();
+        assert_eq!((drawn, scene.objects[0].hidden, scene.warnings.len()), (vec![false, false, true], true, 0));
+        // All of an object, and one of it shown again.
+        file.hide(Entry { instance: None, ..second }, true);
+        assert_eq!(hidden(&file), [true, true, true]);
+        file.hide(second, false);
+        file.hide(marker, false);
+        assert_eq!(hidden(&file), [false, true, false]);
+    }
+}

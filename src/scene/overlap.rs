@@ -1,0 +1,228 @@
+//! Which objects stand inside each other.
+//!
+//! Two solids share volume where both have an inside along the same line. So the space that both bounding boxes share is
+//! crossed by a grid of lines, along the three axes in turn, and on each line the two insides are compared. A surface's
+//! orientation says whether a line enters or leaves, which gaps and doubled faces survive (winding numbers; Jacobson, Kavan
+//! and Sorkine-Hornung 2013 have them for space). The depth of an overlap is the least, over the axes, of the longest
+//! stretch inside both: things that touch, lie on or lean against each other have none.
+//!
+//! Not seen: what has no inside (a sheet, an open shell), and what is narrower than the grid's cells.
+
+use glam::{DVec2, DVec3};
+
+use super::{Object, Scene};
+
+/// Two objects that share volume.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlap {
+    /// Indices into [`Scene::objects`], the lower one first.
+    pub objects: [usize; 2],
+    /// How far one would have to be moved along an axis of the world, at least, metres.
+    pub depth_m: f64,
+}
+
+/// Lines across the shared space, along each side.
+const LINES: usize = 48;
+/// A model's corners are rounded, and a place is written to a tenth of a millimetre.
+const TOUCHING_M: f64 = 5e-4;
+/// More pairs of boxes are not looked at.
+const MOST_PAIRS: usize = 4096;
+
+type Triangle = [DVec3; 3];
+
+struct Solid {
+    low: DVec3,
+    high: DVec3,
+    triangles: Vec<Triangle>,
+}
+
+/// Every two objects that share volume, in order.
+pub fn overlaps(scene: &Scene) -> Vec<Overlap> {
+    let solids: Vec<Option<Solid>> = scene.objects.iter().map(|object| solid(scene, object)).collect();
+    let mut order: Vec<(usize, &Solid)> =
+        solids.iter().enumerate().filter_map(|(i, s)| Some((i, s.as_ref()?))).collect();
+    order.sort_by(|a, b| a.1.low.x.total_cmp(&b.1.low.x));
+    let near = order.iter().enumerate().flat_map(|(n, (i, a))| {
+        order[n + 1..].iter().take_while(|(_, b)| b.low.x < a.high.x - TOUCHING_M).map(move |(j, b)| (*i, *a, *j, *b))
+    });
+    let found = near.take(MOST_PAIRS).filter_map(|(i, a, j, b)| {
+        let depth_m = shared(a, b)?;
+        Some(Overlap { objects: [i.min(j), i.max(j)], depth_m })
+    });
+    let mut found: Vec<_> = found.collect();
+    found.sort_by_key(|overlap| overlap.objects);
+    found
+}
+
+fn solid(scene: &Scene, object: &Object) -> Option<Solid> {
+    let triangles: Vec<Triangle> = object
+        .parts
+        .iter()
+        .flat_map(|part| {
+            let mesh = &scene.meshes[part.mesh];
+            let corner = |i: u32| {
+                let position = mesh.vertices[i as usize].position.map(f64::from);
+                part.world_from_mesh.transform_point3(DVec3::from(position))
+            };
+            // A mirrored mesh is inside out.
+            let mirrored = part.world_from_mesh.matrix3.determinant() < 0.0;
+            mesh.indices.chunks_exact(3).map(move |t| {
+                let [a, b, c] = [corner(t[0]), corner(t[1]), corner(t[2])];
+                if mirrored { [a, c, b] } else { [a, b, c] }
+            })
+        })
+        .collect();
+    let (low, high) = triangles
+        .iter()
+        .flatten()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)));
+    low.is_finite().then_some(Solid { low, high, triangles })
+}
+
+/// The depth of what two solids share; `None` if they only touch, or less.
+fn shared(a: &Solid, b: &Solid) -> Option<f64> {
+    let (low, high) = (a.low.max(b.low), a.high.min(b.high));
+    if !(high - low).cmpgt(DVec3::splat(TOUCHING_M)).all() {
+        return None;
+    }
+    let mut least = f64::INFINITY;
+    for axis in 0..3 {
+        let longest = along_axis(a, b, low, high, axis);
+        if longest <= TOUCHING_M {
+            return None;
+        }
+        least = least.min(longest);
+    }
+    Some(least)
+}
+
+/// The longest stretch of a line along an axis that is inside both.
+fn along_axis(a: &Solid, b: &Solid, low: DVec3, high: DVec3, axis: usize) -> f64 {
+    let turned = |p: DVec3| DVec3::new(p[(axis + 1) % 3], p[(axis + 2) % 3], p[axis]);
+    let (low, high) = (turned(low), turned(high));
+    let step = (high - low).truncate() / LINES as f64;
+    let lines = [a, b].map(|solid| {
+        let mut lines: Vec<Vec<(f64, i32)>> = vec![Vec::new(); LINES * LINES];
+        for triangle in &solid.triangles {
+            cross(triangle.map(turned), low.truncate(), step, &mut lines);
+        }
+        lines
+    });
+    let [in_a, in_b] = lines;
+    in_a.into_iter().zip(in_b).map(|(a, b)| longest_shared(&inside(a), &inside(b))).fold(0.0, f64::max)
+}
+
+/// Notes where a triangle crosses lines along z, and whether they enter.
+fn cross([a, b, c]: Triangle, low: DVec2, step: DVec2, lines: &mut [Vec<(f64, i32)>]) {
+    let [p, q, r] = [a, b, c].map(|corner| corner.truncate());
+    let area = (q - p).perp_dot(r - p);
+    // Lines lie off the middles of their cells, so that none runs along a side that two triangles share.
+    let first = low + step * DVec2::new(0.4871, 0.5237);
+    let from = ((p.min(q).min(r) - first) / step).ceil().max(DVec2::ZERO);
+    let to = ((p.max(q).max(r) - first) / step).floor().min(DVec2::splat(LINES as f64 - 1.0));
+    if area == 0.0 || !(from.cmple(to).all()) {
+        return;
+    }
+    for y in from.y as usize..=to.y as usize {
+        for x in from.x as usize..=to.x as usize {
+            let at = first + step * DVec2::new(x as f64, y as f64);
+            let u = (r - q).perp_dot(at - q) / area;
+            let v = (p - r).perp_dot(at - r) / area;
+            let w = 1.0 - u - v;
+            if u >= 0.0 && v >= 0.0 && w >= 0.0 {
+                // Counter-clockwise seen from +z: its outside is above, and the line leaves.
+                lines[y * LINES + x].push((u * a.z + v * b.z + w * c.z, if area > 0.0 { -1 } else { 1 }));
+            }
+        }
+    }
+}
+
+/// The stretches of a line that are inside. A line that does not leave as often as it enters says nothing.
+fn inside(mut crossings: Vec<(f64, i32)>) -> Vec<[f64; 2]> {
+    if crossings.iter().map(|(_, way)| way).sum::<i32>() != 0 {
+        return Vec::new();
+    }
+    crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut winding, mut entered) = (0, 0.0);
+    let mut stretches = Vec::new();
+    for (at, way) in crossings {
+        let before = winding;
+        winding += way;
+        match (before, winding) {
+            (0, _) => entered = at,
+            (_, 0) => stretches.push([entered, at]),
+            _ => {}
+        }
+    }
+    stretches
+}
+
+fn longest_shared(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
+    let pairs = a.iter().flat_map(|a| b.iter().map(move |b| a[1].min(b[1]) - a[0].max(b[0])));
+    pairs.fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Mesh, Part, Vertex};
+    use glam::{DAffine3, DQuat};
+
+    /// Cubes of 1 m around their origins, each placed.
+    fn cubes(placed: &[DAffine3]) -> Scene {
+        let vertex = |i: u32| {
+            let side = |bit: u32| if i >> bit & 1 == 1 { 0.5 } else { -0.5 };
+            Vertex { position: [side(0), side(1), side(2)], ..bytemuck::Zeroable::zeroed() }
+        };
+        // Counter-clockwise seen from outside.
+        let squares = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let indices = squares.iter().flat_map(|s: &[u32; 4]| [s[0], s[1], s[2], s[0], s[2], s[3]]).collect();
+        let mesh = Mesh { vertices: (0..8).map(vertex).collect(), indices, material: 0 };
+        let object =
+            |at: &DAffine3| Object { parts: vec![Part { mesh: 0, world_from_mesh: *at }], ..Object::default() };
+        Scene { meshes: vec![mesh.into()], objects: placed.iter().map(object).collect(), ..Scene::default() }
+    }
+
+    fn at(x: f64, y: f64, z: f64) -> DAffine3 {
+        DAffine3::from_translation(DVec3::new(x, y, z))
+    }
+
+    fn sized(size: [f64; 3], place: DAffine3) -> DAffine3 {
+        place * DAffine3::from_scale(size.into())
+    }
+
+    #[test]
+    fn what_shares_volume_is_found_and_how_deep() {
+        let found = overlaps(&cubes(&[at(0.0, 0.0, 0.0), at(5.0, 0.0, 0.0), at(0.2, 0.3, 0.9)]));
+        assert_eq!(found.iter().map(|o| o.objects).collect::<Vec<_>>(), [[0, 2]]);
+        assert!((found[0].depth_m - 0.1).abs() < 1e-9, "{found:?}");
+        // Wholly inside, mirrored, and turned: a bar through a slab, without a corner in it.
+        let inside = overlaps(&cubes(&[at(0.0, 0.0, 0.0), sized([-0.1, 0.2, 0.3], at(0.1, 0.0, 0.0))]));
+        assert!((inside[0].depth_m - 0.1).abs() < 1e-9, "{inside:?}");
+        let bar = DAffine3::from_quat(DQuat::from_rotation_z(0.7)) * sized([3.0, 0.05, 0.05], at(0.0, 0.0, 0.0));
+        let through = overlaps(&cubes(&[sized([1.0, 1.0, 0.02], at(0.0, 0.0, 0.0)), bar]));
+        assert!((through[0].depth_m - 0.02).abs() < 1e-9, "{through:?}");
+    }
+
+    #[test]
+    fn what_touches_shares_nothing() {
+        let turn = DAffine3::from_quat(DQuat::from_rotation_z(std::f64::consts::FRAC_PI_4));
+        let beside = turn * at(1.0, 0.0, 0.0) * turn.inverse() * turn;
+        let cases = [
+            // On top, and a tenth of a millimetre into it; side by side along a diagonal; corners; within a box's empty corner.
+            vec![at(0.0, 0.0, 0.0), at(0.1, -0.2, 1.0)],
+            vec![at(0.0, 0.0, 0.0), at(0.1, -0.2, 0.9999)],
+            vec![turn, beside],
+            vec![at(0.0, 0.0, 0.0), at(1.0, 1.0, 1.0)],
+            vec![turn, sized([0.2, 0.2, 0.2], at(0.6, 0.6, 0.0))],
+        ];
+        for placed in cases {
+            assert_eq!(overlaps(&cubes(&placed)), [], "{placed:?}");
+        }
+        // A shell without a side has no inside.
+        let mut open = cubes(&[at(0.0, 0.0, 0.0), at(0.2, 0.0, 0.3)]);
+        std::sync::Arc::make_mut(&mut open.meshes[0]).indices.truncate(30);
+        assert_eq!(overlaps(&open), []);
+        assert_eq!(overlaps(&Scene::default()), []);
+    }
+}

@@ -1,0 +1,127 @@
+//! The camera of one frame for points of the world: where they are seen, and along which ray a place looks.
+//!
+//! As in shaders/raster.wgsl: distortion, and each row with the pose of its own moment. Not modelled: the lens's opening
+//! and the exposure, which spread a point around the place that is given here.
+
+use glam::{DVec2, DVec3};
+
+use super::{Shot, SurfaceError};
+use crate::camera::Geometry;
+use crate::render::{Shutter, ViewKeys};
+
+/// A frame's camera with the poses of its rows.
+#[derive(Clone, Debug)]
+pub struct Eye {
+    geometry: Geometry,
+    keys: ViewKeys,
+}
+
+/// The line of sight of a place in the picture, in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// The camera's position when the place was read, metres.
+    pub origin_m: DVec3,
+    /// Unit length.
+    pub direction: DVec3,
+}
+
+impl Ray {
+    pub fn at(&self, distance_m: f64) -> DVec3 {
+        self.origin_m + distance_m * self.direction
+    }
+}
+
+/// A row's time depends on the place, the place on the row's time: each step contracts by readout · speed / height.
+const STEPS: usize = 4;
+
+impl Shot {
+    /// The camera of a frame.
+    pub fn eye(&self, frame: usize) -> Result<Eye, SurfaceError> {
+        let geometry = self.geometry_at(frame).map_err(Box::new)?;
+        let middle = self.recording.pose_at_frame(frame)?;
+        let time_s = self.recording.timestamps_s[frame] + self.recording.time_offset_s;
+        let readout_time_s = geometry.intrinsics.readout_time_s;
+        let shutter = Shutter { exposure_time_s: 0.0, readout_time_s, beyond_s: 0.0 };
+        let at = |offset_s: f64| self.recording.track.at_or_nearest(time_s + offset_s).unwrap_or(middle);
+        Ok(Eye { keys: ViewKeys::new(shutter, at), geometry })
+    }
+}
+
+impl Eye {
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// The camera's position at the frame's time, metres.
+    pub fn position_m(&self) -> DVec3 {
+        self.keys.origin_in_world_m
+    }
+
+    /// Where a point of the world is seen, px from the picture's upper left; it may lie outside. `None` behind the camera,
+    /// and where the lens sees nothing.
+    pub fn project(&self, point_m: DVec3) -> Option<DVec2> {
+        self.geometry.project(self.in_camera(point_m)?)
+    }
+
+    /// A point of the world in the camera's axes (metres) at the moment of the row in which it is seen.
+    pub fn in_camera(&self, point_m: DVec3) -> Option<DVec3> {
+        let readout_s = self.geometry.intrinsics.readout_time_s;
+        let from_origin = point_m - self.keys.origin_in_world_m;
+        let at = |time_s: f64| {
+            let (rotation, position_m) = self.keys.at(time_s);
+            rotation * (from_origin - position_m)
+        };
+        let mut point = at(0.0);
+        if readout_s > 0.0 {
+            for _ in 0..STEPS {
+                let row_s = self.geometry.row_time_s(self.geometry.project(point)?.y);
+                // Rows far outside the picture are never read; their time is kept close to it.
+                point = at(row_s.clamp(-readout_s, readout_s));
+            }
+        }
+        self.geometry.project(point).map(|_| point)
+    }
+
+    /// The ray of a place in the picture, px from its upper left. `None` where the lens sees nothing.
+    pub fn ray(&self, at_px: DVec2) -> Option<Ray> {
+        let readout_s = self.geometry.intrinsics.readout_time_s;
+        let direction = self.geometry.direction(at_px)?;
+        let (rotation, position_m) = self.keys.at(self.geometry.row_time_s(at_px.y).clamp(-readout_s, readout_s));
+        let origin_m = self.keys.origin_in_world_m + position_m;
+        Some(Ray { origin_m, direction: (rotation.inverse() * direction).normalize() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::OpenOptions;
+    use crate::shot::Given;
+    use std::path::Path;
+
+    #[test]
+    fn a_ray_is_seen_where_it_comes_from_in_the_row_of_its_own_moment() {
+        let open = |sets: &[&str]| {
+            let sets = sets.iter().map(ToString::to_string).collect();
+            Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given { sets, ..Given::default() })
+                .unwrap()
+        };
+        let shot = open(&[]);
+        let eye = shot.eye(30).unwrap();
+        for at in [(1.0, 2.0), (320.0, 240.0), (600.5, 470.5), (40.0, 400.0)].map(DVec2::from) {
+            let ray = eye.ray(at).unwrap();
+            assert!((ray.direction.length() - 1.0).abs() < 1e-12);
+            for distance_m in [0.3, 1.0, 20.0] {
+                let back = eye.project(ray.at(distance_m)).unwrap();
+                // Four steps of a contraction by the motion within a row's share of the readout.
+                assert!(back.distance(at) < 1e-3, "{at}: {back}");
+            }
+            assert_eq!(eye.project(ray.at(-1.0)), None);
+        }
+        // Rows at the rims have times of their own: a rigid picture would show them elsewhere.
+        let rigid = open(&["camera.readout_time_s=0"]).eye(30).unwrap();
+        let (top, middle) = (DVec2::new(320.0, 4.0), DVec2::new(320.0, 240.0));
+        let moved = |at: DVec2| rigid.project(eye.ray(at).unwrap().at(1.0)).unwrap().distance(at);
+        assert!(moved(top) > 0.5 && moved(middle) < 1e-6, "{} {}", moved(top), moved(middle));
+    }
+}

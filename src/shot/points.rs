@@ -1,0 +1,125 @@
+//! What follows from points that were picked: a plane through them, and the length of a unit.
+
+use glam::{DMat3, DVec3};
+
+use super::SurfaceError;
+
+/// A plane a·x + b·y + c·z = d.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FittedPlane {
+    /// Unit length.
+    pub normal: DVec3,
+    pub d_m: f64,
+    /// How far the points lie from it, root mean square and at most, metres.
+    pub off_m: f64,
+    pub most_m: f64,
+}
+
+impl FittedPlane {
+    /// a, b, c, d, as [`super::Shot::support_on_plane`] takes them.
+    pub fn numbers(&self) -> [f64; 4] {
+        [self.normal.x, self.normal.y, self.normal.z, self.d_m]
+    }
+
+    /// With the normal towards that side.
+    pub fn facing(self, towards: DVec3) -> Self {
+        let sign = if self.normal.dot(towards) < 0.0 { -1.0 } else { 1.0 };
+        Self { normal: sign * self.normal, d_m: sign * self.d_m, ..self }
+    }
+}
+
+/// Points whose width is less than this share of their length lie on a line.
+const NARROW: f64 = 0.01;
+
+/// The plane with the least squares of distances from three or more points (Pearson 1901).
+pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
+    let refused = |reason| Err(SurfaceError::Points { reason });
+    if points_m.len() < 3 {
+        return refused("it needs three");
+    }
+    let count = points_m.len() as f64;
+    let middle = points_m.iter().sum::<DVec3>() / count;
+    let mut matrix = DMat3::ZERO;
+    for p in points_m.iter().map(|p| *p - middle) {
+        matrix += DMat3::from_cols(p * p.x, p * p.y, p * p.z);
+    }
+    let mut axes = principal(matrix);
+    axes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [_, width, length] = axes.map(|(squares, _)| squares.max(0.0).sqrt());
+    if !(width > NARROW * length) {
+        return refused("they lie on a line; pick one to its side");
+    }
+    let normal = axes[0].1;
+    let off = |p: &DVec3| normal.dot(*p - middle).abs();
+    Ok(FittedPlane {
+        normal,
+        d_m: normal.dot(middle),
+        off_m: (points_m.iter().map(|p| off(p).powi(2)).sum::<f64>() / count).sqrt(),
+        most_m: points_m.iter().map(off).fold(0.0, f64::max),
+    })
+}
+
+/// Eigenvalues and unit eigenvectors of a symmetric matrix (Jacobi 1846: turns that take one element after another to zero).
+fn principal(mut matrix: DMat3) -> [(f64, DVec3); 3] {
+    const SWEEPS: usize = 16;
+    let mut axes = DMat3::IDENTITY;
+    for (i, j) in (0..SWEEPS).flat_map(|_| [(0, 1), (0, 2), (1, 2)]) {
+        let off = matrix.col(j)[i];
+        if off == 0.0 {
+            continue;
+        }
+        let angle = 0.5 * (2.0 * off).atan2(matrix.col(j)[j] - matrix.col(i)[i]);
+        let (s, c) = angle.sin_cos();
+        let mut turn = DMat3::IDENTITY;
+        turn.col_mut(i)[i] = c;
+        turn.col_mut(j)[j] = c;
+        turn.col_mut(j)[i] = s;
+        turn.col_mut(i)[j] = -s;
+        matrix = turn.transpose() * matrix * turn;
+        axes *= turn;
+    }
+    [0, 1, 2].map(|i| (matrix.col(i)[i], axes.col(i)))
+}
+
+/// The length of a recording's unit by which two points have their true distance, m: `now` times as much as it is too short.
+/// `None` if they lie in one place or the distance is none.
+pub fn metres_per_unit(from: DVec3, to: DVec3, true_m: f64, now: f64) -> Option<f64> {
+    let unit = now * true_m / from.distance(to);
+    (unit > 0.0 && unit.is_finite()).then_some(unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn planes_by_hand() {
+        // Four corners, two of them 2 mm up: they all lie 1 mm off the plane between.
+        let points = [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.002), (0.0, 1.0, 0.002)].map(DVec3::from);
+        let plane = plane_through(&points).unwrap().facing(DVec3::Z);
+        assert!(plane.normal.abs_diff_eq(DVec3::Z, 1e-12) && (plane.d_m - 0.001).abs() < 1e-12, "{plane:?}");
+        assert!((plane.off_m - 0.001).abs() < 1e-9 && (plane.most_m - 0.001).abs() < 1e-9, "{plane:?}");
+        assert!(plane.facing(DVec3::NEG_Z).d_m < 0.0);
+        let line = [0.0, 1.0, 3.0].map(|x| DVec3::new(x, 2.0 * x, 0.001 * x * x));
+        assert!(plane_through(&line).unwrap_err().to_string().contains("on a line"));
+        assert!(plane_through(&points[..2]).unwrap_err().to_string().contains("three"));
+        // 0.21 m that were 3.5 units of half a metre are units of 6 cm.
+        let unit = metres_per_unit(DVec3::ZERO, DVec3::X * 1.75, 0.21, 0.5).unwrap();
+        assert!((unit - 0.06).abs() < 1e-12, "{unit}");
+        assert_eq!(metres_per_unit(DVec3::X, DVec3::X, 0.21, 1.0), None);
+    }
+
+    proptest! {
+        #[test]
+        fn points_of_a_plane_give_it(x in -1.0..1.0f64, y in -1.0..1.0f64, z in -1.0..1.0f64, d in -9.0..9.0f64) {
+            let normal = DVec3::new(x, y, z);
+            prop_assume!(normal.length() > 0.1);
+            let normal = normal.normalize();
+            let (a, b) = normal.any_orthonormal_pair();
+            let points: Vec<_> = (0..7).map(|n| normal * d + a * f64::from(n).sin() + b * f64::from(3 * n).cos()).collect();
+            let plane = plane_through(&points).unwrap().facing(normal);
+            prop_assert!(plane.normal.abs_diff_eq(normal, 1e-9) && (plane.d_m - d).abs() < 1e-9 && plane.most_m < 1e-9, "{plane:?}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Whether objects stand on what the depth shows, hover over it or are sunk into it.
+//!
+//! Where an object touches the ground, its lowest points, the depth around gives a surface each. The object's gap is the median
+//! of the points' distances from those surfaces. It is claimed only where most of the points see a surface on which things can
+//! stand, and where it is larger than what depth, poses and the surface's own unevenness explain. A thing that stands on
+//! another one of the scene is left alone, and so is what real things hide: what the camera sees there is not its ground.
+
+use glam::{DVec2, DVec3};
+
+use super::pick::nearest_of;
+use super::{Eye, Ray, Shot};
+use crate::frame::Frame;
+use crate::scene::Scene;
+
+/// How an object stands on the surface that a frame's depth shows under it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// Index into [`Scene::objects`].
+    pub object: usize,
+    /// Above the surface if positive, metres; `None` if it stands on it, as far as can be told.
+    pub gap_m: Option<f64>,
+}
+
+/// Points this near to an object's lowest one, as a share of its size, stand on the ground.
+const FOOT: f64 = 0.02;
+/// Directions in which the outermost of them are looked at.
+const DIRECTIONS: usize = 8;
+/// A smaller gap is none: metres, share of the depth, and times the surface's unevenness.
+const LEAST_M: f64 = 0.005;
+const LEAST_SHARE: f64 = 0.03;
+const LEAST_SIGMA: f64 = 3.0;
+/// What is sunk deeper than it is large is not sunk: something real stands before it.
+const DEEPEST: f64 = 1.0;
+/// A surface that is steeper is no ground, as the cosine of its tilt: 40°.
+const LEVEL: f64 = 0.766;
+/// Less of a neighbourhood on one plane is no surface.
+const LEAST_ON_IT: f64 = 0.4;
+/// A virtual thing this near below carries it, metres.
+const CARRIES_M: f64 = 0.005;
+
+impl Shot {
+    /// The objects under which a frame's depth shows a surface. Nothing is said without depth or the world's up.
+    pub fn standing(&self, frame: &Frame) -> Vec<Standing> {
+        let (Some(up), Ok(eye), true) = (self.scene.up_in_world, self.eye(frame.index), frame.depth.is_some()) else {
+            return Vec::new();
+        };
+        let of = |object: usize| Some(Standing { object, gap_m: self.gap(frame, &eye, object, up)? });
+        (0..self.scene.objects.len()).filter_map(of).collect()
+    }
+
+    /// `None` if nothing can be said.
+    fn gap(&self, frame: &Frame, eye: &Eye, object: usize, up: DVec3) -> Option<Option<f64>> {
+        let feet = feet(&self.scene, object, up)?;
+        let carried =
+            feet.points_m.iter().filter(|foot| is_carried(&self.scene, object, **foot, up, feet.size_m)).count();
+        if carried > 0 {
+            return None;
+        }
+        let i = &eye.geometry().intrinsics;
+        let picture = DVec2::new(i.width_px.into(), i.height_px.into());
+        let mut gaps = Vec::new();
+        let mut least_m = LEAST_M;
+        for foot in &feet.points_m {
+            let Some(at) = eye.project(*foot).filter(|at| at.cmpge(DVec2::ZERO).all() && at.cmplt(picture).all())
+            else {
+                continue;
+            };
+            let Ok(surface) = self.surface_at(frame, at) else { continue };
+            if surface.normal_in_world.dot(up) < LEVEL || surface.share < LEAST_ON_IT {
+                continue;
+            }
+            gaps.push((*foot - surface.point_m).dot(surface.normal_in_world));
+            least_m = least_m.max(LEAST_SHARE * surface.depth_m).max(LEAST_SIGMA * surface.sigma_m);
+        }
+        gaps.sort_by(f64::total_cmp);
+        let middle = *gaps.get(gaps.len() / 2)?;
+        // They agree: it is one surface, and not half of another thing.
+        let agreeing = gaps.iter().filter(|gap| (*gap - middle).abs() <= least_m).count();
+        let is_known = 2 * agreeing > feet.points_m.len() && middle >= -DEEPEST * feet.size_m;
+        is_known.then_some((middle.abs() > least_m).then_some(middle))
+    }
+}
+
+/// Where an object stands.
+struct Feet {
+    points_m: Vec<DVec3>,
+    /// The object's largest extent along the world's axes.
+    size_m: f64,
+}
+
+fn feet(scene: &Scene, object: usize, up: DVec3) -> Option<Feet> {
+    let points: Vec<DVec3> = scene.objects[object].points_m(scene).collect();
+    let low = points.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
+    let high = points.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
+    let size_m = (high - low).max_element();
+    let lowest = points.iter().map(|p| p.dot(up)).reduce(f64::min)?;
+    let standing: Vec<DVec3> = points.into_iter().filter(|p| p.dot(up) - lowest <= FOOT * size_m).collect();
+    let (x, y) = up.any_orthonormal_pair();
+    let outermost = (0..DIRECTIONS).filter_map(|n| {
+        let (s, c) = (std::f64::consts::TAU * n as f64 / DIRECTIONS as f64).sin_cos();
+        let towards = c * x + s * y;
+        standing.iter().copied().max_by(|a, b| a.dot(towards).total_cmp(&b.dot(towards)))
+    });
+    let mut points_m: Vec<DVec3> = outermost.collect();
+    points_m.push(points_m.iter().sum::<DVec3>() / points_m.len() as f64);
+    Some(Feet { points_m, size_m })
+}
+
+/// Whether another object lies closely below a point, or around it.
+fn is_carried(scene: &Scene, object: usize, foot: DVec3, up: DVec3, size_m: f64) -> bool {
+    let ray = Ray { origin_m: foot + size_m.min(CARRIES_M) * up, direction: -up };
+    nearest_of(scene, &ray, |other| other != object).is_some_and(|hit| hit.distance_m <= 2.0 * CARRIES_M)
+}

@@ -1,0 +1,118 @@
+//! What is drawn over the picture for a selected thing: thin lines that are seen on bright and on dark.
+
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
+use glam::DVec2;
+
+use super::gizmo::{Gizmo, Handle};
+
+const SELECTED: Color32 = Color32::from_rgb(230, 159, 0);
+const HELD: Color32 = Color32::from_rgb(255, 220, 130);
+const AXES: [Color32; 3] =
+    [Color32::from_rgb(226, 84, 84), Color32::from_rgb(104, 190, 92), Color32::from_rgb(86, 142, 240)];
+const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
+/// Below every line, so that it is seen on white too.
+const UNDER: Color32 = Color32::from_black_alpha(110);
+
+pub fn at(p: DVec2) -> Pos2 {
+    pos2(p.x as f32, p.y as f32)
+}
+
+fn line(painter: &Painter, points: Vec<Pos2>, width: f32, color: Color32) {
+    painter.add(Shape::line(points.clone(), Stroke::new(width + 2.0, UNDER)));
+    painter.add(Shape::line(points, Stroke::new(width, color)));
+}
+
+/// The border of the thing.
+pub fn outline(painter: &Painter, polygons: &[Vec<Pos2>]) {
+    for polygon in polygons {
+        painter.add(Shape::closed_line(polygon.clone(), Stroke::new(3.0, Color32::from_black_alpha(70))));
+    }
+    for polygon in polygons {
+        painter.add(Shape::closed_line(polygon.clone(), Stroke::new(1.25, SELECTED)));
+    }
+}
+
+/// Where it stands: its outline on the plane below.
+pub fn footprint(painter: &Painter, polygons: &[Vec<Pos2>]) {
+    for polygon in polygons {
+        painter.add(Shape::closed_line(polygon.clone(), Stroke::new(2.5, Color32::from_black_alpha(60))));
+        let dashes = Shape::dashed_line(&closed(polygon), Stroke::new(1.0, Color32::from_white_alpha(190)), 4.0, 3.0);
+        painter.extend(dashes);
+    }
+}
+
+fn closed(polygon: &[Pos2]) -> Vec<Pos2> {
+    polygon.iter().chain(polygon.first()).copied().collect()
+}
+
+/// The handles; the one that is held or pointed at stands out, and while one is held it is alone.
+pub fn gizmo(painter: &Painter, gizmo: &Gizmo, hot: Option<Handle>, is_held: bool) {
+    let shows = |handle: Handle| !is_held || hot == Some(handle);
+    let color = |handle: Handle, usual: Color32| if hot == Some(handle) { HELD } else { usual };
+    let width = |handle: Handle| if hot == Some(handle) { 2.5 } else { 1.5 };
+    if shows(Handle::Heading) {
+        let sides = gizmo.ring.iter().zip(gizmo.ring.iter().cycle().skip(1));
+        let all: Vec<_> = gizmo.ring.iter().map(|(p, _)| at(*p)).collect();
+        painter.add(Shape::closed_line(all, Stroke::new(width(Handle::Heading) + 1.5, Color32::from_black_alpha(60))));
+        for ((p, front), (q, _)) in sides {
+            let usual = if *front { PLAIN } else { PLAIN.gamma_multiply(0.45) };
+            painter.line_segment([at(*p), at(*q)], Stroke::new(width(Handle::Heading), color(Handle::Heading, usual)));
+        }
+    }
+    if let (Some(square), true) = (gizmo.square, shows(Handle::Ground)) {
+        let edge = color(Handle::Ground, PLAIN);
+        let fill = edge.gamma_multiply(if hot == Some(Handle::Ground) { 0.45 } else { 0.2 });
+        let corners = square.map(at).to_vec();
+        painter.add(Shape::convex_polygon(corners, fill, Stroke::new(width(Handle::Ground) - 0.5, edge)));
+    }
+    // Those that point away are drawn first.
+    for (axis, arrow) in gizmo.arrows.iter().enumerate() {
+        let (Some([from, to]), true) = (arrow, shows(Handle::Axis(axis))) else { continue };
+        let handle = Handle::Axis(axis);
+        let (from, to) = (at(*from), at(*to));
+        line(painter, vec![from, to], width(handle), color(handle, AXES[axis]));
+        let along = (to - from).normalized();
+        let (tip, side) = (to + along * 9.0, along.rot90() * 4.5);
+        let head = vec![tip, to + side, to - side];
+        painter.add(Shape::convex_polygon(head, color(handle, AXES[axis]), Stroke::new(1.0, UNDER)));
+        text(painter, tip + along * 9.0, Align2::CENTER_CENTER, ["x", "y", "z"][axis], 12.0, color(handle, AXES[axis]));
+    }
+    if shows(Handle::Size) {
+        let (size, centre) = (at(gizmo.size), at(gizmo.centre));
+        if hot == Some(Handle::Size) {
+            painter.line_segment([centre, size], Stroke::new(1.0, Color32::from_white_alpha(120)));
+        }
+        let square = Rect::from_center_size(size, vec2(10.0, 10.0));
+        painter.rect_filled(square.expand(1.0), 2.0, UNDER);
+        painter.rect_filled(square, 1.5, color(Handle::Size, PLAIN));
+    }
+    if shows(Handle::Slide) {
+        let centre = at(gizmo.centre);
+        painter.circle_filled(centre, 5.5, UNDER);
+        painter.circle_filled(centre, 4.0, color(Handle::Slide, SELECTED));
+    }
+}
+
+/// The axis that it is bound to, right across the picture.
+pub fn axis_line(painter: &Painter, points: Vec<Pos2>, axis: usize) {
+    painter.add(Shape::line(points.clone(), Stroke::new(2.5, Color32::from_black_alpha(60))));
+    painter.add(Shape::line(points, Stroke::new(1.0, AXES[axis])));
+}
+
+/// What is being done, and below it what can be.
+pub fn told(painter: &Painter, corner: Pos2, told: &str, hint: &str) {
+    let big = painter.layout_no_wrap(told.to_owned(), FontId::proportional(16.0), Color32::WHITE);
+    let small = painter.layout_no_wrap(hint.to_owned(), FontId::proportional(12.0), Color32::from_gray(200));
+    let size = vec2(big.size().x.max(small.size().x), big.size().y + small.size().y + 3.0);
+    let rect = Rect::from_min_size(corner, size + vec2(20.0, 14.0));
+    painter.rect_filled(rect, 5.0, Color32::from_black_alpha(190));
+    let below = vec2(0.0, big.size().y + 3.0);
+    painter.galley(corner + vec2(10.0, 7.0), big, Color32::WHITE);
+    painter.galley(corner + vec2(10.0, 7.0) + below, small, Color32::WHITE);
+}
+
+fn text(painter: &Painter, at: Pos2, align: Align2, text: &str, size: f32, color: Color32) {
+    let font = FontId::proportional(size);
+    painter.text(at + vec2(1.0, 1.0), align, text, font.clone(), Color32::from_black_alpha(200));
+    painter.text(at, align, text, font, color);
+}

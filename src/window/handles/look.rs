@@ -1,0 +1,74 @@
+//! How a selected thing is seen: its border in the picture, and where it stands.
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+
+use super::maths::{Plane, hull};
+use crate::scene::{Object, Scene};
+use crate::shot::Eye;
+
+/// Closed polygons, px of the picture.
+pub type Border = Vec<Vec<DVec2>>;
+
+/// A thing of more triangles is shown by the box around it, so that dragging it stays immediate.
+const MOST_TRIANGLES: usize = 60_000;
+
+/// The border of an object of the scene's meshes.
+pub fn border(eye: &Eye, scene: &Scene, object: &Object) -> Border {
+    let triangles: usize = object.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
+    if triangles <= MOST_TRIANGLES {
+        return eye.outline_px(scene, object);
+    }
+    let corners = object.corners_m(scene).into_iter().flatten().filter_map(|corner| eye.project(corner));
+    Vec::from([hull(corners.collect())])
+}
+
+/// The border of what an object would leave on a plane below it, moved along `up`. Empty where the plane is upright.
+pub fn footprint(eye: &Eye, scene: &Scene, object: &Object, plane: &Plane, up: DVec3) -> Border {
+    let Some(flat) = onto(plane, up) else { return Vec::new() };
+    let mut below = object.clone();
+    below.parts.iter_mut().for_each(|part| part.world_from_mesh = flat * part.world_from_mesh);
+    below.world_from_model = flat * below.world_from_model;
+    let triangles: usize = below.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
+    if triangles <= MOST_TRIANGLES {
+        return eye.outline_px(scene, &below);
+    }
+    let corners = object.corners_m(scene).into_iter().flatten();
+    Vec::from([hull(corners.filter_map(|corner| eye.project(flat.transform_point3(corner))).collect())])
+}
+
+/// Moves points along `up` onto a plane.
+fn onto(plane: &Plane, up: DVec3) -> Option<DAffine3> {
+    let origin = plane.beneath(DVec3::ZERO, up)?;
+    let axes = DVec3::AXES.map(|axis| plane.beneath(axis, up).map(|p| p - origin));
+    let [Some(x), Some(y), Some(z)] = axes else { return None };
+    Some(DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: origin })
+}
+
+/// Points that an object's lowest one is among, from a place, metres: the points of its meshes, or of its box.
+pub fn feet(scene: &Scene, object: &Object, from_m: DVec3) -> Vec<DVec3> {
+    let count: usize = object.parts.iter().map(|part| scene.meshes[part.mesh].vertices.len()).sum();
+    if count > MOST_TRIANGLES {
+        return object.corners_m(scene).into_iter().flatten().map(|corner| corner - from_m).collect();
+    }
+    let points = object.parts.iter().flat_map(|part| {
+        let world = move |v: &crate::scene::Vertex| {
+            part.world_from_mesh.transform_point3(DVec3::from(v.position.map(f64::from))) - from_m
+        };
+        scene.meshes[part.mesh].vertices.iter().map(world)
+    });
+    points.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_fall_along_up_onto_a_slope() {
+        let slope = Plane { point_m: DVec3::new(0.0, 1.0, 1.0), normal: DVec3::new(0.0, -1.0, 1.0).normalize() };
+        let flat = onto(&slope, DVec3::Z).unwrap();
+        let fallen = flat.transform_point3(DVec3::new(3.0, 0.25, 7.0));
+        assert!(fallen.abs_diff_eq(DVec3::new(3.0, 0.25, 0.25), 1e-12), "{fallen}");
+        assert!(onto(&Plane { normal: DVec3::X, ..slope }, DVec3::Z).is_none());
+    }
+}

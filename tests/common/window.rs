@@ -1,0 +1,81 @@
+//! The window without a screen, for tests that work it as a person would.
+
+#![allow(dead_code, reason = "each test file uses some of it")]
+
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use egui_kittest::{Harness, TestRenderer};
+use locard::gpu::Gpu;
+use locard::pixels::Pixels;
+use locard::window::{App, Project};
+
+use super::gpu;
+
+/// Gives the window a device, as a screen would. What it would show of itself is not looked at.
+pub struct Device(RenderState);
+
+impl Device {
+    pub fn new() -> Self {
+        let mut setup = WgpuSetupCreateNew::without_display_handle();
+        setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
+        setup.device_descriptor = std::sync::Arc::new(Gpu::wanted);
+        let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
+        let state = pollster::block_on(async {
+            let instance = configuration.wgpu_setup.new_instance().await;
+            RenderState::create(&configuration, &instance, None, RendererOptions::PREDICTABLE).await
+        });
+        Self(state.unwrap())
+    }
+}
+
+impl TestRenderer for Device {
+    fn setup_eframe(&self, context: &mut eframe::CreationContext<'_>, frame: &mut eframe::Frame) {
+        context.wgpu_render_state = Some(self.0.clone());
+        frame.wgpu_render_state = Some(self.0.clone());
+    }
+
+    fn handle_delta(&mut self, delta: &mut egui::TexturesDelta) {
+        delta.set.clear();
+        delta.free.clear();
+    }
+}
+
+/// Opens a window of that size, with its first picture.
+pub fn window(project: Project, size: egui::Vec2) -> Harness<'static, App> {
+    let builder = Harness::builder().with_size(size).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
+    settle(&mut window);
+    window
+}
+
+/// Until the picture is that of all that is set.
+pub fn settle(window: &mut Harness<'_, App>) {
+    until(window, App::is_settled);
+    assert_eq!(window.state().problem(), None);
+}
+
+/// Decoding and drawing have threads of their own: goes on until they are as far.
+pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
+    let begun = Instant::now();
+    loop {
+        window.step();
+        if done(window.state()) {
+            return;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(120), "it does not come");
+        std::thread::yield_now();
+    }
+}
+
+/// The codes that the window shows.
+pub fn shown(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
+    let viewer = window.state().viewer();
+    let texels = gpu::read_back(viewer.gpu(), &viewer.composite().unwrap().texture);
+    texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
+}
+
+pub fn codes(pixels: &Pixels) -> Vec<[u8; 3]> {
+    pixels.codes.eight_bit().unwrap().chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+}
