@@ -72,6 +72,7 @@ shaders! {
     Resolve = "resolve",
     Show = "show",
     Vignetting = "vignetting",
+    Window = "window",
 }
 
 impl Shader {

@@ -415,6 +415,10 @@ impl App {
 }
 
 impl eframe::App for App {
+    fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
+    }
+
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
         self.input(&ctx);
@@ -423,8 +427,10 @@ impl eframe::App for App {
             (self.may_close, self.measure) = (true, None);
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
-        egui::Panel::top("bar").show(ui, |ui| self.bar(ui));
-        egui::Panel::bottom("time").show(ui, |ui| {
+        // The window is cleared to the panels' colour: to fill them again would cost more than all else in them.
+        let panel = egui::Frame::side_top_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
+        egui::Panel::top("bar").frame(panel).show(ui, |ui| self.bar(ui));
+        egui::Panel::bottom("time").frame(panel).show(ui, |ui| {
             ui.add_space(3.0);
             let session = &mut self.session;
             let times_s = &session.project.shot().recording.timestamps_s;
@@ -435,13 +441,13 @@ impl eframe::App for App {
             timeline::show(ui, &mut session.player, &told);
             ui.add_space(2.0);
         });
-        egui::Panel::right("controls").default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
+        egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
             ui.add_space(4.0);
             if let Some(refused) = self.controls.show(ui, &mut self.session.project) {
                 self.session.say(refused);
             }
         });
-        egui::Panel::left("evidence").default_size(170.0).size_range(140.0..=400.0).show(ui, |ui| {
+        egui::Panel::left("evidence").frame(panel).default_size(170.0).size_range(140.0..=400.0).show(ui, |ui| {
             ui.add_space(4.0);
             if let Some(wrong) = self.evidence.show(ui, &mut self.session.project) {
                 self.session.say(wrong);

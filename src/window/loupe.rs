@@ -48,7 +48,7 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
             pos2(inside.min.x / width, inside.min.y / height),
             pos2(inside.max.x / width, inside.max.y / height),
         );
-        painter.image(side.shown.nearest, drawn, uv, Color32::WHITE);
+        painter.image(side.shown.texels, drawn, uv, Color32::WHITE);
         let middle = Rect::from_center_size(rect.center(), vec2(CELL, CELL));
         painter.rect_stroke(middle, 0.0, Stroke::new(1.0, Color32::WHITE), StrokeKind::Outside);
         let font = FontId::proportional(12.0);

@@ -27,7 +27,11 @@ enum Step {
     /// The window alone, while its picture stands still.
     Paint,
     Play,
-    Change { table: &'static str, name: &'static str, values: VecDeque<Value> },
+    Change {
+        table: &'static str,
+        name: &'static str,
+        values: VecDeque<Value>,
+    },
 }
 
 /// From a change to its picture.

@@ -2,7 +2,8 @@
 //!
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `session`: a recording that is open. `player`: which frame is due. `reader` decodes and `maker` composites, each on
-//!   threads of its own. `viewer`: the window's textures that it all goes into.
+//!   threads of its own. `viewer`: the window's textures that it all goes into;
+//!   `canvas` shows them.
 //! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved.
@@ -11,6 +12,7 @@
 
 mod actions;
 mod app;
+mod canvas;
 mod controls;
 mod evidence;
 mod hand;

@@ -3,6 +3,7 @@
 
 use eframe::egui::{self, Color32, Painter, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
+use super::canvas::Canvas;
 use super::viewer::{Shown, Viewer};
 use crate::frame::Frame;
 
@@ -140,8 +141,11 @@ pub fn show(
     let panel = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(panel, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
-    ui.painter().rect_filled(panel, 0.0, Color32::from_gray(if ui.visuals().dark_mode { 18 } else { 160 }));
-    let frame = frame?;
+    let ground = Color32::from_gray(if ui.visuals().dark_mode { 18 } else { 160 });
+    let Some(frame) = frame else {
+        ui.painter().rect_filled(panel, 0.0, ground);
+        return None;
+    };
     let (width, height) = (frame.pixels.width, frame.pixels.height);
     let size = vec2(width as f32, height as f32);
     let ppp = ui.ctx().pixels_per_point();
@@ -169,11 +173,6 @@ pub fn show(
 
     let painter = ui.painter().with_clip_rect(panel);
     let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
-    let picture = |shown: &Shown, clip: Rect| {
-        let id = if placed.scale * ppp >= SQUARES_FROM { shown.nearest } else { shown.smooth };
-        let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
-        painter.with_clip_rect(clip.intersect(panel)).image(id, placed.rect, whole, Color32::WHITE);
-    };
     let x = line_x.unwrap_or(f32::NEG_INFINITY);
     let [left, right] = [Rect::everything_left_of(x), Rect::everything_right_of(x)];
     let fits = |shown: &&Shown| shown.size == (width, height);
@@ -184,15 +183,17 @@ pub fn show(
         (Some(_), Some(_), Some(Compared { edits_a: true })) => (left, right),
         (Some(_), Some(_), _) => (right, left),
     };
-    if let Some(composite) = composite {
-        picture(composite, mine);
-    }
     let is_camera = compared.is_none() || composite.is_none();
-    match viewer.other().filter(fits) {
-        Some(other) if !is_camera => picture(other, others),
-        _ if others.is_positive() => picture(viewer.plain(frame), others),
-        _ => {}
-    }
+    let mine_there = composite.map(|shown| shown.texture.clone());
+    let others_there = match viewer.other().filter(fits) {
+        Some(other) if !is_camera => other.texture.clone(),
+        _ if others.is_positive() => viewer.plain(frame).texture.clone(),
+        _ => mine_there.clone()?,
+    };
+    let mine_there = mine_there.unwrap_or_else(|| others_there.clone());
+    let pictures = if mine == left { [mine_there, others_there] } else { [others_there, mine_there] };
+    let squares = placed.scale * ppp >= SQUARES_FROM;
+    painter.add(Canvas { placed, line_x: x, pictures, ground, squares }.shape(panel));
     if let (Some(x), false) = (line_x, view.plain) {
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
         line(0.0, Color32::WHITE);

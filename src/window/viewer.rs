@@ -6,6 +6,7 @@ use std::sync::Arc;
 use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
 
+use super::canvas;
 use super::maker::{Finished, Made, Maker, Order};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
@@ -20,10 +21,8 @@ pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub struct Shown {
     pub texture: wgpu::Texture,
     pub size: (u32, u32),
-    /// Read between texels, for pictures that are made smaller.
-    pub smooth: TextureId,
-    /// Texel for texel.
-    pub nearest: TextureId,
+    /// For the window's own shapes, texel for texel.
+    pub texels: TextureId,
 }
 
 /// Composites frames for the window.
@@ -45,6 +44,7 @@ impl Viewer {
     /// `wake` is called from a thread whenever a picture is finished.
     pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
+        canvas::prepare(&window);
         let maker = Maker::new(&gpu, wake)?;
         Ok(Self { gpu, window, maker, shown: None, other: None, drawn: VecDeque::new(), free: Vec::new(), plain: None })
     }
@@ -131,9 +131,7 @@ impl Drop for Viewer {
 }
 
 fn free(window: &RenderState, picture: &Shown) {
-    let mut renderer = window.renderer.write();
-    renderer.free_texture(&picture.smooth);
-    renderer.free_texture(&picture.nearest);
+    window.renderer.write().free_texture(&picture.texels);
 }
 
 /// A picture of that size: the one that was there where it fits.
@@ -158,14 +156,10 @@ fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32)) -> Sho
         view_formats: &[],
     });
     let view = texture.create_view(&Default::default());
+    let sampler = wgpu::SamplerDescriptor { label: Some("shown"), ..Default::default() };
     let mut renderer = window.renderer.write();
-    let mut register = |mag_filter, min_filter| {
-        let sampler = wgpu::SamplerDescriptor { label: Some("shown"), mag_filter, min_filter, ..Default::default() };
-        renderer.register_native_texture_with_sampler_options(&window.device, &view, sampler)
-    };
-    let smooth = register(wgpu::FilterMode::Linear, wgpu::FilterMode::Linear);
-    let nearest = register(wgpu::FilterMode::Nearest, wgpu::FilterMode::Nearest);
-    Shown { texture, size, smooth, nearest }
+    let texels = renderer.register_native_texture_with_sampler_options(&window.device, &view, sampler);
+    Shown { texture, size, texels }
 }
 
 /// 8-bit codes with an opaque A; 16 bits are rounded.
