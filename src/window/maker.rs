@@ -1,10 +1,11 @@
-//! Pictures are composited on threads of their own, so that the window never waits: one thread plans and records, another
-//! waits for the GPU. Two pictures may be under way, one drawn while the next is recorded.
+//! Pictures are made on threads of their own, so that the window never waits: one thread decodes, plans and records,
+//! another waits for the GPU. Two pictures may be under way, one drawn while the next is recorded.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::{Builder, JoinHandle};
 
+use super::reader::Reader;
 use super::viewer::FORMAT;
 use crate::compositor::{FrameStats, Pending, Target};
 use crate::frame::Frame;
@@ -27,10 +28,9 @@ pub struct Made {
 #[derive(Debug)]
 pub struct Order {
     pub made: Made,
-    pub frame: Arc<Frame>,
     /// As all is set at this moment.
     pub shot: Shot,
-    /// Where it goes: of the frame's size.
+    /// Where it goes: of the recording's size.
     pub texture: wgpu::Texture,
     /// Its code values are wanted too.
     pub wants_codes: bool,
@@ -40,7 +40,8 @@ pub struct Order {
 #[derive(Debug)]
 pub struct Finished {
     pub made: Made,
-    pub frame: Arc<Frame>,
+    /// `None` where it could not be decoded.
+    pub frame: Option<Arc<Frame>>,
     pub picture: Result<Picture, ShotError>,
 }
 
@@ -64,13 +65,14 @@ impl Maker {
     /// `wake` is called from a thread whenever a picture is finished.
     pub fn new(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (orders, to_make) = channel::<Order>();
-        let (begun, to_await) = channel::<(Order, Result<Pending, ShotError>)>();
+        let (begun, to_await) = channel::<(Order, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
         let (done, finished) = channel();
         let of_maker = gpu.clone();
         let maker = Builder::new().name("window maker".to_owned()).spawn(move || {
             let Ok(first) = to_make.recv() else { return };
             let mut scene = Arc::clone(&first.shot.scene);
             let mut compositor = first.shot.compositor(of_maker);
+            let mut reader = Reader::new(Arc::clone(&first.shot.recording));
             for order in std::iter::once(first).chain(to_make) {
                 if !Arc::ptr_eq(&scene, &order.shot.scene) {
                     scene = Arc::clone(&order.shot.scene);
@@ -78,22 +80,28 @@ impl Maker {
                 }
                 let view = order.texture.create_view(&Default::default());
                 let target = Target::View(&view, FORMAT);
-                let pending = order.shot.geometry_at(order.frame.index).and_then(|geometry| {
-                    order.shot.submit(&mut compositor, Frame::clone(&order.frame), &geometry, target, false)
-                });
-                if begun.send((order, pending)).is_err() {
+                let (frame, pending) = match reader.frame(order.made.frame) {
+                    Ok(frame) => {
+                        let pending = order.shot.geometry_at(frame.index).and_then(|geometry| {
+                            order.shot.submit(&mut compositor, Frame::clone(&frame), &geometry, target, false)
+                        });
+                        (Some(frame), pending)
+                    }
+                    Err(error) => (None, Err(error.into())),
+                };
+                if begun.send((order, frame, pending)).is_err() {
                     return;
                 }
             }
         })?;
         let of_waiter = gpu.clone();
         let waiter = Builder::new().name("window waiter".to_owned()).spawn(move || {
-            for (order, pending) in to_await {
+            for (order, frame, pending) in to_await {
                 let picture = pending.and_then(|pending| {
-                    let failed = |source| ShotError::Gpu { frame: order.frame.index, source };
+                    let failed = |source| ShotError::Gpu { frame: order.made.frame, source };
                     await_picture(&of_waiter, &order, &pending).map_err(failed)
                 });
-                let Order { made, frame, .. } = order;
+                let made = order.made;
                 if done.send(Finished { made, frame, picture }).is_err() {
                     return;
                 }

@@ -1,8 +1,8 @@
 //! The tuner's window: a recording as it plays, its evidence in it, and every parameter beside the picture.
 //!
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
-//! - `session`: a recording that is open. `player`: which frame is due. `reader` decodes and `maker` composites, each on
-//!   threads of its own. `viewer`: the window's textures that it all goes into;
+//! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
+//!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into;
 //!   `canvas` shows them.
 //! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.

@@ -21,8 +21,6 @@ pub struct Player {
     pub pace: Pace,
     /// What is played over and over.
     range: Range<usize>,
-    /// How far it went on last.
-    stride: usize,
     /// Where the clock stands, seconds on the recording's.
     time_s: f64,
     /// Frames that were due while playing and not composited.
@@ -35,16 +33,7 @@ impl Player {
         let time_s = timestamps_s.first().copied().unwrap_or(0.0);
         let range = 0..timestamps_s.len().max(1);
         let pace = Pace::Recorded(1.0);
-        Self {
-            timestamps_s: timestamps_s.to_vec(),
-            frame: 0,
-            playing: false,
-            pace,
-            range,
-            stride: 1,
-            time_s,
-            dropped: 0,
-        }
+        Self { timestamps_s: timestamps_s.to_vec(), frame: 0, playing: false, pace, range, time_s, dropped: 0 }
     }
 
     pub fn frame(&self) -> usize {
@@ -113,23 +102,9 @@ impl Player {
                 let due = self.timestamps_s[self.range.clone()].partition_point(|t| *t <= self.time_s);
                 let due = (self.range.start + due).saturating_sub(1).max(self.frame);
                 self.dropped += (due - self.frame).saturating_sub(1) + usize::from(due > self.frame && !is_begun);
-                if due > self.frame {
-                    self.stride = due - self.frame;
-                }
                 self.frame = due;
             }
         }
-    }
-
-    /// The frame that is due, and those that will be if it goes on as it did last.
-    pub fn from_now(&self) -> impl Iterator<Item = usize> {
-        let stride = if self.pace == Pace::EveryFrame { 1 } else { self.stride };
-        let (range, count) = (self.range.clone(), self.range.len());
-        let inside = self.frame.checked_sub(range.start).filter(|at| *at < count);
-        std::iter::once(self.frame).chain((1..count).map(move |n| match inside {
-            Some(at) => range.start + (at + n * stride) % count,
-            None => range.start + (n - 1) % count,
-        }))
     }
 
     /// Seconds until the next frame is due; `None` where time does not tell.

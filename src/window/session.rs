@@ -10,15 +10,11 @@ use eframe::egui_wgpu::RenderState;
 use super::maker::{Finished, Made};
 use super::player::Player;
 use super::project::Project;
-use super::reader::Reader;
 use super::thumbnails::Thumbnails;
 use super::viewer::Viewer;
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
 use crate::pixels::Pixels;
-
-/// Frames that are decoded before they are due, while it plays.
-const AHEAD: usize = 2;
 
 /// A picture that is shown.
 #[derive(Debug)]
@@ -45,17 +41,10 @@ pub struct Session {
     pub project: Project,
     pub player: Player,
     pub viewer: Viewer,
-    reader: Reader,
     /// `None` where no thread can be had for them.
     pub thumbnails: Option<Thumbnails>,
-    /// Frames that were decoded and are due, or soon will be.
-    decoded: Vec<Arc<Frame>>,
-    /// Frames that the reader was asked for and that have not come.
-    asked: Vec<usize>,
-    /// Nothing more is decoded or made.
+    /// Nothing more is made.
     ended: bool,
-    /// The frame that could not be decoded last.
-    failed: Option<usize>,
     /// The picture that was begun last, and the last one of what is compared with.
     begun: Option<Made>,
     begun_other: Option<Made>,
@@ -75,25 +64,17 @@ pub struct Session {
 
 impl Session {
     pub fn new(window: RenderState, ctx: &egui::Context, project: Project) -> Result<Self, String> {
-        let wake = || {
-            let ctx = ctx.clone();
-            move || ctx.request_repaint()
-        };
-        let failed = |e| format!("no thread can be had to decode and draw with: {e}");
-        let viewer = Viewer::new(window, wake()).map_err(failed)?;
-        let reader = Reader::new(project.shot().recording.clone(), wake()).map_err(failed)?;
+        let wake = ctx.clone();
+        let viewer = Viewer::new(window, move || wake.request_repaint())
+            .map_err(|e| format!("no thread can be had to decode and draw with: {e}"))?;
         let thumbnails = Thumbnails::new(project.shot().recording.clone(), ctx).ok();
         let player = Player::new(&project.shot().recording.timestamps_s);
         Ok(Self {
             project,
             player,
             viewer,
-            reader,
             thumbnails,
-            decoded: Vec::new(),
-            asked: Vec::new(),
             ended: false,
-            failed: None,
             begun: None,
             begun_other: None,
             now: None,
@@ -181,7 +162,6 @@ impl Session {
 
     /// Decodes and composites what is due. Never waits.
     pub fn work(&mut self, ctx: &egui::Context) {
-        self.take_decoded();
         self.take_finished();
         if let Some(thumbnails) = &mut self.thumbnails {
             thumbnails.work(ctx);
@@ -189,44 +169,19 @@ impl Session {
         self.keep_time();
         // What is dragged shows soonest where nothing else is under way; what plays is made ahead.
         let most = if self.player.playing { 2 } else { 1 };
-        self.ask();
         while self.viewer.under_way() < most && self.begin() {
             self.begin_other();
             if self.player.playing {
                 self.player.advance(0.0, true);
-                self.ask();
             }
         }
         if self.viewer.under_way() == 0 {
             self.begin_other();
         }
         (self.wants_codes, self.wants_other) = (false, false);
-        if self.player.playing {
-            let due_s = self.player.due_in_s().unwrap_or(0.1).clamp(0.001, 0.1);
-            ctx.request_repaint_after(Duration::from_secs_f64(due_s));
-        }
-    }
-
-    fn take_decoded(&mut self) {
-        loop {
-            match self.reader.take() {
-                Ok(Some((index, decoded))) => {
-                    self.asked.retain(|asked| *asked != index);
-                    match decoded {
-                        Ok(frame) => {
-                            self.failed = None;
-                            self.decoded.push(Arc::new(frame));
-                        }
-                        Err(error) => {
-                            self.failed = Some(index);
-                            self.problem = Some(error.to_string());
-                            self.player.play(false);
-                        }
-                    }
-                }
-                Ok(None) => return,
-                Err(()) => return self.end("decoding has ended"),
-            }
+        // A picture that is under way wakes the window when it is finished.
+        if let Some(due_s) = self.player.due_in_s().filter(|_| self.viewer.under_way() == 0) {
+            ctx.request_repaint_after(Duration::from_secs_f64(due_s.max(0.001)));
         }
     }
 
@@ -245,6 +200,10 @@ impl Session {
                             let _ = self.viewer.gpu().take_failure();
                             (None, None)
                         }
+                    };
+                    let Some(frame) = frame else {
+                        self.player.play(false);
+                        continue;
                     };
                     if made.is_other {
                         continue;
@@ -277,43 +236,14 @@ impl Session {
         self.player.advance(passed_s, is_begun);
     }
 
-    /// Has the due frame decoded, and while it plays those after it.
-    fn ask(&mut self) {
-        if self.ended {
-            return;
-        }
-        let due = self.player.frame();
-        let ahead = if self.player.playing { AHEAD } else { 0 };
-        let soon: Vec<usize> = self.player.from_now().take(1 + ahead).collect();
-        self.decoded.retain(|frame| soon.contains(&frame.index));
-        for frame in soon {
-            let mut there = self.decoded.iter().chain(self.now.iter().map(|now| &now.frame));
-            let is_there = there.any(|there| there.index == frame);
-            if is_there || self.asked.contains(&frame) || self.failed == Some(frame) {
-                continue;
-            }
-            let instead = frame == due;
-            if instead {
-                self.asked.clear();
-            }
-            self.reader.ask(frame, instead);
-            self.asked.push(frame);
-        }
-    }
-
-    /// Begins the due frame's picture, if it is decoded and there is something new in it.
+    /// Begins the due frame's picture, if there is something new in it.
     fn begin(&mut self) -> bool {
         let wanted = self.wanted();
         let lacks_codes = self.wants_codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
         if self.ended || self.begun == Some(wanted) && !lacks_codes {
             return false;
         }
-        let shown = self.now.iter().map(|now| &now.frame);
-        let Some(frame) = self.decoded.iter().chain(shown).find(|frame| frame.index == wanted.frame) else {
-            return false;
-        };
-        let frame = Arc::clone(frame);
-        self.viewer.begin(wanted, frame, self.project.shot().clone(), self.wants_codes);
+        self.viewer.begin(wanted, self.project.shot().clone(), self.wants_codes);
         self.begun = Some(wanted);
         true
     }
@@ -321,11 +251,11 @@ impl Session {
     /// Begins a picture of what is compared with, of the frame that was begun last.
     fn begin_other(&mut self) {
         let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended) else { return };
-        let mut frames = self.decoded.iter().chain(self.now.iter().map(|now| &now.frame));
-        let frame = frames.find(|frame| frame.index == wanted.frame);
-        let (Some(shot), Some(frame)) = (self.project.other_shot(), frame) else { return };
-        if self.begun_other != Some(wanted) {
-            self.viewer.begin(wanted, Arc::clone(frame), shot, false);
+        if self.begun_other == Some(wanted) {
+            return;
+        }
+        if let Some(shot) = self.project.other_shot() {
+            self.viewer.begin(wanted, shot, false);
             self.begun_other = Some(wanted);
         }
     }

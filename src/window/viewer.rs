@@ -1,7 +1,6 @@
 //! Textures of the window's own device: composites go into them and are shown from there, never through the processor.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
@@ -94,12 +93,12 @@ impl Viewer {
     }
 
     /// Begins a frame's composite as all is set in the shot. With `wants_codes` its code values come back, too.
-    pub fn begin(&mut self, made: Made, frame: Arc<Frame>, shot: Shot, wants_codes: bool) {
-        let size = (frame.pixels.width, frame.pixels.height);
+    pub fn begin(&mut self, made: Made, shot: Shot, wants_codes: bool) {
+        let size = (shot.recording.width, shot.recording.height);
         let picture = fitting(&self.window, self.free.pop(), size);
         let texture = picture.texture.clone();
         self.drawn.push_back(picture);
-        self.maker.make(Order { made, frame, shot, texture, wants_codes });
+        self.maker.make(Order { made, shot, texture, wants_codes });
     }
 
     /// The next picture that is finished, which is shown from now on; `Err` where nothing more will come.
