@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::pick::{self, Asked, Pick, Picker};
+use super::pick::{self, Asked, Pick, Picker, numbers};
 use crate::camera::Geometry;
 use crate::compositor::Settings;
 use crate::document;
@@ -46,12 +46,6 @@ pub struct Args {
 
 /// Beyond this number, damaged pictures are only counted.
 const MOST_DAMAGED: usize = 10;
-
-pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let parsed: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
-}
 
 enum Found {
     Recording,

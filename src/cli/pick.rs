@@ -6,7 +6,6 @@ use std::io::Write;
 use anyhow::{Context, Result, bail};
 use glam::{DVec2, DVec3};
 
-use super::inspect::numbers;
 use crate::frame::Frame;
 use crate::scene::Support;
 use crate::shot::{FittedPlane, Shot, Surface, Triangulated, View, metres_per_unit, plane_through};
@@ -40,6 +39,13 @@ impl std::fmt::Display for Pick {
         let mut also = self.also.iter();
         also.try_for_each(|view| write!(f, "+{}:{}", view.frame, view.at_px.to_array().map(number).join(",")))
     }
+}
+
+/// So many finite numbers with commas between.
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parsed: Option<Vec<f64>> =
+        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    parsed.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{text}: expected {N} numbers with commas between"))
 }
 
 /// How a picked point is known.

@@ -7,8 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
-use super::inspect::numbers;
-use super::pick::{Known, Pick, Picker};
+use super::pick::{Known, Pick, Picker, numbers};
 use crate::recording::OpenOptions;
 use crate::scene::{self, Document, Posture, SceneFile};
 use crate::shot::{Given, Shot};

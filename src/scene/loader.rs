@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use glam::{DAffine3, DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
-use super::models::Models;
+use super::models::{LightKind, Model, Models};
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
 /// Vertices and indices of a scene together take 1.6 GB.
@@ -14,32 +14,6 @@ pub(super) const MAX_VERTICES: usize = 1 << 24;
 pub(super) const MAX_INDICES: usize = 1 << 26;
 pub(super) const MAX_PARTS: usize = 1 << 20;
 const MAX_WARNINGS: usize = 100;
-
-/// A model, read only once however often it is placed.
-pub(super) struct Model {
-    /// Meshes of the scene, placed in the model.
-    pub parts: Vec<Part>,
-    pub lights: Vec<ModelLight>,
-}
-
-/// A light of KHR_lights_punctual, in photometric units.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ModelLight {
-    pub model_from_light: DAffine3,
-    /// Lux for a directional light, candela for the others.
-    pub color: Vec3,
-    pub kind: LightKind,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) enum LightKind {
-    Directional,
-    Point {
-        range_m: f32,
-        /// Inner and outer angle from the axis, radians.
-        spot: Option<[f32; 2]>,
-    },
-}
 
 /// The scene as it grows, and what counts towards its limits.
 pub(super) struct Loader {

@@ -10,6 +10,7 @@ mod edit;
 mod error;
 mod geometry;
 mod gltf;
+mod keep;
 mod lay;
 mod light;
 mod load;

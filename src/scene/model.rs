@@ -9,7 +9,8 @@ use glam::{DAffine3, DVec3, Vec3};
 
 use super::geometry::{self, Assembly};
 use super::gltf::{EXTENSIONS, Gltf};
-use super::loader::{LightKind, Loader, MAX_PARTS, Model, ModelLight};
+use super::loader::{Loader, MAX_PARTS};
+use super::models::{LightKind, Model, ModelLight};
 use super::reader::Reader;
 use super::schema::{Light, Primitive};
 use super::{Mesh, Part, SceneError, Vertex, nodes};

@@ -5,19 +5,44 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use super::loader::{Loader, MAX_INDICES, MAX_VERTICES, Model, ModelLight};
-use super::picture::MAX_PIXELS;
+use glam::{DAffine3, Vec3};
+
 use super::{Material, Mesh, Part, Texture};
+
+/// A model, read only once however often it is placed.
+pub(super) struct Model {
+    /// Meshes of the scene, placed in the model.
+    pub parts: Vec<Part>,
+    pub lights: Vec<ModelLight>,
+}
+
+/// A light of KHR_lights_punctual, in photometric units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ModelLight {
+    pub model_from_light: DAffine3,
+    /// Lux for a directional light, candela for the others.
+    pub color: Vec3,
+    pub kind: LightKind,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum LightKind {
+    Directional,
+    Point {
+        range_m: f32,
+        /// Inner and outer angle from the axis, radians.
+        spot: Option<[f32; 2]>,
+    },
+}
 
 /// Keeps what was read; for [`super::load_file_with`].
 #[derive(Debug, Default)]
 pub struct Models {
-    models: HashMap<PathBuf, Kept>,
-    panoramas: HashMap<PathBuf, (Stamp, Panorama)>,
+    pub(super) models: HashMap<PathBuf, Kept>,
+    pub(super) panoramas: HashMap<PathBuf, (Stamp, Panorama)>,
 }
 
 /// Width, height, and linear colours row by row.
@@ -25,130 +50,56 @@ pub(super) type Panorama = (u32, u32, Arc<Vec<[f32; 3]>>);
 
 /// What tells whether a file is still the same.
 #[derive(Clone, Debug, PartialEq)]
-struct Stamp {
-    file: PathBuf,
+pub(super) struct Stamp {
+    pub file: PathBuf,
     modified: Option<SystemTime>,
     length: Option<u64>,
 }
 
 impl Stamp {
-    fn of(file: &Path) -> Self {
+    pub fn of(file: &Path) -> Self {
         let found = std::fs::metadata(file).ok();
         let modified = found.as_ref().and_then(|m| m.modified().ok());
         Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
     }
 
-    fn is_fresh(&self) -> bool {
+    pub fn is_fresh(&self) -> bool {
         self.length.is_some() && *self == Self::of(&self.file)
     }
 }
 
 /// Everything of a model as it stands in the scene into which it was read.
 #[derive(Clone, Debug)]
-struct Kept {
-    files: Vec<Stamp>,
-    start: Lengths,
-    meshes: Vec<Arc<Mesh>>,
-    materials: Vec<Material>,
-    textures: Vec<Texture>,
-    parts: Vec<Part>,
-    lights: Vec<ModelLight>,
-    warnings: Vec<String>,
-    pixels: u64,
-    vertices: usize,
-    indices: usize,
+pub(super) struct Kept {
+    pub files: Vec<Stamp>,
+    pub start: Lengths,
+    pub meshes: Vec<Arc<Mesh>>,
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    pub parts: Vec<Part>,
+    pub lights: Vec<ModelLight>,
+    pub warnings: Vec<String>,
+    pub pixels: u64,
+    pub vertices: usize,
+    pub indices: usize,
 }
 
 /// How much of everything a scene has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Lengths {
-    meshes: usize,
-    materials: usize,
-    textures: usize,
-    files: usize,
-    warnings: usize,
-    pixels: u64,
-    vertices: usize,
-    indices: usize,
-}
-
-impl Loader {
-    pub fn lengths(&self) -> Lengths {
-        let scene = &self.scene;
-        Lengths {
-            meshes: scene.meshes.len(),
-            materials: scene.materials.len(),
-            textures: scene.textures.len(),
-            files: scene.files.len(),
-            warnings: scene.warnings.len(),
-            pixels: self.pixels,
-            vertices: self.vertices,
-            indices: self.indices,
-        }
-    }
-
-    /// Keeps a model that has just been read; `start` is what the scene had before.
-    pub fn keep(&mut self, file: &Path, model: &Model, start: Lengths) {
-        let scene = &self.scene;
-        let kept = Kept {
-            files: scene.files[start.files..].iter().map(|file| Stamp::of(file)).collect(),
-            start,
-            meshes: scene.meshes[start.meshes..].to_vec(),
-            materials: scene.materials[start.materials..].to_vec(),
-            textures: scene.textures[start.textures..].to_vec(),
-            parts: model.parts.clone(),
-            lights: model.lights.clone(),
-            warnings: scene.warnings[start.warnings..].to_vec(),
-            pixels: self.pixels - start.pixels,
-            vertices: self.vertices - start.vertices,
-            indices: self.indices - start.indices,
-        };
-        self.kept.models.insert(file.to_owned(), kept);
-    }
-
-    /// Puts a model that is kept into the scene. `None` if it is not, its files have changed, or the scene would be too large:
-    /// then it must be read.
-    pub fn take_kept(&mut self, file: &Path) -> Option<Rc<Model>> {
-        let kept = self.kept.models.get(file).filter(|kept| kept.files.iter().all(Stamp::is_fresh))?;
-        let fits = self.pixels + kept.pixels <= MAX_PIXELS
-            && self.vertices + kept.vertices <= MAX_VERTICES
-            && self.indices + kept.indices <= MAX_INDICES;
-        if !fits {
-            return None;
-        }
-        let mut kept = kept.clone();
-        let start = self.lengths();
-        kept.move_to(start);
-        let scene = &mut self.scene;
-        scene.meshes.extend(kept.meshes.iter().cloned());
-        scene.materials.extend(kept.materials.iter().cloned());
-        scene.textures.extend(kept.textures.iter().cloned());
-        scene.files.extend(kept.files.iter().map(|stamp| stamp.file.clone()));
-        (self.pixels, self.vertices, self.indices) =
-            (self.pixels + kept.pixels, self.vertices + kept.vertices, self.indices + kept.indices);
-        let model = Rc::new(Model { parts: kept.parts.clone(), lights: kept.lights.clone() });
-        for warning in &kept.warnings {
-            self.warn_as_it_is(warning.clone());
-        }
-        self.kept.models.insert(file.to_owned(), kept);
-        Some(model)
-    }
-
-    /// A panorama that was read; `read` reads it where it is not kept or has changed.
-    pub fn panorama<E>(&mut self, file: &Path, read: impl FnOnce() -> Result<Panorama, E>) -> Result<Panorama, E> {
-        if let Some((_, known)) = self.kept.panoramas.get(file).filter(|(stamp, _)| stamp.is_fresh()) {
-            return Ok(known.clone());
-        }
-        let stamp = Stamp::of(file);
-        let read = read()?;
-        self.kept.panoramas.insert(file.to_owned(), (stamp, read.clone()));
-        Ok(read)
-    }
+    pub meshes: usize,
+    pub materials: usize,
+    pub textures: usize,
+    pub files: usize,
+    pub warnings: usize,
+    pub pixels: u64,
+    pub vertices: usize,
+    pub indices: usize,
 }
 
 impl Kept {
     /// Has its indices count from elsewhere. Meshes are copied only if their materials have other numbers there.
-    fn move_to(&mut self, start: Lengths) {
+    pub fn move_to(&mut self, start: Lengths) {
         let from = std::mem::replace(&mut self.start, start);
         let moved = |index: usize, from: usize, to: usize| index - from + to;
         if start.materials != from.materials {

@@ -57,9 +57,9 @@ impl Grid {
         let high = a.max(b).max(c).min(DVec2::new(self.width as f64, self.height as f64) - 1.0);
         for y in low.y as usize..=high.y.max(0.0) as usize {
             let middle = y as f64 + 0.5;
-            let crossings = [(a, b), (b, c), (c, a)].into_iter().filter_map(|(p, q)| {
-                ((p.y <= middle) != (q.y <= middle)).then(|| p.x + (middle - p.y) / (q.y - p.y) * (q.x - p.x))
-            });
+            let sides = [(a, b), (b, c), (c, a)].into_iter();
+            let crossed = sides.filter(|(p, q)| (p.y <= middle) != (q.y <= middle));
+            let crossings = crossed.map(|(p, q)| p.x + (middle - p.y) / (q.y - p.y) * (q.x - p.x));
             let (from, to) = crossings.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
             let (from, to) = ((from - 0.5).ceil().max(0.0), (to - 0.5).floor().min(high.x));
             if from <= to && y < self.height {

@@ -46,7 +46,7 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
     let mut axes = principal(matrix);
     axes.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [_, width, length] = axes.map(|(squares, _)| squares.max(0.0).sqrt());
-    if !(width > NARROW * length) {
+    if width.is_nan() || width <= NARROW * length {
         return refused("they lie on a line; pick one to its side");
     }
     let normal = axes[0].1;

@@ -118,7 +118,7 @@ fn of_views(eyes: &[(Eye, View)]) -> Result<Triangulated, SurfaceError> {
                 fixed(2.0 * off_px, 1)
             ))
         }
-        () if !(sigma_m <= WORST * distance_m) => refused(alike()),
+        () if sigma_m.is_nan() || sigma_m > WORST * distance_m => refused(alike()),
         () => Ok(Triangulated { point_m: point, sigma_m, angle_deg, off_px }),
     }
 }

@@ -279,9 +279,10 @@ impl App {
     fn picture(&mut self, ui: &mut Ui) {
         let frame = self.session.frame().cloned();
         let asked = self.hand.asks_for();
-        let is_placing = self.evidence.is_placing() && asked.is_none();
+        let is_picking = self.evidence.ground.is_picking() && asked.is_none();
+        let is_placing = self.evidence.is_placing() && asked.is_none() && !is_picking;
         let taken = Taken {
-            clicks: is_placing || asked.is_some(),
+            clicks: is_placing || is_picking || asked.is_some(),
             drags: asked.is_some_and(|(_, wanted)| wanted == Wanted::Rect) || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
@@ -299,13 +300,21 @@ impl App {
             seen: &seen,
             view: &self.view,
             frame: &frame,
-            is_free: !is_placing && asked.is_none(),
+            is_free: !is_placing && !is_picking && asked.is_none(),
             is_hidden: self.view.plain || self.session.player.playing,
         };
         match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
             Some(Ok(done)) => self.session.say(done),
             Some(Err(wrong)) => self.session.say(wrong),
             None => {}
+        }
+        self.evidence.ground.paint(&seen, &self.session.project, frame.index);
+        if is_picking {
+            let at = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
+            match at.map_or(Ok(None), |at| self.evidence.ground.click(&self.session.project, &frame, at)) {
+                Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
+                Err(wrong) => self.session.say(wrong),
+            }
         }
         if is_placing {
             if seen.pointed.is_some() {
@@ -449,7 +458,9 @@ impl eframe::App for App {
         });
         egui::Panel::left("evidence").frame(panel).default_size(170.0).size_range(140.0..=400.0).show(ui, |ui| {
             ui.add_space(4.0);
-            if let Some(wrong) = self.evidence.show(ui, &mut self.session.project) {
+            let session = &mut self.session;
+            let frame = session.frame().cloned();
+            if let Some(wrong) = self.evidence.show(ui, &mut session.project, session.viewer.gpu(), frame.as_ref()) {
                 self.session.say(wrong);
             }
         });

@@ -1,22 +1,30 @@
 //! The evidence: what there is to place, what has been placed, and where.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use eframe::egui::{self, RichText, Ui};
 use glam::{DVec2, DVec3};
 
 use super::Project;
-use super::controls::parse_number;
+use super::fields::numeric;
+use super::finder::Click;
+use super::ground::Ground;
+use super::library::{Library, name};
+use super::list;
+use super::wrongs::Wrongs;
 use crate::frame::Frame;
-use crate::scene::{Entry, Posture, SceneFile, Size, Stance, Support, lay, relative};
-use crate::words::number;
+use crate::gpu::Gpu;
+use crate::scene::{Entry, Posture, SceneFile, Size, Stance, lay, relative};
 
 /// What is being done with the evidence.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Evidence {
     /// The models that can be placed.
-    library: Vec<PathBuf>,
-    looked_in: Option<PathBuf>,
+    library: Library,
+    /// What they are placed on.
+    pub ground: Ground,
+    wrongs: Wrongs,
     /// The model that the next click places.
     placing: Option<PathBuf>,
     lies_flat: bool,
@@ -33,31 +41,30 @@ impl Evidence {
 
     pub fn cancel(&mut self) {
         self.placing = None;
+        self.ground.cancel();
     }
 
-    /// Shows the list and the controls of what is selected. Gives back what went wrong.
-    pub fn show(&mut self, ui: &mut Ui, project: &mut Project) -> Option<String> {
-        let mut wrong = None;
+    /// Shows the list and the controls of what is selected. Gives back what is to be said.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        project: &mut Project,
+        gpu: &Gpu,
+        frame: Option<&Arc<Frame>>,
+    ) -> Option<String> {
+        let mut told = None;
         ui.strong("Evidence");
         if !project.can_place() {
             ui.label("A model alone stands by its own coordinates. Open a scene file, or none, to place evidence.");
             return None;
         }
-        self.look(&project.scene_path());
+        self.library.look(&project.scene_path());
         let text = self.placing.as_deref().map_or_else(|| "Place…".to_owned(), name);
         let menu = ui.menu_button(text, |ui| {
-            egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
-                for model in &self.library {
-                    if ui.button(name(model)).on_hover_text(model.display().to_string()).clicked() {
-                        self.lies_flat = !stands(model);
-                        self.placing = Some(model.clone());
-                        ui.close();
-                    }
-                }
-                if self.library.is_empty() {
-                    ui.label("No .glb beside the scene file. Drop one into the window.");
-                }
-            });
+            if let Some(model) = self.library.show(ui, gpu) {
+                self.choose(model);
+                ui.close();
+            }
         });
         menu.response.on_hover_text(
             "Choose a model, then click where it shall lie. A .glb dropped into the window is taken too.",
@@ -70,25 +77,21 @@ impl Evidence {
             });
             ui.label(RichText::new("Click in the picture; Esc ends it.").weak());
         }
+        if let Some(Ok(said) | Err(said)) = self.ground.show(ui, project) {
+            told = Some(said);
+        }
         ui.separator();
+        self.wrongs.look(project, frame, ui.ctx());
         let scene = project.edit().scene.clone();
         let entries = scene.entries();
         self.selected = self.selected.filter(|selected| entries.contains(selected));
-        egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
-            for entry in entries {
-                let is_selected = self.selected == Some(entry);
-                let title = RichText::new(scene.title(entry));
-                let title = if scene.is_hidden(entry) { title.weak().italics() } else { title };
-                if ui.selectable_label(is_selected, title).clicked() {
-                    self.selected = (!is_selected).then_some(entry);
-                }
-            }
-        });
+        told = list::show(ui, project, &self.wrongs, &mut self.selected).or(told);
+        let scene = project.edit().scene.clone();
         if let Some(entry) = self.selected {
             ui.separator();
-            wrong = self.selected(ui, project, &scene, entry);
+            told = self.selected(ui, project, &scene, entry).or(told);
         }
-        wrong
+        told
     }
 
     /// The name and the numbers of what is selected.
@@ -187,8 +190,10 @@ impl Evidence {
     /// Puts what is being placed where the frame shows a surface, and goes on placing.
     pub fn place(&mut self, project: &mut Project, frame: &Frame, at_px: DVec2) -> Result<(), String> {
         let Some(model) = &self.placing else { return Ok(()) };
-        let surface = project.shot().surface_at(frame, at_px).map_err(|e| e.to_string())?;
-        let support = Support { point_m: surface.point_m, normal: surface.normal_in_world };
+        let support = match self.ground.finder.click(project.shot(), project.up(), frame, at_px)? {
+            Click::Point(support) => support,
+            Click::Again(_) => return Ok(()),
+        };
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
         let (file, up): (PathBuf, DVec3) = (project.scene_path(), project.up());
         let model = relative(model, &file);
@@ -202,44 +207,21 @@ impl Evidence {
 
     /// A file that was dropped into the window: the next click places it.
     pub fn drop(&mut self, model: PathBuf) {
-        self.lies_flat = !stands(&model);
-        if !self.library.contains(&model) {
-            self.library.push(model.clone());
-        }
-        self.placing = Some(model);
+        self.library.add(&model);
+        self.choose(model);
     }
 
-    /// Models beside the scene file, and those that come with the program.
-    fn look(&mut self, scene: &Path) {
-        let folder =
-            scene.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
-        if self.looked_in.as_ref() == Some(&folder) {
-            return;
-        }
-        let folders = [folder.clone(), PathBuf::from("scenes")];
-        let mut found: Vec<PathBuf> = folders
-            .iter()
-            .filter_map(|folder| std::fs::read_dir(folder).ok())
-            .flat_map(|entries| entries.flatten().map(|entry| entry.path()))
-            .filter(|path| {
-                path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
-            })
-            .collect();
-        found.sort();
-        let mut seen = std::collections::BTreeSet::new();
-        found.retain(|path| seen.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
-        self.library = found;
-        self.looked_in = Some(folder);
+    /// The next click places it.
+    fn choose(&mut self, model: PathBuf) {
+        self.ground.cancel();
+        self.lies_flat = !stands(&model);
+        self.placing = Some(model);
     }
 }
 
 /// Whether a thing of that name is usually stood up.
 fn stands(model: &Path) -> bool {
     name(model).to_lowercase().contains("marker")
-}
-
-fn name(model: &Path) -> String {
-    model.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// A number with its label; whether a change of it has ended.
@@ -277,11 +259,4 @@ fn size(ui: &mut Ui, stance: &Stance, changed: &mut Stance) -> bool {
             done
         }
     }
-}
-
-fn numeric(ui: &mut Ui, called: &str, value: &mut f64, speed: f64, unit: &str) -> egui::Response {
-    let drag = egui::DragValue::new(value).speed(speed).suffix(unit).custom_parser(parse_number);
-    let response = ui.add(drag.custom_formatter(|n, _| number((n * 1e4).round() / 1e4)));
-    response.widget_info(|| egui::WidgetInfo::slider(true, *value, called));
-    response
 }

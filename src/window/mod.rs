@@ -6,7 +6,8 @@
 //!   `canvas` shows them.
 //! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
-//!   `handles`: objects in the picture, selected and moved.
+//!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
+//!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
@@ -15,9 +16,14 @@ mod app;
 mod canvas;
 mod controls;
 mod evidence;
+mod fields;
+mod finder;
+mod ground;
 mod hand;
 mod handles;
 mod history;
+mod library;
+mod list;
 mod loupe;
 mod maker;
 mod measure;
@@ -29,6 +35,7 @@ mod session;
 mod thumbnails;
 mod timeline;
 mod viewer;
+mod wrongs;
 
 use std::sync::Arc;
 

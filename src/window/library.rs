@@ -1,0 +1,266 @@
+//! The models that can be placed, each with a small picture that the program draws itself.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::Builder;
+
+use eframe::egui::{self, Color32, ColorImage, TextureHandle, Ui, vec2};
+use glam::DVec3;
+
+use crate::camera::{Distortion, Geometry, Intrinsics, Response};
+use crate::gpu::Gpu;
+use crate::pixels::LinearImage;
+use crate::pose::Pose;
+use crate::render::{Projection, Renderer, Still, take_still};
+use crate::scene::{self, Scene};
+
+/// Side of a small picture: drawn, and shown in points.
+const DRAWN_PX: u32 = 160;
+const SHOWN: f32 = 80.0;
+const COLUMNS: usize = 3;
+/// From the front, one side and above, in a model's axes.
+const FROM: DVec3 = DVec3::new(0.5, 0.6, 1.0);
+/// How many of its radii away a model is seen.
+const FAR: f64 = 5.0;
+
+/// A model's picture.
+enum Small {
+    Asked,
+    Shown(TextureHandle),
+    Failed(String),
+}
+
+/// Draws on a thread of its own.
+struct Artist {
+    asked: Sender<PathBuf>,
+    drawn: Receiver<(PathBuf, Result<ColorImage, String>)>,
+}
+
+/// The models beside the scene file and those that come with the program.
+#[derive(Default)]
+pub struct Library {
+    models: Vec<PathBuf>,
+    looked_in: Option<PathBuf>,
+    small: HashMap<PathBuf, Small>,
+    artist: Option<Artist>,
+}
+
+impl Library {
+    /// Finds the models for a scene file, once.
+    pub fn look(&mut self, scene: &Path) {
+        let folder =
+            scene.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
+        if self.looked_in.as_ref() == Some(&folder) {
+            return;
+        }
+        let folders = [folder.clone(), PathBuf::from("scenes")];
+        let mut found: Vec<PathBuf> = folders
+            .iter()
+            .filter_map(|folder| std::fs::read_dir(folder).ok())
+            .flat_map(|entries| entries.flatten().map(|entry| entry.path()))
+            .filter(|path| is_model(path))
+            .collect();
+        found.sort();
+        let mut seen = std::collections::BTreeSet::new();
+        found.retain(|path| seen.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
+        self.models = found;
+        self.looked_in = Some(folder);
+    }
+
+    /// A model from elsewhere.
+    pub fn add(&mut self, model: &Path) {
+        if !self.models.iter().any(|known| known == model) {
+            self.models.push(model.to_owned());
+        }
+    }
+
+    /// Shows the models. Gives the one that was chosen.
+    pub fn show(&mut self, ui: &mut Ui, gpu: &Gpu) -> Option<PathBuf> {
+        self.take_drawn(ui.ctx());
+        if self.models.is_empty() {
+            ui.label("No .glb beside the scene file. Drop one into the window.");
+            return None;
+        }
+        let mut chosen = None;
+        let models = self.models.clone();
+        egui::ScrollArea::vertical().max_height(4.0 * (SHOWN + 24.0)).show(ui, |ui| {
+            egui::Grid::new("library").spacing([6.0, 6.0]).show(ui, |ui| {
+                for (n, model) in models.iter().enumerate() {
+                    if self.entry(ui, gpu, model) {
+                        chosen = Some(model.clone());
+                    }
+                    if n % COLUMNS == COLUMNS - 1 {
+                        ui.end_row();
+                    }
+                }
+            });
+        });
+        chosen
+    }
+
+    /// One model; whether it was clicked.
+    fn entry(&mut self, ui: &mut Ui, gpu: &Gpu, model: &Path) -> bool {
+        let line = ui.text_style_height(&egui::TextStyle::Small);
+        let (rect, response) = ui.allocate_exact_size(vec2(SHOWN + 8.0, SHOWN + line + 10.0), egui::Sense::click());
+        let called = name(model);
+        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, &called));
+        if !ui.is_rect_visible(rect) {
+            return response.clicked();
+        }
+        let visuals = ui.style().interact(&response);
+        let painter = ui.painter();
+        painter.rect_filled(rect, visuals.corner_radius, visuals.weak_bg_fill);
+        if response.has_focus() || response.hovered() {
+            painter.rect_stroke(rect, visuals.corner_radius, visuals.fg_stroke, egui::StrokeKind::Inside);
+        }
+        let picture = egui::Rect::from_min_size(rect.min + vec2(4.0, 4.0), vec2(SHOWN, SHOWN));
+        let whole = egui::Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
+        let told = match self.small.get(model) {
+            Some(Small::Shown(texture)) => {
+                painter.image(texture.id(), picture, whole, Color32::WHITE);
+                None
+            }
+            Some(Small::Failed(why)) => {
+                let font = egui::TextStyle::Body.resolve(ui.style());
+                painter.text(picture.center(), egui::Align2::CENTER_CENTER, "?", font, ui.visuals().error_fg_color);
+                Some(why.clone())
+            }
+            Some(Small::Asked) => None,
+            None => {
+                self.ask(ui.ctx(), gpu, model);
+                None
+            }
+        };
+        let font = egui::TextStyle::Small.resolve(ui.style());
+        let mut job = egui::text::LayoutJob::simple_singleline(called, font, visuals.text_color());
+        job.wrap = egui::text::TextWrapping::truncate_at_width(SHOWN);
+        let text = ui.painter().layout_job(job);
+        let at = egui::pos2(rect.center().x - 0.5 * text.size().x, picture.bottom() + 2.0);
+        ui.painter().galley(at, text, visuals.text_color());
+        let hover = told.unwrap_or_else(|| model.display().to_string());
+        response.on_hover_text(hover).clicked()
+    }
+
+    fn ask(&mut self, ctx: &egui::Context, gpu: &Gpu, model: &Path) {
+        if self.artist.is_none() {
+            self.artist = Artist::new(gpu.clone(), ctx.clone()).ok();
+        }
+        let sent = self.artist.as_ref().is_some_and(|artist| artist.asked.send(model.to_owned()).is_ok());
+        let small = if sent { Small::Asked } else { Small::Failed("no thread can be had that draws".to_owned()) };
+        self.small.insert(model.to_owned(), small);
+    }
+
+    fn take_drawn(&mut self, ctx: &egui::Context) {
+        let Some(artist) = &self.artist else { return };
+        for (model, drawn) in artist.drawn.try_iter() {
+            let small = match drawn {
+                Ok(image) => Small::Shown(ctx.load_texture(name(&model), image, egui::TextureOptions::LINEAR)),
+                Err(why) => Small::Failed(why),
+            };
+            self.small.insert(model, small);
+        }
+    }
+}
+
+/// What is a model by its ending.
+pub fn is_model(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
+}
+
+/// A model's name: its file's.
+pub fn name(model: &Path) -> String {
+    model.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+impl Artist {
+    /// Ends when the library is dropped.
+    fn new(gpu: Gpu, ctx: egui::Context) -> std::io::Result<Self> {
+        let (asked, to_draw) = channel::<PathBuf>();
+        let (done, drawn) = channel();
+        Builder::new().name("window artist".to_owned()).spawn(move || {
+            let mut renderer: Option<Renderer> = None;
+            for model in to_draw {
+                let picture = draw(&gpu, &mut renderer, &model);
+                if done.send((model, picture)).is_err() {
+                    return;
+                }
+                ctx.request_repaint();
+            }
+        })?;
+        Ok(Self { asked, drawn })
+    }
+}
+
+fn draw(gpu: &Gpu, renderer: &mut Option<Renderer>, model: &Path) -> Result<ColorImage, String> {
+    let scene = scene::load(model, Some(DVec3::Y)).map_err(|error| error.to_string())?;
+    let still = still(&scene).ok_or_else(|| format!("{}: there is nothing in it to see", model.display()))?;
+    // The first makes the pipelines.
+    let renderer = match renderer {
+        Some(renderer) => {
+            renderer.set_scene(gpu, scene);
+            renderer
+        }
+        None => renderer.insert(Renderer::new(gpu, scene)),
+    };
+    let image = take_still(gpu, renderer, &still).map_err(|error| error.to_string())?;
+    Ok(shown(&image))
+}
+
+/// A view of all of a scene.
+fn still(scene: &Scene) -> Option<Still> {
+    let points = || scene.objects.iter().flat_map(|object| object.points_m(scene));
+    let (low, high) = points().map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
+    let middle = 0.5 * (low + high);
+    let radius = points().map(|p| p.distance(middle)).fold(1e-4, f64::max);
+    let side = f64::from(DRAWN_PX);
+    // Nothing nearer than a centimetre is drawn. The sphere around it fills nearly all of the picture.
+    let distance = (FAR * radius).max(radius + 0.02);
+    let focal_px = 0.48 * side * (distance * distance - radius * radius).sqrt() / radius;
+    let intrinsics = Intrinsics {
+        width_px: DRAWN_PX,
+        height_px: DRAWN_PX,
+        fx_px: focal_px,
+        fy_px: focal_px,
+        cx_px: 0.5 * side,
+        cy_px: 0.5 * side,
+        ..Intrinsics::default()
+    };
+    let pose = Pose::look_at(middle + distance * FROM.normalize(), middle, DVec3::Y)?;
+    let projection = Projection::Perspective(Geometry::new(intrinsics, Distortion::default()));
+    Some(Still { projection, pose, background: false })
+}
+
+/// Code values with coverage.
+fn shown(image: &LinearImage) -> ColorImage {
+    let response = Response::default();
+    let code = |light: f32| (255.0 * response.encode(f64::from(light)).clamp(0.0, 1.0)).round() as u8;
+    let pixel = |[r, g, b, a]: &[f32; 4]| {
+        let [r, g, b] = [r, g, b].map(|c| if *a > 0.0 { code(c / a) } else { 0 });
+        Color32::from_rgba_unmultiplied(r, g, b, (255.0 * a.clamp(0.0, 1.0)).round() as u8)
+    };
+    ColorImage::new([image.width as usize, image.height as usize], image.rgba.iter().map(pixel).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_picture_shows_all_of_a_model_and_nothing_around_it() {
+        let gpu = Gpu::open().unwrap();
+        let mut renderer = None;
+        // A tent of 10 cm, and a case of 2 cm with the same renderer.
+        for model in ["scenes/marker-1.glb", "scenes/cartridge-case-9mm.glb"] {
+            let image = draw(&gpu, &mut renderer, Path::new(model)).unwrap();
+            let side = DRAWN_PX as usize;
+            assert_eq!(image.size, [side, side]);
+            let covered = |x: usize, y: usize| image.pixels[y * side + x].a() > 0;
+            let rim = (0..side).flat_map(|n| [(n, 0), (n, side - 1), (0, n), (side - 1, n)]);
+            assert!(covered(side / 2, side / 2) && !rim.into_iter().any(|(x, y)| covered(x, y)), "{model}");
+            let share = image.pixels.iter().filter(|p| p.a() > 0).count() as f64 / (side * side) as f64;
+            assert!(share > 0.1, "{model}: {share}");
+        }
+        assert!(draw(&gpu, &mut renderer, Path::new("scenes/none.glb")).unwrap_err().contains("none.glb"));
+    }
+}

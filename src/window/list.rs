@@ -1,0 +1,59 @@
+//! The list of the things that are placed: what is selected, what is hidden, what stands wrong.
+
+use eframe::egui::{self, RichText, Stroke, Ui, vec2};
+
+use super::Project;
+use super::wrongs::Wrongs;
+use crate::scene::Entry;
+
+/// Shows the list. A click selects, the box at the left shows and hides. Gives what went wrong.
+pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut Option<Entry>) -> Option<String> {
+    let scene = project.edit().scene.clone();
+    let mut switched = None;
+    egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
+        for (object, entry) in scene.entries().into_iter().enumerate() {
+            ui.horizontal(|ui| {
+                let title = scene.title(entry);
+                let mut is_shown = !scene.is_hidden(entry);
+                let response = ui.checkbox(&mut is_shown, "").on_hover_text("Shown, or hidden");
+                response.widget_info(|| {
+                    egui::WidgetInfo::selected(egui::Role::CheckBox, true, is_shown, format!("{title}: shown"))
+                });
+                if response.changed() {
+                    switched = Some((entry, !is_shown, title.clone()));
+                }
+                let name = title.clone();
+                let is_selected = *selected == Some(entry);
+                let text = if is_shown { RichText::new(title) } else { RichText::new(title).weak() };
+                if ui.selectable_label(is_selected, text).clicked() {
+                    *selected = (!is_selected).then_some(entry);
+                }
+                let told: Vec<String> = wrongs.of(object).map(ToString::to_string).collect();
+                if !told.is_empty() {
+                    sign(ui, &format!("{name}: stands wrong")).on_hover_text(told.join("\n"));
+                }
+            });
+        }
+    });
+    let object = selected.and_then(|selected| scene.entries().iter().position(|entry| *entry == selected));
+    for note in object.into_iter().flat_map(|object| wrongs.of(object)) {
+        ui.label(RichText::new(note.to_string()).small().color(ui.visuals().warn_fg_color));
+    }
+    let (entry, hidden, title) = switched?;
+    let what = format!("{title}: {}", if hidden { "hidden" } else { "shown" });
+    let done = project.change_scene(&what, |scene| scene.hide(entry, hidden));
+    project.close_step();
+    done.err().map(|e| e.to_string())
+}
+
+/// A warning triangle.
+fn sign(ui: &mut Ui, called: &str) -> egui::Response {
+    let (rect, response) = ui.allocate_exact_size(vec2(14.0, 14.0), egui::Sense::hover());
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, called));
+    let (ink, middle) = (ui.visuals().warn_fg_color, rect.center_bottom() - vec2(0.0, 1.5));
+    let corners = vec![rect.center_top(), rect.right_bottom() - vec2(0.0, 1.0), rect.left_bottom() - vec2(0.0, 1.0)];
+    ui.painter().add(egui::Shape::closed_line(corners, Stroke::new(1.5, ink)));
+    ui.painter().line_segment([middle - vec2(0.0, 7.5), middle - vec2(0.0, 4.0)], Stroke::new(1.5, ink));
+    ui.painter().circle_filled(middle - vec2(0.0, 1.8), 0.9, ink);
+    response
+}

@@ -1,0 +1,73 @@
+//! What stands wrong in the scene, looked for on a thread of its own while a person works.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread::Builder;
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+
+use super::Project;
+use crate::frame::Frame;
+use crate::shot::{Note, Wrong};
+
+/// What it is true of: the project's scene, and the frame.
+type Of = (u64, usize);
+
+/// So long nothing has changed before it is looked at: while a thing is dragged or it plays, the machine has other work.
+const REST: Duration = Duration::from_millis(400);
+
+/// What stands wrong, for the list of evidence.
+#[derive(Default)]
+pub struct Wrongs {
+    looking: Option<(Of, Receiver<Vec<Wrong>>)>,
+    /// What is shown, and since when.
+    waits: Option<(Of, Instant)>,
+    found: Option<(Of, Vec<Wrong>)>,
+}
+
+impl Wrongs {
+    /// Begins to look where scene or frame have changed, and takes what was found. Never waits.
+    pub fn look(&mut self, project: &Project, frame: Option<&Arc<Frame>>, ctx: &egui::Context) {
+        if let Some((of, found)) = &self.looking {
+            match found.try_recv() {
+                Ok(wrongs) => self.found = Some((*of, wrongs)),
+                Err(TryRecvError::Empty) => return,
+                Err(TryRecvError::Disconnected) => {}
+            }
+            self.looking = None;
+        }
+        let Some(frame) = frame else { return };
+        let of = (project.scene_version(), frame.index);
+        if self.found.as_ref().is_some_and(|(known, _)| *known == of) {
+            return;
+        }
+        let since = match self.waits {
+            Some((waits, since)) if waits == of => since.elapsed(),
+            _ => {
+                self.waits = Some((of, Instant::now()));
+                Duration::ZERO
+            }
+        };
+        if since < REST {
+            ctx.request_repaint_after(REST - since);
+            return;
+        }
+        let (done, found) = channel();
+        let (shot, frame, ctx) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
+        let looks = Builder::new().name("window wrongs".to_owned()).spawn(move || {
+            if done.send(shot.wrongs(&frame)).is_ok() {
+                ctx.request_repaint();
+            }
+        });
+        if looks.is_ok() {
+            self.looking = Some((of, found));
+        }
+    }
+
+    /// What is wrong with an object of the loaded scene.
+    pub fn of(&self, object: usize) -> impl Iterator<Item = &Note> {
+        let all = self.found.iter().flat_map(|(_, wrongs)| wrongs);
+        all.filter(move |wrong| wrong.objects.contains(&object)).map(|wrong| &wrong.note)
+    }
+}

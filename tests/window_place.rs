@@ -1,0 +1,105 @@
+//! Placing in the window: on a plane through three points, what is hidden, and what stands wrong.
+
+#![cfg(feature = "window")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/gpu.rs"]
+mod gpu;
+#[path = "common/window.rs"]
+mod worked;
+
+use std::path::Path;
+
+use eframe::egui::{self, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use locard::recording::OpenOptions;
+use locard::scene::Entry;
+use locard::shot::Given;
+use locard::window::{App, Project};
+use worked::{settle, shown, until, window};
+
+const FRAME: usize = 30;
+
+fn open() -> Harness<'static, App> {
+    let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    window.state_mut().player_mut().seek(FRAME);
+    settle(&mut window);
+    window
+}
+
+/// Clicks where a point of the world is seen.
+fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
+    let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
+    let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.step();
+    window.drop_at(at);
+    window.run_steps(2);
+}
+
+#[test]
+fn three_points_make_a_plane_and_things_come_to_rest_on_it() {
+    let mut window = open();
+    window.get_by_label("Three points…").click();
+    window.run_steps(2);
+    // The floor is z = 0, and the depth noisy by 1.5 mm.
+    for point_m in [[-0.4, -0.3, 0.0], [0.3, -0.4, 0.0], [-0.1, 0.5, 0.0]] {
+        click(&mut window, point_m);
+    }
+    window.get_by_label("a plane");
+    let before = window.state().project().edit().scene.objects.len();
+    window.get_by_label("Place…").click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "marker-3").click();
+    window.run_steps(2);
+    click(&mut window, [0.1, -0.2, 0.0]);
+    let objects = &window.state().project().edit().scene.objects;
+    assert_eq!(objects.len(), before + 1);
+    let position_m = objects[before].position_m.unwrap();
+    for (found, expected) in position_m.into_iter().zip([0.1, -0.2, 0.0]) {
+        assert!((found - expected).abs() < 4e-3, "{position_m:?}");
+    }
+    settle(&mut window);
+}
+
+#[test]
+fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
+    let mut window = open();
+    let before = shown(&window);
+    let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
+    // What it finds it finds on a thread.
+    let twice = window.state().project().edit().scene.objects[0].clone();
+    let name = twice.name.clone().unwrap();
+    let add = |scene: &mut locard::scene::SceneFile| scene.objects.push(twice);
+    window.state_mut().project_mut().change_scene("twice", add).unwrap();
+    settle(&mut window);
+    for _ in 0..10_000 {
+        if told(&window) == 2 {
+            break;
+        }
+        window.step();
+        std::thread::yield_now();
+    }
+    assert_eq!(told(&window), 2, "each of the two");
+    // The one that was there is hidden, then the other too.
+    let boxes = format!("{name}: shown");
+    window.get_all_by_label(&boxes).next().unwrap().click();
+    window.run_steps(2);
+    settle(&mut window);
+    let first = Entry { object: 0, instance: None };
+    assert!(window.state().project().edit().scene.is_hidden(first));
+    assert!(shown(&window) == before, "one of two in one place");
+    window.get_all_by_label(&boxes).last().unwrap().click();
+    window.run_steps(2);
+    settle(&mut window);
+    assert!(shown(&window) != before);
+    window.state_mut().project_mut().undo();
+    window.state_mut().project_mut().undo();
+    until(&mut window, App::is_settled);
+    assert!(!window.state().project().edit().scene.is_hidden(first));
+}
