@@ -181,7 +181,10 @@ fn a_name_that_no_file_can_have_is_refused_as_it_is_read() {
     std::fs::write(temp.path().join("rgb.txt"), format!("0 rgb/00000.jpg\n1 rgb/{long}\n")).unwrap();
     let text = refused(&["inspect", temp.path().to_str().unwrap()]);
     assert!(text.contains("rgb.txt, line 2: the file's name is `rgb/xxx"), "{text}");
-    assert!(text.contains("xxx… (10000004 bytes in all)`; accepted are up to 4096 bytes") && text.len() < 400, "{text}");
+    assert!(
+        text.contains("xxx… (10000004 bytes in all)`; accepted are up to 4096 bytes") && text.len() < 400,
+        "{text}"
+    );
 }
 
 #[test]
