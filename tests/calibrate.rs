@@ -7,11 +7,20 @@ mod common;
 mod random;
 
 use locard::calibrate::noise::{from_known_means, from_scenes};
-use locard::calibrate::{CalibrateError, NoiseCalibration, NoiseOptions, noise_from_paths};
+use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions};
 use locard::camera::NoiseProfile;
 use locard::pixels::{Codes, Pixels};
 use random::Random;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+
+fn noise_from_paths(
+    frames: &[PathBuf],
+    means: &[PathBuf],
+    options: &NoiseOptions,
+) -> Result<NoiseCalibration, CalibrateError> {
+    calibrate::noise_from_paths(frames, means, options, &mut |_, _| ControlFlow::Continue(()))
+}
 
 /// A field of unit variance; `rho`: correlation from one pixel to the next, in rows and columns.
 fn field(random: &mut Random, width: usize, height: usize, rho: f64) -> Vec<f64> {
@@ -93,6 +102,15 @@ fn worst(calibration: &NoiseCalibration, camera: &Camera) -> f64 {
 }
 
 const WHITE: Camera = Camera { sigma: [[0.3, 6.0], [1.0, 2.0], [0.8, 0.8]], neighbour: 0.0, shared: 0.0 };
+
+/// Not even read: the zeros take no memory.
+#[test]
+fn a_picture_whose_sums_would_fill_the_memory_is_refused() {
+    let (width, height) = (1 << 13, (1 << 13) + 1);
+    let large = Pixels::from_u8(width, height, vec![0; 3 * (width * height) as usize]).unwrap();
+    let error = from_scenes(&[vec![large]], &NoiseOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("8192x8193") && error.contains("accepted are up to 67108864 pixels"), "{error}");
+}
 
 #[test]
 fn recovers_white_noise_from_ten_frames() {
@@ -333,6 +351,13 @@ fn folders_are_scenes_and_loose_files_are_one() {
     let both = noise_from_paths(&[at("a"), at("0.png"), at("1.png")], &[], &options).unwrap();
     assert_eq!((both.scenes, both.frames), (2, 5));
 
+    // Stopped before the second of the three frames.
+    let mut told = Vec::new();
+    let stopped = calibrate::noise_from_paths(&loose, &[], &options, &mut |done, all| {
+        told.push((done, all));
+        if done == 1 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && told == [(0, 3), (1, 3)], "{told:?}");
     let failure =
         |frames: &[PathBuf], means: &[PathBuf]| noise_from_paths(frames, means, &options).unwrap_err().to_string();
     let error = failure(&loose[..1], &[]);

@@ -8,10 +8,11 @@ mod program;
 #[path = "common/random.rs"]
 mod random;
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use locard::calibrate::moving::from_frames;
-use locard::calibrate::{NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths};
+use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, noise_from_paths};
 use locard::camera::NoiseProfile;
 use locard::compositor::Settings;
 use locard::pixels::Pixels;
@@ -19,6 +20,10 @@ use locard::profile::Rig;
 use locard::simulate::{Options, Simulation};
 use program::{refused, said};
 use random::Random;
+
+fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
+    calibrate::moving_noise_from_paths(frames, options, &mut |_, _| ControlFlow::Continue(()))
+}
 
 const WIDTH: usize = 384;
 const HEIGHT: usize = 240;
@@ -276,7 +281,10 @@ fn single_frames_of_real_cameras() {
 #[test]
 fn texture_everywhere_and_a_fixed_pattern_only_add() {
     let Some(folder) = common::data("static-burst-grey") else { return };
-    let rest = noise_from_paths(std::slice::from_ref(&folder), &[], &NoiseOptions::default()).unwrap();
+    let rest = noise_from_paths(std::slice::from_ref(&folder), &[], &NoiseOptions::default(), &mut |_, _| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
     let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
     let errors = errors(&found, |c, code| rest.profile.sigma(c, code));
     println!("RESULT median {:+.2}, of {} bins\n{found}", median(errors.clone()), errors.len());
@@ -334,6 +342,12 @@ fn loose_pictures_folders_and_nothing() {
     let found = moving_noise_from_paths(&files, &options).unwrap();
     assert_eq!(found, moving_noise_from_paths(&[temp.path().to_owned()], &options).unwrap());
     assert_eq!(found, from_frames(&frames(3, 3.0, 0.3, 0), &options).unwrap());
+    let mut told = Vec::new();
+    let stopped = calibrate::moving_noise_from_paths(&files, &options, &mut |done, all| {
+        told.push((done, all));
+        if done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && told == [(0, 3), (1, 3), (2, 3)], "{told:?}");
     let error = moving_noise_from_paths(&[temp.path().join("nowhere")], &options).unwrap_err().to_string();
     assert!(error.contains("nowhere"), "{error}");
     assert!(moving_noise_from_paths(&[], &options).is_err());

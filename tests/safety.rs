@@ -156,19 +156,35 @@ fn a_file_that_is_too_large_is_refused_by_its_length() {
     };
     grow("poses.txt", 6 << 30);
     assert!(narrow(temp.path()).contains("poses.txt: cannot be read: it holds 6442450944 bytes; at most 1073741824"));
-    grow("recording.toml", 17 << 20);
-    let told = "it holds 17825792 bytes; at most 16777216 are read";
+    grow("recording.toml", 5 << 20);
+    let told = "it holds 5242880 bytes; at most 4194304 are read";
     assert!(narrow(temp.path()).contains(&format!("recording.toml: cannot be read: {told}")));
     for name in ["recording.toml", "rgb.txt"] {
         std::fs::remove_file(at(name)).unwrap();
     }
     grow("transforms.json", 17 << 20);
-    assert!(narrow(temp.path()).contains(&format!("transforms.json: cannot be read: {told}")));
+    let listing = "it holds 17825792 bytes; at most 16777216 are read";
+    assert!(narrow(temp.path()).contains(&format!("transforms.json: cannot be read: {listing}")));
     std::fs::remove_file(at("transforms.json")).unwrap();
     std::fs::create_dir_all(at("mav0/cam0")).unwrap();
     std::fs::write(at("mav0/cam0/data.csv"), "#t,f\n0,a.png\n").unwrap();
-    grow("mav0/cam0/sensor.yaml", 17 << 20);
+    grow("mav0/cam0/sensor.yaml", 5 << 20);
     assert!(narrow(temp.path()).contains(&format!("sensor.yaml: cannot be read: {told}")));
+}
+
+/// A word of 10 MB in the place of a picture's name, which took a second of looking for it.
+#[test]
+fn a_name_that_no_file_can_have_is_refused_as_it_is_read() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let long = "x".repeat(10_000_000);
+    std::fs::write(temp.path().join("rgb.txt"), format!("0 rgb/00000.jpg\n1 rgb/{long}\n")).unwrap();
+    let text = refused(&["inspect", temp.path().to_str().unwrap()]);
+    assert!(text.contains("rgb.txt, line 2: the file's name is `rgb/xxx"), "{text}");
+    assert!(
+        text.contains("xxx… (10000004 bytes in all)`; accepted are up to 4096 bytes") && text.len() < 400,
+        "{text}"
+    );
 }
 
 #[test]

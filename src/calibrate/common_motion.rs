@@ -28,7 +28,9 @@ impl CommonMotion {
         self.all += differences().map(|d| (d - mean).powi(2)).sum::<f64>();
         for (explained, reduced_by) in self.explained.iter_mut().zip(REDUCED_BY) {
             let by = reduced_by / factor;
-            pictures = pictures.map(|picture| reduce(&picture, width, height, by));
+            if by > 1 {
+                pictures = pictures.map(|picture| reduce(&picture, width, height, by));
+            }
             (width, height, factor) = (width / by, height / by, reduced_by);
             if width < 3 || height < 3 || width * height < NEEDED {
                 break;
@@ -47,9 +49,6 @@ impl CommonMotion {
 
 /// Means of squares of `by` × `by` pixels. Incomplete squares at the edges are left out.
 fn reduce(picture: &[f64], width: usize, height: usize, by: usize) -> Vec<f64> {
-    if by == 1 {
-        return picture.to_vec();
-    }
     let (columns, rows) = (width / by, height / by);
     let mut reduced = vec![0.0; columns * rows];
     for (row, line) in picture.chunks_exact(width).take(rows * by).enumerate() {

@@ -5,9 +5,17 @@ use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptio
 use crate::pixels::Pixels;
 use crate::recording::{OpenOptions, Recording};
 use crate::source::still;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Called with (frames done, all of them), first with (0, all). If it breaks, the calibration stops.
+pub type Progress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
+
+fn go_on(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), CalibrateError> {
+    if progress(done, all).is_break() { Err(CalibrateError::Stopped) } else { Ok(()) }
+}
 
 /// Calibrates from picture files. Each folder among `frames` is a scene (its PNG and JPEG files, in order of name); all
 /// loose files together are one scene. `means` is empty, or has one for everything, or one for each entry of `frames`
@@ -16,9 +24,11 @@ pub fn noise_from_paths(
     frames: &[PathBuf],
     means: &[PathBuf],
     options: &NoiseOptions,
+    mut progress: Progress<'_>,
 ) -> Result<NoiseCalibration, CalibrateError> {
     let scenes = group(frames, means)?;
     let mut calibrator = NoiseCalibrator::new(options.clone())?;
+    let (mut done, all) = (0, scenes.iter().map(|(_, files)| files.len()).sum());
     let mut jpeg = false;
     for (number, (mean, files)) in scenes.iter().enumerate() {
         if let (None, [only]) = (mean, files.as_slice()) {
@@ -27,6 +37,8 @@ pub fn noise_from_paths(
         }
         calibrator.begin_scene(mean.as_deref().map(read).transpose()?)?;
         for file in files {
+            go_on(&mut progress, done, all)?;
+            done += 1;
             calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
             jpeg |= still::is_jpeg(file)?;
         }
@@ -43,7 +55,11 @@ pub fn noise_from_paths(
 const MOST_FRAMES: usize = 120;
 
 /// Calibrates from frames of a moving camera: picture files, folders of them (in order of name) and recordings.
-pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
+pub fn moving_noise_from_paths(
+    frames: &[PathBuf],
+    options: &NoiseOptions,
+    mut progress: Progress<'_>,
+) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
     let (mut pictures, mut recordings) = (Vec::new(), Vec::new());
     for path in frames {
@@ -59,7 +75,12 @@ pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Re
     let all = pictures.len() + recordings.iter().map(Recording::frame_count).sum::<usize>();
     let every = all.div_ceil(MOST_FRAMES).max(1);
     let mut jpeg = false;
+    let used = |frames: usize| frames.div_ceil(every);
+    let all = used(pictures.len()) + recordings.iter().map(|r| used(r.frame_count())).sum::<usize>();
+    let mut done = 0;
     for file in pictures.iter().step_by(every) {
+        go_on(&mut progress, done, all)?;
+        done += 1;
         calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
         jpeg |= still::is_jpeg(file)?;
     }
@@ -72,6 +93,8 @@ pub fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Re
             jpeg |= still::is_jpeg(file)?;
         }
         for frame in recording.frames(0..recording.frame_count()).map_err(failed)?.step_by(every) {
+            go_on(&mut progress, done, all)?;
+            done += 1;
             calibrator.add_frame(&frame.map_err(failed)?.pixels).map_err(in_file(&recording.path))?;
         }
     }

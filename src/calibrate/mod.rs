@@ -16,5 +16,5 @@ mod scene_sums;
 mod unsteady;
 
 pub use bins::BinReport;
-pub use load::{is_picture, moving_noise_from_paths, noise_from_paths};
+pub use load::{Progress, is_picture, moving_noise_from_paths, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};

@@ -10,7 +10,7 @@
 use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;
 use super::rounding::{Rounding, UNIT};
-use super::scene_sums::{MAX_FRAMES, SceneSums};
+use super::scene_sums::{MAX_FRAMES, MAX_PIXELS, SceneSums};
 use super::unsteady::{Unsteady, unsteady};
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::Pixels;
@@ -80,6 +80,13 @@ pub enum CalibrateError {
     Depth { expected: u32, found: u32 },
     #[error("a picture without pixels")]
     Empty,
+    #[error(
+        "a picture is {found}; its sums would not fit into memory: accepted are up to {MAX_PIXELS} pixels; cut the same \
+         part out of all pictures of the scene"
+    )]
+    TooLarge { found: String },
+    #[error("stopped before it was done")]
+    Stopped,
     #[error("bins = {found} is refused: accepted is 1 to 256")]
     Bins { found: usize },
     #[error("either all scenes have a known mean or none has")]
@@ -203,6 +210,9 @@ impl NoiseCalibrator {
         };
         if found != expected {
             return Err(CalibrateError::Size { expected: size(expected.0, expected.1), found: size(found.0, found.1) });
+        }
+        if found.0 * found.1 > MAX_PIXELS {
+            return Err(CalibrateError::TooLarge { found: size(found.0, found.1) });
         }
         let scene = self.scene.get_or_insert_with(|| SceneSums::new(frame, self.mean.as_ref()));
         if scene.frames >= MAX_FRAMES {

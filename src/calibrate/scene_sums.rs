@@ -10,6 +10,8 @@ use crate::pixels::{Codes, Pixels};
 pub(crate) const BLOCK: usize = 8;
 /// More frames than this could overflow a pixel's sums.
 pub(crate) const MAX_FRAMES: u32 = 30_000;
+/// Pixels of the largest picture. Each takes 80 bytes while a scene is summed.
+pub(crate) const MAX_PIXELS: usize = 1 << 26;
 
 /// Summed products of a block's differences d. d is a frame minus the one before, or minus the known mean.
 #[derive(Clone, Copy, Debug, Default)]
@@ -75,7 +77,6 @@ pub(crate) struct SceneSums {
     sum: Vec<i32>,
     squares: Vec<u64>,
     touched: Vec<bool>,
-    differences: Vec<i64>,
     /// Mean and sum of squared deviations of the whole frames' means, for each channel (Welford).
     brightness: [(f64, f64); 3],
 }
@@ -106,7 +107,6 @@ impl SceneSums {
             sum: vec![0; n],
             squares: vec![0; n],
             touched: vec![false; n],
-            differences: vec![0; n],
             brightness: [(0.0, 0.0); 3],
         }
     }
@@ -142,13 +142,12 @@ impl SceneSums {
     fn add_differences(&mut self, codes: &[u16], from_reference: bool) {
         let base = if from_reference { &self.reference } else { &self.previous };
         self.motion.add(self.width, self.height, base, codes);
-        for (d, (&a, &b)) in self.differences.iter_mut().zip(codes.iter().zip(base)) {
-            *d = i64::from(a) - i64::from(b);
-        }
+        let difference = |i: usize| i64::from(codes[i]) - i64::from(base[i]);
         let (width, columns) = (self.width, self.width.div_ceil(BLOCK));
         let mut totals = vec![0i64; self.blocks.len()];
-        for (i, d) in self.differences.as_chunks::<3>().0.iter().enumerate() {
+        for i in 0..width * self.height {
             let (x, y) = (i % width, i / width);
+            let d = [0, 1, 2].map(|c| difference(3 * i + c));
             let place = y / BLOCK * columns + x / BLOCK;
             totals[place] += d[1];
             let block = &mut self.blocks[place];
@@ -157,10 +156,10 @@ impl SceneSums {
                 block.squares[c] += d[c] * d[c];
                 block.cross[c] += pairs[c];
                 if x % BLOCK != 0 {
-                    block.right[c] += d[c] * self.differences[3 * i - 3 + c];
+                    block.right[c] += d[c] * difference(3 * i - 3 + c);
                 }
                 if y % BLOCK != 0 {
-                    block.below[c] += d[c] * self.differences[3 * (i - width) + c];
+                    block.below[c] += d[c] * difference(3 * (i - width) + c);
                 }
             }
         }

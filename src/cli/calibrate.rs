@@ -1,6 +1,7 @@
 //! `locard calibrate`.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
@@ -65,11 +66,19 @@ pub fn run(args: Args) -> Result<()> {
         bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
     }
     let options = NoiseOptions::default();
-    let calibration = if args.moving {
-        moving_noise_from_paths(&args.frames, &options)?
-    } else {
-        noise_from_paths(&args.frames, &args.mean, &options)?
+    let bar = super::progress(false, 0);
+    let mut shown = |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        ControlFlow::Continue(())
     };
+    let calibration = if args.moving {
+        moving_noise_from_paths(&args.frames, &options, &mut shown)
+    } else {
+        noise_from_paths(&args.frames, &args.mean, &options, &mut shown)
+    };
+    bar.finish_and_clear();
+    let calibration = calibration?;
     profile.set_noise(&calibration.profile, &origin(&calibration));
     write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
     write!(std::io::stdout().lock(), "{calibration}")?;

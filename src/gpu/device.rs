@@ -192,6 +192,24 @@ impl Gpu {
         self.pipelines.load(Ordering::Relaxed)
     }
 
+    /// A buffer with these bytes, padded to four. wgpu's own `create_buffer_init` panics where there is no memory or the
+    /// device is lost; here the next [`Gpu::check`] tells.
+    pub fn buffer(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let size = bytes.len().next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT as usize);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: size as u64,
+            usage: usage | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut padded = std::borrow::Cow::Borrowed(bytes);
+        if size > bytes.len() {
+            padded.to_mut().resize(size, 0);
+        }
+        self.queue.write_buffer(&buffer, 0, &padded);
+        buffer
+    }
+
     /// The first uncaptured error. Call it before using what was read back: a failed call returns an unusable value,
     /// not an error.
     pub fn check(&self) -> Result<(), GpuError> {
@@ -255,5 +273,17 @@ mod tests {
         assert!(matches!(error, GpuError::OutOfMemory), "{error}");
         assert!(!error.to_string().contains('\n'));
         drop(textures);
+    }
+
+    /// What a buffer is made of must not matter once the device is gone.
+    #[test]
+    fn a_buffer_on_a_lost_device_is_an_error_and_no_panic() {
+        let gpu = Gpu::open().unwrap();
+        let made = gpu.buffer("five bytes", &[7; 5], wgpu::BufferUsages::COPY_SRC);
+        assert_eq!(made.size(), 8);
+        gpu.wait(None).unwrap();
+        gpu.device.destroy();
+        gpu.buffer("too late", &[7; 4], wgpu::BufferUsages::COPY_SRC);
+        assert!(gpu.check().is_err());
     }
 }

@@ -131,12 +131,7 @@ impl Uniforms {
 /// into the shader, anew for each value, up to a second each time. A choice is an `override` of the pipeline; a count
 /// is read from a storage buffer, or is its length.
 pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
-    use wgpu::util::DeviceExt;
     let mut padded = bytes.to_vec();
     padded.resize(bytes.len().next_multiple_of(16).max(16), 0);
-    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some(label),
-        contents: &padded,
-        usage: wgpu::BufferUsages::UNIFORM,
-    })
+    gpu.buffer(label, &padded, wgpu::BufferUsages::UNIFORM)
 }

@@ -176,10 +176,7 @@ fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image
     let [qw, qx, qy, qz, tx, ty, tz] = fields;
     let (rotation, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw))?;
     let camera = whole(&mut rest, "CAMERA_ID")?;
-    let name = rest.trim().to_owned();
-    if name.is_empty() {
-        return Err("NAME is missing".to_owned());
-    }
+    let name = listing::file_name(rest, "NAME is missing")?;
     let camera_from_world = Pose::new(rotation, DVec3::new(tx, ty, tz) * metres_per_unit);
     Ok((Image { name, camera, camera_from_world, line }, norm_error))
 }

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 
+use super::listing::file_name;
 use super::parts::{Format, Parts, Pictures, folder_of, geometry_from, track_from};
 use super::rigid::{NOT_RIGID, rigid};
 use super::{OpenOptions, RecordingError};
@@ -108,14 +109,12 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
     for (line, record) in text::records(text) {
         let refuse = |problem: String| TextError::line(list, line, problem);
         let (time, name) = record.split_once(',').unwrap_or((record, ""));
-        let (time_s, name) = (seconds(time, "timestamp").map_err(refuse)?, name.trim());
-        if name.is_empty() {
-            return Err(refuse("the file's name is missing (a line is `timestamp,filename`)".to_owned()));
-        }
+        let time_s = seconds(time, "timestamp").map_err(refuse)?;
+        let name = file_name(name, "the file's name is missing (a line is `timestamp,filename`)").map_err(refuse)?;
         if pictures.last().is_some_and(|before| time_s < before.0) {
             return Err(refuse("the time runs backwards".to_owned()));
         }
-        pictures.push((time_s, name.to_owned()));
+        pictures.push((time_s, name));
     }
     Ok(pictures)
 }

@@ -9,7 +9,7 @@ use super::{Recording, RecordingError};
 use crate::frame::{Frame, FrameExposure};
 use crate::pixels::{DepthMap, Pixels};
 use crate::source::ahead::Ahead;
-use crate::source::video::VideoFrames;
+use crate::source::decoding::VideoFrames;
 use crate::source::{SourceError, still};
 
 /// A frame's depth, if it has any.

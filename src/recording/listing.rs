@@ -41,10 +41,21 @@ pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
 }
 
 fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextError> {
-    by_time(text, list, |rest| match rest.trim() {
-        "" => Err("the file's name is missing (a line is `timestamp filename`)".to_owned()),
+    by_time(text, list, |rest| file_name(rest, "the file's name is missing (a line is `timestamp filename`)"))
+}
+
+/// No system opens a longer path, bytes.
+const LONGEST_NAME: usize = 4096;
+
+/// The name of a file at a line's end, or what is said where it is missing.
+pub fn file_name(rest: &str, missing: &str) -> Result<String, String> {
+    match rest.trim() {
+        "" => Err(missing.to_owned()),
+        name if name.len() > LONGEST_NAME => {
+            Err(format!("the file's name is `{}`; accepted are up to {LONGEST_NAME} bytes", quoted(name)))
+        }
         name => Ok(name.to_owned()),
-    })
+    }
 }
 
 /// No sensor has more gain: twenty stops.

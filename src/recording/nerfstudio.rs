@@ -154,7 +154,7 @@ fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
 }
 
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&text::read_description(file)?, file)?;
+    let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&text::read_listing(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
     // The order in the file is whatever suited its writer; the names have the camera's order.
     frames.sort_by(|a, b| listing::natural_order(&a.file_path, &b.file_path));

@@ -104,7 +104,6 @@ impl Renderer {
     }
 
     fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Pipelines) -> Self {
-        use wgpu::util::DeviceExt;
         let mut vertices: Vec<Vertex> = Vec::new();
         let mut indices: Vec<u32> = Vec::new();
         let meshes = scene
@@ -128,12 +127,9 @@ impl Renderer {
         // A buffer must not be empty.
         vertices.resize(vertices.len().max(1), bytemuck::Zeroable::zeroed());
         indices.resize(indices.len().max(3), 0);
-        let buffer = |label, contents, usage| {
-            gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
-        };
         Self {
-            vertices: buffer("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
-            indices: buffer("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
+            vertices: gpu.buffer("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
+            indices: gpu.buffer("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             meshes,
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
@@ -291,7 +287,6 @@ impl Renderer {
     /// The draw calls of a view, opaque ones first, then blended ones back to front, and the buffers of meshes cut fine
     /// for it.
     fn draws(&self, gpu: &Gpu, view: &View<'_>) -> Draws {
-        use wgpu::util::DeviceExt;
         let bend = Bend::of(view.geometry, view.shutter.readout_time_s);
         let (moments, _) = view.keys.sampled();
         let (mut vertices, mut indices) = (Vec::new(), Vec::new());
@@ -341,12 +336,9 @@ impl Renderer {
                 .then_with(|| if blended(a) { b.depth_m.total_cmp(&a.depth_m) } else { a.part.cmp(&b.part) })
         });
         let buffers = (!indices.is_empty()).then(|| {
-            let buffer = |label, contents, usage| {
-                gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
-            };
             (
-                buffer("diced vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
-                buffer("diced indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
+                gpu.buffer("diced vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
+                gpu.buffer("diced indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             )
         });
         Draws { list: draws, diced: buffers, motion: Motion::new(gpu, view) }
@@ -377,16 +369,12 @@ impl Renderer {
         draws: &Draws,
         out: &Layer,
     ) {
-        use wgpu::util::DeviceExt;
         let gpu = &recorder.gpu.clone();
         let size = out.size;
         let uniform = ViewUniform::new(view, &draws.motion.rect, sample, focus_distance_m);
         let uniform = recorder.uniform(bytemuck::bytes_of(&uniform));
-        let instances = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("instances"),
-            contents: bytemuck::cast_slice(&self.instances(view, sample)),
-            usage: wgpu::BufferUsages::VERTEX,
-        });
+        let instances = self.instances(view, sample);
+        let instances = gpu.buffer("instances", bytemuck::cast_slice(&instances), wgpu::BufferUsages::VERTEX);
         let light = LightUniform::new(&self.scene.lighting, &self.environment, view.keys.origin_in_world_m);
         let light = recorder.uniform(bytemuck::bytes_of(&light));
         let depth_view = view.occlusion.map_or(&self.no_depth.view, |occlusion| &occlusion.depth.view);

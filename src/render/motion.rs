@@ -46,7 +46,6 @@ struct Node {
 impl Motion {
     /// At the middle of the exposure. 0 for parallel rays, which are used for single pictures only.
     pub fn new(gpu: &Gpu, view: &View<'_>) -> Self {
-        use wgpu::util::DeviceExt;
         // Between nodes h apart, a rotation by ω deviates from linear by h² ω / (4 f), which for this h is f ω / 4096.
         // A lens with distortion adds as much again. Each cell costs two triangles.
         let side_px = (view.geometry.intrinsics.fx_px / 32.0).clamp(8.0, 64.0) as u32;
@@ -63,11 +62,7 @@ impl Motion {
                 }
             })
             .collect();
-        let nodes = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("motion"),
-            contents: bytemuck::cast_slice(&nodes),
-            usage: wgpu::BufferUsages::STORAGE,
-        });
+        let nodes = gpu.buffer("motion", bytemuck::cast_slice(&nodes), wgpu::BufferUsages::STORAGE);
         Self { side_px, rect: view.rect, cells, nodes }
     }
 

@@ -26,6 +26,7 @@ use glam::DQuat;
 
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use crate::tracking::{NotAscending, PoseTrack};
+use crate::words::reason;
 
 pub use board::{Board, board};
 pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
@@ -103,7 +104,7 @@ pub enum SimulateError {
     NotSimulated(PathBuf),
     #[error("{0} is the folder that one is in, or holds it; name a new one for the recording")]
     Within(PathBuf),
-    #[error("{path}: cannot be written: {source}; check that the disk has room and the folder is yours")]
+    #[error("{path}: cannot be written: {}", reason(source))]
     Write { path: PathBuf, source: std::io::Error },
     #[error("stopped; nothing is left of it")]
     Stopped,

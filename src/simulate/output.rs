@@ -52,6 +52,17 @@ impl Output {
         &self.name
     }
 
+    /// An error in the hidden folder, as one in the recording's: the user knows no other.
+    pub fn told(&self, error: SimulateError) -> SimulateError {
+        match error {
+            SimulateError::Write { path, source } => {
+                let path = path.strip_prefix(self.folder()).map_or(path.clone(), |inner| self.place.join(inner));
+                SimulateError::Write { path, source }
+            }
+            other => other,
+        }
+    }
+
     /// Moves the recording to its place. An older one is removed file by file, so that nothing else is removed with it.
     pub fn finish(self) -> Result<(), SimulateError> {
         let Self { part, place, name, force, unfinished, made } = self;

@@ -49,7 +49,7 @@ pub fn run(
     if progress(0, options.frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }
-    fill(output.folder(), output.name(), &simulation, progress)?;
+    fill(output.folder(), output.name(), &simulation, progress).map_err(|error| output.told(error))?;
     output.finish()
 }
 

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use toml_edit::Table;
 
 use crate::document;
-use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::file::{self, MOST_LISTING};
 
 pub const TRUTH: &str = "truth.toml";
 /// Before the checksum of everything above it.
@@ -55,7 +55,7 @@ impl Written {
         if !path.symlink_metadata().ok()?.is_file() {
             return None;
         }
-        let text = file::read_text(&path, MOST_DOCUMENT).ok()?;
+        let text = file::read_text(&path, MOST_LISTING).ok()?;
         let start = text.rfind(SEAL)?;
         if sealed(&text[..start]) != text {
             return None;

@@ -188,12 +188,14 @@ impl SinkOptions {
     }
 }
 
-/// An encoding error as a write error.
+/// An encoding error as a write error. PNG's encoder wraps what the system said.
 fn of_image(error: image::ImageError) -> std::io::Error {
-    match error {
-        image::ImageError::IoError(error) => error,
-        other => std::io::Error::other(other),
-    }
+    let image::ImageError::IoError(error) = error else {
+        let causes = std::iter::successors(std::error::Error::source(&error), |cause| cause.source());
+        let said = causes.filter_map(|cause| cause.downcast_ref::<std::io::Error>()).find_map(|e| e.raw_os_error());
+        return said.map_or_else(|| std::io::Error::other(error), std::io::Error::from_raw_os_error);
+    };
+    error
 }
 
 fn of_exr(error: ::exr::error::Error) -> std::io::Error {
@@ -233,5 +235,22 @@ mod tests {
         }
         let error = OutPath::parse(Path::new("b.avi")).unwrap_err().to_string();
         assert!(error.starts_with("b.avi: cannot write .avi; accepted are a folder"), "{error}");
+    }
+
+    /// Whatever the encoder makes of the system's error.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_told_as_one_by_every_encoder() {
+        let folder = tempfile::tempdir().unwrap();
+        let full = |name: &str| {
+            let path = folder.path().join(name);
+            std::os::unix::fs::symlink("/dev/full", &path).unwrap();
+            path
+        };
+        let light = crate::pixels::LinearImage { width: 200, height: 200, rgba: vec![[0.5; 4]; 40_000] };
+        for name in ["a.png", "a.exr"] {
+            let error = picture::write(&full(name), &light, &Default::default(), true).unwrap_err().to_string();
+            assert!(error.contains("cannot be written: the disk is full"), "{error}");
+        }
     }
 }

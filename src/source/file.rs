@@ -6,8 +6,10 @@ use std::path::Path;
 
 /// Text that people and programs write: ten hours of poses at 200 per second.
 pub const MOST_TEXT: u64 = 1 << 30;
-/// Descriptions, scenes, profiles: text written by hand.
-pub const MOST_DOCUMENT: u64 = 1 << 24;
+/// Descriptions, scenes, profiles: TOML written by hand. Its reader takes up to 80 bytes of memory for each of the text.
+pub const MOST_DOCUMENT: u64 = 1 << 22;
+/// Documents with an entry for each frame, which programs write.
+pub const MOST_LISTING: u64 = 1 << 24;
 
 /// Opens a plain file. Refuses a named pipe, which would wait for a writer, and a device, which may be endless.
 pub fn open(path: &Path) -> io::Result<File> {

@@ -1,6 +1,7 @@
 //! Pixels and depth in: still pictures, video files, and decoding ahead of their consumer.
 
 pub mod ahead;
+pub mod decoding;
 pub mod exif;
 pub mod ffmpeg;
 pub mod file;

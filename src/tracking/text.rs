@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::source::file::{self, MOST_DOCUMENT, MOST_TEXT};
+use crate::source::file::{self, MOST_DOCUMENT, MOST_LISTING, MOST_TEXT};
 use crate::words::{quoted, reason};
 
 /// A text file cannot be read or does not contain what it should.
@@ -30,6 +30,11 @@ pub fn read(file: &Path) -> Result<String, TextError> {
 /// Like [`read`], for a description of a recording.
 pub fn read_description(file: &Path) -> Result<String, TextError> {
     read_at_most(file, MOST_DOCUMENT)
+}
+
+/// Like [`read`], for a description that lists the frames.
+pub fn read_listing(file: &Path) -> Result<String, TextError> {
+    read_at_most(file, MOST_LISTING)
 }
 
 fn read_at_most(file: &Path, most: u64) -> Result<String, TextError> {

@@ -61,16 +61,10 @@ fn radii(points: usize) -> [f32; 2] {
 struct Discs(usize);
 
 fn discs(gpu: &Gpu, Discs(points): &Discs) -> Bytes {
-    use wgpu::util::DeviceExt;
     let [first, second] = radii(*points);
     let texels = |count| poisson_disc(count).into_iter().map(|[x, y]| [x as f32, y as f32]);
     let all: Vec<_> = std::iter::once([first, second]).chain(texels(SECOND)).chain(texels(*points)).collect();
-    let buffer = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some("discs"),
-        contents: bytemuck::cast_slice(&all),
-        usage: wgpu::BufferUsages::STORAGE,
-    });
-    Bytes::from(&buffer)
+    Bytes::from(&gpu.buffer("discs", bytemuck::cast_slice(&all), wgpu::BufferUsages::STORAGE))
 }
 
 /// `points`: of the first disc.

@@ -132,17 +132,13 @@ impl Pattern {
     }
 
     fn written(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
-        use wgpu::util::DeviceExt;
         let pattern = recorder.pool.lend(&recorder.gpu, (lattice.width(), lattice.height()), FORMAT);
         let texel = size_of::<[i16; 4]>() as u32;
         let stride = (lattice.width() * texel).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let mut texels = vec![[0; 4]; (stride / texel * lattice.height()) as usize];
         self.fill(lattice, (stride / texel) as usize, &mut texels);
-        let buffer = recorder.gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("noise pattern"),
-            contents: bytemuck::cast_slice(&texels),
-            usage: wgpu::BufferUsages::COPY_SRC,
-        });
+        let bytes = bytemuck::cast_slice(&texels);
+        let buffer = recorder.gpu.buffer("noise pattern", bytes, wgpu::BufferUsages::COPY_SRC);
         let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride), rows_per_image: None };
         recorder.encoder().copy_buffer_to_texture(
             wgpu::TexelCopyBufferInfo { buffer: &buffer, layout },
