@@ -456,7 +456,7 @@ impl eframe::App for App {
                 self.session.say(refused);
             }
         });
-        egui::Panel::left("evidence").frame(panel).default_size(170.0).size_range(140.0..=400.0).show(ui, |ui| {
+        egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
             ui.add_space(4.0);
             let session = &mut self.session;
             let frame = session.frame().cloned();

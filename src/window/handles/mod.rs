@@ -300,7 +300,7 @@ impl Handles {
         let line_x = over.view.wipe.map(|share| over.seen.placed.rect.min.x + share * over.seen.placed.rect.width());
         let on_line = |at: Pos2| line_x.is_some_and(|x| (at.x - x).abs() <= GRIP);
         let usable = over.is_free && !over.is_hidden && response.contains_pointer();
-        let pointer = latest.filter(|at| usable && !on_line(*at));
+        let pointer = latest.filter(|at| usable && !on_line(*at) && !over.seen.camera.contains(*at));
         if self.pressed.is_none() {
             self.hot = pointer.zip(*selected).and_then(|(at, entry)| self.handle_at(over, project, eye, entry, at));
         }
@@ -353,10 +353,9 @@ impl Handles {
     fn paint(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: Option<Entry>) {
         let Some(entry) = selected.filter(|entry| !project.edit().scene.is_hidden(*entry)) else { return };
         let placed = over.seen.placed;
-        // Left of the wipe's line the picture is the camera's own.
-        let from_x = over.view.wipe.map_or(f32::NEG_INFINITY, |share| placed.rect.min.x + share * placed.rect.width());
-        let clip = over.seen.painter.clip_rect().intersect(Rect::everything_right_of(from_x));
-        let painter = over.seen.painter.with_clip_rect(clip);
+        // Nothing is drawn over the camera's own picture.
+        let clip = if over.seen.camera.is_positive() { over.seen.composite } else { Rect::EVERYTHING };
+        let painter = over.seen.painter.with_clip_rect(over.seen.painter.clip_rect().intersect(clip));
         let on_screen = |border: &Border| -> Vec<Vec<Pos2>> {
             let screen = |p: &DVec2| placed.screen(vec2(p.x as f32, p.y as f32));
             border.iter().map(|polygon| polygon.iter().map(screen).collect()).collect()
