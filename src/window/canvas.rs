@@ -5,7 +5,7 @@ use eframe::egui::{Color32, PaintCallback, PaintCallbackInfo, Rect};
 use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use wgpu::util::DeviceExt;
 
-use super::picture::Placed;
+use super::placed::Placed;
 use crate::gpu::Shader;
 
 /// A picture on a plain ground.

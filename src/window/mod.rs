@@ -28,6 +28,7 @@ mod loupe;
 mod maker;
 mod measure;
 mod picture;
+mod placed;
 mod player;
 mod project;
 mod reader;

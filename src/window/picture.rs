@@ -4,6 +4,7 @@
 use eframe::egui::{self, Color32, Painter, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
 use super::canvas::Canvas;
+use super::placed::Placed;
 use super::viewer::{Shown, Viewer};
 use crate::frame::Frame;
 
@@ -34,26 +35,6 @@ pub struct View {
 impl Default for View {
     fn default() -> Self {
         Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, loupe: false, wiping: false }
-    }
-}
-
-/// Where the picture lies on the screen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placed {
-    pub rect: Rect,
-    /// Points to a picture's pixel.
-    pub scale: f32,
-}
-
-impl Placed {
-    /// A place on the screen in the picture, px.
-    pub fn picture_px(&self, at: Pos2) -> Vec2 {
-        (at - self.rect.min) / self.scale
-    }
-
-    /// A place in the picture, px, on the screen.
-    pub fn screen(&self, at_px: Vec2) -> Pos2 {
-        self.rect.min + at_px * self.scale
     }
 }
 
