@@ -6,13 +6,15 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::{Builder, JoinHandle};
 
 use super::reader::Reader;
-use super::viewer::FORMAT;
 use crate::compositor::{FrameStats, Pending, Target};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, read_back};
 use crate::pixels::Pixels;
 use crate::scene::Scene;
 use crate::shot::{Shot, ShotError};
+
+/// Holds code values, which is what the window takes a texture's texels for.
+pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
 /// What a picture is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

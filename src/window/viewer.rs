@@ -6,14 +6,11 @@ use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
 
 use super::canvas;
-use super::maker::{Finished, Made, Maker, Order};
+use super::maker::{FORMAT, Finished, Made, Maker, Order};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::pixels::{Codes, Pixels};
 use crate::shot::Shot;
-
-/// Holds code values, which is what the window takes a texture's texels for.
-pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
 /// A picture that the window can show.
 #[derive(Debug)]
