@@ -82,6 +82,12 @@ pub fn fixed(number: f64, digits: usize) -> String {
 /// More digits in a row are a number of any size, written without an exponent.
 const MOST_DIGITS: usize = 40;
 
+/// A length for a person, in millimetres: whole ones from 10 on.
+pub fn millimetres(length_m: f64) -> String {
+    let mm = 1e3 * length_m;
+    format!("{} mm", fixed(mm, if mm < 9.95 { 1 } else { 0 }))
+}
+
 /// A text with its very long numbers in the form of [`number`]: a library quoted them with all their zeros.
 pub fn brief(text: &str) -> String {
     let is_digit = |c: char| c.is_ascii_digit() || c == '.';

@@ -129,6 +129,7 @@ fn what_stands_wrong_is_told_and_a_preview_shows_it() {
     // The same again, in the same place.
     let twice = said(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
     assert!(twice.contains("odd        marker-1 and second stand inside each other"), "{twice}");
+    assert!(said(&["inspect", scene]).contains("odd        marker-1 and second stand inside each other, by "));
     // 20 cm above the floor, and 3 cm below.
     let text = std::fs::read_to_string(&file).unwrap();
     let at = |z: &str| {

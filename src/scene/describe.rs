@@ -5,12 +5,15 @@ use std::fmt;
 use glam::{DAffine3, Vec3};
 use serde::Serialize;
 
-use super::{Environment, Object, Scene, place};
+use super::{Environment, Object, Scene, overlaps, place};
 use crate::words::{count, fixed, number, shown};
 
 /// Beyond these extents a model is probably not in metres.
 const LARGE_M: f64 = 10.0;
 const SMALL_M: f64 = 0.001;
+
+/// More are not listed.
+const MOST_OVERLAPS: usize = 8;
 
 /// A scene in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -55,6 +58,7 @@ fn light(value: f32) -> String {
 pub fn describe(scene: &Scene) -> Description {
     let mut warnings = scene.warnings.clone();
     let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
+    warnings.extend(overlaps(scene).iter().take(MOST_OVERLAPS).map(|overlap| overlap.told(scene)));
     let environment = match &scene.lighting.environment {
         Environment::Uniform(c) if *c == Vec3::ZERO => "none from around".to_owned(),
         Environment::Uniform(c) if c.x == c.y && c.y == c.z => format!("{} from everywhere", light(c.x)),

@@ -11,6 +11,7 @@
 use glam::{DVec2, DVec3};
 
 use super::{Object, Scene};
+use crate::words::{millimetres, shown};
 
 /// Two objects that share volume.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,6 +20,14 @@ pub struct Overlap {
     pub objects: [usize; 2],
     /// How far one would have to be moved along an axis of the world, at least, metres.
     pub depth_m: f64,
+}
+
+impl Overlap {
+    /// For a person.
+    pub fn told(&self, scene: &Scene) -> String {
+        let [a, b] = self.objects.map(|object| shown(&scene.objects[object].name));
+        format!("{a} and {b} stand inside each other, by {}", millimetres(self.depth_m))
+    }
 }
 
 /// Lines across the shared space, along each side.

@@ -6,8 +6,8 @@ use std::ops::Range;
 use super::{Shot, Standing};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
-use crate::scene::{Overlap, overlaps};
-use crate::words::{count, fixed, number, shown};
+use crate::scene::overlaps;
+use crate::words::{count, millimetres, number, shown};
 
 /// Something odd or unknown. Displays as a line for a person.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,11 +39,8 @@ pub enum Note {
     },
     /// No object was in any picture.
     NothingSeen,
-    /// Two objects share volume, `depth_m` deep at least.
-    Overlap {
-        names: [String; 2],
-        depth_m: f64,
-    },
+    /// Two objects share volume.
+    Overlap(String),
     /// There are more of these.
     MoreOverlaps(usize),
     /// An object hovers over what a frame's depth shows, or, below 0, is sunk into it.
@@ -68,7 +65,7 @@ const MOST_OVERLAPS: usize = 8;
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Recording(text) | Self::Scene(text) | Self::MissingPoses(text) => f.write_str(text),
+            Self::Recording(text) | Self::Scene(text) | Self::MissingPoses(text) | Self::Overlap(text) => f.write_str(text),
             Self::Idle(text) => f.write_str(text),
             Self::UnknownExposure { has_times } => {
                 f.write_str(match has_times {
@@ -90,10 +87,6 @@ impl fmt::Display for Note {
                 let of = format!("{number} of {}", count(*frames, "frame"));
                 write!(f, "nothing real hides objects in {of}, though there is depth (frame {first}: {because})")
             }
-            Self::Overlap { names: [a, b], depth_m } => {
-                let (a, b, deep) = (shown(a), shown(b), millimetres(*depth_m));
-                write!(f, "{a} and {b} stand inside each other, by {deep} mm")
-            }
             Self::MoreOverlaps(more) => {
                 write!(f, "{} of objects more stand inside each other", count(*more, "pair"))
             }
@@ -101,7 +94,7 @@ impl fmt::Display for Note {
                 let (name, far) = (shown(name), millimetres(gap_m.abs()));
                 let how = if *gap_m > 0.0 { "hovers" } else { "is sunk" };
                 let whence = if *gap_m > 0.0 { "over" } else { "into" };
-                write!(f, "{name} {how} {far} mm {whence} the surface that the depth of frame {frame} shows")
+                write!(f, "{name} {how} {far} {whence} the surface that the depth of frame {frame} shows")
             }
             Self::NothingSeen => f.write_str(
                 "no object of the scene is in the picture: `locard inspect RECORDING --frame N` says where the camera is \
@@ -109,12 +102,6 @@ impl fmt::Display for Note {
             ),
         }
     }
-}
-
-/// Whole ones from 10 on.
-fn millimetres(length_m: f64) -> String {
-    let mm = 1e3 * length_m;
-    fixed(mm, if mm < 9.95 { 1 } else { 0 })
 }
 
 impl Note {
@@ -158,22 +145,18 @@ impl Shot {
     /// Notes on objects that stand inside each other.
     pub fn overlap_notes(&self) -> Vec<Note> {
         let found = overlaps(&self.scene);
-        let mut notes: Vec<_> = found.iter().take(MOST_OVERLAPS).map(|overlap| self.overlap_note(overlap)).collect();
+        let mut notes: Vec<_> = found.iter().take(MOST_OVERLAPS).map(|o| Note::Overlap(o.told(&self.scene))).collect();
         if found.len() > MOST_OVERLAPS {
             notes.push(Note::MoreOverlaps(found.len() - MOST_OVERLAPS));
         }
         notes
     }
 
-    fn overlap_note(&self, overlap: &Overlap) -> Note {
-        let names = overlap.objects.map(|object| self.scene.objects[object].name.clone());
-        Note::Overlap { names, depth_m: overlap.depth_m }
-    }
-
     /// What stands wrong: inside something else, or, as a frame's depth shows, over or in the ground.
     pub fn wrongs(&self, frame: &Frame) -> Vec<Wrong> {
         let overlaps = overlaps(&self.scene).into_iter();
-        let overlaps = overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: self.overlap_note(&o) });
+        let overlaps =
+            overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: Note::Overlap(o.told(&self.scene)) });
         let gaps = self.standing(frame).into_iter().filter_map(|Standing { object, gap_m }| {
             let (name, gap_m, frame) = (self.scene.objects[object].name.clone(), gap_m?, frame.index);
             Some(Wrong { objects: vec![object], note: Note::Gap { name, gap_m, frame } })

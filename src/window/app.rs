@@ -323,8 +323,11 @@ impl App {
             }
             if let Some(at) = seen.clicked {
                 let at = DVec2::new(at.x.into(), at.y.into());
-                if let Err(wrong) = self.evidence.place(&mut self.session.project, &frame, at) {
-                    self.session.say(wrong);
+                match self.evidence.place(&mut self.session.project, &frame, at) {
+                    Ok(()) => {
+                        self.evidence.ground.finder.told.take().into_iter().for_each(|told| self.session.say(told))
+                    }
+                    Err(wrong) => self.session.say(wrong),
                 }
             }
         }

@@ -80,7 +80,10 @@ fn instances_take_from_the_object_what_they_do_not_say() {
 fn mistakes_are_named_with_their_place() {
     for (text, words) in [
         ("version = 1\nobject = []", ["line 2", "unknown field `object`"]),
-        ("version = 1\n\n[[objects]]\nmodel = 'a.glb'\nscalle = 2", ["line 5", "`model`, `name`, `up`, `ground`"]),
+        (
+            "version = 1\n\n[[objects]]\nmodel = 'a.glb'\nscalle = 2",
+            ["line 5", "`model`, `name`, `hidden`, `up`, `ground`"],
+        ),
         ("version = 1\n[light]\nsky = 1", ["line 3", "`environment`, `environment_intensity`"]),
         ("version = 1\n[[light.sun]]\ncolour = 1", ["line 3", "`towards`, `color`, `intensity`"]),
         ("version = 1\nup = 'upwards'", ["line 2", "\"-z\" or [x, y, z]"]),
