@@ -24,6 +24,11 @@ impl<T: Clone + PartialEq> History<T> {
         self.tried.as_ref().unwrap_or(&self.steps[self.at].1)
     }
 
+    /// What holds without what is being tried.
+    pub fn kept(&self) -> &T {
+        &self.steps[self.at].1
+    }
+
     /// What holds now, until it is kept or dropped. The steps stay as they are.
     pub fn try_on(&mut self, value: T) {
         self.tried = Some(value);

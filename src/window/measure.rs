@@ -2,9 +2,11 @@
 //! picture that shows it.
 
 use std::collections::VecDeque;
+use std::f64::consts::PI;
 use std::time::{Duration, Instant};
 
 use eframe::egui;
+use glam::DVec3;
 
 use super::project::tables;
 use super::session::Session;
@@ -12,6 +14,7 @@ use super::{Pace, Player};
 use crate::compositor::IN_FLIGHT;
 use crate::gpu::Gpu;
 use crate::params::{Kind, Value};
+use crate::scene::{Entry, Stance};
 use crate::shot::{Shot, ShotError};
 
 /// How long it plays.
@@ -27,6 +30,8 @@ enum Step {
     /// The window alone, while its picture stands still.
     Paint,
     Play,
+    /// The first thing of the scene goes round, as it is dragged.
+    Drag,
     Change {
         table: &'static str,
         name: &'static str,
@@ -71,7 +76,7 @@ impl Measure {
             }
         }
         let without_per_s = f64::from(count) / begun.elapsed().as_secs_f64();
-        let mut steps = VecDeque::from([Step::First, Step::Paint, Step::Play]);
+        let mut steps = VecDeque::from([Step::First, Step::Paint, Step::Play, Step::Drag]);
         for params in tables(&shot.rig, &shot.settings) {
             let table = params.table();
             for spec in params.specs() {
@@ -132,6 +137,37 @@ impl Measure {
                     ctx.request_repaint();
                 }
                 Some(_) => {}
+            },
+            Step::Drag => match self.begun {
+                None => {
+                    self.begun = Some((Instant::now(), session.pictures()));
+                    ctx.request_repaint();
+                }
+                Some((begun, pictures))
+                    if begun.elapsed() > PLAYS || session.project.edit().scene.objects.is_empty() =>
+                {
+                    let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
+                    println!("dragging evidence      {per_s:.1} pictures/s");
+                    session.project.drop_tried();
+                    self.begun = None;
+                    self.steps.pop_front();
+                    ctx.request_repaint();
+                }
+                Some((begun, _)) => {
+                    // Once round in two seconds, 5 cm from where it stands.
+                    let mut scene = session.project.edit().scene.clone();
+                    let entry = Entry { object: 0, instance: scene.entries().first().and_then(|first| first.instance) };
+                    let was = session.project.history().kept().scene.stance(entry);
+                    if let Some(was) = was {
+                        let (sin, cos) = (PI * begun.elapsed().as_secs_f64()).sin_cos();
+                        let position_m = was.position_m + 0.05 * DVec3::new(cos, sin, 0.0);
+                        scene.put(entry, &Stance { position_m, ..was });
+                        if let Err(error) = session.project.try_scene(scene) {
+                            session.wrong(error.to_string());
+                        }
+                    }
+                    ctx.request_repaint();
+                }
             },
             Step::Change { table, name, values } => {
                 let Some((set, is_drawn)) = self.set else {

@@ -154,11 +154,12 @@ mod tests {
         for distance in [0.3, 1.0, 20.0] {
             let gizmo = gizmo(distance, NOTHING);
             let [x, y, z] = gizmo.arrows.map(|arrow| arrow.unwrap()[1] - gizmo.centre);
-            // x lies across the sight; y and z are seen at 45°, y away from the eye and z towards it: nearer is longer.
-            assert!((x - DVec2::new(84.0, 0.0)).length() < 0.1, "{x}");
-            let shorter = 84.0 * 0.5f64.sqrt();
-            assert!((y.y + shorter).abs() < 8.0 && y.y > -shorter, "{y}");
-            assert!((z.y + shorter).abs() < 8.0 && z.y < -shorter, "{z}");
+            // x lies across the sight; y and z are seen at 45°. An arrow is 84/500 of the distance long, so that y's tip is
+            // 0.1188 of it farther off and z's nearer.
+            assert!((x - DVec2::new(84.0, 0.0)).length() < 0.2, "{x}");
+            let at_45 = 84.0 * 0.5f64.sqrt();
+            assert!((y - DVec2::new(0.0, -at_45 / 1.1188)).length() < 0.2, "{y}");
+            assert!((z - DVec2::new(0.0, -at_45 / 0.8812)).length() < 0.2, "{z}");
         }
         // Beside a thing that is 40 points wide to the right, and only so far beside one that covers all.
         let beside = gizmo(1.0, |p| p.x <= 41.0).arrows[0].unwrap().map(|p| p.x - 400.0);
@@ -173,7 +174,7 @@ mod tests {
         let at = |x: f64, y: f64| gizmo.at(gizmo.centre + DVec2::new(x, y));
         assert_eq!(at(1.0, 2.0), Some(Handle::Slide));
         assert_eq!(
-            (at(84.0, 8.0), at(70.0, 4.0), at(75.0, 9.0)),
+            (at(84.0, 8.0), at(70.0, 4.0), at(78.0, 8.0)),
             (Some(Handle::Axis(0)), Some(Handle::Axis(0)), Some(Handle::Axis(0)))
         );
         assert_eq!(at(-60.0, 0.0), Some(Handle::Heading));
