@@ -395,6 +395,12 @@ impl Project {
                 }
             }
         }
+        for effect in edit.settings.effects().map(|effect| effect.table()) {
+            let on = edit.settings.is_on(effect);
+            if settings.is_on(effect) != on {
+                document.switch(effect, on);
+            }
+        }
         write_atomically(path, true, |writer| std::io::Write::write_all(writer, document.to_string().as_bytes()))?;
         self.saved.rig = edit.rig;
         self.saved.settings = edit.settings;
