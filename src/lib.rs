@@ -36,9 +36,10 @@ pub mod effects;
 pub mod compositor;
 pub mod profile;
 
-// 6: footage with what is put into it; cost, noise calibration, comparison, photographs, simulated recordings
+// 6: footage with what is put into it, and what is written of it; cost, noise calibration, comparison, photographs, simulated recordings
 pub mod bench;
 pub mod calibrate;
+pub mod export;
 pub mod measure;
 pub mod photo;
 pub mod shot;

@@ -84,7 +84,7 @@ fn photo_of_frame(
         depth: None,
         hiding: &[],
     };
-    take(&mut compositor, &standpoint, framing, real, &exposed, |_| ()).unwrap().pixels
+    take(&mut compositor, &standpoint, framing, real, &exposed, |_| true).unwrap().pixels
 }
 
 const AS_RECORDED: Exposed = Exposed { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };

@@ -72,7 +72,7 @@ fn photo_with(
         hiding: &[],
     };
     let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
-    take(&mut compositor, &standpoint, &framing, real, &exposed, |_| ()).unwrap().pixels
+    take(&mut compositor, &standpoint, &framing, real, &exposed, |_| true).unwrap().pixels
 }
 
 fn without_noise() -> Camera {

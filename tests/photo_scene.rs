@@ -58,7 +58,11 @@ impl Taken<'_> {
         };
         let exposed = Exposed { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };
         let mut told = Vec::new();
-        let taken = take(&mut compositor, &standpoint, &framing, real, &exposed, |share| told.push(share)).unwrap();
+        let told_all = |share| {
+            told.push(share);
+            true
+        };
+        let taken = take(&mut compositor, &standpoint, &framing, real, &exposed, told_all).unwrap();
         (taken.pixels, told)
     }
 }

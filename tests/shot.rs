@@ -14,9 +14,12 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
+use locard::export::{Export, ExportError, Inputs};
+use locard::photo::{PhotoError, TakeError, Told, Wanted};
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
 use locard::shot::{Given, Known, Note, Shot, ShotError};
+use locard::sink::OutPath;
 
 const SCENE: &str = "scenes/demo.toml";
 
@@ -104,6 +107,69 @@ fn a_stream_is_its_moments() {
     }
     let mut backwards = shot.compositor(gpu.clone());
     assert!(shot.frames(&mut backwards, 70..73, false, 2).is_err(), "there are 72");
+}
+
+#[test]
+fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
+    let temp = tempfile::tempdir().unwrap();
+    let names = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    let mut shot = shot::demo(SCENE);
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let folder = temp.path().join("frames");
+    let export = Export::new(31..34, OutPath::parse(&folder).unwrap());
+    export.check(&Inputs::of(&shot)).unwrap();
+    let mut seen = Vec::new();
+    let done = export.run(&shot, &mut compositor, |stats| {
+        seen.push(stats.frame);
+        true
+    });
+    assert_eq!((done.unwrap().frames.len(), seen), (3, vec![31, 32, 33]));
+    assert_eq!(names(&folder), ["frame_000031.png", "frame_000032.png", "frame_000033.png"]);
+    let written = image::open(folder.join("frame_000032.png")).unwrap().to_rgb8();
+    let shown = picture(&mut shot, &mut compositor, 32).pixels;
+    assert!(written.as_raw() == shown.codes.eight_bit().unwrap());
+    assert!(export.check(&Inputs::of(&shot)).is_err(), "what is there is kept");
+
+    // Of a folder, what is finished stays; of a video nothing does, nor of the folders that were made for it.
+    let half = temp.path().join("half");
+    let export = Export::new(31..40, OutPath::parse(&half).unwrap());
+    let mut left = 2;
+    let ended = export.run(&shot, &mut compositor, |_| {
+        left -= 1;
+        left > 0
+    });
+    assert!(matches!(ended, Err(ExportError::Cancelled)));
+    assert_eq!(names(&half), ["frame_000031.png"]);
+    let video = temp.path().join("new/cut.mkv");
+    let export = Export::new(31..40, OutPath::parse(&video).unwrap());
+    assert!(matches!(export.run(&shot, &mut compositor, |_| false), Err(ExportError::Cancelled)));
+    assert_eq!(names(temp.path()), ["frames", "half"]);
+}
+
+#[test]
+fn a_photograph_ends_when_it_is_told_to() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut wanted = Wanted::new(31, temp.path().join("a.jpg"));
+    (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
+    let device = || Ok(gpu::gpu().clone());
+    let ended = wanted.take(shot::demo(SCENE), device, &mut |told| !matches!(told, Told::Taking { .. }));
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
+    let mut written = Vec::new();
+    let taken = wanted.take(shot::demo(SCENE), device, &mut |told| {
+        if let Told::Written { path, .. } = told {
+            written.push(path);
+        }
+        true
+    });
+    taken.unwrap();
+    assert_eq!(written, [wanted.output]);
+    assert!(image::open(&written[0]).unwrap().width() == 320);
 }
 
 #[test]

@@ -6,10 +6,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-use super::outputs::Inputs;
 use crate::calibrate::{
     NoiseCalibration, NoiseOptions, SceneMotion, is_picture, moving_noise_from_paths, noise_from_paths,
 };
+use crate::export::Inputs;
 use crate::profile::Document;
 use crate::sink::{self, atomic::write_atomically};
 use crate::source::file::{self, MOST_DOCUMENT};

@@ -1,24 +1,19 @@
 //! `locard composite`.
 
-use std::collections::HashSet;
-use std::io::Write;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::mpsc;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
-use super::outputs::{self, Inputs};
 use super::which::Which;
-use super::{progress, tell, warn};
-use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT, Target};
+use super::{progress, tell, told, warn};
+use crate::compositor::{Compositor, Target};
+use crate::export::{Export, Inputs};
 use crate::gpu::Gpu;
 use crate::recording::OpenOptions;
-use crate::shot::{Composites, Given, Note, Shot};
-use crate::sink::atomic::write_atomically;
-use crate::sink::{self, OutPath, SinkOptions, is_stdout};
-use crate::unfinished::MadeFolder;
+use crate::shot::{Given, Note, Shot};
+use crate::sink::{self, OutPath};
 use crate::words::count;
 
 #[derive(clap::Args)]
@@ -104,33 +99,6 @@ pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) 
     Ok(range)
 }
 
-/// Receives frames while the next ones are drawn.
-struct Writer {
-    /// Made after the sink's folder, which may hold it, and removed before.
-    layers: Option<(PathBuf, MadeFolder)>,
-    sink: Box<dyn sink::Sink + Send>,
-    force: bool,
-}
-
-impl Writer {
-    fn write(&mut self, done: &Composited) -> Result<()> {
-        if let (Some((folder, _)), Some(layer)) = (&self.layers, &done.layer) {
-            sink::exr::write_layers(&folder.join(layer_name(done.frame)), layer, self.force)?;
-        }
-        Ok(self.sink.write(done.frame, &done.pixels)?)
-    }
-
-    fn finish(self) -> Result<()> {
-        self.sink.finish()?;
-        self.layers.into_iter().for_each(|(_, made)| made.keep());
-        Ok(())
-    }
-}
-
-fn layer_name(frame: usize) -> String {
-    format!("layer_{frame:06}.exr")
-}
-
 pub fn run(args: Args) -> Result<()> {
     let start = Instant::now();
     let options = OpenOptions {
@@ -154,77 +122,44 @@ pub fn run(args: Args) -> Result<()> {
     if args.strict {
         shot.check_poses(range.clone())?;
     }
+    let Args { lossless, force, quiet, .. } = args;
     let inputs = Inputs::of(&shot);
-    let out = match args.preview {
+    let export = match args.preview {
         Some(_) => {
             inputs.check_file(&args.output)?;
-            sink::photograph::check(&args.output, args.force)?;
+            sink::photograph::check(&args.output, force)?;
             None
         }
         None => {
-            let out = OutPath::parse(&args.output)?;
-            check_outputs(&args, &out, &inputs, &range)?;
-            Some(out)
+            let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
+            let export = Export { range: range.clone(), out, lossless, force, layers, report };
+            export.check(&inputs).map_err(told)?;
+            Some(export)
         }
     };
     for note in shot.notes(range.clone()).into_iter().chain(shot.standing_notes(range.clone())) {
-        warn(args.quiet, &note.to_string());
+        warn(quiet, &note.to_string());
     }
     let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
-        warn(args.quiet, &text);
+        warn(quiet, &text);
     }
-    let Some(out) = out else {
+    let Some(export) = export else {
         return preview(&args, &mut shot, &mut compositor, range.start);
     };
-    let recording = &shot.recording;
-    let sink = sink::open(
-        &out,
-        &SinkOptions {
-            force: args.force,
-            fps: 1.0 / recording.frame_interval_s,
-            lossless: args.lossless,
-            width: recording.width,
-            height: recording.height,
-            bits: recording.bits,
-        },
-    )?;
-    let layers = args.layers.clone().map(|folder| {
-        let made = MadeFolder::make(&folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
-        anyhow::Ok((folder, made))
-    });
-    let layers = layers.transpose()?;
-    let bar = progress(args.quiet, range.len());
-    let mut stats: Vec<FrameStats> = Vec::with_capacity(range.len());
-    let adapter = compositor.gpu().info.clone();
-    let writer = Writer { sink, layers, force: args.force };
-    let frames = shot.frames(&mut compositor, range, writer.layers.is_some(), IN_FLIGHT)?;
-    let written = write(frames, writer, |done| {
+    let bar = progress(quiet, range.len());
+    let done = export.run(&shot, &mut compositor, |_| {
         bar.inc(1);
-        stats.push(done.stats.clone());
+        true
     });
     bar.finish_and_clear();
-    written?;
-    for note in Note::of_frames(&stats) {
-        warn(args.quiet, &note.to_string());
+    let done = done.map_err(told)?;
+    for note in done.notes() {
+        warn(quiet, &note.to_string());
     }
-
-    if let Some(path) = &args.report {
-        let report = serde_json::json!({
-            "adapter": adapter.name,
-            "driver": format!("{} {}", adapter.driver, adapter.driver_info),
-            "seed": args.seed,
-            "frames": stats,
-        });
-        let text = serde_json::to_string_pretty(&report)?;
-        if is_stdout(path) {
-            writeln!(std::io::stdout().lock(), "{text}")?;
-        } else {
-            write_atomically(path, args.force, |file| file.write_all(text.as_bytes()))?;
-        }
-    }
-    let place = if out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
-    tell(args.quiet, &format!("{} in {:.1} s: {place}", count(stats.len(), "frame"), start.elapsed().as_secs_f64()));
+    let place =
+        if export.out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
+    tell(quiet, &format!("{} in {:.1} s: {place}", count(done.frames.len(), "frame"), start.elapsed().as_secs_f64()));
     Ok(())
 }
 
@@ -239,96 +174,6 @@ fn preview(args: &Args, shot: &mut Shot, compositor: &mut Compositor, frame: usi
     sink::photograph::write(&args.output, &annotated, None, args.force)?;
     tell(args.quiet, &format!("frame {frame}, annotated: {}", args.output.display()));
     Ok(())
-}
-
-/// Checks that all outputs can be written, before any is begun.
-fn check_outputs(args: &Args, out: &OutPath, inputs: &Inputs, range: &Range<usize>) -> Result<()> {
-    match out {
-        OutPath::Folder(folder) => inputs.check_folder(folder, range.clone().map(sink::folder::frame_name))?,
-        OutPath::Video(file) => inputs.check_file(file)?,
-        OutPath::Stdout | OutPath::Stream(_) => {}
-    }
-    sink::check(out, args.force)?;
-    if let Some(folder) = &args.layers {
-        inputs.check_folder(folder, range.clone().map(layer_name))?;
-        if folder.exists() && !folder.is_dir() {
-            bail!("{}: is a file; --layers needs a folder", folder.display());
-        }
-        let mut there = range.clone().map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
-        if let Some(file) = there.next().filter(|_| !args.force) {
-            bail!("{}: exists already; it is kept unless --force is given", file.display());
-        }
-    }
-    let Some(report) = &args.report else { return check_apart(args, out, range) };
-    if is_stdout(report) && *out == OutPath::Stdout {
-        bail!("{}: is the output already; --report needs a file of its own", report.display());
-    }
-    check_apart(args, out, range)?;
-    if is_stdout(report) {
-        return Ok(());
-    }
-    inputs.check_file(report)?;
-    let folder = report.parent().unwrap_or(Path::new(""));
-    // The folders of the other outputs are created before the report is written.
-    let made = matches!(out, OutPath::Folder(out) if outputs::same(out, folder))
-        || args.layers.as_ref().is_some_and(|layers| outputs::same(layers, folder));
-    if made && !folder.is_dir() { Ok(()) } else { Ok(sink::check_file(report, args.force)?) }
-}
-
-/// Checks that no two written files have the same name, and that none has the name of another's folder.
-fn check_apart(args: &Args, out: &OutPath, range: &Range<usize>) -> Result<()> {
-    let named = |folder: &Path, name: fn(usize) -> String| {
-        let folder = outputs::resolved(folder);
-        range.clone().map(move |frame| outputs::resolved(&folder.join(name(frame))))
-    };
-    let mut files: HashSet<PathBuf> = match out {
-        OutPath::Folder(folder) => named(folder, sink::folder::frame_name).collect(),
-        OutPath::Video(file) => [outputs::resolved(file)].into(),
-        OutPath::Stdout | OutPath::Stream(_) => HashSet::new(),
-    };
-    let clashes = |files: &HashSet<PathBuf>, at: &Path| at.ancestors().any(|at| files.contains(at));
-    if let Some(folder) = &args.layers {
-        if clashes(&files, &outputs::resolved(folder)) {
-            bail!("{}: is written in this run already; --layers needs a folder of its own", folder.display());
-        }
-        files.extend(named(folder, layer_name));
-    }
-    if let Some(report) = args.report.as_ref().filter(|report| !is_stdout(report)) {
-        let at = outputs::resolved(report);
-        if clashes(&files, &at) || files.iter().any(|file| file.starts_with(&at)) {
-            bail!("{}: is the output already; --report needs a file of its own", report.display());
-        }
-    }
-    Ok(())
-}
-
-/// Decodes on the recording's threads, draws here, and writes on a thread of its own.
-fn write(mut frames: Composites<'_>, mut writer: Writer, mut done: impl FnMut(&Composited)) -> Result<()> {
-    std::thread::scope(|scope| {
-        // The end is announced: if the frames merely stop, the writer must not report the output as finished.
-        let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
-        let write = move || -> Result<()> {
-            for frame in receiver {
-                match frame {
-                    Some(frame) => writer.write(&frame)?,
-                    None => return writer.finish(),
-                }
-            }
-            Ok(())
-        };
-        let writing = std::thread::Builder::new().name("writer".to_owned());
-        let writing = writing.spawn_scoped(scope, write).context("no thread can be started that writes")?;
-        let stopped = || anyhow::anyhow!("the writing thread stopped early");
-        let drawn = frames.try_for_each(|frame| {
-            let frame = frame?;
-            done(&frame);
-            sender.send(Some(frame)).map_err(|_| stopped())
-        });
-        let finished = drawn.and_then(|()| sender.send(None).map_err(|_| stopped()));
-        drop(sender);
-        // The writer's error comes first: it is why the frames stopped.
-        writing.join().map_err(|_| anyhow::anyhow!("the writing thread failed"))?.and(finished)
-    })
 }
 
 #[cfg(test)]

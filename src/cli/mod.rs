@@ -9,7 +9,6 @@ mod ending;
 mod inspect;
 mod light;
 mod meter;
-mod outputs;
 mod params;
 mod photo;
 mod pick;
@@ -26,6 +25,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::export::ExportError;
 use crate::sink::SinkError;
 use crate::unfinished::undo_all;
 use crate::words::{reason, shown};
@@ -125,6 +125,14 @@ fn is_closed_stdout(error: &anyhow::Error) -> bool {
         _ => None,
     });
     bare.or(of_sink).is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// An export's error: what went wrong with its files is told from other failures ([`is_closed_stdout`]).
+fn told(error: ExportError) -> anyhow::Error {
+    match error {
+        ExportError::Sink(error) => error.into(),
+        error => error.into(),
+    }
 }
 
 /// An error and its causes on one line. A cause already quoted by the text before it is left out. A bare I/O error

@@ -5,7 +5,7 @@ use std::io::Write;
 use anyhow::Result;
 use serde_json::json;
 
-use crate::compositor::Settings;
+use crate::compositor::{ON, Settings};
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::words::shown_unit;
@@ -59,5 +59,6 @@ pub fn run(args: &Args) -> Result<()> {
         }
         writeln!(out)?;
     }
+    writeln!(out, "Every effect also has `{ON} = true    (true or false)`: without, it does not run.")?;
     Ok(())
 }

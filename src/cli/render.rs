@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
-use super::outputs::Inputs;
 use super::{tell, warn};
 use crate::camera::curved::{Curve, Curved};
 use crate::camera::{Distortion, Geometry, Intrinsics, Response};
+use crate::export::Inputs;
 use crate::gpu::Gpu;
 use crate::pose::Pose;
 use crate::render::{Projection, Renderer, Still, limits, take_still};

@@ -7,7 +7,7 @@ use anyhow::{Result, anyhow};
 
 use crate::recording::OpenOptions;
 use crate::shot::Given;
-use crate::window::{self, Measure, Project};
+use crate::window::{self, DEMO, DEMO_SCENE, Measure, Project};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -27,13 +27,11 @@ pub struct Args {
     measure: bool,
 }
 
-const DEMO: &str = "recordings/demo";
-const DEMO_SCENE: &str = "scenes/demo.toml";
-
 pub fn run(args: Args) -> Result<()> {
     let started = Instant::now();
     let Args { recording, mut scene, profile, metres_per_unit, measure } = args;
-    if recording.is_none() {
+    let is_demo = recording.is_none();
+    if is_demo {
         scene = scene.or_else(|| Some(DEMO_SCENE.into()));
     }
     let recording = recording.unwrap_or_else(|| DEMO.into());
@@ -45,7 +43,7 @@ pub fn run(args: Args) -> Result<()> {
         project.profile = Some(path);
     }
     let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
-    window::open(project, measure)
+    window::open(project, is_demo, measure)
         .map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
 }
 

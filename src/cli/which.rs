@@ -15,12 +15,6 @@ pub struct Which {
 }
 
 impl Which {
-    /// Whether an effect may run.
-    pub fn leaves_on(&self, name: &str) -> bool {
-        let named = |names: &Vec<String>| names.iter().any(|n| n == name);
-        self.only.as_ref().is_none_or(named) && !self.without.as_ref().is_some_and(named)
-    }
-
     /// Fails on a name that no effect has, and lists the known ones.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {

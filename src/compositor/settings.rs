@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use crate::camera::{Camera, Geometry};
 use crate::effects::{self, Effect, EffectError, Moment};
-use crate::params::{ParamError, Params, Value, values};
+use crate::params::{Kind, ParamError, Params, Value, values};
+
+/// The key in an effect's table that says whether it may run. No effect has a parameter of this name.
+pub const ON: &str = "on";
 
 crate::params! {
     /// How the recording's depth is used.
@@ -180,8 +183,17 @@ impl Settings {
         tables
     }
 
-    /// Sets one parameter. `None` if the table is not one of [`Settings::tables`].
+    /// Sets one parameter, or by [`ON`] whether an effect may run. `None` if the table is not one of [`Settings::tables`].
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Option<Result<(), ParamError>> {
+        if let (true, Ok(effect)) = (name == ON, self.position(table)) {
+            let Value::Bool(on) = value else {
+                let [table, name, found] = [table.to_owned(), name.to_owned(), value.to_string()];
+                let (accepted, unit) = (Kind::Bool.to_string(), String::new());
+                return Some(Err(ParamError::Refused { table, name, found, accepted, unit }));
+            };
+            self.enabled[effect] = *on;
+            return Some(Ok(()));
+        }
         self.tables_mut().into_iter().find(|t| t.table() == table).map(|t| t.set(name, value))
     }
 }
@@ -199,6 +211,23 @@ mod tests {
         assert!(settings.is_on("motion_blur") && !settings.is_on("point_spread") && !settings.is_on("grian"));
         let error = settings.without(&["grian".to_owned()]).unwrap_err().to_string();
         assert!(error.contains("grian") && error.contains("motion_blur"), "{error}");
+    }
+
+    #[test]
+    fn an_effect_is_switched_like_a_parameter_is_set() {
+        let mut settings = Settings::default();
+        settings.set("noise", ON, &Value::Bool(false)).unwrap().unwrap();
+        let mut expected = Settings::default();
+        expected.without(&["noise".to_owned()]).unwrap();
+        assert!(settings == expected && settings != Settings::default());
+        let error = settings.set("noise", ON, &Value::Number(1.0)).unwrap().unwrap_err().to_string();
+        assert!(error.contains("noise.on = 1") && error.contains("true or false"), "{error}");
+        assert!(settings.set("depth", ON, &Value::Bool(false)).unwrap().is_err(), "depth is no effect");
+        settings.set("noise", ON, &Value::Bool(true)).unwrap().unwrap();
+        assert!(settings == Settings::default());
+        for table in settings.tables() {
+            assert!(table.get(ON).is_none(), "{}", table.table());
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Photographs of the augmented site: the whole picture, real and virtual, as taken by a virtual single-lens reflex.
 //!
-//! framing → real part → virtual part drawn at the photograph's own size, composited and exposed, grain (tile by tile).
+//! what is wanted ([`Wanted::take`]) → framing → real part → virtual part drawn at the photograph's own size, composited
+//! and exposed, grain (tile by tile).
 //!
 //! - The camera is where the recording's was. A longer lens or a smaller film sees a part of the recorded picture; what
 //!   was not recorded cannot be photographed. The distortion is the recording's.
@@ -15,20 +16,29 @@
 //! Not modelled: depth of field on the real part of recordings without depth, shutters shorter than the recording's
 //! (the real part stays blurred), highlights that the recording has clipped.
 
+mod dials;
+mod error;
 mod focus;
 mod framing;
 mod hiding;
 mod real;
+mod series;
 mod sheet;
+mod shoot;
 mod take;
+mod target;
+mod wanted;
 
 pub use crate::camera::Summed;
+pub use error::PhotoError;
 pub use focus::distance_m;
 pub use framing::{Aim, Framing, FramingError};
 pub use hiding::Hiding;
 pub use real::{RealPart, shutter_weights};
+pub use series::Told;
 pub use sheet::{contact_sheet, small};
 pub use take::{Exposed, Standpoint, TakeError, Taken, take};
+pub use wanted::{Bracket, Focus, Wanted};
 
 /// The effect that shows motion while the shutter is open. Without it the frames of a hand-held recording are not
 /// summed either, so that real and virtual things are equally sharp.

@@ -61,6 +61,9 @@ pub enum TakeError {
     Submit(#[from] SubmitError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// Whoever asked for it wanted no more.
+    #[error("cancelled")]
+    Cancelled,
 }
 
 /// The finished photograph.
@@ -72,15 +75,15 @@ pub struct Taken {
     pub shows_objects: bool,
 }
 
-/// Puts the compositor's scene into the real part and exposes both. Calls `done` with the finished share of the
-/// picture.
+/// Puts the compositor's scene into the real part and exposes both. Calls `goes_on` with the finished share of the
+/// picture; by `false` it is the last that is done.
 pub fn take(
     compositor: &mut Compositor,
     standpoint: &Standpoint<'_>,
     framing: &Framing,
     real: RealPart,
     exposed: &Exposed,
-    mut done: impl FnMut(f64),
+    mut goes_on: impl FnMut(f64) -> bool,
 ) -> Result<Taken, TakeError> {
     let (width, height) = framing.size();
     let alone = Summed { time_s: 0.0, exposure_s: exposed.time_s, weight: 1.0 };
@@ -123,8 +126,10 @@ pub fn take(
     let tiles = tiles(width, height, tile_px);
     let mut shows_objects = false;
     for (n, &region) in tiles.iter().enumerate() {
-        let mut of_tile = |share: f64| done((n as f64 + share) / tiles.len() as f64);
-        of_tile(0.0);
+        let mut goes_on = |share: f64| goes_on((n as f64 + share) / tiles.len() as f64);
+        if !goes_on(0.0) {
+            return Err(TakeError::Cancelled);
+        }
         let before = copied(&pixels, region);
         let frame = Frame {
             index: standpoint.frame,
@@ -144,7 +149,11 @@ pub fn take(
             want_layer: false,
         };
         let pending = compositor.submit(job, standpoint.camera, standpoint.settings, Target::Pixels)?;
-        compositor.await_parts(&pending, of_tile)?;
+        let mut is_wanted = true;
+        compositor.await_parts(&pending, |share| is_wanted &= goes_on(share))?;
+        if !is_wanted {
+            return Err(TakeError::Cancelled);
+        }
         let composited = compositor.collect(pending)?;
         shows_objects |= composited.stats.objects_in_sight;
         pixels = composited.pixels;

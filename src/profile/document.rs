@@ -7,7 +7,7 @@ use toml_edit::{DocumentMut, Item, Table, TableLike};
 
 use super::{ProfileError, Rig, noise};
 use crate::camera::NoiseProfile;
-use crate::compositor::Settings;
+use crate::compositor::{ON, Settings};
 use crate::document::{self, Problem, merge, table_of};
 use crate::params::Params;
 
@@ -63,15 +63,23 @@ impl Document {
 
     /// Sets one parameter and leaves the table's other keys alone; [`Value::None`] removes it.
     pub fn set_param(&mut self, params: &dyn Params, name: &str) {
-        let mut table = Table::new();
-        if let Some(own) = table_at(&mut self.text, params.table()) {
-            table = own.iter().filter(|(_, item)| !item.is_table_like()).map(|(k, v)| (k, v.clone())).collect();
+        self.set_key(params.table(), name, table_of(params).remove(name));
+    }
+
+    /// Says whether an effect may run, in its table.
+    pub fn switch(&mut self, effect: &str, on: bool) {
+        self.set_key(effect, ON, Some(toml_edit::value(on)));
+    }
+
+    fn set_key(&mut self, table: &str, key: &str, to: Option<Item>) {
+        let own = table_at(&mut self.text, table).into_iter().flat_map(|table| table.iter());
+        let own = own.filter(|(_, item)| !item.is_table_like());
+        let mut keys: Table = own.map(|(key, item)| (key, item.clone())).collect();
+        match to {
+            Some(item) => _ = keys.insert(key, item),
+            None => _ = keys.remove(key),
         }
-        match table_of(params).remove(name) {
-            Some(value) => _ = table.insert(name, value),
-            None => _ = table.remove(name),
-        }
-        self.put(params.table(), &table);
+        self.put(table, &keys);
     }
 
     /// Makes the named table, such as `camera.noise`, contain exactly these keys, apart from its subtables.
@@ -148,6 +156,25 @@ mod tests {
         profile.set_param(&exposure, "time_s");
         assert!(profile.to_string().contains("[camera.exposure]\ntime_s = 0.5\n"), "{profile}");
         assert!(!profile.to_string().contains("iso"));
+    }
+
+    #[test]
+    fn an_effect_that_is_off_stays_off() {
+        let read = |profile: &Document| {
+            let mut settings = Settings::default();
+            Rig::default().read_text(&profile.to_string(), Path::new("p.toml"), &mut settings).unwrap();
+            settings
+        };
+        let mut profile = parse(PROFILE);
+        profile.switch("noise", false);
+        assert_eq!(profile.to_string(), PROFILE.replace("1.50  # more\n", "1.50  # more\non = false\n"));
+        assert!(!read(&profile).is_on("noise") && read(&profile).is_on("motion_blur"));
+        profile.switch("motion_blur", false);
+        assert!(profile.to_string().ends_with("\n[motion_blur]\non = false\n"), "{profile}");
+        assert!(!read(&profile).is_on("motion_blur"));
+        profile.switch("noise", true);
+        profile.switch("motion_blur", true);
+        assert!(read(&profile) == read(&parse(PROFILE)));
     }
 
     #[test]

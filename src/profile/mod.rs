@@ -5,6 +5,7 @@
 
 mod document;
 mod noise;
+mod written;
 
 pub use document::Document;
 pub use noise::{NoiseTableError, to_toml as noise_table};

@@ -117,6 +117,11 @@ impl Recording {
         }
     }
 
+    /// Whether there is one at a path, by the files that tell one. Nothing in them is read.
+    pub fn is_at(path: &Path) -> bool {
+        find(path).is_ok()
+    }
+
     pub fn frame_count(&self) -> usize {
         self.timestamps_s.len()
     }

@@ -31,19 +31,23 @@ impl FolderSink {
     }
 }
 
+/// Writes one frame as a PNG file.
+pub fn write_frame(path: &Path, pixels: &Pixels, force: bool) -> Result<(), SinkError> {
+    let (bytes, color): (&[u8], _) = match &pixels.codes {
+        Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
+        Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
+    };
+    write_atomically(path, force, |writer| {
+        PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
+            .write_image(bytes, pixels.width, pixels.height, color)
+            .map_err(of_image)
+    })
+}
+
 impl Sink for FolderSink {
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError> {
         self.options.check(frame_index, pixels)?;
-        let (bytes, color): (&[u8], _) = match &pixels.codes {
-            Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
-            Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
-        };
-        let path = self.folder.join(frame_name(frame_index));
-        write_atomically(&path, self.options.force, |writer| {
-            PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Adaptive)
-                .write_image(bytes, pixels.width, pixels.height, color)
-                .map_err(of_image)
-        })
+        write_frame(&self.folder.join(frame_name(frame_index)), pixels, self.options.force)
     }
 
     fn finish(self: Box<Self>) -> Result<(), SinkError> {

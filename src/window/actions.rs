@@ -26,6 +26,8 @@ pub enum Action {
     Undo,
     Redo,
     Save,
+    Open,
+    Export,
     Theme,
     /// Begins to change what is selected.
     Begin(Begin),
@@ -86,6 +88,8 @@ const BINDINGS: &[Binding] = &[
     bind(COMMAND, Key::Y, Action::Redo, "do again"),
     bind(COMMAND, Key::Z, Action::Undo, "undo"),
     bind(COMMAND, Key::S, Action::Save, "save profile and scene"),
+    bind(COMMAND, Key::O, Action::Open, "open a recording"),
+    bind(COMMAND, Key::E, Action::Export, "export and photograph"),
     bind(NONE, Key::T, Action::Theme, "light or dark"),
     bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
     bind(NONE, Key::F1, Action::Keys, "these keys"),

@@ -1,6 +1,9 @@
 //! The window: one frame of it is one call of [`App::ui`](eframe::App::ui).
 
+use std::path::Path;
+
 use eframe::egui::{self, Key, Ui};
+use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
 use super::actions::{self, Action};
@@ -8,6 +11,7 @@ use super::controls::Controls;
 use super::evidence::Evidence;
 use super::hand::{Hand, Wanted};
 use super::handles::{Handles, Over};
+use super::keeper::{Keeper, Turn};
 use super::loupe;
 use super::measure::Measure;
 use super::picture::{self, Compared, Seen, Taken, View};
@@ -28,10 +32,8 @@ pub struct App {
     evidence: Evidence,
     hand: Hand,
     handles: Handles,
-    /// A person wants to close the window and has not saved.
-    asks_to_close: bool,
-    /// And has said that the changes may be lost.
-    may_close: bool,
+    keeper: Keeper,
+    window: RenderState,
     shows_keys: bool,
     shows_history: bool,
     placed: Option<Placed>,
@@ -44,14 +46,14 @@ impl App {
     pub fn new(context: &eframe::CreationContext<'_>, project: Project) -> Result<Self, String> {
         let window = context.wgpu_render_state.clone().ok_or("the window has no device that Locard can draw with")?;
         Ok(Self {
-            session: Session::new(window, &context.egui_ctx, project)?,
+            session: Session::new(window.clone(), &context.egui_ctx, project)?,
             view: View::default(),
             controls: Controls::default(),
             evidence: Evidence::default(),
             hand: Hand::default(),
             handles: Handles::default(),
-            asks_to_close: false,
-            may_close: false,
+            keeper: Keeper::default(),
+            window,
             shows_keys: false,
             shows_history: false,
             placed: None,
@@ -63,6 +65,20 @@ impl App {
     /// Works the window by itself, prints what it costs, and closes it.
     pub fn measured(self, measure: Measure) -> Self {
         Self { measure: Some(measure), ..self }
+    }
+
+    /// Keeps work in a folder of the user's, and offers what a crash has left there.
+    pub fn keep_in(&mut self, folder: &Path) {
+        self.keeper.keep_in(folder, &mut self.session);
+    }
+
+    /// Shows the page that says what can be opened.
+    pub fn show_start(&mut self, shows: bool) {
+        self.keeper.shows_start = shows;
+    }
+
+    pub fn keeper(&self) -> &Keeper {
+        &self.keeper
     }
 
     pub fn project(&self) -> &Project {
@@ -120,7 +136,9 @@ impl App {
             Action::Smaller => self.view.zoom = zoom.map(|zoom| (zoom * 0.5).max(picture::LEAST_ZOOM)),
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
-            Action::Save => self.save(),
+            Action::Save => self.keeper.save(),
+            Action::Open => self.keeper.open(&self.session.project),
+            Action::Export => self.keeper.shows_output = !self.keeper.shows_output,
             Action::Theme => {
                 let dark = ctx.global_style().visuals.dark_mode;
                 ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
@@ -157,6 +175,10 @@ impl App {
     }
 
     fn input(&mut self, ctx: &egui::Context) {
+        // Esc and Enter are the dialog's that is open.
+        if self.keeper.is_asking() {
+            return;
+        }
         self.handles.keys(ctx);
         for action in actions::pressed(ctx) {
             self.act(action, ctx);
@@ -167,7 +189,7 @@ impl App {
             if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
                 self.evidence.drop(path);
             } else {
-                self.session.say(format!("{}: .glb and .gltf models can be dropped here", path.display()));
+                self.keeper.dropped(path, &mut self.session);
             }
         }
     }
@@ -191,32 +213,12 @@ impl App {
         }
     }
 
-    fn save(&mut self) {
-        let said = self.saved().unwrap_or_else(|error| format!("Not saved: {error}"));
-        self.session.say(said);
-    }
-
-    /// Saves scene and profile, as far as they are changed; says what was done.
-    fn saved(&mut self) -> Result<String, String> {
-        let project = &mut self.session.project;
-        let scene = project.scene_path();
-        if project.scene_is_changed() {
-            project.save_scene(&scene).map_err(|error| error.to_string())?;
-        }
-        if project.is_saved() {
-            return Ok(format!("Saved {}", scene.display()));
-        }
-        let path = project.profile.clone();
-        let path = path.ok_or("there is no profile to save to: open with --profile FILE, which may be a new one")?;
-        project.save_profile(&path).map_err(|error| error.to_string())?;
-        Ok(format!("Saved {}", path.display()))
-    }
-
     fn bar(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
             let recording = &self.session.project.shot().recording;
             let star = if self.session.project.is_saved() { "" } else { " •" };
             ui.strong(format!("{}{star}", recording.name)).on_hover_text(recording.path.display().to_string());
+            self.keeper.menu(ui, &mut self.session);
             ui.separator();
             let (undo, redo) = (self.session.project.history().can_undo(), self.session.project.history().can_redo());
             if ui.add_enabled(undo, egui::Button::new("Undo")).on_hover_text("Ctrl+Z").clicked() {
@@ -228,8 +230,9 @@ impl App {
             ui.toggle_value(&mut self.shows_history, "History");
             let unsaved = !self.session.project.is_saved();
             if ui.add_enabled(unsaved, egui::Button::new("Save")).on_hover_text("Ctrl+S").clicked() {
-                self.save();
+                self.keeper.save();
             }
+            ui.toggle_value(&mut self.keeper.shows_output, "Export").on_hover_text("Ctrl+E");
             ui.separator();
             if ui.selectable_label(self.view.zoom.is_none(), "Fit").on_hover_text("F").clicked() {
                 self.view.zoom = None;
@@ -262,15 +265,19 @@ impl App {
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                if let Some(problem) = self.session.problem() {
-                    ui.add(
-                        egui::Label::new(egui::RichText::new(problem).color(ui.visuals().error_fg_color)).truncate(),
-                    );
-                } else if let Some(said) = self.session.said() {
-                    ui.add(egui::Label::new(egui::RichText::new(said).weak()).truncate());
-                } else if let Some(why) = self.session.stats().and_then(|stats| stats.no_pose.clone()) {
-                    let text = format!("Nothing is drawn here: {why}");
-                    ui.add(egui::Label::new(egui::RichText::new(text).color(ui.visuals().warn_fg_color)).truncate());
+                let visuals = ui.visuals();
+                let (wrong, odd, weak) = (visuals.error_fg_color, visuals.warn_fg_color, visuals.weak_text_color());
+                let no_pose = || self.session.stats().and_then(|stats| stats.no_pose.clone());
+                let told = match (self.session.problem(), self.session.said()) {
+                    (Some(problem), _) => Some((problem.to_owned(), wrong)),
+                    (None, Some(said)) => Some((said.to_owned(), weak)),
+                    (None, None) => no_pose().map(|why| (format!("Nothing is drawn here: {why}"), odd)),
+                };
+                let Some((text, color)) = told else { return };
+                let label = egui::Label::new(egui::RichText::new(&text).color(color)).truncate();
+                let response = ui.add(label.sense(egui::Sense::click()));
+                if response.on_hover_text("Click: all of it").clicked() {
+                    self.keeper.message = Some(text);
                 }
             });
         });
@@ -361,36 +368,17 @@ impl App {
         }
     }
 
-    /// Asks before anything is lost.
-    fn closing(&mut self, ctx: &egui::Context) {
-        let closes = ctx.input(|i| i.viewport().close_requested());
-        if closes && !self.may_close && !self.session.project.is_saved() {
-            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
-            self.asks_to_close = true;
-        }
-        if !self.asks_to_close {
-            return;
-        }
-        let (mut save, mut discard, mut stay) = (false, false, false);
-        egui::Modal::new(egui::Id::unique("closing")).show(ctx, |ui| {
-            ui.set_max_width(340.0);
-            ui.heading("Save what you have changed?");
-            ui.label("The changes since the last save are lost otherwise.");
-            ui.add_space(8.0);
-            ui.horizontal(|ui| {
-                save = ui.button("Save and close").clicked();
-                discard = ui.button("Close without saving").clicked();
-                stay = ui.button("Stay").clicked();
-            });
-        });
-        if save {
-            self.save();
-            discard = self.session.project.is_saved();
-        }
-        self.asks_to_close = !(save || discard || stay);
-        if discard {
-            self.may_close = true;
-            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+    /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
+    fn keep(&mut self, ctx: &egui::Context) {
+        let Some(Turn { project, frame }) = self.keeper.work(ctx, &mut self.session) else { return };
+        match Session::new(self.window.clone(), ctx, project) {
+            Ok(session) => {
+                self.session = session;
+                self.session.player.seek(frame);
+                (self.view, self.evidence, self.hand) = Default::default();
+                self.keeper.turned(&self.session);
+            }
+            Err(why) => self.session.wrong(why),
         }
     }
 
@@ -437,7 +425,8 @@ impl eframe::App for App {
         self.input(&ctx);
         self.session.work(&ctx);
         if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &ctx)) {
-            (self.may_close, self.measure) = (true, None);
+            self.keeper.close_without_asking();
+            self.measure = None;
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
         // The window is cleared to the panels' colour: to fill them again would cost more than all else in them.
@@ -470,6 +459,6 @@ impl eframe::App for App {
         });
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
-        self.closing(&ctx);
+        self.keep(&ctx);
     }
 }

@@ -69,6 +69,11 @@ impl<T: Clone + PartialEq> History<T> {
         self.is_open = true;
     }
 
+    /// Changes every step alike, where it is not the person's doing.
+    pub fn each(&mut self, change: impl Fn(&mut T)) {
+        self.steps.iter_mut().map(|(_, value)| value).chain(&mut self.tried).for_each(change);
+    }
+
     /// The next change is a step of its own.
     pub fn close(&mut self) {
         self.is_open = false;

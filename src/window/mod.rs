@@ -9,12 +9,22 @@
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
+//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `saving`, `opening`,
+//!   `watch`, `recent`); work that a crash leaves (`autosave`, in the folder of `state`); a
+//!   new start where the device is lost (`restart`). `output`: what leaves as files,
+//!   by the queue of `jobs`, with the camera's `dials`. `command`: the same by command line.
+//!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
 mod actions;
 mod app;
+mod autosave;
 mod canvas;
+mod chooser;
+mod command;
 mod controls;
+mod dialogs;
+mod dials;
 mod evidence;
 mod fields;
 mod finder;
@@ -22,20 +32,29 @@ mod ground;
 mod hand;
 mod handles;
 mod history;
+mod jobs;
+mod keeper;
 mod library;
 mod list;
 mod loupe;
 mod maker;
 mod measure;
+mod opening;
+mod output;
 mod picture;
 mod placed;
 mod player;
 mod project;
 mod reader;
+mod recent;
+mod restart;
+mod saving;
 mod session;
+mod state;
 mod thumbnails;
 mod timeline;
 mod viewer;
+mod watch;
 mod wrongs;
 
 use std::sync::Arc;
@@ -44,16 +63,21 @@ use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
 pub use app::App;
+pub use autosave::{Autosave, Left, Work};
+pub use command::{Line, composite as command_line};
 pub use history::History;
+pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
 pub use project::{Edit, Origin, Other, Project, SaveError};
+pub use saving::{DEMO, DEMO_SCENE};
 
 use crate::gpu::Gpu;
 
-/// Opens the window and waits until it is closed. With a [`Measure`] it works by itself.
-pub fn open(project: Project, measure: Option<Measure>) -> Result<(), eframe::Error> {
+/// Opens the window and waits until it is closed. `start`: with the page that says what can be opened. With a [`Measure`]
+/// it works by itself, and keeps nothing.
+pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(), eframe::Error> {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.device_descriptor = Arc::new(Gpu::wanted);
     let size = egui::vec2(1280.0, 800.0);
@@ -73,12 +97,16 @@ pub fn open(project: Project, measure: Option<Measure>) -> Result<(), eframe::Er
     eframe::run_native(
         "locard",
         options,
-        Box::new(|context| {
-            let app = App::new(context, project)?;
-            Ok(Box::new(match measure {
-                Some(measure) => app.measured(measure),
-                None => app,
-            }))
+        Box::new(move |context| {
+            let mut app = App::new(context, project)?;
+            if let Some(measure) = measure {
+                return Ok(Box::new(app.measured(measure)));
+            }
+            if let Some(folder) = state::folder() {
+                app.keep_in(&folder);
+            }
+            app.show_start(start);
+            Ok(Box::new(app))
         }),
     )
 }

@@ -17,7 +17,7 @@ use crate::sink::atomic::write_atomically;
 use crate::source::file::{self, MOST_DOCUMENT};
 
 /// Everything that a change changes, and that undo brings back.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct Edit {
     pub rig: Rig,
     pub settings: Settings,
@@ -27,7 +27,7 @@ pub struct Edit {
 }
 
 /// Another camera and other settings, to compare with. One of the two is called A, and stands at the left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct Other {
     pub rig: Rig,
     pub settings: Settings,
@@ -76,6 +76,8 @@ pub struct Project {
     defaults: Edit,
     pub profile: Option<PathBuf>,
     pub scene: Option<PathBuf>,
+    /// Of the recording, as it was opened.
+    pub metres_per_unit: f64,
     scene_text: Option<scene::Document>,
     /// What the shot's scene was loaded from.
     loaded: SceneFile,
@@ -113,6 +115,7 @@ impl Project {
             },
             profile: given.profile.clone(),
             scene: given.scene.clone(),
+            metres_per_unit: options.metres_per_unit,
             scene_text,
             loaded: edit.scene.clone(),
             models: Models::default(),
@@ -158,8 +161,17 @@ impl Project {
         self.problem.as_deref()
     }
 
+    /// As the files say it.
+    pub fn saved(&self) -> &Edit {
+        &self.saved
+    }
+
     pub fn is_saved(&self) -> bool {
         self.edit().saves_like(&self.saved)
+    }
+
+    pub fn profile_is_changed(&self) -> bool {
+        (&self.edit().rig, &self.edit().settings) != (&self.saved.rig, &self.saved.settings)
     }
 
     pub fn scene_is_changed(&self) -> bool {
@@ -323,6 +335,23 @@ impl Project {
         self.follow();
     }
 
+    /// Goes on where a person was: one step, after what was opened. What does not load is refused, and nothing changes.
+    pub fn take_up(&mut self, edit: Edit) -> Result<(), SceneError> {
+        let loaded = self.load(&edit.scene)?;
+        self.put(loaded, &edit.scene);
+        self.change("taken up", edit);
+        self.close_step();
+        Ok(())
+    }
+
+    /// Takes what the files say now, as they were opened anew: one step, which can be taken back.
+    pub fn read_again(&mut self, fresh: Self) {
+        let edit = fresh.edit().clone();
+        (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
+        self.change("read again", edit);
+        self.close_step();
+    }
+
     /// The world's up, for the scene as it is.
     pub fn up(&self) -> DVec3 {
         self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
@@ -395,6 +424,12 @@ impl Project {
                 }
             }
         }
+        for effect in edit.settings.effects().map(|effect| effect.table()) {
+            let on = edit.settings.is_on(effect);
+            if settings.is_on(effect) != on {
+                document.switch(effect, on);
+            }
+        }
         write_atomically(path, true, |writer| std::io::Write::write_all(writer, document.to_string().as_bytes()))?;
         self.saved.rig = edit.rig;
         self.saved.settings = edit.settings;
@@ -402,9 +437,10 @@ impl Project {
         Ok(())
     }
 
-    /// Writes the scene file, whose comments and order stay.
+    /// Writes the scene file, whose comments and order stay. In another folder it names the same models.
     pub fn save_scene(&mut self, path: &Path) -> Result<(), SaveError> {
-        let scene = self.edit().scene.clone();
+        let from = self.scene_path();
+        let scene = moved(&self.edit().scene, &from, path);
         let failed =
             |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
         let text = match self.scene_text.take() {
@@ -417,10 +453,25 @@ impl Project {
             None => scene::Document::new(scene.clone()).map_err(|e| failed(&e))?.to_string(),
         };
         write_atomically(path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        self.history.each(|edit| edit.scene = moved(&edit.scene, &from, path));
+        self.opened.scene = moved(&self.opened.scene, &from, path);
+        self.loaded = moved(&self.loaded, &from, path);
         self.saved.scene = scene;
         self.scene = Some(path.to_owned());
         Ok(())
     }
+}
+
+/// A scene whose file moves: its models and its panorama are the same files.
+fn moved(scene: &SceneFile, from: &Path, to: &Path) -> SceneFile {
+    let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| Some(path.parent()?.to_owned()));
+    let mut scene = scene.clone();
+    let (Some(old), Some(new)) = (folder(from), folder(to)) else { return scene };
+    if old != new {
+        let names = scene.objects.iter_mut().map(|object| &mut object.model).chain(&mut scene.light.environment);
+        names.for_each(|name| *name = scene::relative(&old.join(&*name), to));
+    }
+    scene
 }
 
 /// Every table of parameters, in the order of the light.

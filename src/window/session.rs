@@ -14,7 +14,9 @@ use super::thumbnails::Thumbnails;
 use super::viewer::Viewer;
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
+use crate::gpu::GpuError;
 use crate::pixels::Pixels;
+use crate::shot::ShotError;
 
 /// A picture that is shown.
 #[derive(Debug)]
@@ -56,6 +58,8 @@ pub struct Session {
     /// When pictures of the last second were finished.
     finished: VecDeque<Instant>,
     pictures: u64,
+    /// The device is gone, and with it every picture.
+    is_lost: bool,
     /// What went wrong last; stays until something goes right.
     problem: Option<String>,
     /// What was done last.
@@ -83,6 +87,7 @@ impl Session {
             clock: None,
             finished: VecDeque::new(),
             pictures: 0,
+            is_lost: false,
             problem: None,
             said: None,
         })
@@ -125,6 +130,11 @@ impl Session {
     /// Pictures that were finished.
     pub fn pictures(&self) -> u64 {
         self.pictures
+    }
+
+    /// Whether the graphics device is gone. Only a new start brings another.
+    pub fn is_lost(&self) -> bool {
+        self.is_lost
     }
 
     /// Pictures that were finished in the last second.
@@ -196,6 +206,7 @@ impl Session {
                             (Some(picture.stats), picture.codes)
                         }
                         Err(error) => {
+                            self.is_lost |= matches!(error, ShotError::Gpu { source: GpuError::Lost(_), .. });
                             self.problem = Some(error.to_string());
                             let _ = self.viewer.gpu().take_failure();
                             (None, None)

@@ -1,8 +1,7 @@
 //! The user's settings in a mode, and the photographs of a series that follow from them.
 
-use anyhow::{Result, bail};
-
-use super::args::{Args, Bracket};
+use super::error::{PhotoError, refused};
+use super::wanted::{Bracket, Wanted};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, Mode, meter};
 use crate::camera::stops::{self, Step};
@@ -32,59 +31,57 @@ pub struct Dials {
 const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
 
 impl Dials {
-    pub fn new(args: &Args, taken: Known, lux: f64, limits: Limits) -> Result<Self> {
-        let by_settings = match (args.light.aperture, args.light.shutter) {
+    pub fn new(wanted: &Wanted, taken: Known, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
+        let by_settings = match (wanted.f_number, wanted.time_s) {
             (Some(_), Some(_)) => Mode::Manual,
             (Some(_), None) => Mode::AperturePriority,
             (None, Some(_)) => Mode::ShutterPriority,
             (None, None) => Mode::Program,
         };
-        let mode = args.mode.unwrap_or(by_settings);
+        let mode = wanted.mode.unwrap_or(by_settings);
         let chooses = |name: &str, given: Option<f64>, modes: [Mode; 2], other: &str| match given {
-            Some(_) if modes.contains(&mode) => {
-                bail!(
-                    "--mode {} chooses the {name} itself: leave --{name} out, or take --mode {other} or m",
-                    mode.letter()
-                )
-            }
+            Some(_) if modes.contains(&mode) => refused(format!(
+                "--mode {} chooses the {name} itself: leave --{name} out, or take --mode {other} or m",
+                mode.letter()
+            )),
             _ => Ok(()),
         };
-        chooses("aperture", args.light.aperture, [Mode::Program, Mode::ShutterPriority], "a")?;
-        chooses("shutter", args.light.shutter, [Mode::Program, Mode::AperturePriority], "s")?;
+        chooses("aperture", wanted.f_number, [Mode::Program, Mode::ShutterPriority], "a")?;
+        chooses("shutter", wanted.time_s, [Mode::Program, Mode::AperturePriority], "s")?;
         let needs = |given: Option<f64>, modes: [Mode; 2], name: &str| {
             if modes.contains(&mode) && given.is_none() {
-                bail!("--mode {} needs --{name}", mode.letter());
+                return refused(format!("--mode {} needs --{name}", mode.letter()));
             }
             Ok(given.unwrap_or(1.0))
         };
-        let gone_through = match args.bracket {
-            Some(Bracket::Aperture) if args.light.aperture.is_some() => Some("aperture"),
-            Some(Bracket::Iso) if args.light.iso.is_some() => Some("iso"),
+        let gone_through = match wanted.bracket {
+            Some(Bracket::Aperture) if wanted.f_number.is_some() => Some("aperture"),
+            Some(Bracket::Iso) if wanted.iso.is_some() => Some("iso"),
             _ => None,
         };
         if let Some(name) = gone_through {
-            bail!("--bracket {name} goes through all of them: leave --{name} out");
+            return refused(format!("--bracket {name} goes through all of them: leave --{name} out"));
         }
         // A bracket supplies a usual value for what it varies.
-        let varied = |what: Bracket, given: Option<f64>, usual: f64| match args.bracket {
+        let varied = |what: Bracket, given: Option<f64>, usual: f64| match wanted.bracket {
             Some(bracket) if bracket == what => given.or(Some(usual)),
             _ => given,
         };
-        let f_number = varied(Bracket::Aperture, args.light.aperture, 8f64.sqrt());
-        let time_s = varied(Bracket::Shutter, args.light.shutter, limits.hand_held_s);
+        let f_number = varied(Bracket::Aperture, wanted.f_number, 8f64.sqrt());
+        let time_s = varied(Bracket::Shutter, wanted.time_s, limits.hand_held_s);
         let set = ExposureSettings {
             f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
             time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
-            iso: args.light.iso.or(taken.iso).unwrap_or(USUAL_ISO),
+            iso: wanted.iso.or(taken.iso).unwrap_or(USUAL_ISO),
         };
         Ok(Self {
             mode,
             set: set.exact(),
             lux,
-            compensation_ev: args.light.compensation,
+            compensation_ev: wanted.compensation_ev,
             limits,
             focus_distance_m: f64::INFINITY,
-            hand_held: args.hand_held,
+            hand_held: wanted.hand_held,
         })
     }
 

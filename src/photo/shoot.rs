@@ -3,18 +3,20 @@
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use anyhow::Result;
-
-use super::args::{Args, Focus};
 use super::dials::{Asked, Dials};
+use super::error::PhotoError;
+use super::focus::distance_m;
+use super::framing::{Aim, Framing};
+use super::hiding::Hiding;
+use super::real::{RealPart, shutter_weights};
+use super::take::{self, Exposed, Standpoint, Taken};
+use super::wanted::{Focus, Wanted};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};
-use crate::camera::{Camera, Geometry, Lens, Opening};
-use crate::cli::warn;
+use crate::camera::{Camera, Geometry, Lens, Opening, Summed};
 use crate::compositor::{Compositor, Target, exposure_time_s};
 use crate::frame::Frame;
-use crate::photo::{self, Aim, Exposed, Framing, Hiding, RealPart, Standpoint, Summed, Taken};
 use crate::pixels::Rect;
 use crate::shot::{Shot, USUAL_ISO};
 use crate::sink::photograph::Notes;
@@ -25,7 +27,7 @@ const EPOCH_S: f64 = 1e9;
 
 /// A shot with the frame to photograph.
 pub struct Shoot<'a> {
-    pub args: &'a Args,
+    pub wanted: &'a Wanted,
     pub shot: Shot,
     pub whole: Geometry,
     pub frame: Frame,
@@ -39,13 +41,15 @@ pub struct Shoot<'a> {
 }
 
 impl Shoot<'_> {
-    pub fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<f64> {
-        if let Focus::Metres(distance_m) = self.args.focus {
-            return Ok(distance_m);
+    /// Where the lens is focused, and what is to be said of it.
+    pub fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<(f64, Option<&'static str>), PhotoError> {
+        if let Focus::Metres(distance_m) = self.wanted.focus {
+            return Ok((distance_m, None));
         }
         let pending = self.shot.submit(&mut self.compositor, self.frame.clone(), &self.whole, Target::Pixels, true)?;
         let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
-        let framed = |f| Framing::aimed(&self.whole, self.args.film, f, f64::INFINITY, self.args.width, self.aim);
+        let framed =
+            |f| Framing::aimed(&self.whole, self.wanted.film, f, f64::INFINITY, self.wanted.width_px, self.aim);
         // A lens that sees too much at infinity may fit once it is focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
@@ -56,11 +60,10 @@ impl Shoot<'_> {
             corner.x.round() as i32,
             corner.y.round() as i32,
         );
-        let found = photo::distance_m(&layer, self.frame.depth.as_ref(), seen);
-        if found.is_none() {
-            warn(self.args.quiet, "there is nothing to focus on: infinity is sharp; --focus sets a distance");
-        }
-        Ok(found.unwrap_or(f64::INFINITY))
+        Ok(match distance_m(&layer, self.frame.depth.as_ref(), seen) {
+            Some(found_m) => (found_m, None),
+            None => (f64::INFINITY, Some("there is nothing to focus on: infinity is sharp; --focus sets a distance")),
+        })
     }
 
     pub fn lens(&self, asked: &Asked) -> Lens {
@@ -78,15 +81,15 @@ impl Shoot<'_> {
         asked: &Asked,
         framing: &Framing,
         opening: Option<Opening>,
-        done: impl FnMut(f64),
-    ) -> Result<Taken> {
-        let (args, shot, recording) = (self.args, &self.shot, &self.shot.recording);
+        goes_on: impl FnMut(f64) -> bool,
+    ) -> Result<Taken, PhotoError> {
+        let (index, shot, recording) = (self.wanted.frame, &self.shot, &self.shot.recording);
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times && self.sums {
             let (times, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
-            photo::shutter_weights(times, interval_s, args.light.frame, asked.settings.time_s)
+            shutter_weights(times, interval_s, index, asked.settings.time_s)
         } else {
-            (args.light.frame..args.light.frame + 1, vec![1.0])
+            (index..index + 1, vec![1.0])
         };
         let mut frames = Vec::with_capacity(weights.len());
         let (mut summed, mut hiding) = (Vec::new(), Vec::new());
@@ -113,7 +116,7 @@ impl Shoot<'_> {
         let neighbours = self.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
         let real = RealPart::new(&frames, response, &framing.framed, framing.size(), neighbours);
         drop(frames);
-        let measured_at = shot.rig.exposure.iso.or(shot.taken(args.light.frame).iso).unwrap_or(USUAL_ISO);
+        let measured_at = shot.rig.exposure.iso.or(shot.taken(index).iso).unwrap_or(USUAL_ISO);
         let exposed = Exposed {
             opening,
             time_s: match (has_times, self.sums) {
@@ -132,14 +135,14 @@ impl Shoot<'_> {
             track: &recording.track,
             time_offset_s: recording.time_offset_s,
             interval_s: recording.frame_interval_s,
-            frame: args.light.frame,
+            frame: index,
             timestamp_s: self.frame.timestamp_s,
             exposure: self.frame.exposure,
             summed: &summed,
             depth: self.frame.depth.as_ref(),
             hiding: &hiding,
         };
-        Ok(photo::take(&mut self.compositor, &standpoint, framing, real, &exposed, done)?)
+        Ok(take::take(&mut self.compositor, &standpoint, framing, real, &exposed, goes_on)?)
     }
 
     pub fn notes(&self, dials: &Dials, asked: &Asked, framing: &Framing) -> Notes {
@@ -158,7 +161,7 @@ impl Shoot<'_> {
             equivalent_mm: framing.film.equivalent_35mm(focal_length_mm),
             focus_distance_m: asked.focus_distance_m,
             compensation_ev: dials.compensation_ev,
-            program: match dials.mode_of(self.args.bracket) {
+            program: match dials.mode_of(self.wanted.bracket) {
                 Mode::Manual => 1,
                 Mode::Program => 2,
                 Mode::AperturePriority => 3,
@@ -167,7 +170,7 @@ impl Shoot<'_> {
             taken_s: recorded_s.unwrap_or_else(now_s),
             description: format!(
                 "frame {} of {} at {} s",
-                self.args.light.frame,
+                self.wanted.frame,
                 name(&self.shot.recording.path),
                 short(self.frame.timestamp_s)
             ),

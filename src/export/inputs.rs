@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
-
+use super::error::ExportError;
 use crate::shot::Shot;
 use crate::sink::atomic::Place;
 
@@ -32,10 +31,10 @@ impl Inputs {
     }
 
     /// Checks that a file can be written there.
-    pub fn check_file(&self, path: &Path) -> Result<()> {
+    pub fn check_file(&self, path: &Path) -> Result<(), ExportError> {
         let at = resolved(path);
         if self.is_read(path, &at) {
-            bail!("{}: is read in this run, {NEVER}", path.display());
+            return Err(ExportError::refused(path, format!("is read in this run, {NEVER}")));
         }
         let ending = at.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let is_picture = matches!(ending.as_str(), "png" | "jpg" | "jpeg");
@@ -45,19 +44,19 @@ impl Inputs {
             .iter()
             .any(|folder| (is_picture && beside(folder)) || (self.is_its(folder) && at.starts_with(folder)))
         {
-            bail!("{}: lies in the folder of the recording's frames, {NEVER}", path.display());
+            return Err(ExportError::refused(path, format!("lies in the folder of the recording's frames, {NEVER}")));
         }
         Ok(())
     }
 
     /// Checks that files of these names can be written into a folder.
-    pub fn check_folder(&self, path: &Path, names: impl IntoIterator<Item = String>) -> Result<()> {
+    pub fn check_folder(&self, path: &Path, names: impl IntoIterator<Item = String>) -> Result<(), ExportError> {
         let at = resolved(path);
         if self.recording.as_ref() == Some(&at) {
-            bail!("{}: is the recording's folder, {NEVER}", path.display());
+            return Err(ExportError::refused(path, format!("is the recording's folder, {NEVER}")));
         }
         if self.folders.iter().any(|folder| at == *folder || (self.is_its(folder) && at.starts_with(folder))) {
-            bail!("{}: is the folder of the recording's frames, {NEVER}", path.display());
+            return Err(ExportError::refused(path, format!("is the folder of the recording's frames, {NEVER}")));
         }
         // A link among them may lead anywhere.
         let mut there = names.into_iter().map(|name| at.join(name)).filter(|file| file.symlink_metadata().is_ok());

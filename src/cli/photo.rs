@@ -1,11 +1,16 @@
-//! What can be asked of `locard photo`.
+//! `locard photo`.
 
 use std::path::PathBuf;
 
+use anyhow::Result;
+
+use super::light;
+use super::which::Which;
+use super::{progress_of, tell, told, warn};
 use crate::camera::Film;
 use crate::camera::metering::Mode;
-use crate::cli::light;
-use crate::cli::which::Which;
+use crate::gpu::Gpu;
+use crate::photo::{self, Focus, PhotoError, Told, Wanted};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -62,13 +67,7 @@ pub struct Args {
     pub quiet: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Focus {
-    Auto,
-    Metres(f64),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
 pub enum Bracket {
     /// f/2.8 to f/22
     Aperture,
@@ -78,6 +77,41 @@ pub enum Bracket {
     Iso,
     /// From half the distance to twice
     Focus,
+}
+
+impl From<Bracket> for photo::Bracket {
+    fn from(bracket: Bracket) -> Self {
+        match bracket {
+            Bracket::Aperture => Self::Aperture,
+            Bracket::Shutter => Self::Shutter,
+            Bracket::Iso => Self::Iso,
+            Bracket::Focus => Self::Focus,
+        }
+    }
+}
+
+impl Args {
+    pub fn wanted(&self) -> Wanted {
+        Wanted {
+            frame: self.light.frame,
+            mode: self.mode,
+            f_number: self.light.aperture,
+            time_s: self.light.shutter,
+            iso: self.light.iso,
+            compensation_ev: self.light.compensation,
+            lux: self.light.lux,
+            focal_length_mm: self.focal,
+            aim: self.aim.clone(),
+            across_px: self.across,
+            hand_held: self.hand_held,
+            focus: self.focus,
+            film: self.film,
+            width_px: self.width,
+            bracket: self.bracket.map(Into::into),
+            output: self.output.clone(),
+            force: self.force,
+        }
+    }
 }
 
 fn focus(text: &str) -> Result<Focus, String> {
@@ -97,4 +131,30 @@ fn focal_length(text: &str) -> Result<f64, String> {
 fn columns(text: &str) -> Result<f64, String> {
     let px = text.trim().trim_end_matches("px").trim_end().parse().ok().filter(|px: &f64| (1.0..=1e6).contains(px));
     px.ok_or_else(|| format!("{text} is refused: accepted is 1 to as many columns as the recording has (px)"))
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let mut shot = args.light.open(Some(args.scene.clone()))?;
+    shot.settings.seed = args.seed;
+    args.which.apply(&mut shot.settings)?;
+    let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
+    let taken = args.wanted().take(shot, Gpu::open, &mut |says| {
+        match says {
+            Told::Warning(text) => bar.suspend(|| warn(args.quiet, &text)),
+            Told::Taking { number, of, share } => {
+                bar.set_message(format!("photograph {number} of {of}"));
+                bar.set_position((100.0 * share) as u64);
+            }
+            Told::Written { path, settings } => {
+                let colon = if settings.is_empty() { "" } else { ": " };
+                bar.suspend(|| tell(args.quiet, &format!("{}{colon}{settings}", path.display())));
+            }
+        }
+        true
+    });
+    bar.finish_and_clear();
+    taken.map_err(|error| match error {
+        PhotoError::Export(error) => told(error),
+        error => error.into(),
+    })
 }

@@ -1,11 +1,11 @@
 //! The aim of a photograph, as places in the recorded picture.
 
-use anyhow::{Context, Result, bail};
 use glam::{DVec2, DVec3};
 
-use super::args::Args;
+use super::error::{PhotoError, refused};
+use super::framing::Aim;
+use super::wanted::Wanted;
 use crate::camera::Geometry;
-use crate::photo::Aim;
 use crate::recording::Recording;
 use crate::scene::{Object, Scene};
 
@@ -18,25 +18,26 @@ fn place(text: &str) -> Option<DVec2> {
     Some(DVec2::new(number(x)?, number(y)?))
 }
 
-pub fn aim(args: &Args, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim> {
-    let across = args.across.map(|columns| DVec2::new(columns, 0.0));
-    let Some(wanted) = &args.aim else { return Ok(Aim { at_px: None, around_px: across }) };
+pub fn aim(wanted: &Wanted, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim, PhotoError> {
+    let Wanted { frame, focal_length_mm, across_px, .. } = wanted;
+    let across = across_px.map(|columns| DVec2::new(columns, 0.0));
+    let Some(wanted) = &wanted.aim else { return Ok(Aim { at_px: None, around_px: across }) };
     let size = DVec2::new(whole.intrinsics.width_px.into(), whole.intrinsics.height_px.into());
     if let Some(at) = place(wanted) {
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
-            bail!("--aim {wanted} lies outside of the picture, {}x{} px", size.x, size.y);
+            return refused(format!("--aim {wanted} lies outside of the picture, {}x{} px", size.x, size.y));
         }
         return Ok(Aim { at_px: Some(at), around_px: across });
     }
     let object = named(wanted, scene)?;
-    let pose = recording.pose_at_frame(args.light.frame)?;
+    let pose = recording.pose_at_frame(*frame)?;
     let seen = points(object, scene).filter_map(|point| whole.project(pose.transform_point(point)));
     let seen = seen.map(|at| (at, at)).reduce(|(low, high), (at, _)| (low.min(at), high.max(at)));
     let in_picture = seen.map(|(low, high)| (low.max(DVec2::ZERO), high.min(size)));
     let Some((low, high)) = in_picture.filter(|(low, high)| low.cmplt(*high).all()) else {
-        bail!("--aim {wanted}: it is not in the picture of frame {}", args.light.frame);
+        return refused(format!("--aim {wanted}: it is not in the picture of frame {frame}"));
     };
-    let around = across.or(args.focal.is_none().then(|| {
+    let around = across.or(focal_length_mm.is_none().then(|| {
         let around = (high - low) / FILLED;
         // No more than the picture has, whatever the film's shape.
         around * (size / around).min_element().min(1.0)
@@ -45,13 +46,14 @@ pub fn aim(args: &Args, recording: &Recording, whole: &Geometry, scene: &Scene) 
 }
 
 /// The object with this name, or the only one whose name contains it.
-fn named<'a>(wanted: &str, scene: &'a Scene) -> Result<&'a Object> {
+fn named<'a>(wanted: &str, scene: &'a Scene) -> Result<&'a Object, PhotoError> {
     let mut like = scene.objects.iter().filter(|object| object.name.to_lowercase().contains(&wanted.to_lowercase()));
     let exact = scene.objects.iter().find(|object| object.name == wanted);
     let only = like.next().filter(|_| like.next().is_none());
-    exact.or(only).with_context(|| {
+    exact.or(only).ok_or_else(|| {
         let names: Vec<_> = scene.objects.iter().map(|object| object.name.as_str()).collect();
-        format!("--aim {wanted}: neither X,Y nor the name of one object; there are: {}", names.join(", "))
+        let names = names.join(", ");
+        PhotoError::Refused(format!("--aim {wanted}: neither X,Y nor the name of one object; there are: {names}"))
     })
 }
 

@@ -1,0 +1,77 @@
+//! Checks that everything can be written, before any of it is begun.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use super::Export;
+use super::error::ExportError;
+use super::inputs::{Inputs, resolved, same};
+use super::run::layer_name;
+use crate::sink::folder::frame_name;
+use crate::sink::{self, OutPath, is_stdout};
+
+impl Export {
+    /// Refuses what would overwrite something that is read, or is to be kept, or is written by this export already.
+    pub fn check(&self, inputs: &Inputs) -> Result<(), ExportError> {
+        match &self.out {
+            OutPath::Folder(folder) => inputs.check_folder(folder, self.range.clone().map(frame_name))?,
+            OutPath::Video(file) => inputs.check_file(file)?,
+            OutPath::Stdout | OutPath::Stream(_) => {}
+        }
+        sink::check(&self.out, self.force)?;
+        if let Some(folder) = &self.layers {
+            inputs.check_folder(folder, self.range.clone().map(layer_name))?;
+            if folder.exists() && !folder.is_dir() {
+                return Err(ExportError::refused(folder, "is a file; --layers needs a folder"));
+            }
+            let mut there = self.range.clone().map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
+            if let Some(file) = there.next().filter(|_| !self.force) {
+                return Err(ExportError::refused(&file, "exists already; it is kept unless --force is given"));
+            }
+        }
+        let Some(report) = &self.report else { return self.check_apart() };
+        if is_stdout(report) && self.out == OutPath::Stdout {
+            return Err(ExportError::refused(report, OWN_FILE));
+        }
+        self.check_apart()?;
+        if is_stdout(report) {
+            return Ok(());
+        }
+        inputs.check_file(report)?;
+        let folder = report.parent().unwrap_or(Path::new(""));
+        // The folders of the other outputs are created before the report is written.
+        let made = matches!(&self.out, OutPath::Folder(out) if same(out, folder))
+            || self.layers.as_ref().is_some_and(|layers| same(layers, folder));
+        if made && !folder.is_dir() { Ok(()) } else { Ok(sink::check_file(report, self.force)?) }
+    }
+
+    /// Checks that no two written files have the same name, and that none has the name of another's folder.
+    fn check_apart(&self) -> Result<(), ExportError> {
+        let named = |folder: &Path, name: fn(usize) -> String| {
+            let folder = resolved(folder);
+            self.range.clone().map(move |frame| resolved(&folder.join(name(frame))))
+        };
+        let mut files: HashSet<PathBuf> = match &self.out {
+            OutPath::Folder(folder) => named(folder, frame_name).collect(),
+            OutPath::Video(file) => [resolved(file)].into(),
+            OutPath::Stdout | OutPath::Stream(_) => HashSet::new(),
+        };
+        let clashes = |files: &HashSet<PathBuf>, at: &Path| at.ancestors().any(|at| files.contains(at));
+        if let Some(folder) = &self.layers {
+            if clashes(&files, &resolved(folder)) {
+                let problem = "is written in this run already; --layers needs a folder of its own";
+                return Err(ExportError::refused(folder, problem));
+            }
+            files.extend(named(folder, layer_name));
+        }
+        if let Some(report) = self.report.as_ref().filter(|report| !is_stdout(report)) {
+            let at = resolved(report);
+            if clashes(&files, &at) || files.iter().any(|file| file.starts_with(&at)) {
+                return Err(ExportError::refused(report, OWN_FILE));
+            }
+        }
+        Ok(())
+    }
+}
+
+const OWN_FILE: &str = "is the output already; --report needs a file of its own";

@@ -1,0 +1,34 @@
+//! Why nothing is written, or not all of it.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::shot::ShotError;
+use crate::sink::SinkError;
+use crate::words::reason;
+
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    #[error(transparent)]
+    Shot(#[from] ShotError),
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    /// What is there must not be written to.
+    #[error("{}: {problem}", path.display())]
+    Refused { path: PathBuf, problem: String },
+    #[error("{}: cannot be made: {}", path.display(), reason(source))]
+    Folder { path: PathBuf, source: io::Error },
+    #[error("no thread can be started that writes: {}", reason(source))]
+    Thread { source: io::Error },
+    #[error("the writing thread stopped early")]
+    Stopped,
+    /// Whoever asked for it wanted no more. Frames of a folder that were finished stay; of a video nothing does.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+impl ExportError {
+    pub fn refused(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Refused { path: path.to_owned(), problem: problem.into() }
+    }
+}

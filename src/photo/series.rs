@@ -1,0 +1,214 @@
+//! A photograph or a series of them, from what is asked for to the files.
+
+use std::path::PathBuf;
+
+use super::OF_MOTION;
+use super::dials::{Asked, Dials};
+use super::error::{PhotoError, refused};
+use super::framing::Framing;
+use super::sheet::{contact_sheet, small};
+use super::shoot::Shoot;
+use super::take::Taken;
+use super::target::aim;
+use super::wanted::{Bracket, Focus, Wanted};
+use crate::camera::exposure::INDOORS_LX;
+use crate::camera::metering::PictureLight;
+use crate::camera::{Geometry, Opening};
+use crate::depth::measured_from;
+use crate::export::Inputs;
+use crate::gpu::{Gpu, GpuError};
+use crate::profile::Rig;
+use crate::recording::Recording;
+use crate::shot::{Note, Shot, USUAL_ISO};
+use crate::sink::photograph;
+
+/// What is said while photographs are taken.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Told {
+    Warning(String),
+    /// The finished share of photograph `number` (from 1) of a series.
+    Taking {
+        number: usize,
+        of: usize,
+        share: f64,
+    },
+    /// A file is there: its name, and the settings that it was taken with (empty for a contact sheet).
+    Written {
+        path: PathBuf,
+        settings: String,
+    },
+}
+
+impl Wanted {
+    /// Takes what is wanted of a shot as it is set. Everything that can be refused is refused before a device is asked
+    /// for. `tell` is told what happens and ends it by `false`, which is [`TakeError::Cancelled`](super::TakeError).
+    pub fn take(
+        &self,
+        shot: Shot,
+        device: impl FnOnce() -> Result<Gpu, GpuError>,
+        tell: &mut dyn FnMut(Told) -> bool,
+    ) -> Result<(), PhotoError> {
+        let index = self.frame;
+        shot.check_poses(index..index.saturating_add(1))?;
+        let taken = shot.taken(index);
+        let whole = shot.geometry_at(index)?;
+        let in_file_m = shot.recording.exposure.get(index).and_then(|e| e.photo.focal_length_m);
+        let whole = with_film(whole, &shot.rig, in_file_m);
+        if whole.is_round() {
+            return refused(
+                "a photograph out of a 360° picture is not made: composite into the recording, and crop that"
+                    .to_owned(),
+            );
+        }
+        let camera = shot.camera();
+        camera.lens.opening(&whole)?;
+        shot.settings.check(&camera, &whole)?;
+        let focal_length_m = self.focal_length_mm.map(|mm| 1e-3 * mm);
+        let (given_m, checked_m) = match self.focus {
+            Focus::Metres(distance_m) => (distance_m, focal_length_m),
+            // What a lens sees depends on where it is focused, which is not known yet. A focus series continues to
+            // infinity.
+            Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| self.bracket == Some(Bracket::Focus))),
+        };
+        let aim = aim(self, &shot.recording, &whole, &shot.scene)?;
+        Framing::aimed(&whole, self.film, checked_m, given_m, self.width_px, aim)?;
+        let lux = match (self.lux, taken.settings()) {
+            (None, None) => None,
+            _ => Some(shot.scene_light(index, self.lux)?.lux),
+        };
+        let mut limits = shot.limits(index, self.f_number);
+        let sums = self.hand_held && shot.settings.is_on(OF_MOTION);
+        let recorded_s = if sums { recorded_s(&shot.recording, index) } else { f64::INFINITY };
+        if let Some(time_s) = self.time_s.filter(|&time_s| time_s > recorded_s * 1.001) {
+            return refused(format!(
+                "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
+                 {recorded_s:.3} s, or a frame further from its ends"
+            ));
+        }
+        limits.longest_s = limits.longest_s.min(recorded_s);
+        let mut dials = Dials::new(self, taken, lux.unwrap_or(INDOORS_LX), limits)?;
+        let count = dials.series(self.bracket).len();
+        let left_out = dials.left_out(self.bracket);
+        let inputs = Inputs::of(&shot);
+        for path in (1..=count).map(|n| self.path_of(&n.to_string())).chain(self.bracket.map(|_| self.path_of("sheet")))
+        {
+            photograph::check(&path, self.force)?;
+            inputs.check_file(&path)?;
+        }
+        let mut warn = |text: String| _ = tell(Told::Warning(text));
+        if lux.is_none() {
+            warn(format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken"));
+        }
+        left_out.into_iter().for_each(&mut warn);
+        shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned().for_each(&mut warn);
+
+        let frame = shot.read(index)?;
+        let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
+        let (track, offset_s) = (&shot.recording.track, shot.recording.time_offset_s);
+        if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, track, offset_s)) {
+            warn(format!("nothing real hides objects: {why}"));
+        }
+        let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
+        if unknown_speed && camera.noise.is_some() && (self.iso.is_some() || self.bracket == Some(Bracket::Iso)) {
+            warn(format!(
+                "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is \
+                 taken"
+            ));
+        }
+        if camera.noise.is_none() {
+            let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; \
+                        `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the \
+                        recording itself";
+            warn(text.to_owned());
+        }
+        let acts_on_real = shot.settings.acts_on_real();
+        let compositor = shot.compositor(device()?);
+        compositor.warnings().into_iter().for_each(&mut warn);
+        let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
+        let mut shoot = Shoot { wanted: self, shot, whole, frame, mean, camera, compositor, aim, sums };
+        let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
+        nothing.map(str::to_owned).into_iter().for_each(&mut warn);
+        dials.focus_distance_m = distance_m;
+        if self.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
+            return refused(
+                "--bracket focus goes from half a distance to twice, and infinity is sharp here: give a distance, as in \
+                 --focus 2"
+                    .to_owned(),
+            );
+        }
+        let mut sheet = Vec::new();
+        let mut is_told = false;
+        let series = dials.series(self.bracket);
+        let framed = |asked: &Asked| {
+            Framing::aimed(&shoot.whole, self.film, focal_length_m, asked.focus_distance_m, self.width_px, aim)
+        };
+        let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
+        for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
+            let mut warn = |text: String| _ = tell(Told::Warning(text));
+            let opening = shoot.lens(asked).opening(&framing.geometry)?;
+            let flat = shoot.frame.depth.is_none() && acts_on_real;
+            if flat && !is_told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
+                let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as \
+                            sharp as it was recorded";
+                warn(text.to_owned());
+                is_told = true;
+            }
+            dials.misses(asked).into_iter().for_each(&mut warn);
+            let goes_on = |share: f64| tell(Told::Taking { number: n + 1, of: series.len(), share });
+            let Taken { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, goes_on)?;
+            if !shows_objects && n == 0 {
+                tell(Told::Warning(Note::NothingSeen.to_string()));
+            }
+            let path = self.path_of(&(n + 1).to_string());
+            let notes = shoot.notes(&dials, asked, &framing);
+            photograph::write(&path, &pixels, Some(&notes), self.force)?;
+            let settings = label(asked, &framing);
+            tell(Told::Written { path, settings: settings.replace('\n', ", ") });
+            if self.bracket.is_some() {
+                sheet.extend(small(&pixels).map(|small| (small, settings)));
+            }
+        }
+        if self.bracket.is_some() {
+            let path = self.path_of("sheet");
+            photograph::write(&path, &contact_sheet(&sheet), None, self.force)?;
+            tell(Told::Written { path, settings: String::new() });
+        }
+        Ok(())
+    }
+}
+
+/// How long a shutter centred on a frame's time can be open and still see frames, in seconds: at least one interval,
+/// and unlimited if the frames' times mean nothing.
+fn recorded_s(recording: &Recording, frame: usize) -> f64 {
+    let times = &recording.timestamps_s;
+    let (Some(first), Some(at), Some(last)) = (times.first(), times.get(frame), times.last()) else { return 0.0 };
+    let interval_s = recording.frame_interval_s;
+    if recording.kind.has_times() { interval_s + 2.0 * (at - first).min(last - at) } else { f64::INFINITY }
+}
+
+/// The camera's geometry. If nothing else gives the film's width, it is set so that the focal length is the one in the
+/// frame's file.
+fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometry {
+    let Some(focal_length_m) = focal_length_m.filter(|_| !rig.gives_film_width()) else { return whole };
+    let Geometry { mut intrinsics, distortion, .. } = whole;
+    intrinsics.film_width_mm = 1e3 * focal_length_m * f64::from(intrinsics.width_px) / intrinsics.fx_px;
+    Geometry::new(intrinsics, distortion)
+}
+
+fn label(asked: &Asked, framing: &Framing) -> String {
+    let off =
+        if asked.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", asked.over_ev) } else { String::new() };
+    let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);
+    let focus = match framing.focus_distance_m {
+        far if far.is_infinite() => "infinity".to_owned(),
+        near => format!("{near:.2} m"),
+    };
+    format!("{}\n{lens} at {focus}{off}", asked.settings)
+}
+
+/// Whether objects at half the focus distance or at infinity would be visibly blurred.
+fn blurs(opening: &Opening, framing: &Framing) -> bool {
+    let fx_px = framing.geometry.intrinsics.fx_px;
+    let nearer = if framing.focus_distance_m.is_finite() { 0.5 * framing.focus_distance_m } else { 1.0 };
+    [nearer, f64::INFINITY].into_iter().any(|distance_m| opening.circle_px(fx_px, distance_m).abs() > 1.5)
+}

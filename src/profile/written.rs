@@ -1,0 +1,95 @@
+//! A rig as a plain value that is written and read whole: unlike a profile it says every value, and which of them were
+//! given.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::Rig;
+use crate::camera::NoiseProfile;
+use crate::params::{ParamError, Params, Value, values};
+
+#[derive(Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    tables: BTreeMap<String, BTreeMap<String, Value>>,
+    given: Vec<(String, String)>,
+    noise: Option<NoiseProfile>,
+}
+
+/// Why a text is no rig.
+#[derive(Debug, thiserror::Error)]
+pub enum WrittenError {
+    #[error(transparent)]
+    Parameter(#[from] ParamError),
+    #[error("there is no table {0} of a camera")]
+    Table(String),
+    #[error("there is no key {0} of a camera's geometry")]
+    Given(String),
+}
+
+impl From<Rig> for Written {
+    fn from(rig: Rig) -> Self {
+        let table = |table: &dyn Params| (table.table().to_owned(), values(table));
+        let given = rig.given.iter().map(|(table, name)| ((*table).to_owned(), (*name).to_owned()));
+        Self { tables: rig.tables().into_iter().map(table).collect(), given: given.collect(), noise: rig.noise }
+    }
+}
+
+impl TryFrom<Written> for Rig {
+    type Error = WrittenError;
+
+    fn try_from(written: Written) -> Result<Self, WrittenError> {
+        let mut rig = Self { noise: written.noise, ..Self::default() };
+        for (table, values) in &written.tables {
+            let own = rig.tables_mut().into_iter().find(|own| own.table() == table);
+            let own = own.ok_or_else(|| WrittenError::Table(table.clone()))?;
+            values.iter().try_for_each(|(name, value)| own.set(name, value))?;
+        }
+        for (table, name) in &written.given {
+            let known = {
+                let geometry: [&dyn Params; 2] = [&rig.intrinsics, &rig.distortion];
+                let named = |own: &&dyn Params| own.table() == table;
+                let own = geometry.into_iter().find(named);
+                own.and_then(|own| Some((own.table(), own.specs().into_iter().find(|spec| spec.name == name)?.name)))
+            };
+            rig.given.insert(known.ok_or_else(|| WrittenError::Given(format!("{table}.{name}")))?);
+        }
+        Ok(rig)
+    }
+}
+
+impl Serialize for Rig {
+    fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        Written::from(self.clone()).serialize(to)
+    }
+}
+
+impl<'de> Deserialize<'de> for Rig {
+    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        Written::deserialize(from)?.try_into().map_err(serde::de::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::compositor::Settings;
+
+    #[test]
+    fn what_is_written_reads_back_whole() {
+        let text = "version = 1\n[camera]\nfx_px = 500.1\n[camera.distortion]\nk1 = -0.1\n[camera.lens]\nf_number = 2.8\n\
+                    [camera.noise]\ncode = [8.0, 24.5]\nsigma_r = [1, 2]\nsigma_g = [1, 2]\nsigma_b = [1, 2.5]\n\
+                    channel_correlation = [0, 0, 0]\nneighbour_correlation = [0, 0.125]\n";
+        let mut rig = Rig::default();
+        rig.read_text(text, Path::new("p.toml"), &mut Settings::default()).unwrap();
+        let written = serde_json::to_string(&rig).unwrap();
+        let read: Rig = serde_json::from_str(&written).unwrap();
+        assert!(read == rig && read.missing_keys() == rig.missing_keys() && read.gives_geometry());
+        for (from, to) in [("camera.lens", "camera.lons"), ("\"k1\"", "\"q1\""), ("2.8", "-1")] {
+            assert!(serde_json::from_str::<Rig>(&written.replace(from, to)).is_err(), "{from}");
+        }
+    }
+}

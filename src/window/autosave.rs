@@ -1,0 +1,380 @@
+//! Work that is not saved yet, kept beside the user's files every few seconds: what a crash leaves is offered at the next
+//! start.
+//!
+//! Each window writes a file of its own, and holds a lock on another one beside it for as long as it lives. The system
+//! releases that lock however the program ends, so work whose lock is free was left behind.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+
+use super::project::Edit;
+use crate::sink::atomic::write_atomically;
+use crate::source::file::{self, MOST_DOCUMENT};
+
+/// What is changed is written no later than this, and no more often.
+const EVERY: Duration = Duration::from_secs(2);
+const DAY: Duration = Duration::from_secs(86_400);
+/// Of this form.
+const VERSION: u32 = 1;
+
+/// What a person has changed, with what it was changed in.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Work {
+    version: u32,
+    /// Seconds since 1970 (UTC).
+    pub at_s: u64,
+    /// Absolute, as the others.
+    pub recording: PathBuf,
+    pub metres_per_unit: f64,
+    pub profile: Option<PathBuf>,
+    pub scene: Option<PathBuf>,
+    pub frame: usize,
+    pub edit: Edit,
+}
+
+impl Work {
+    /// Now. A scene without a file names its models by absolute paths: where it lies is not known later.
+    pub fn new(
+        recording: &Path,
+        metres_per_unit: f64,
+        profile: Option<&Path>,
+        scene: Option<&Path>,
+        edit: Edit,
+    ) -> Self {
+        let mut edit = edit;
+        if scene.is_none() {
+            for object in &mut edit.scene.objects {
+                object.model = absolute(Path::new(&object.model)).to_string_lossy().into_owned();
+            }
+        }
+        let at_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        let (profile, scene) = (profile.map(absolute), scene.map(absolute));
+        Self { version: VERSION, at_s, recording: absolute(recording), metres_per_unit, profile, scene, frame: 0, edit }
+    }
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// The two files of a window's work.
+#[derive(Debug)]
+struct Place {
+    work: PathBuf,
+    lock: PathBuf,
+    /// The lock is this open file's.
+    _held: File,
+}
+
+impl Place {
+    /// A place of its own in a folder.
+    fn make(folder: &Path) -> io::Result<Self> {
+        fs::create_dir_all(folder)?;
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+        let name = format!("{since:x}-{}", std::process::id());
+        let lock = folder.join(format!("{name}.lock"));
+        let held = File::options().write(true).create_new(true).open(&lock)?;
+        held.try_lock()?;
+        Ok(Self { work: folder.join(format!("{name}.json")), lock, _held: held })
+    }
+
+    /// What somebody left there; `None` where a window still holds it.
+    fn left(work: PathBuf) -> Option<Self> {
+        let lock = work.with_extension("lock");
+        let held = File::options().write(true).create(true).truncate(false).open(&lock).ok()?;
+        held.try_lock().ok()?;
+        // Whoever had it may have removed it just now.
+        work.exists().then_some(Self { work, lock, _held: held })
+    }
+
+    fn remove(&self) {
+        let _ = fs::remove_file(&self.work);
+        // Cut off in the middle of being written.
+        let begins = self.work.file_stem().map(|name| format!(".{}.partial-", name.to_string_lossy()));
+        let entries = self.work.parent().and_then(|folder| fs::read_dir(folder).ok());
+        for entry in entries.into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if begins.as_ref().is_some_and(|begins| name.starts_with(begins)) {
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+        let _ = fs::remove_file(&self.lock);
+    }
+}
+
+/// Work that a window left behind, held so that no other window offers it too.
+#[derive(Debug)]
+pub struct Left {
+    pub work: Box<Work>,
+    place: Place,
+}
+
+impl Left {
+    /// What was left in a folder, the newest first. What cannot be read is left alone.
+    pub fn found(folder: &Path) -> Vec<Self> {
+        remove_old_locks(folder);
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        // One that was cut off while it was written has a hidden name.
+        let is_work = |path: &PathBuf| {
+            let hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
+            !hidden && path.extension().is_some_and(|e| e == "json")
+        };
+        let of_work = entries.filter(is_work);
+        let mut found: Vec<Self> = of_work
+            .filter_map(|path| {
+                let place = Place::left(path)?;
+                let text = file::read_text(&place.work, MOST_DOCUMENT).ok();
+                let work = text.and_then(|text| serde_json::from_str(&text).ok());
+                match work.filter(|work: &Work| work.version == VERSION) {
+                    Some(work) => Some(Self { work: Box::new(work), place }),
+                    None => {
+                        let _ = fs::remove_file(&place.lock);
+                        None
+                    }
+                }
+            })
+            .collect();
+        found.sort_by_key(|left| std::cmp::Reverse(left.work.at_s));
+        found
+    }
+
+    /// Nobody wants it.
+    pub fn throw_away(self) {
+        self.place.remove();
+    }
+}
+
+/// A window that ends with nothing to keep, but not in order, leaves its lock alone.
+fn remove_old_locks(folder: &Path) {
+    for path in fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
+        let is_alone = path.extension().is_some_and(|e| e == "lock") && !path.with_extension("json").exists();
+        let made = fs::metadata(&path).and_then(|there| there.modified()).ok();
+        // One that is younger may be about to be locked.
+        let is_old = made.and_then(|made| made.elapsed().ok()).is_some_and(|age| age > DAY);
+        if is_alone && is_old && File::open(&path).is_ok_and(|lock| lock.try_lock().is_ok()) {
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+enum Order {
+    Write(PathBuf, Box<Work>),
+    Remove(PathBuf),
+}
+
+/// Keeps a window's work. Dropped in an orderly end, it leaves nothing.
+#[derive(Debug)]
+pub struct Autosave {
+    place: Place,
+    orders: Option<Sender<Order>>,
+    problems: Receiver<String>,
+    thread: Option<JoinHandle<()>>,
+    /// The version of the project that was given to be written last, and when.
+    written: Option<(u64, Instant)>,
+    leaves: bool,
+}
+
+impl Autosave {
+    pub fn begin(folder: &Path) -> io::Result<Self> {
+        let place = Place::make(folder)?;
+        let (orders, to_do) = channel::<Order>();
+        let (tell, problems) = channel();
+        let thread = std::thread::Builder::new().name("autosave".to_owned()).spawn(move || {
+            for order in to_do {
+                match order {
+                    Order::Write(path, work) => {
+                        let failed = |reason: String| format!("Your work is not kept for a crash: {reason}");
+                        let done = serde_json::to_string(&work).map_err(|e| e.to_string()).and_then(|text| {
+                            let write = |file: &mut io::BufWriter<&mut File>| file.write_all(text.as_bytes());
+                            write_atomically(&path, true, write).map_err(|e| e.to_string())
+                        });
+                        if let Err(reason) = done {
+                            // The window may be gone.
+                            let _ = tell.send(failed(reason));
+                        }
+                    }
+                    Order::Remove(path) => _ = fs::remove_file(path),
+                }
+            }
+        })?;
+        Ok(Self { place, orders: Some(orders), problems, thread: Some(thread), written: None, leaves: false })
+    }
+
+    /// Goes on with what was left, in its place: it is not lost before the next change is written.
+    pub fn take_up(&mut self, left: Left) {
+        let own = std::mem::replace(&mut self.place, left.place);
+        own.remove();
+        self.written = None;
+    }
+
+    /// Has the work written, if it has changed and it is time. `version` tells changes apart; `work` is `None` where
+    /// nothing would be lost. Gives how long the next change has to wait, and what went wrong.
+    pub fn keep(&mut self, version: u64, now: Instant, work: impl FnOnce() -> Option<Work>) -> Kept {
+        let problem = self.problems.try_iter().last();
+        let Some((last, at)) = self.written else {
+            // What was opened is no change.
+            self.written = Some((version, now.checked_sub(EVERY).unwrap_or(now)));
+            return Kept { wait: None, problem };
+        };
+        if last == version {
+            return Kept { wait: None, problem };
+        }
+        let since = now.saturating_duration_since(at);
+        if since < EVERY {
+            return Kept { wait: Some(EVERY - since), problem };
+        }
+        let path = self.place.work.clone();
+        let order = match work() {
+            Some(work) => Order::Write(path, Box::new(work)),
+            None => Order::Remove(path),
+        };
+        // A thread that is gone keeps nothing, and has said so.
+        let _ = self.orders.as_ref().map(|orders| orders.send(order));
+        self.written = Some((version, now));
+        Kept { wait: None, problem }
+    }
+
+    /// Waits until all that was given is written.
+    pub fn finish_writing(&mut self) {
+        drop(self.orders.take());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Autosave {
+    /// Ends, and leaves the work for the next start.
+    pub fn leave(mut self, work: Option<Work>) {
+        if let (Some(work), Some(orders)) = (work, &self.orders) {
+            let _ = orders.send(Order::Write(self.place.work.clone(), Box::new(work)));
+        }
+        self.finish_writing();
+        self.leaves = true;
+    }
+}
+
+impl Drop for Autosave {
+    fn drop(&mut self) {
+        self.finish_writing();
+        if !self.leaves {
+            self.place.remove();
+        }
+    }
+}
+
+/// What came of [`Autosave::keep`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// Until a change that is not written yet may be.
+    pub wait: Option<Duration>,
+    pub problem: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compositor::Settings;
+    use crate::profile::Rig;
+    use crate::scene::SceneFile;
+
+    fn work(seed: u64) -> Work {
+        let mut settings = Settings::default();
+        settings.seed = seed;
+        let edit = Edit { rig: Rig::default(), settings, scene: SceneFile::default(), other: None };
+        Work::new(Path::new("recordings/demo"), 1.0, None, Some(Path::new("scene.toml")), edit)
+    }
+
+    fn names(folder: &Path) -> usize {
+        fs::read_dir(folder).unwrap().count()
+    }
+
+    #[test]
+    fn what_is_left_is_found_once_and_an_orderly_end_leaves_nothing() {
+        let temp = tempfile::tempdir().unwrap();
+        let begun = Instant::now();
+        let at = |s: u64| begun + Duration::from_secs(s);
+        let mut first = Autosave::begin(temp.path()).unwrap();
+        let mut other = Autosave::begin(temp.path()).unwrap();
+        // What was opened is not written, a change is at once, the next one after a while.
+        assert_eq!(first.keep(7, at(0), || unreachable!()), Kept::default());
+        assert_eq!(first.keep(8, at(0), || Some(work(8))), Kept::default());
+        assert_eq!(first.keep(8, at(1), || unreachable!()), Kept::default());
+        assert_eq!(first.keep(9, at(1), || unreachable!()).wait, Some(Duration::from_secs(1)));
+        first.keep(9, at(2), || Some(work(9)));
+        other.keep(1, at(0), || None);
+        other.keep(2, at(0), || Some(work(2)));
+        first.finish_writing();
+        other.finish_writing();
+        // Both live.
+        assert!(Left::found(temp.path()).is_empty());
+        // The one leaves its work, as if it had been cut off while it wrote.
+        let place = first.place.work.clone();
+        let cut_off = format!(".{}.partial-x.json", place.file_stem().unwrap().display());
+        fs::write(temp.path().join(cut_off), "cut").unwrap();
+        first.leave(None);
+        let mut found = Left::found(temp.path());
+        assert_eq!(found.len(), 1);
+        assert!(Left::found(temp.path()).is_empty(), "it is offered to one window alone");
+        let left = found.pop().unwrap();
+        assert_eq!(*left.work, Work { at_s: left.work.at_s, ..work(9) });
+        assert!(left.work.recording.is_absolute() && left.work.scene.as_ref().unwrap().is_absolute());
+
+        // Taken up, it stays until the end, and goes on in its own place.
+        let mut next = Autosave::begin(temp.path()).unwrap();
+        next.take_up(left);
+        next.keep(1, at(0), || unreachable!());
+        next.keep(2, at(9), || None);
+        next.finish_writing();
+        drop((next, other));
+        assert_eq!(names(temp.path()), 0);
+    }
+
+    #[test]
+    fn what_nobody_wants_is_gone_and_what_is_no_work_is_left_alone() {
+        let temp = tempfile::tempdir().unwrap();
+        fs::write(temp.path().join("a.json"), serde_json::to_string(&work(1)).unwrap()).unwrap();
+        fs::write(temp.path().join("b.json"), "{\"version\": 1, \"at_s\"").unwrap();
+        fs::copy(temp.path().join("a.json"), temp.path().join(".a.partial-x.json")).unwrap();
+        let mut found = Left::found(temp.path());
+        assert_eq!(found.len(), 1);
+        found.pop().unwrap().throw_away();
+        assert!(temp.path().join("b.json").exists());
+        assert_eq!(names(temp.path()), 1);
+    }
+
+    #[test]
+    fn locks_that_nobody_holds_go_after_a_day() {
+        let temp = tempfile::tempdir().unwrap();
+        let lock = |name: &str, age: Duration| {
+            let file = File::create(temp.path().join(name)).unwrap();
+            file.set_modified(SystemTime::now() - age).unwrap();
+            file
+        };
+        drop((lock("old.lock", 2 * DAY), lock("new.lock", Duration::ZERO)));
+        let held = lock("held.lock", 2 * DAY);
+        held.try_lock().unwrap();
+        assert!(Left::found(temp.path()).is_empty());
+        let there = |name: &str| temp.path().join(name).exists();
+        assert!(!there("old.lock") && there("new.lock") && there("held.lock"));
+    }
+
+    #[test]
+    fn a_scene_without_a_file_names_its_models_absolutely() {
+        let mut edit = work(0).edit;
+        let model =
+            crate::scene::document::PlacedModel { model: "scenes/marker-1.glb".to_owned(), ..Default::default() };
+        edit.scene.objects.push(model);
+        let written = Work::new(Path::new("r"), 1.0, None, None, edit.clone());
+        assert!(Path::new(&written.edit.scene.objects[0].model).is_absolute());
+        let written = Work::new(Path::new("r"), 1.0, None, Some(Path::new("s.toml")), edit.clone());
+        assert_eq!(written.edit, edit);
+    }
+}

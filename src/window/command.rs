@@ -1,0 +1,101 @@
+//! The command line that does what the window shows.
+
+use std::path::Path;
+
+use super::project::{Edit, Project, tables};
+use crate::compositor::ON;
+use crate::params::Value;
+use crate::words::number;
+
+/// A line for a shell, and what has to be done before it is run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    pub text: String,
+    pub before: Vec<&'static str>,
+}
+
+/// `locard composite` of one frame with all that is set now: what the profile does not say yet is given by `--set`.
+pub fn composite(project: &Project, frame: usize) -> Line {
+    let mut words = vec!["locard".to_owned(), "composite".to_owned()];
+    let name = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
+    words.push(name(&project.shot().recording.path));
+    words.extend(["--scene".to_owned(), name(&project.scene_path())]);
+    if let Some(profile) = project.profile.as_ref().filter(|path| path.exists()) {
+        words.extend(["--profile".to_owned(), name(profile)]);
+    }
+    let (files, now) = (project.saved(), project.edit());
+    for set in sets(files, now) {
+        words.extend(["--set".to_owned(), set]);
+    }
+    if now.settings.seed != 0 {
+        words.extend(["--seed".to_owned(), now.settings.seed.to_string()]);
+    }
+    if project.metres_per_unit != 1.0 {
+        words.extend(["--metres-per-unit".to_owned(), number(project.metres_per_unit)]);
+    }
+    words.extend(["--frames".to_owned(), format!("{frame}..{}", frame + 1), "-o".to_owned(), "composited".to_owned()]);
+    let mut before = Vec::new();
+    if files.scene != now.scene || !project.scene_path().exists() {
+        before.push("Save the scene first: the command reads it from its file.");
+    }
+    if files.rig.noise != now.rig.noise {
+        before.push("Save the profile first: a camera's noise cannot be given by --set.");
+    }
+    Line { text: words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "), before }
+}
+
+/// What `--set` has to say so that what the files say becomes what is set.
+fn sets(files: &Edit, now: &Edit) -> Vec<String> {
+    let [before, after] = [files, now].map(|edit| tables(&edit.rig, &edit.settings));
+    let mut sets = Vec::new();
+    for (before, after) in before.into_iter().zip(after) {
+        for spec in after.specs() {
+            let value = after.get(spec.name).filter(|value| before.get(spec.name).as_ref() != Some(value));
+            // Of two ways to say one thing, the one that is given takes the other back.
+            let says = |value: &Value| match value {
+                Value::Number(n) => number(*n),
+                Value::Text(text) => text.clone(),
+                other => other.to_string(),
+            };
+            sets.extend(value.map(|value| format!("{}.{}={}", after.table(), spec.name, says(&value))));
+        }
+    }
+    // What takes a value back comes first, so that it does not take back what replaces it.
+    sets.sort_by_key(|set| !set.ends_with("=none"));
+    for effect in now.settings.effects().map(|effect| effect.table()) {
+        let on = now.settings.is_on(effect);
+        if files.settings.is_on(effect) != on {
+            sets.push(format!("{effect}.{ON}={on}"));
+        }
+    }
+    sets
+}
+
+/// A word as a shell takes it for one: POSIX', or on Windows PowerShell's.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-=:,+".contains(c) || (cfg!(windows) && c == '\\');
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    let escaped = if cfg!(windows) { "''" } else { "'\\''" };
+    format!("'{}'", word.replace('\'', escaped))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg(not(windows))]
+    fn words_are_quoted_for_a_shell() {
+        for (word, expected) in [
+            ("noise.scale=1e-7", "noise.scale=1e-7"),
+            ("it's a case", "'it'\\''s a case'"),
+            ("$HOME", "'$HOME'"),
+            ("", "''"),
+            ("größe", "'größe'"),
+        ] {
+            assert_eq!(quoted(word), expected);
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! Questions, and what is told all of: each a few plain sentences and the buttons that answer.
+
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use eframe::egui::{self, Context, Key, RichText, Ui};
+
+use super::autosave::Work;
+use super::recent::Opened;
+use crate::words::count;
+
+/// To a question that one can also leave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    Yes,
+    No,
+    /// Nothing is done.
+    Stay,
+}
+
+/// Asks, with a word for each answer. Esc stays.
+fn question(ctx: &Context, title: &str, answers: [&str; 3], body: impl FnOnce(&mut Ui)) -> Option<Answer> {
+    let mut given = None;
+    let modal = egui::Modal::new(egui::Id::unique("question")).show(ctx, |ui| {
+        ui.set_width(420.0);
+        ui.heading(title);
+        ui.add_space(4.0);
+        body(ui);
+        ui.add_space(10.0);
+        ui.horizontal(|ui| {
+            for (text, answer) in answers.into_iter().zip([Answer::Yes, Answer::No, Answer::Stay]) {
+                if !text.is_empty() && ui.button(text).clicked() {
+                    given = Some(answer);
+                }
+            }
+        });
+    });
+    // A click beside it is no answer.
+    let left = modal.should_close() && ctx.input(|i| i.key_pressed(Key::Escape));
+    given.or(left.then_some(Answer::Stay))
+}
+
+/// Before the window is closed, or something else is opened.
+pub fn before_it_is_lost(ctx: &Context, closes: bool, is_changed: bool, is_busy: bool) -> Option<Answer> {
+    if !is_changed {
+        let title = "Close while something is being exported?";
+        return question(ctx, title, ["", "Close and cancel it", "Stay"], |ui| {
+            ui.label("What is not finished is removed.");
+        });
+    }
+    let answers = match closes {
+        true => ["Save and close", "Close without saving", "Stay"],
+        false => ["Save", "Go on without saving", "Stay"],
+    };
+    question(ctx, "Save what you have changed?", answers, |ui| {
+        ui.label("The changes since the last save are lost otherwise.");
+        if is_busy {
+            ui.label("An export is running; it is cancelled when the window closes.");
+        }
+    })
+}
+
+/// A file that is about to be written was changed by somebody else.
+pub fn whether_to_replace(ctx: &Context, path: &Path) -> Option<Answer> {
+    question(ctx, "Replace what somebody else has written?", ["Save mine", "Read theirs", "Stay"], |ui| {
+        ui.label(format!("{} was changed on disk since it was opened here.", path.display()));
+    })
+}
+
+/// A file that is open was changed by somebody else.
+pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
+    question(ctx, "A file was changed on disk", ["Read it again", "Keep what is here", ""], |ui| {
+        ui.label(format!("{} was changed by another program.", path.display()));
+        if is_changed {
+            ui.label("What you have changed here is not lost: undo brings it back.");
+        }
+    })
+}
+
+/// Work that a crash left.
+pub fn left(ctx: &Context, work: &Work) -> Option<Answer> {
+    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let answers = ["Take it up", "Throw it away", "Later"];
+    question(ctx, "Take up where it ended?", answers, |ui| {
+        ui.label(format!(
+            "The window ended {} with changes that were not saved.",
+            ago(now_s.saturating_sub(work.at_s))
+        ));
+        ui.add_space(4.0);
+        egui::Grid::new("work").num_columns(2).spacing([12.0, 4.0]).show(ui, |ui| {
+            let mut line = |what: &str, path: Option<&Path>| {
+                let Some(path) = path else { return };
+                ui.weak(what);
+                let text = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+                ui.add(egui::Label::new(text).truncate()).on_hover_text(path.display().to_string());
+                ui.end_row();
+            };
+            line("Recording", Some(&work.recording));
+            line("Scene", work.scene.as_deref());
+            line("Profile", work.profile.as_deref());
+            ui.weak("Evidence");
+            ui.label(count(work.edit.scene.objects.len(), "object"));
+            ui.end_row();
+        });
+    })
+}
+
+/// How long ago, as people say it.
+fn ago(seconds: u64) -> String {
+    match seconds {
+        0..90 => "a moment ago".to_owned(),
+        90..5400 => format!("{} minutes ago", (seconds + 30) / 60),
+        5400..129_600 => format!("{} hours ago", (seconds + 1800) / 3600),
+        _ => format!("{} days ago", (seconds + 43_200) / 86_400),
+    }
+}
+
+/// Says that something is being opened.
+pub fn opening(ctx: &Context, what: &Path) {
+    egui::Modal::new(egui::Id::unique("opening")).show(ctx, |ui| {
+        ui.set_width(360.0);
+        ui.horizontal(|ui| {
+            ui.spinner();
+            ui.add(egui::Label::new(format!("Opening {}", what.display())).wrap());
+        });
+    });
+}
+
+/// A message, all of it, to be read and copied. Gives whether it is closed.
+pub fn message(ctx: &Context, text: &str) -> bool {
+    let mut closed = false;
+    let modal = egui::Modal::new(egui::Id::unique("message")).show(ctx, |ui| {
+        ui.set_width(520.0);
+        egui::ScrollArea::vertical().max_height(300.0).show(ui, |ui| {
+            ui.add(egui::Label::new(text).wrap().selectable(true));
+        });
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            if ui.button("Copy").clicked() {
+                ui.ctx().copy_text(text.to_owned());
+            }
+            closed = ui.button("Close").clicked();
+        });
+    });
+    closed || modal.should_close()
+}
+
+/// What is chosen on the start page.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Start {
+    Open,
+    Recent(Opened),
+    Leave,
+}
+
+/// The page of a start without a recording: the demonstration is behind it.
+pub fn start(ctx: &Context, recent: &[Opened]) -> Option<Start> {
+    let mut chosen = None;
+    let mut is_open = true;
+    egui::Window::new("Welcome")
+        .open(&mut is_open)
+        .collapsible(false)
+        .resizable(false)
+        .default_pos([250.0, 90.0])
+        .default_width(420.0)
+        .show(ctx, |ui| {
+            ui.label("This is the demonstration. Move a slider, drag the picture, press ? for the keys.");
+            ui.add_space(6.0);
+            ui.horizontal(|ui| {
+                if ui.button("Open a recording…").clicked() {
+                    chosen = Some(Start::Open);
+                }
+                if ui.button("Stay with the demonstration").clicked() {
+                    chosen = Some(Start::Leave);
+                }
+            });
+            ui.add_space(6.0);
+            ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
+            if recent.is_empty() {
+                return;
+            }
+            ui.separator();
+            ui.strong("Opened lately");
+            egui::ScrollArea::vertical().max_height(240.0).show(ui, |ui| {
+                for opened in recent {
+                    let name = opened.recording.file_name().unwrap_or(opened.recording.as_os_str()).to_string_lossy();
+                    let of =
+                        opened.scene.as_ref().and_then(|scene| scene.file_name()).map(|scene| scene.to_string_lossy());
+                    let text = of.map_or_else(|| name.to_string(), |scene| format!("{name}   {scene}"));
+                    let there = opened.recording.exists();
+                    let button = ui.add_enabled(there, egui::Button::selectable(false, text));
+                    let button = button.on_hover_text(opened.recording.display().to_string());
+                    if button.on_disabled_hover_text("It is no longer there").clicked() {
+                        chosen = Some(Start::Recent(opened.clone()));
+                    }
+                }
+            });
+        });
+    chosen.or((!is_open).then_some(Start::Leave))
+}
+
+const CAN_BE_DROPPED: &str = "A recording's folder, a profile, a scene (.toml) or a model (.glb, .gltf) can be dropped into \
+                              the window at any time.";
+
+#[cfg(test)]
+mod tests {
+    use super::ago;
+
+    #[test]
+    fn time_that_has_passed_is_said_as_people_do() {
+        let said = [5, 100, 3000, 7200, 200_000].map(ago);
+        assert_eq!(said, ["a moment ago", "2 minutes ago", "50 minutes ago", "2 hours ago", "2 days ago"]);
+    }
+}

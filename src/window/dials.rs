@@ -1,0 +1,189 @@
+//! The dials of the virtual camera that photographs from the window.
+
+use std::path::PathBuf;
+
+use eframe::egui::{self, RichText, Ui};
+
+use super::controls::parse_number;
+use crate::camera::Film;
+use crate::camera::stops::{self, Step, Stop, StopError};
+use crate::photo::{Bracket, Focus, Wanted};
+
+/// As they are typed; empty for what the camera chooses.
+#[derive(Clone, Debug, Default)]
+pub struct Dials {
+    f_number: String,
+    shutter: String,
+    iso: String,
+    focal: String,
+    focus: String,
+    film: String,
+    width: String,
+    aim: String,
+    lux: String,
+    compensation_ev: f64,
+    hand_held: bool,
+    bracket: Option<Bracket>,
+}
+
+const FILMS: [&str; 7] = ["36x24", "aps-c", "aps-c-canon", "micro-4/3", "1in", "1/2.3in", "6x6"];
+
+impl Dials {
+    /// Shows the dials. Gives the photograph that is wanted when the button is pressed; its file is not chosen yet.
+    pub fn show(&mut self, ui: &mut Ui, frame: usize) -> Option<Wanted> {
+        let marked = |stops: Vec<Stop>, format: fn(f64) -> String| -> Vec<String> {
+            stops.into_iter().map(|stop| format(stop.exact)).collect()
+        };
+        egui::Grid::new("dials").num_columns(2).spacing([12.0, 4.0]).show(ui, |ui| {
+            let apertures = || marked(stops::f_numbers(Step::Third), stops::format_f_number);
+            let times = || marked(stops::shutter_times_s(Step::Third), stops::format_shutter_s);
+            let speeds = || marked(stops::iso_speeds(Step::Third), stops::format_iso);
+            dial(ui, "Aperture", "automatic", &mut self.f_number, apertures);
+            dial(ui, "Shutter", "automatic", &mut self.shutter, times);
+            dial(ui, "ISO", "the recording's", &mut self.iso, speeds);
+            dial(ui, "Focal length, mm", "sees the whole picture", &mut self.focal, Vec::new);
+            dial(ui, "Focus, m", "what is in the middle", &mut self.focus, || vec!["inf".to_owned()]);
+            dial(ui, "Film", "the recording's", &mut self.film, || FILMS.map(str::to_owned).to_vec());
+            dial(ui, "In the middle", "X,Y or an object's name", &mut self.aim, Vec::new);
+            dial(ui, "Width, px", "as recorded", &mut self.width, Vec::new);
+            dial(ui, "Light, lx", "from the picture", &mut self.lux, Vec::new);
+            ui.label("Compensation");
+            let drag = egui::DragValue::new(&mut self.compensation_ev).range(-5.0..=5.0).speed(0.05).suffix(" EV");
+            ui.add(drag.custom_parser(parse_number))
+                .widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Compensation"));
+            ui.end_row();
+            ui.label("Series");
+            let name = |bracket: Option<Bracket>| match bracket {
+                None => "one photograph",
+                Some(Bracket::Aperture) => "through the apertures",
+                Some(Bracket::Shutter) => "through the shutter times",
+                Some(Bracket::Iso) => "through the film speeds",
+                Some(Bracket::Focus) => "through the distances",
+            };
+            let all = [None, Some(Bracket::Aperture), Some(Bracket::Shutter), Some(Bracket::Iso), Some(Bracket::Focus)];
+            egui::ComboBox::from_id_salt("bracket").selected_text(name(self.bracket)).show_ui(ui, |ui| {
+                for bracket in all {
+                    ui.selectable_value(&mut self.bracket, bracket, name(bracket));
+                }
+            });
+            ui.end_row();
+        });
+        let held = "The camera moves while the shutter is open, as the recording's did: its frames are summed";
+        ui.checkbox(&mut self.hand_held, "hand-held").on_hover_text(held);
+        let wanted = self.wanted(frame);
+        if let Err(why) = &wanted {
+            ui.add(egui::Label::new(RichText::new(why).color(ui.visuals().error_fg_color)).wrap());
+        }
+        let button = ui.add_enabled(wanted.is_ok(), egui::Button::new("Photograph…"));
+        let button =
+            button.on_hover_text("The frame that is shown, as the virtual camera takes it: JPEG or PNG with EXIF");
+        wanted.ok().filter(|_| button.clicked())
+    }
+
+    /// What is dialled, or which dial cannot be read.
+    fn wanted(&self, frame: usize) -> Result<Wanted, String> {
+        Ok(Wanted {
+            f_number: read("Aperture", &self.f_number, |text| stop(stops::parse_f_number(text)))?,
+            time_s: read("Shutter", &self.shutter, |text| stop(stops::parse_shutter_s(text)))?,
+            iso: read("ISO", &self.iso, |text| stop(stops::parse_iso(text)))?,
+            compensation_ev: self.compensation_ev,
+            lux: read("Light", &self.lux, |text| number(text, 1e-6, 1e7))?,
+            focal_length_mm: read("Focal length", &self.focal, |text| {
+                number(text.trim_end_matches("mm"), 1.0, 5000.0)
+            })?,
+            aim: Some(self.aim.trim().to_owned()).filter(|aim| !aim.is_empty()),
+            hand_held: self.hand_held,
+            focus: read("Focus", &self.focus, |text| match text {
+                "inf" | "∞" => Ok(Focus::Metres(f64::INFINITY)),
+                text => number(text.trim_end_matches('m'), 0.01, 1e5).map(Focus::Metres),
+            })?
+            .unwrap_or(Focus::Auto),
+            film: read("Film", &self.film, |text| text.parse::<Film>().map_err(|error| error.to_string()))?,
+            width_px: read("Width", &self.width, |text| number(text, 16.0, 2e4).map(|width| width.round() as u32))?,
+            bracket: self.bracket,
+            ..Wanted::new(frame, PathBuf::new())
+        })
+    }
+}
+
+fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
+    read.map_err(|error| error.to_string())
+}
+
+fn number(text: &str, least: f64, most: f64) -> Result<f64, String> {
+    let accepted =
+        format!("{text} is refused: accepted is {} to {}", crate::words::number(least), crate::words::number(most));
+    parse_number(text).filter(|number| (least..=most).contains(number)).ok_or(accepted)
+}
+
+/// Nothing where nothing is typed.
+fn read<T>(dial: &str, text: &str, parse: impl FnOnce(&str) -> Result<T, String>) -> Result<Option<T>, String> {
+    // A German comma stands between the digits of a number alone, and an aim has none that are numbers.
+    let text = text.trim().replace(',', ".");
+    if text.is_empty() {
+        return Ok(None);
+    }
+    parse(&text).map(Some).map_err(|why| format!("{dial}: {why}"))
+}
+
+/// A field to type into, with the values that a camera has.
+fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl FnOnce() -> Vec<String>) {
+    ui.label(name);
+    ui.horizontal(|ui| {
+        let field = egui::TextEdit::singleline(text).desired_width(150.0).hint_text(empty);
+        ui.add(field).widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, name));
+        let values = values();
+        if values.is_empty() {
+            return;
+        }
+        let menu = ui.menu_button("…", |ui| {
+            egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
+                if ui.button(empty).clicked() {
+                    text.clear();
+                    ui.close();
+                }
+                for value in values {
+                    if ui.button(&value).clicked() {
+                        *text = value;
+                        ui.close();
+                    }
+                }
+            });
+        });
+        menu.response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{name}: values")));
+    });
+    ui.end_row();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dials_are_read_as_people_set_them() {
+        let dials = Dials {
+            f_number: "f/2,8".to_owned(),
+            shutter: "1/60".to_owned(),
+            iso: "400".to_owned(),
+            focal: "50 mm".to_owned(),
+            focus: "1,5 m".to_owned(),
+            film: "36x24".to_owned(),
+            width: "1200".to_owned(),
+            aim: " 320,240 ".to_owned(),
+            ..Dials::default()
+        };
+        let wanted = dials.wanted(7).unwrap();
+        let f_number = stops::parse_f_number("2.8").unwrap();
+        assert_eq!(
+            (wanted.frame, wanted.f_number, wanted.iso),
+            (7, Some(f_number), Some(stops::parse_iso("400").unwrap()))
+        );
+        assert_eq!((wanted.focal_length_mm, wanted.focus), (Some(50.0), Focus::Metres(1.5)));
+        assert_eq!((wanted.width_px, wanted.aim.as_deref()), (Some(1200), Some("320,240")));
+        assert_eq!(Dials::default().wanted(7).unwrap(), Wanted::new(7, PathBuf::new()));
+        let wrong = Dials { iso: "fast".to_owned(), ..Dials::default() }.wanted(0).unwrap_err();
+        assert!(wrong.starts_with("ISO: "), "{wrong}");
+        let wrong = Dials { focus: "0".to_owned(), ..Dials::default() }.wanted(0).unwrap_err();
+        assert!(wrong.contains("0.01 to 100000"), "{wrong}");
+    }
+}

@@ -1,0 +1,304 @@
+//! Work in the background, one after the other: exports, photographs, snapshots. Each is done with what was set when it was
+//! begun, on a thread and a device of their own, so that the window goes on meanwhile.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crate::compositor::Target;
+use crate::export::{Export, ExportError, Inputs};
+use crate::gpu::{Gpu, GpuError};
+use crate::photo::{PhotoError, TakeError, Told, Wanted};
+use crate::shot::{Shot, ShotError};
+use crate::sink::folder::write_frame;
+use crate::words::count;
+
+/// What is to be done.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Task {
+    Export(Export),
+    Photograph(Wanted),
+    /// One frame as a PNG file.
+    Snapshot {
+        frame: usize,
+        path: PathBuf,
+        force: bool,
+    },
+}
+
+/// How far it is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum State {
+    Waiting,
+    Running {
+        /// Of all, 0 to 1.
+        share: f64,
+        begun: Instant,
+    },
+    /// With what there is to say.
+    Done(String),
+    Failed(String),
+    Cancelled,
+}
+
+impl State {
+    pub fn is_over(&self) -> bool {
+        !matches!(self, Self::Waiting | Self::Running { .. })
+    }
+}
+
+/// One line of the queue.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    pub name: String,
+    pub state: State,
+    /// What was odd about it.
+    pub notes: Vec<String>,
+    /// Off the list that is shown.
+    pub is_hidden: bool,
+    cancelled: Arc<AtomicBool>,
+}
+
+impl Entry {
+    pub fn cancel(&mut self) {
+        self.cancelled.store(true, Ordering::Release);
+        if self.state == State::Waiting {
+            self.state = State::Cancelled;
+        }
+    }
+}
+
+/// How much longer something takes that has come that far, if the rest goes on alike. Nothing is said before a second, or
+/// before a hundredth is done.
+pub fn left(share: f64, since: Duration) -> Option<Duration> {
+    let told = share >= 0.01 && since >= Duration::from_secs(1);
+    told.then(|| since.mul_f64(((1.0 - share) / share).max(0.0)))
+}
+
+struct Job {
+    number: usize,
+    shot: Box<Shot>,
+    task: Task,
+    cancelled: Arc<AtomicBool>,
+}
+
+enum News {
+    State(State),
+    Note(String),
+}
+
+/// The queue.
+pub struct Jobs {
+    pub entries: Vec<Entry>,
+    jobs: Option<Sender<Job>>,
+    news: Receiver<(usize, News)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl std::fmt::Debug for Jobs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Jobs").field("entries", &self.entries).finish_non_exhaustive()
+    }
+}
+
+impl Jobs {
+    /// `wake` is called from the thread whenever there is something new.
+    pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (jobs, to_do) = channel::<Job>();
+        let (send, news) = channel();
+        let thread = std::thread::Builder::new().name("export".to_owned()).spawn(move || {
+            // Opened by the first that needs it: a window alone does with its own.
+            let mut gpu: Option<Gpu> = None;
+            for job in to_do {
+                let tell = |news: News| {
+                    // The window may be gone, and its jobs with it.
+                    let _ = send.send((job.number, news));
+                    wake();
+                };
+                let state =
+                    if job.cancelled.load(Ordering::Acquire) { State::Cancelled } else { done(&job, &mut gpu, &tell) };
+                // An error of the device is its later work's too.
+                gpu = gpu.filter(|gpu| gpu.check().is_ok());
+                tell(News::State(state));
+            }
+        })?;
+        Ok(Self { entries: Vec::new(), jobs: Some(jobs), news, thread: Some(thread) })
+    }
+
+    /// Begins something with a shot as it is now, after all that waits.
+    pub fn add(&mut self, name: String, shot: &Shot, task: Task) {
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let number = self.entries.len();
+        let job = Job { number, shot: Box::new(shot.clone()), task, cancelled: Arc::clone(&cancelled) };
+        let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send(job).is_ok());
+        let state = if sent { State::Waiting } else { State::Failed("the thread that exports has ended".to_owned()) };
+        self.entries.push(Entry { name, state, notes: Vec::new(), is_hidden: false, cancelled });
+    }
+
+    /// Takes what is new. Gives the entries that are over since.
+    pub fn take(&mut self) -> Vec<usize> {
+        let mut over = Vec::new();
+        for (number, news) in self.news.try_iter() {
+            let Some(entry) = self.entries.get_mut(number) else { continue };
+            match news {
+                News::State(state) => {
+                    over.extend(state.is_over().then_some(number));
+                    entry.state = state;
+                }
+                News::Note(note) => entry.notes.push(note),
+            }
+        }
+        over
+    }
+
+    /// Whether anything is still to be done.
+    pub fn is_busy(&self) -> bool {
+        self.entries.iter().any(|entry| !entry.state.is_over())
+    }
+
+    pub fn cancel_all(&mut self) {
+        self.entries.iter_mut().for_each(Entry::cancel);
+    }
+}
+
+impl Drop for Jobs {
+    fn drop(&mut self) {
+        self.cancel_all();
+        drop(self.jobs.take());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Why something was not done.
+enum End {
+    Cancelled,
+    Failed(String),
+}
+
+impl From<ExportError> for End {
+    fn from(error: ExportError) -> Self {
+        if matches!(error, ExportError::Cancelled) { Self::Cancelled } else { Self::Failed(error.to_string()) }
+    }
+}
+
+impl From<PhotoError> for End {
+    fn from(error: PhotoError) -> Self {
+        match error {
+            PhotoError::Take(TakeError::Cancelled) => Self::Cancelled,
+            // Named as on the command line, whose options have the dials' names.
+            error => Self::Failed(error.to_string().replace("--", "")),
+        }
+    }
+}
+
+impl From<ShotError> for End {
+    fn from(error: ShotError) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+fn done(job: &Job, gpu: &mut Option<Gpu>, tell: &dyn Fn(News)) -> State {
+    let begun = Instant::now();
+    tell(News::State(State::Running { share: 0.0, begun }));
+    let goes_on = |share: f64| {
+        tell(News::State(State::Running { share, begun }));
+        !job.cancelled.load(Ordering::Acquire)
+    };
+    let note = |text: String| tell(News::Note(text));
+    let done = match &job.task {
+        Task::Export(export) => exported(&job.shot, export, gpu, &goes_on, &note),
+        Task::Photograph(wanted) => photographed(&job.shot, wanted, gpu, &goes_on, &note),
+        Task::Snapshot { frame, path, force } => snapped(&job.shot, *frame, path, *force, gpu),
+    };
+    match done {
+        Ok(said) => State::Done(said),
+        Err(End::Cancelled) => State::Cancelled,
+        Err(End::Failed(why)) => State::Failed(why),
+    }
+}
+
+fn opened(gpu: &mut Option<Gpu>) -> Result<Gpu, GpuError> {
+    if gpu.is_none() {
+        *gpu = Some(Gpu::open()?);
+    }
+    match gpu {
+        Some(gpu) => Ok(gpu.clone()),
+        None => Gpu::open(),
+    }
+}
+
+fn exported(
+    shot: &Shot,
+    export: &Export,
+    gpu: &mut Option<Gpu>,
+    goes_on: &dyn Fn(f64) -> bool,
+    note: &dyn Fn(String),
+) -> Result<String, End> {
+    shot.check(export.range.clone())?;
+    export.check(&Inputs::of(shot))?;
+    let odd = shot.notes(export.range.clone()).into_iter().chain(shot.standing_notes(export.range.clone()));
+    odd.for_each(|odd| note(odd.to_string()));
+    let gpu = opened(gpu).map_err(|error| End::Failed(error.to_string()))?;
+    let mut compositor = shot.compositor(gpu);
+    compositor.warnings().into_iter().for_each(note);
+    let begun = Instant::now();
+    let all = export.range.len();
+    let mut drawn = 0;
+    let done = export.run(shot, &mut compositor, |_| {
+        drawn += 1;
+        goes_on(drawn as f64 / all as f64)
+    })?;
+    done.notes().into_iter().for_each(|odd| note(odd.to_string()));
+    Ok(format!("{} in {:.1} s", count(done.frames.len(), "frame"), begun.elapsed().as_secs_f64()))
+}
+
+fn photographed(
+    shot: &Shot,
+    wanted: &Wanted,
+    gpu: &mut Option<Gpu>,
+    goes_on: &dyn Fn(f64) -> bool,
+    note: &dyn Fn(String),
+) -> Result<String, End> {
+    let mut said = Vec::new();
+    wanted.take(shot.clone(), || opened(gpu), &mut |told| match told {
+        Told::Warning(text) => {
+            note(text.replace("--", ""));
+            true
+        }
+        Told::Taking { number, of, share } => goes_on(((number - 1) as f64 + share) / of as f64),
+        Told::Written { settings, .. } => {
+            said.extend((!settings.is_empty()).then_some(settings));
+            true
+        }
+    })?;
+    Ok(said.join("; "))
+}
+
+fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option<Gpu>) -> Result<String, End> {
+    shot.check(frame..frame + 1)?;
+    Inputs::of(shot).check_file(path)?;
+    let failed = |error: GpuError| End::Failed(error.to_string());
+    let mut compositor = shot.compositor(opened(gpu).map_err(failed)?);
+    let pending = shot.clone().picture(&mut compositor, frame, Target::Pixels)?;
+    let done = compositor.collect(pending).map_err(failed)?;
+    write_frame(path, &done.pixels, force).map_err(|error| End::Failed(error.to_string()))?;
+    Ok(format!("frame {frame}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rest_takes_as_long_as_what_is_done() {
+        let s = Duration::from_secs;
+        assert_eq!(left(0.25, s(10)), Some(s(30)));
+        assert_eq!(left(1.0, s(10)), Some(s(0)));
+        assert_eq!((left(0.0, s(10)), left(0.5, Duration::from_millis(10))), (None, None));
+    }
+}

@@ -1,0 +1,391 @@
+//! What keeps a person's work: opening and saving, what is asked before anything is lost, what a crash leaves, and what
+//! leaves the window as files.
+
+mod files;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+
+use super::autosave::{Autosave, Left, Work};
+use super::chooser::{Chooser, Chosen, Seeks};
+use super::command;
+use super::dialogs;
+use super::jobs::{Jobs, State};
+use super::opening::Opening;
+use super::output::{Ask, Output, Situation, proposed};
+use super::project::Project;
+use super::recent::{Opened, Recent};
+use super::restart;
+use super::saving::Step;
+use super::session::Session;
+use super::watch::{Change, Watch};
+
+/// What a dialog chooses a path for.
+#[derive(Debug)]
+enum Purpose {
+    Open,
+    OpenProfile,
+    OpenScene,
+    SaveProfile,
+    SaveScene,
+    Put(Ask),
+}
+
+/// What is done once nothing is lost by it.
+#[derive(Debug)]
+enum Then {
+    Close,
+    Open(Opened, Option<Left>),
+}
+
+/// Something that was opened, to be shown from now on.
+#[derive(Debug)]
+pub struct Turn {
+    pub project: Project,
+    pub frame: usize,
+}
+
+/// How long after the start work is looked for that was left behind, and how often.
+const LOOKED_FOR: Duration = Duration::from_secs(30);
+const LOOKED_EVERY: Duration = Duration::from_secs(1);
+
+/// Work that was left is looked for.
+#[derive(Debug)]
+struct Look {
+    folder: PathBuf,
+    begun: Instant,
+    last: Option<Instant>,
+}
+
+impl Look {
+    fn is_due(&self, now: Instant) -> bool {
+        self.last.is_none_or(|last| now.duration_since(last) >= LOOKED_EVERY)
+    }
+}
+
+/// See above.
+#[derive(Debug, Default)]
+pub struct Keeper {
+    autosave: Option<Autosave>,
+    left: Vec<Left>,
+    look: Option<Look>,
+    recent: Recent,
+    watch: Option<Watch>,
+    jobs: Option<Jobs>,
+    output: Output,
+    pub shows_output: bool,
+    /// The page that a start without a recording has.
+    pub shows_start: bool,
+    /// A message, all of it.
+    pub message: Option<String>,
+    chooser: Option<(Purpose, Chooser)>,
+    opening: Option<Opening>,
+    /// What is being opened are the files that are open.
+    reads_again: bool,
+    /// Files that a person has agreed to be written; `None` while nothing is being saved.
+    saving: Option<Vec<PathBuf>>,
+    asks_whether: Option<PathBuf>,
+    /// Waits for an answer, or for what is being saved.
+    then: Option<Then>,
+    may_close: bool,
+    /// It has been told that the device is gone.
+    has_lost: bool,
+    /// Files that are left as they are on the screen, though they were changed on disk.
+    passed_over: Vec<PathBuf>,
+}
+
+impl Keeper {
+    /// Keeps work in the user's folder for it, and offers what was left there.
+    pub fn keep_in(&mut self, folder: &Path, session: &mut Session) {
+        self.recent = Recent::read(folder.join("recent.json"));
+        let work = folder.join("work");
+        match Autosave::begin(&work) {
+            Ok(autosave) => self.autosave = Some(autosave),
+            Err(error) => session.say(format!("Your work is not kept for a crash: {}: {error}", work.display())),
+        }
+        self.look = Some(Look { folder: work, begun: Instant::now(), last: None });
+        self.opened(session);
+    }
+
+    /// A recording is open: from now on its files are watched.
+    fn opened(&mut self, session: &Session) {
+        let project = &session.project;
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let (scene, profile) = (project.scene.as_deref().map(absolute), project.profile.as_deref().map(absolute));
+        let recording = absolute(&project.shot().recording.path);
+        self.recent.add(Opened { recording, scene, profile, metres_per_unit: project.metres_per_unit });
+        self.passed_over.clear();
+        if let Some(watch) = &mut self.watch {
+            watch.forget();
+        }
+        self.watch_files(project);
+    }
+
+    fn watch_files(&mut self, project: &Project) {
+        let Some(watch) = &mut self.watch else { return };
+        let own = [project.profile.as_ref(), project.scene.as_ref()].into_iter().flatten();
+        own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path));
+    }
+
+    pub fn open(&mut self, project: &Project) {
+        let at = project.shot().recording.path.clone();
+        let at = at.parent().map(Path::to_owned).unwrap_or(at);
+        self.choose(Purpose::Open, "Open a recording", Seeks::Recording, &at);
+    }
+
+    fn choose(&mut self, purpose: Purpose, title: &str, seeks: Seeks, at: &Path) {
+        self.chooser = Some((purpose, Chooser::new(title, seeks, at)));
+    }
+
+    /// The menu of files.
+    pub fn menu(&mut self, ui: &mut egui::Ui, session: &mut Session) {
+        let project = &session.project;
+        let scene = project.scene.clone().unwrap_or_else(|| "scene.toml".into());
+        let profile = project.profile.clone().unwrap_or_else(|| "profile.toml".into());
+        let mut chosen = None;
+        ui.menu_button("File", |ui| {
+            let mut item = |ui: &mut egui::Ui, enabled: bool, text: &str| {
+                let clicked = ui.add_enabled(enabled, egui::Button::new(text)).clicked();
+                if clicked {
+                    ui.close();
+                    chosen = Some(text.to_owned());
+                }
+            };
+            item(ui, true, "Open a recording…");
+            item(ui, true, "Open a scene…");
+            item(ui, true, "Open a profile…");
+            ui.separator();
+            item(ui, !project.is_saved(), "Save");
+            item(ui, project.can_place(), "Save the scene as…");
+            item(ui, true, "Save the profile as…");
+            ui.separator();
+            item(ui, true, "Export and photograph…");
+            item(ui, true, "Copy as a command");
+            ui.separator();
+            item(ui, true, "Start page");
+        });
+        match chosen.as_deref() {
+            Some("Open a recording…") => self.open(&session.project),
+            Some("Open a scene…") => {
+                self.choose(Purpose::OpenScene, "Open a scene", Seeks::File(&["toml", "glb", "gltf"]), &scene);
+            }
+            Some("Open a profile…") => {
+                self.choose(Purpose::OpenProfile, "Open a profile", Seeks::File(&["toml"]), &profile);
+            }
+            Some("Save") => self.save(),
+            Some("Save the scene as…") => {
+                self.choose(Purpose::SaveScene, "Save the scene as", Seeks::NewFile(&["toml"]), &scene);
+            }
+            Some("Save the profile as…") => {
+                self.choose(Purpose::SaveProfile, "Save the profile as", Seeks::NewFile(&["toml"]), &profile);
+            }
+            Some("Export and photograph…") => self.shows_output = true,
+            Some("Copy as a command") => copy_command(ui.ctx(), session),
+            Some("Start page") => self.shows_start = true,
+            _ => {}
+        }
+    }
+
+    /// Begins to save what is changed.
+    pub fn save(&mut self) {
+        self.saving.get_or_insert_default();
+    }
+
+    /// Whether a click on the window's cross has to be answered first.
+    fn closes(&mut self, ctx: &egui::Context, session: &Session) {
+        let busy = self.jobs.as_ref().is_some_and(Jobs::is_busy);
+        let closes = ctx.input(|i| i.viewport().close_requested());
+        if closes && !self.may_close && (busy || !session.project.is_saved()) {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+            self.then = Some(Then::Close);
+        }
+    }
+
+    /// Everything of a frame of the window that is not a panel. Gives what is to be shown instead.
+    pub fn work(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<Turn> {
+        if self.watch.is_none() {
+            let wake = ctx.clone();
+            self.watch = Watch::begin(move || wake.request_repaint()).ok();
+            self.watch_files(&session.project);
+        }
+        self.keep(ctx, session);
+        self.closes(ctx, session);
+        self.choosing(ctx, session);
+        self.saves(session);
+        self.asks(ctx, session);
+        self.out(ctx, session);
+        if let Some(text) = &self.message
+            && dialogs::message(ctx, text)
+        {
+            self.message = None;
+        }
+        self.turn(ctx, session)
+    }
+
+    /// Has unsaved work written, and looks at the files.
+    fn keep(&mut self, ctx: &egui::Context, session: &mut Session) {
+        let now = Instant::now();
+        if session.is_lost() && !self.has_lost {
+            self.has_lost = true;
+            return self.starts_again(session);
+        }
+        if let Some(look) = self.look.take_if(|look| look.is_due(now)) {
+            self.left = Left::found(&look.folder);
+            // A window that was killed a moment ago may still be ending.
+            let ends = !self.left.is_empty() || now.duration_since(look.begun) > LOOKED_FOR;
+            self.look = (!ends).then_some(Look { last: Some(now), ..look });
+        }
+        let project = &session.project;
+        if let Some(autosave) = &mut self.autosave {
+            // Saving changes what is lost, and not the project's version.
+            let version = (project.version() << 1) | u64::from(project.is_saved());
+            let kept = autosave.keep(version, now, || work(session));
+            if let Some(wait) = kept.wait {
+                ctx.request_repaint_after(wait);
+            }
+            if let Some(problem) = kept.problem {
+                session.say(problem);
+            }
+        }
+        if let Some(watch) = &mut self.watch {
+            ctx.request_repaint_after(watch.look(now));
+            let recording = &session.project.shot().recording.path;
+            if watch.change(recording) == Some(Change::Gone) {
+                session
+                    .wrong(format!("{} is gone: bring it back, and its frames are shown again", recording.display()));
+            }
+        }
+    }
+
+    /// The graphics device is gone: the program starts anew, and takes up what is kept.
+    fn starts_again(&mut self, session: &mut Session) {
+        let is_kept = match self.autosave.take() {
+            Some(autosave) => {
+                autosave.leave(work(session));
+                true
+            }
+            None => session.project.is_saved(),
+        };
+        let why = if is_kept { restart::again() } else { "your work is not kept: save it first".to_owned() };
+        session.wrong(format!("The graphics device was lost: close the window, and start it again ({why})"));
+    }
+
+    fn choosing(&mut self, ctx: &egui::Context, session: &mut Session) {
+        let Some((purpose, mut chooser)) = self.chooser.take() else { return };
+        match chooser.show(ctx) {
+            None => self.chooser = Some((purpose, chooser)),
+            Some(Chosen::Nothing) => {
+                // What was to be done after saving is not done.
+                (self.saving, self.then) = (None, None);
+            }
+            Some(Chosen::Path(path)) => self.chosen(ctx, purpose, path, session),
+        }
+    }
+
+    fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, session: &mut Session) {
+        match purpose {
+            Purpose::Open | Purpose::OpenProfile => self.dropped(path, session),
+            Purpose::OpenScene => {
+                self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
+            }
+            Purpose::SaveProfile => self.write(session, &Step::WriteProfile(path)),
+            Purpose::SaveScene => self.write(session, &Step::WriteScene(path)),
+            Purpose::Put(ask) => {
+                let name = path.display().to_string();
+                if self.jobs.is_none() {
+                    let wake = ctx.clone();
+                    self.jobs = Jobs::new(move || wake.request_repaint()).ok();
+                }
+                match &mut self.jobs {
+                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path)),
+                    None => session.wrong("no thread can be started that exports"),
+                }
+                self.shows_output = true;
+            }
+        }
+    }
+
+    /// The window of what leaves as files.
+    fn out(&mut self, ctx: &egui::Context, session: &mut Session) {
+        for over in self.jobs.iter_mut().flat_map(Jobs::take).collect::<Vec<_>>() {
+            let Some(entry) = self.jobs.as_ref().and_then(|jobs| jobs.entries.get(over)) else { continue };
+            match &entry.state {
+                State::Done(said) => session.say(format!("Written {}: {said}", entry.name)),
+                State::Failed(why) => session.wrong(format!("{}: {why}", entry.name)),
+                _ => {}
+            }
+        }
+        if !self.shows_output {
+            return;
+        }
+        let player = &session.player;
+        let looped = Some(player.range()).filter(|range| range.len() < player.count());
+        let now = Situation { frame: player.frame(), count: player.count(), looped };
+        let mut ask = None;
+        let mut is_open = true;
+        let at = ctx.content_rect().right_top() + egui::vec2(-424.0, 44.0);
+        egui::Window::new("Export and photograph")
+            .default_pos(at)
+            .open(&mut is_open)
+            .default_size([400.0, 560.0])
+            .vscroll(false)
+            .show(ctx, |ui| ask = self.output.show(ui, &now, self.jobs.as_mut()));
+        self.shows_output = is_open;
+        if let Some(ask) = ask {
+            let (title, seeks) = match &ask {
+                Ask::Folder(_) => ("Write pictures into a folder", Seeks::NewFolder),
+                Ask::Video { lossless: false, .. } => ("Write a video", Seeks::NewFile(&["mp4", "mkv"])),
+                Ask::Video { .. } => ("Write a video", Seeks::NewFile(&["mkv", "mp4"])),
+                Ask::Photograph(_) => ("Write a photograph", Seeks::NewFile(&["jpg", "jpeg", "png"])),
+                Ask::Snapshot(_) => ("Write the frame", Seeks::NewFile(&["png"])),
+            };
+            let at = proposed(&ask, &session.project.shot().recording.path);
+            self.choose(Purpose::Put(ask), title, seeks, &at);
+        }
+    }
+
+    /// What was opened is shown.
+    pub fn turned(&mut self, session: &Session) {
+        self.opened(session);
+    }
+
+    /// Whether a dialog is open that wants an answer.
+    pub fn is_asking(&self) -> bool {
+        let asks =
+            self.chooser.is_some() || self.asks_whether.is_some() || self.then.is_some() || self.opening.is_some();
+        asks || !self.left.is_empty() || self.message.is_some()
+    }
+
+    /// The window closes, whatever is not saved.
+    pub fn close_without_asking(&mut self) {
+        self.may_close = true;
+    }
+
+    pub fn jobs(&self) -> Option<&Jobs> {
+        self.jobs.as_ref()
+    }
+}
+
+/// What would be lost.
+fn work(session: &Session) -> Option<Work> {
+    let project = &session.project;
+    if project.is_saved() {
+        return None;
+    }
+    let (recording, unit) = (&project.shot().recording.path, project.metres_per_unit);
+    let (profile, scene) = (project.profile.as_deref(), project.scene.as_deref());
+    let mut work = Work::new(recording, unit, profile, scene, project.edit().clone());
+    work.frame = session.player.frame();
+    Some(work)
+}
+
+fn copy_command(ctx: &egui::Context, session: &mut Session) {
+    let line = command::composite(&session.project, session.player.frame());
+    ctx.copy_text(line.text);
+    session.say(match line.before.is_empty() {
+        true => "The command is in the clipboard".to_owned(),
+        false => format!("The command is in the clipboard. {}", line.before.join(" ")),
+    });
+}

@@ -1,0 +1,239 @@
+//! Opening and saving, with what is asked before anything is lost.
+
+use std::path::{Path, PathBuf};
+
+use eframe::egui;
+
+use super::super::autosave::Left;
+use super::super::chooser::Seeks;
+use super::super::dialogs::{self, Answer};
+use super::super::jobs::Jobs;
+use super::super::opening::Opening;
+use super::super::recent::Opened;
+use super::super::saving::{self, Step};
+use super::super::session::Session;
+use super::super::watch::Change;
+use super::{Keeper, Purpose, Then, Turn};
+use crate::profile;
+use crate::recording::Recording;
+use crate::scene;
+use crate::source::file::{self, MOST_DOCUMENT};
+
+impl Keeper {
+    /// A file that was dropped into the window, or chosen: what it is tells what becomes of it.
+    pub fn dropped(&mut self, path: PathBuf, session: &mut Session) {
+        if Recording::is_at(&path) {
+            let opened = Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0 };
+            return self.then = Some(Then::Open(opened, None));
+        }
+        let text = file::read_text(&path, MOST_DOCUMENT).map_err(|error| error.to_string());
+        let of_profile = text.and_then(|text| {
+            let read = profile::Document::parse(&text, &path).map_err(|error| error.to_string());
+            read.map(drop)
+        });
+        match (of_profile, scene::document::read(&path)) {
+            (Ok(()), _) => {
+                self.then = Some(Then::Open(Opened { profile: Some(path), ..Opened::of(&session.project) }, None))
+            }
+            (_, Ok(_)) => {
+                self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None))
+            }
+            (Err(no_profile), Err(no_scene)) => session.wrong(format!(
+                "{}: neither a recording's folder, nor a model, nor a profile ({no_profile}), nor a scene ({no_scene})",
+                path.display()
+            )),
+        }
+    }
+
+    pub(super) fn write(&mut self, session: &mut Session, step: &Step) {
+        let project = &mut session.project;
+        let (path, done) = match step {
+            Step::WriteScene(path) => (path, project.save_scene(path)),
+            Step::WriteProfile(path) => (path, project.save_profile(path)),
+            _ => return,
+        };
+        match done {
+            Ok(()) => {
+                session.say(format!("Saved {}", path.display()));
+                self.passed_over.retain(|passed| passed != path);
+                if let Some(watch) = &mut self.watch {
+                    watch.known(path);
+                }
+            }
+            Err(error) => {
+                session.wrong(format!("Not saved: {error}"));
+                (self.saving, self.then) = (None, None);
+            }
+        }
+    }
+
+    /// Goes on with what is being saved, until something has to be asked.
+    pub(super) fn saves(&mut self, session: &mut Session) {
+        while self.chooser.is_none() && self.asks_whether.is_none() {
+            let Some(agreed) = &self.saving else { return };
+            let project = &session.project;
+            match saving::next(project, self.watch.as_ref(), agreed) {
+                Step::Saved => self.saving = None,
+                Step::NameScene => {
+                    let at = PathBuf::from("scene.toml");
+                    self.choose(Purpose::SaveScene, "Save the scene as", Seeks::NewFile(&["toml"]), &at);
+                }
+                Step::NameProfile => {
+                    let at = Path::new("profile.toml");
+                    self.choose(Purpose::SaveProfile, "Save the profile as", Seeks::NewFile(&["toml"]), at);
+                }
+                Step::AskWhether(path) => self.asks_whether = Some(path),
+                step => self.write(session, &step),
+            }
+        }
+    }
+
+    pub(super) fn asks(&mut self, ctx: &egui::Context, session: &mut Session) {
+        if self.chooser.is_some() || self.opening.is_some() {
+            return;
+        }
+        if let Some(path) = self.asks_whether.clone() {
+            match dialogs::whether_to_replace(ctx, &path) {
+                Some(Answer::Yes) => {
+                    self.saving.get_or_insert_default().push(path);
+                    self.asks_whether = None;
+                }
+                Some(Answer::No) => {
+                    self.read_again(ctx, session);
+                    (self.asks_whether, self.saving, self.then) = (None, None, None);
+                }
+                Some(Answer::Stay) => (self.asks_whether, self.saving, self.then) = (None, None, None),
+                None => {}
+            }
+            return;
+        }
+        if self.saving.is_some() {
+            return;
+        }
+        self.goes_on(ctx, session);
+        if self.then.is_some() {
+            return;
+        }
+        if let Some(left) = self.left.pop() {
+            match dialogs::left(ctx, &left.work) {
+                Some(Answer::Yes) => {
+                    let work = &left.work;
+                    let (recording, scene, profile) =
+                        (work.recording.clone(), work.scene.clone(), work.profile.clone());
+                    let opened = Opened { recording, scene, profile, metres_per_unit: work.metres_per_unit };
+                    self.then = Some(Then::Open(opened, Some(left)));
+                }
+                Some(Answer::No) => left.throw_away(),
+                // It stays where it is, and is offered at the next start.
+                Some(Answer::Stay) => drop(left),
+                None => self.left.push(left),
+            }
+            return;
+        }
+        self.changed_on_disk(ctx, session);
+        if self.shows_start {
+            match dialogs::start(ctx, &self.recent.list) {
+                Some(dialogs::Start::Open) => self.open(&session.project),
+                Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(opened, None)),
+                Some(dialogs::Start::Leave) => self.shows_start = false,
+                None => {}
+            }
+        }
+    }
+
+    /// Does what waits, once nothing is lost by it.
+    fn goes_on(&mut self, ctx: &egui::Context, session: &mut Session) {
+        let Some(then) = self.then.take() else { return };
+        let busy = matches!(then, Then::Close) && self.jobs.as_ref().is_some_and(Jobs::is_busy);
+        let answer = match (session.project.is_saved(), busy) {
+            (true, false) => Some(Answer::No),
+            (is_saved, busy) => dialogs::before_it_is_lost(ctx, matches!(then, Then::Close), !is_saved, busy),
+        };
+        match (answer, then) {
+            (None, then) => self.then = Some(then),
+            (Some(Answer::Stay), _) => {}
+            (Some(Answer::Yes), then) => {
+                self.save();
+                self.then = Some(then);
+            }
+            (Some(Answer::No), Then::Close) => {
+                self.may_close = true;
+                if let Some(jobs) = &mut self.jobs {
+                    jobs.cancel_all();
+                }
+                ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+            }
+            (Some(Answer::No), Then::Open(opened, left)) => self.begin(ctx, session, opened, left),
+        }
+    }
+
+    /// Offers to read again what somebody else has changed.
+    fn changed_on_disk(&mut self, ctx: &egui::Context, session: &mut Session) {
+        let project = &session.project;
+        let files = [project.profile.clone(), project.scene.clone()].into_iter().flatten();
+        let is_new = |path: &PathBuf| {
+            let change = self.watch.as_ref().and_then(|watch| watch.change(path));
+            change == Some(Change::Changed) && !self.passed_over.contains(path)
+        };
+        let Some(path) = files.into_iter().find(is_new) else { return };
+        match dialogs::changed_on_disk(ctx, &path, !project.is_saved()) {
+            Some(Answer::Yes) => self.read_again(ctx, session),
+            Some(_) => self.passed_over.push(path),
+            None => {}
+        }
+    }
+
+    fn read_again(&mut self, ctx: &egui::Context, session: &mut Session) {
+        self.reads_again = true;
+        self.begin(ctx, session, Opened::of(&session.project), None);
+    }
+
+    fn begin(&mut self, ctx: &egui::Context, session: &mut Session, opened: Opened, left: Option<Left>) {
+        let wake = ctx.clone();
+        match Opening::begin(opened, left, move || wake.request_repaint()) {
+            Ok(opening) => self.opening = Some(opening),
+            Err(error) => session.wrong(format!("no thread can be started that opens it: {error}")),
+        }
+    }
+
+    /// What was opened meanwhile.
+    pub(super) fn turn(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<Turn> {
+        let done = match self.opening.take()?.take() {
+            Ok(done) => done,
+            Err(opening) => {
+                dialogs::opening(ctx, opening.what());
+                self.opening = Some(*opening);
+                return None;
+            }
+        };
+        let again = std::mem::take(&mut self.reads_again);
+        match done.project {
+            Ok(fresh) if again => {
+                session.project.read_again(*fresh);
+                session.say("Read again from the files; undo brings back what you had");
+                self.passed_over.clear();
+                self.watch_files(&session.project);
+                None
+            }
+            Ok(project) => {
+                let frame = match done.left {
+                    Some(left) => {
+                        let frame = left.work.frame;
+                        if let Some(autosave) = &mut self.autosave {
+                            autosave.take_up(left);
+                        }
+                        frame
+                    }
+                    None => 0,
+                };
+                self.shows_start = false;
+                Some(Turn { project: *project, frame })
+            }
+            Err(why) => {
+                session.wrong(format!("{}: not opened: {why}", done.opened.recording.display()));
+                self.left.extend(done.left);
+                None
+            }
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! A recording that is being opened: on a thread of its own, since the headers of all its frames are read.
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+use super::autosave::Left;
+use super::project::Project;
+use super::recent::Opened;
+use crate::recording::OpenOptions;
+use crate::shot::Given;
+
+/// What came of it.
+#[derive(Debug)]
+pub struct Done {
+    pub opened: Opened,
+    pub project: Result<Box<Project>, String>,
+    /// Work that is taken up with it.
+    pub left: Option<Left>,
+}
+
+/// Something is being opened.
+#[derive(Debug)]
+pub struct Opening {
+    opened: Opened,
+    left: Option<Left>,
+    project: Receiver<Result<Box<Project>, String>>,
+}
+
+impl Opening {
+    /// `wake` is called from the thread when it is open. Work that was left goes into what is opened.
+    pub fn begin(opened: Opened, left: Option<Left>, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
+        let (send, project) = channel();
+        let (wanted, edit) = (opened.clone(), left.as_ref().map(|left| left.work.edit.clone()));
+        std::thread::Builder::new().name("opening".to_owned()).spawn(move || {
+            let project = open(&wanted).and_then(|mut project| {
+                if let Some(edit) = edit {
+                    project.take_up(edit).map_err(|error| error.to_string())?;
+                }
+                Ok(Box::new(project))
+            });
+            // The window may be gone.
+            let _ = send.send(project);
+            wake();
+        })?;
+        Ok(Self { opened, left, project })
+    }
+
+    pub fn what(&self) -> &Path {
+        &self.opened.recording
+    }
+
+    /// What came of it, once it is there.
+    pub fn take(self) -> Result<Done, Box<Self>> {
+        let project = match self.project.try_recv() {
+            Ok(project) => project,
+            Err(TryRecvError::Empty) => return Err(Box::new(self)),
+            Err(TryRecvError::Disconnected) => Err("it could not be opened".to_owned()),
+        };
+        Ok(Done { opened: self.opened, project, left: self.left })
+    }
+}
+
+/// Opens what is there. A profile that is not there is one that will be made.
+fn open(opened: &Opened) -> Result<Project, String> {
+    let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
+    let given = Given { profile: there(&opened.profile), sets: Vec::new(), scene: there(&opened.scene) };
+    let options = OpenOptions { metres_per_unit: opened.metres_per_unit, ..OpenOptions::default() };
+    let mut project = Project::open(&opened.recording, &options, &given).map_err(|error| error.to_string())?;
+    project.profile.clone_from(&opened.profile);
+    Ok(project)
+}

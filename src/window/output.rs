@@ -1,0 +1,240 @@
+//! What leaves the window: exports, photographs, snapshots, and the queue of them.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use eframe::egui::{self, RichText, Ui};
+
+use super::controls::parse_number;
+use super::dials::Dials;
+use super::jobs::{Jobs, State, Task, left};
+use crate::export::Export;
+use crate::photo::Wanted;
+use crate::sink::OutPath;
+use crate::words::count;
+
+/// Which frames are exported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Frames {
+    #[default]
+    All,
+    Loop,
+    This,
+    /// From the first to the last that is given.
+    Given,
+}
+
+/// The panel's state.
+#[derive(Clone, Debug, Default)]
+pub struct Output {
+    frames: Frames,
+    given: [usize; 2],
+    lossless: bool,
+    dials: Dials,
+}
+
+/// What the panel asks for: a place to put it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ask {
+    Folder(Range<usize>),
+    Video { range: Range<usize>, lossless: bool },
+    Photograph(Box<Wanted>),
+    Snapshot(usize),
+}
+
+impl Ask {
+    /// What is done, at the place that a person chose.
+    pub fn task(self, path: PathBuf) -> Task {
+        // The dialog has asked.
+        let force = path.exists();
+        match self {
+            Self::Folder(range) => Task::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
+            Self::Video { range, lossless } => {
+                Task::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
+            }
+            Self::Photograph(wanted) => Task::Photograph(Wanted { output: path, force, ..*wanted }),
+            Self::Snapshot(frame) => Task::Snapshot { frame, path, force },
+        }
+    }
+}
+
+/// What the panel has to know of the recording.
+#[derive(Clone, Debug)]
+pub struct Situation {
+    pub frame: usize,
+    pub count: usize,
+    pub looped: Option<Range<usize>>,
+}
+
+impl Output {
+    fn range(&self, now: &Situation) -> Range<usize> {
+        match (self.frames, &now.looped) {
+            (Frames::This, _) => now.frame..now.frame + 1,
+            (Frames::Loop, Some(looped)) => looped.clone(),
+            (Frames::Given, _) => self.given[0].min(self.given[1])..self.given[0].max(self.given[1]) + 1,
+            _ => 0..now.count,
+        }
+    }
+
+    /// Shows the panel. Gives what a place has to be chosen for.
+    pub fn show(&mut self, ui: &mut Ui, now: &Situation, jobs: Option<&mut Jobs>) -> Option<Ask> {
+        let mut ask = None;
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            ui.strong("Export");
+            ui.label(RichText::new("As it is set now: what is changed later is not in it.").weak());
+            if let Some(asked) = self.export(ui, now) {
+                ask = Some(asked);
+            }
+            if let Some(jobs) = jobs.filter(|jobs| jobs.entries.iter().any(|entry| !entry.is_hidden)) {
+                ui.separator();
+                queue(ui, jobs);
+            }
+            ui.separator();
+            ui.strong("Photograph");
+            if let Some(wanted) = self.dials.show(ui, now.frame) {
+                ask = Some(Ask::Photograph(Box::new(wanted)));
+            }
+        });
+        ask
+    }
+
+    fn export(&mut self, ui: &mut Ui, now: &Situation) -> Option<Ask> {
+        let last = now.count.saturating_sub(1);
+        let looped = now.looped.as_ref().filter(|looped| looped.len() < now.count);
+        if looped.is_none() && self.frames == Frames::Loop {
+            self.frames = Frames::All;
+        }
+        ui.horizontal_wrapped(|ui| {
+            let mut choice = |ui: &mut Ui, frames: Frames, text: String| {
+                if ui.radio(self.frames == frames, text).clicked() {
+                    self.frames = frames;
+                    if frames == Frames::Given && self.given == [0, 0] {
+                        self.given = [0, last];
+                    }
+                }
+            };
+            choice(ui, Frames::All, format!("all {}", count(now.count, "frame")));
+            if let Some(looped) = looped {
+                choice(ui, Frames::Loop, format!("the loop, {} to {}", looped.start, looped.end - 1));
+            }
+            choice(ui, Frames::This, format!("frame {} alone", now.frame));
+            choice(ui, Frames::Given, "from … to …".to_owned());
+        });
+        if self.frames == Frames::Given {
+            ui.horizontal(|ui| {
+                for (at, name) in self.given.iter_mut().zip(["first frame", "last frame"]) {
+                    ui.label(name);
+                    let drag = egui::DragValue::new(at).range(0..=last).speed(0.2).custom_parser(parse_number);
+                    ui.add(drag).widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, name));
+                }
+            });
+        }
+        let range = self.range(now);
+        let mut ask = None;
+        ui.horizontal_wrapped(|ui| {
+            if ui.button("Pictures…").on_hover_text("A folder with one PNG a frame, every code value kept").clicked()
+            {
+                ask = Some(Ask::Folder(range.clone()));
+            }
+            if ui.button("Video…").on_hover_text("An .mp4 or .mkv file, by the program ffmpeg").clicked() {
+                ask = Some(Ask::Video { range: range.clone(), lossless: self.lossless });
+            }
+            ui.checkbox(&mut self.lossless, "lossless").on_hover_text("A video that keeps every code value; larger");
+        });
+        if ui.button("Snapshot…").on_hover_text("The frame that is shown, as one PNG").clicked() {
+            ask = Some(Ask::Snapshot(now.frame));
+        }
+        ask
+    }
+}
+
+fn queue(ui: &mut Ui, jobs: &mut Jobs) {
+    ui.strong("Queue");
+    let mut gone = Vec::new();
+    for (n, entry) in jobs.entries.iter_mut().enumerate().rev() {
+        if entry.is_hidden {
+            continue;
+        }
+        ui.add_space(4.0);
+        ui.horizontal(|ui| {
+            let over = entry.state.is_over();
+            let (text, hint) =
+                if over { ("Clear", "Off the list") } else { ("Cancel", "What is not finished is removed") };
+            let button = ui.button(text).on_hover_text(hint);
+            button
+                .widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{text} {}", entry.name)));
+            if button.clicked() {
+                if over { gone.push(n) } else { entry.cancel() }
+            }
+            ui.add(egui::Label::new(&entry.name).truncate()).on_hover_text(&entry.name);
+        });
+        match &entry.state {
+            State::Waiting => _ = ui.weak("waits"),
+            State::Cancelled => _ = ui.weak("cancelled"),
+            State::Running { share, begun } => {
+                let bar = egui::ProgressBar::new(*share as f32).text(progress(*share, *begun));
+                ui.add(bar).widget_info(|| egui::WidgetInfo::labeled(egui::Role::ProgressIndicator, true, &entry.name));
+            }
+            State::Done(said) => _ = ui.label(format!("done: {said}")),
+            State::Failed(why) => {
+                let text = RichText::new(why).color(ui.visuals().error_fg_color);
+                ui.add(egui::Label::new(text).wrap().selectable(true));
+            }
+        }
+        for note in &entry.notes {
+            ui.add(egui::Label::new(RichText::new(note).weak().small()).wrap().selectable(true));
+        }
+    }
+    for n in gone {
+        jobs.entries[n].is_hidden = true;
+    }
+}
+
+fn progress(share: f64, begun: Instant) -> String {
+    let rest = left(share, begun.elapsed()).map(|left| format!(", {} left", duration(left.as_secs_f64())));
+    format!("{:.0} %{}", 100.0 * share, rest.unwrap_or_default())
+}
+
+/// As people say it: 40 s, 3 min 20 s, 2 h 5 min.
+fn duration(seconds: f64) -> String {
+    let s = seconds.ceil() as u64;
+    match s {
+        0..60 => format!("{s} s"),
+        60..3600 => format!("{} min {} s", s / 60, s % 60),
+        _ => format!("{} h {} min", s / 3600, s % 3600 / 60),
+    }
+}
+
+/// The name that is proposed for what comes of a recording.
+pub fn proposed(ask: &Ask, recording: &Path) -> PathBuf {
+    let name = recording.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let name = match ask {
+        Ask::Folder(_) => format!("{name}-composited"),
+        Ask::Video { lossless, .. } => format!("{name}.{}", if *lossless { "mkv" } else { "mp4" }),
+        Ask::Photograph(wanted) => format!("{name}-{:06}.jpg", wanted.frame),
+        Ask::Snapshot(frame) => format!("{name}-{frame:06}.png"),
+    };
+    // Never into the recording's own folder.
+    std::env::current_dir().unwrap_or_default().join(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_is_said_as_people_do() {
+        let said = [0.2, 59.0, 60.0, 200.0, 7500.0].map(duration);
+        assert_eq!(said, ["1 s", "59 s", "1 min 0 s", "3 min 20 s", "2 h 5 min"]);
+    }
+
+    #[test]
+    fn the_range_is_what_was_chosen() {
+        let now = Situation { frame: 7, count: 20, looped: Some(3..9) };
+        let of = |frames, given| Output { frames, given, ..Output::default() }.range(&now);
+        assert_eq!(of(Frames::All, [0, 0]), 0..20);
+        assert_eq!((of(Frames::Loop, [0, 0]), of(Frames::This, [0, 0])), (3..9, 7..8));
+        assert_eq!((of(Frames::Given, [4, 4]), of(Frames::Given, [9, 2])), (4..5, 2..10));
+    }
+}

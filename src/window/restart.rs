@@ -1,0 +1,53 @@
+//! Starts the program anew in its own place, with the same arguments: a graphics device that is lost does not come back to
+//! a program that had it.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use crate::unfinished::undo_all;
+
+/// Says to the program that is started when that was, in seconds since 1970.
+const AGAIN: &str = "LOCARD_STARTED_AGAIN_S";
+/// A device that is lost sooner than this will be lost again.
+const SETTLED_S: u64 = 60;
+
+fn may(now_s: u64, before: Option<&str>) -> bool {
+    before.and_then(|before| before.parse().ok()).is_none_or(|before: u64| now_s.saturating_sub(before) >= SETTLED_S)
+}
+
+/// Returns only where it is not done, with the reason.
+pub fn again() -> String {
+    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    if !may(now_s, std::env::var(AGAIN).ok().as_deref()) {
+        return "it was lost a moment ago, too".to_owned();
+    }
+    let program = match std::env::current_exe() {
+        Ok(program) => program,
+        Err(error) => return error.to_string(),
+    };
+    let mut command = std::process::Command::new(program);
+    command.args(std::env::args_os().skip(1)).env(AGAIN, now_s.to_string());
+    let nothing_begins = undo_all();
+    #[cfg(unix)]
+    let failed = {
+        use std::os::unix::process::CommandExt;
+        command.exec()
+    };
+    #[cfg(not(unix))]
+    let failed = match command.spawn() {
+        Ok(_) => std::process::exit(0),
+        Err(error) => error,
+    };
+    drop(nothing_begins);
+    failed.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::may;
+
+    #[test]
+    fn it_does_not_start_over_and_over() {
+        assert!(may(1000, None) && may(1000, Some("900")) && may(1000, Some("no number")));
+        assert!(!may(1000, Some("990")) && !may(1000, Some("2000")));
+    }
+}

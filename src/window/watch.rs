@@ -1,0 +1,140 @@
+//! Whether files that are open have been changed on disk by somebody else. They are looked at on a thread: a disk that
+//! does not answer does not hold the window up.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant, SystemTime};
+
+const EVERY: Duration = Duration::from_secs(2);
+
+/// What tells a changed file: its time and its length; `None` where there is none.
+type Stamp = Option<(SystemTime, u64)>;
+
+fn stamp(path: &Path) -> Stamp {
+    let there = std::fs::metadata(path).ok()?;
+    Some((there.modified().ok()?, if there.is_file() { there.len() } else { 0 }))
+}
+
+/// What became of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    Changed,
+    Gone,
+}
+
+/// Watches a few files.
+#[derive(Debug)]
+pub struct Watch {
+    ask: Sender<Vec<PathBuf>>,
+    seen: Receiver<Vec<(PathBuf, Stamp)>>,
+    known: BTreeMap<PathBuf, Stamp>,
+    /// What was found and not dealt with.
+    changes: BTreeMap<PathBuf, Change>,
+    asked: Option<Instant>,
+    awaits: bool,
+    /// What is awaited was begun before a file was read or written.
+    is_stale: bool,
+}
+
+impl Watch {
+    /// `wake` is called from the thread when something is known.
+    pub fn begin(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (ask, asked) = channel::<Vec<PathBuf>>();
+        let (tell, seen) = channel();
+        std::thread::Builder::new().name("watch".to_owned()).spawn(move || {
+            for paths in asked {
+                let stamps: Vec<_> = paths.into_iter().map(|path| (stamp(&path), path)).map(|(s, p)| (p, s)).collect();
+                if tell.send(stamps).is_err() {
+                    return;
+                }
+                wake();
+            }
+        })?;
+        Ok(Self {
+            ask,
+            seen,
+            known: BTreeMap::new(),
+            changes: BTreeMap::new(),
+            asked: None,
+            awaits: false,
+            is_stale: false,
+        })
+    }
+
+    /// A file is as it is known to the window: it has just been read or written.
+    pub fn known(&mut self, path: &Path) {
+        self.known.insert(path.to_owned(), stamp(path));
+        self.changes.remove(path);
+        self.is_stale = self.awaits;
+    }
+
+    /// Nothing is watched any more.
+    pub fn forget(&mut self) {
+        self.known.clear();
+        self.changes.clear();
+    }
+
+    /// What became of a file, as far as it is known and not dealt with.
+    pub fn change(&self, path: &Path) -> Option<Change> {
+        self.changes.get(path).copied()
+    }
+
+    /// Looks now and then. Gives how long until it looks again.
+    pub fn look(&mut self, now: Instant) -> Duration {
+        for stamps in self.seen.try_iter() {
+            self.awaits = false;
+            if std::mem::take(&mut self.is_stale) {
+                continue;
+            }
+            for (path, stamp) in stamps {
+                match (self.known.get(&path), stamp) {
+                    (Some(Some(_)), None) => _ = self.changes.insert(path, Change::Gone),
+                    (Some(known), Some(_)) if *known != stamp => _ = self.changes.insert(path, Change::Changed),
+                    (Some(_), _) => _ = self.changes.remove(&path),
+                    (None, _) => {}
+                }
+            }
+        }
+        let since = self.asked.map_or(EVERY, |asked| now.saturating_duration_since(asked));
+        if since < EVERY || self.awaits || self.known.is_empty() {
+            return EVERY.saturating_sub(since).max(Duration::from_millis(100));
+        }
+        self.asked = Some(now);
+        self.awaits = self.ask.send(self.known.keys().cloned().collect()).is_ok();
+        EVERY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_somebody_else_changes_is_told_until_it_is_dealt_with() {
+        let temp = tempfile::tempdir().unwrap();
+        let path = temp.path().join("p.toml");
+        std::fs::write(&path, "version = 1\n").unwrap();
+        let (woken, wakes) = channel();
+        let mut watch = Watch::begin(move || _ = woken.send(())).unwrap();
+        watch.known(&path);
+        let mut now = Instant::now();
+        let mut look = |watch: &mut Watch| {
+            now += EVERY;
+            watch.look(now);
+            wakes.recv().unwrap();
+            // Takes what was seen; it is too early to ask again.
+            watch.look(now);
+            watch.change(&path)
+        };
+        assert_eq!(look(&mut watch), None);
+        std::fs::write(&path, "version = 1\n# mine\n").unwrap();
+        assert_eq!(look(&mut watch), Some(Change::Changed));
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(look(&mut watch), Some(Change::Gone));
+        std::fs::write(&path, "version = 1\n# saved by us\n").unwrap();
+        watch.known(&path);
+        assert_eq!(watch.change(&path), None);
+        assert_eq!(look(&mut watch), None);
+    }
+}
