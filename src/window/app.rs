@@ -445,7 +445,8 @@ impl eframe::App for App {
         });
         egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
             ui.add_space(4.0);
-            if let Some(refused) = self.controls.show(ui, &mut self.session.project) {
+            let at_work = self.session.stats().map(|stats| stats.effects.clone());
+            if let Some(refused) = self.controls.show(ui, &mut self.session.project, at_work.as_deref()) {
                 self.session.say(refused);
             }
         });

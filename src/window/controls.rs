@@ -4,6 +4,7 @@ use eframe::egui::{self, Color32, RichText, Ui};
 
 use super::Project;
 use super::project::{Origin, tables};
+use crate::camera::stops::{self, Step, Stop};
 use crate::params::{Kind, Spec, Value};
 use crate::words::number;
 
@@ -23,8 +24,9 @@ enum Asked {
 }
 
 impl Controls {
-    /// Shows all controls; changes go to the project. Errors of values that are refused are given back.
-    pub fn show(&mut self, ui: &mut Ui, project: &mut Project) -> Option<String> {
+    /// Shows all controls; changes go to the project. `at_work` are the effects that changed the picture that is shown, if it
+    /// is known. Errors of values that are refused are given back.
+    pub fn show(&mut self, ui: &mut Ui, project: &mut Project, at_work: Option<&[&'static str]>) -> Option<String> {
         ui.horizontal(|ui| {
             let search =
                 egui::TextEdit::singleline(&mut self.search).hint_text("Search parameters").desired_width(160.0);
@@ -37,7 +39,8 @@ impl Controls {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let groups = groups(project);
             for (table, title, summary) in groups {
-                refused = self.group(ui, project, table, &title, summary).or(refused.take());
+                let is_idle = summary.is_some() && at_work.is_some_and(|effects| !effects.contains(&table));
+                refused = self.group(ui, project, table, &title, summary, is_idle).or(refused.take());
             }
         });
         refused
@@ -50,6 +53,7 @@ impl Controls {
         table: &'static str,
         title: &str,
         summary: Option<&'static str>,
+        is_idle: bool,
     ) -> Option<String> {
         let specs: Vec<(Spec, Value, Origin)> = {
             let edit = project.edit();
@@ -82,6 +86,11 @@ impl Controls {
                     let mut on = project.edit().settings.is_on(table);
                     if ui.checkbox(&mut on, RichText::new(title).strong()).changed() {
                         project.switch(table, on);
+                    }
+                    if on && is_idle {
+                        ui.label(RichText::new("idle").weak().small()).on_hover_text(
+                            "At these settings, and those before it, it changes nothing in the picture that is shown",
+                        );
                     }
                 } else {
                     ui.strong(title);
@@ -177,8 +186,53 @@ fn control(
         if let Some(done) = field(ui, &full, spec, &mut shown) {
             asked = Some(done);
         }
+        if let (Some(dial), Value::Number(now)) = (dial(&full), value)
+            && let Some(stop) = dial.show(ui, &full, *now)
+        {
+            asked = Some(Asked::Set(Value::Number(stop)));
+        }
     });
     asked
+}
+
+/// A camera's dial: it clicks in thirds of a stop.
+struct Dial {
+    stops: Vec<Stop>,
+    format: fn(f64) -> String,
+}
+
+/// The dial of a parameter that cameras have one for.
+fn dial(full: &str) -> Option<Dial> {
+    let (stops, format): (Vec<Stop>, fn(f64) -> String) = match full {
+        "camera.lens.f_number" => (stops::f_numbers(Step::Third), stops::format_f_number),
+        "camera.exposure.time_s" => (stops::shutter_times_s(Step::Third), stops::format_shutter_s),
+        "camera.exposure.iso" | "noise.iso" => (stops::iso_speeds(Step::Third), stops::format_iso),
+        _ => return None,
+    };
+    Some(Dial { stops, format })
+}
+
+impl Dial {
+    /// Shows the value as a camera does. Gives the exact value of the stop that is chosen.
+    fn show(&self, ui: &mut Ui, full: &str, now: f64) -> Option<f64> {
+        let mut chosen = None;
+        let text = if now > 0.0 { (self.format)(now) } else { "stops".to_owned() };
+        let menu = ui.menu_button(text, |ui| {
+            egui::ScrollArea::vertical().max_height(360.0).show(ui, |ui| {
+                for stop in &self.stops {
+                    let is_now = (stop.exact / now).log2().abs() < 1.0 / 12.0;
+                    if ui.selectable_label(is_now, (self.format)(stop.exact)).clicked() {
+                        chosen = Some(rounded(stop.exact));
+                        ui.close();
+                    }
+                }
+            });
+        });
+        let info = || egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{full}: stops"));
+        menu.response.widget_info(info);
+        menu.response.on_hover_text("A camera's stops, in thirds");
+        chosen
+    }
 }
 
 /// What a parameter that had no value begins with.
