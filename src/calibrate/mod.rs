@@ -1,4 +1,4 @@
-//! Calibration of a camera's noise from its own pictures.
+//! Calibration of a camera from its own pictures: its noise, and how sharp it is.
 //!
 //! docs/calibration.md has the derivations.
 
@@ -6,15 +6,20 @@ mod bins;
 mod blocks;
 mod censoring;
 mod common_motion;
+mod drawn;
 mod load;
 pub mod moving;
 pub mod noise;
+mod picked;
 mod plane;
 mod report;
 mod rounding;
 mod scene_sums;
+pub mod sharpness;
 mod unsteady;
 
 pub use bins::BinReport;
+pub use drawn::drawn_noise;
 pub use load::{Progress, is_picture, moving_noise_from_paths, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
+pub use picked::{NoisePoint, PickedError, PickedNoise, picked_noise};

@@ -1,19 +1,22 @@
 //! `locard calibrate`.
 
+mod existing;
+mod sharpness;
+
 use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
+
+use existing::existing;
 
 use crate::calibrate::{
     NoiseCalibration, NoiseOptions, SceneMotion, is_picture, moving_noise_from_paths, noise_from_paths,
 };
 use crate::export::Inputs;
-use crate::profile::Document;
-use crate::sink::{self, atomic::write_atomically};
-use crate::source::file::{self, MOST_DOCUMENT};
-use crate::words::{count, reason};
+use crate::sink::atomic::write_atomically;
+use crate::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -25,6 +28,8 @@ pub struct Args {
 enum What {
     /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless places
     Noise(NoiseArgs),
+    /// The blur of lens and sensor, from straight edges in a picture
+    Sharpness(sharpness::Args),
 }
 
 #[derive(clap::Args)]
@@ -47,21 +52,18 @@ struct NoiseArgs {
 }
 
 pub fn run(args: Args) -> Result<()> {
-    let What::Noise(args) = args.what;
+    match args.what {
+        What::Noise(args) => noise(args),
+        What::Sharpness(args) => sharpness::run(&args),
+    }
+}
+
+fn noise(args: NoiseArgs) -> Result<()> {
     // Checked before the work starts, so that nothing the user has is lost.
     let failed = |what: &str| format!("{}: {what}", args.output.display());
     let read = args.frames.iter().chain(&args.mean);
     Inputs::default().and(read.clone()).and(&pictures_beside(read)).check_file(&args.output)?;
-    // An existing profile is extended.
-    sink::check_file(&args.output, true)?;
-    let (is_there, mut profile) = match file::read_text(&args.output, MOST_DOCUMENT) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => (false, Document::new("")),
-        Err(error) => bail!(failed(&format!("cannot be read: {}", reason(&error)))),
-        Ok(text) => {
-            let read = Document::parse(&text, &args.output);
-            (true, read.context("the file is no profile that could be added to")?)
-        }
-    };
+    let (is_there, mut profile) = existing(&args.output)?;
     if profile.has_noise() && !args.force {
         bail!(failed("has a table [camera.noise] already; it is kept unless --force is given"));
     }

@@ -5,6 +5,9 @@
 pub mod displacement;
 pub mod edge;
 pub mod flip;
+pub mod histogram;
+pub mod slanted;
+mod spread;
 pub mod stats;
 
 use crate::pixels::Pixels;

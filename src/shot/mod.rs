@@ -7,6 +7,7 @@ mod check;
 mod error;
 mod eye;
 mod light;
+mod moved;
 mod note;
 mod outline;
 mod pick;

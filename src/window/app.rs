@@ -7,7 +7,6 @@ use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
 use super::actions::{self, Action};
-use super::controls::Controls;
 use super::evidence::Evidence;
 use super::hand::{Hand, Wanted};
 use super::handles::{Handles, Over};
@@ -19,6 +18,7 @@ use super::placed::Placed;
 use super::player::Player;
 use super::project::Project;
 use super::session::Session;
+use super::side::Side;
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
 use crate::frame::Frame;
@@ -28,7 +28,7 @@ use crate::scene::Entry;
 pub struct App {
     session: Session,
     pub view: View,
-    controls: Controls,
+    side: Side,
     evidence: Evidence,
     hand: Hand,
     handles: Handles,
@@ -48,7 +48,7 @@ impl App {
         Ok(Self {
             session: Session::new(window.clone(), &context.egui_ctx, project)?,
             view: View::default(),
-            controls: Controls::default(),
+            side: Side::default(),
             evidence: Evidence::default(),
             hand: Hand::default(),
             handles: Handles::default(),
@@ -303,6 +303,7 @@ impl App {
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
         self.codes(&seen, &frame);
+        self.side.over_picture(&seen);
         self.hand.work(&seen);
         let over = Over {
             seen: &seen,
@@ -445,8 +446,7 @@ impl eframe::App for App {
         });
         egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
             ui.add_space(4.0);
-            let at_work = self.session.stats().map(|stats| stats.effects.clone());
-            if let Some(refused) = self.controls.show(ui, &mut self.session.project, at_work.as_deref()) {
+            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
                 self.session.say(refused);
             }
         });

@@ -4,10 +4,20 @@ use eframe::egui::{self, Align2, Color32, Key, Stroke, vec2};
 use glam::DVec2;
 
 use super::picture::Seen;
+use crate::pixels::Rect;
 
 /// Who asked for places in the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {}
+pub enum Purpose {
+    /// Edges that plots compare: of the camera's picture, and of something virtual.
+    RealEdge,
+    VirtualEdge,
+    /// A patch whose brightness is followed.
+    Patch,
+    /// What the camera is calibrated by.
+    PlainPlace,
+    Edge,
+}
 
 /// What places are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +26,13 @@ pub enum Wanted {
     Points(usize),
     /// A rectangle, by dragging from corner to corner.
     Rect,
+}
+
+/// The whole pixels of a rectangle that was picked; `None` if there are none.
+pub fn rect(places: &[DVec2]) -> Option<Rect> {
+    let [from, to] = places else { return None };
+    let [x0, y0, x1, y1] = [from.x, from.y, to.x, to.y].map(|at| at.round() as i32);
+    Some(Rect::new(x0, y0, x1, y1)).filter(|rect| !rect.is_empty())
 }
 
 #[derive(Clone, Debug)]

@@ -4,6 +4,8 @@
 //! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
 //!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into;
 //!   `canvas` shows them.
+//! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
+//!   `calibrating`: noise and sharpness from picked places. `plots`: how plots look. `background`: work on other threads.
 //! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
@@ -17,8 +19,11 @@
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
 mod actions;
+mod analysis;
 mod app;
 mod autosave;
+mod background;
+mod calibrating;
 mod canvas;
 mod chooser;
 mod command;
@@ -38,18 +43,22 @@ mod library;
 mod list;
 mod loupe;
 mod maker;
+mod matching;
 mod measure;
 mod opening;
 mod output;
 mod picture;
 mod placed;
 mod player;
+mod plots;
+mod pointer;
 mod project;
 mod reader;
 mod recent;
 mod restart;
 mod saving;
 mod session;
+mod side;
 mod state;
 mod thumbnails;
 mod timeline;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::History;
+use crate::camera::NoiseProfile;
 use crate::compositor::Settings;
 use crate::params::{ParamError, Params, Value};
 use crate::profile::{self, ProfileError, Rig};
@@ -200,6 +201,19 @@ impl Project {
         }
         self.change(&format!("{table}.{name}"), edit);
         Ok(())
+    }
+
+    /// Sets the camera's noise, as one step.
+    pub fn set_noise(&mut self, noise: NoiseProfile) {
+        let mut edit = self.edit().clone();
+        edit.rig.noise = Some(noise);
+        self.change("camera.noise", edit);
+        self.close_step();
+    }
+
+    /// A parameter's value.
+    pub fn value(&self, table: &str, name: &str) -> Option<Value> {
+        value(self.edit(), table, name)
     }
 
     /// Switches an effect on or off.
@@ -429,6 +443,9 @@ impl Project {
             if settings.is_on(effect) != on {
                 document.switch(effect, on);
             }
+        }
+        if let Some(noise) = edit.rig.noise.as_ref().filter(|noise| rig.noise.as_ref() != Some(*noise)) {
+            document.set_noise(noise, "`'s method, from places picked in the window.");
         }
         write_atomically(path, true, |writer| std::io::Write::write_all(writer, document.to_string().as_bytes()))?;
         self.saved.rig = edit.rig;

@@ -1,0 +1,180 @@
+//! `locard calibrate sharpness`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use glam::DVec2;
+
+use super::existing::existing;
+use crate::calibrate::is_picture;
+use crate::calibrate::sharpness::{PARAMETER, edge, notes, together};
+use crate::camera::Response;
+use crate::cli::pick::numbers;
+use crate::compositor::Settings;
+use crate::export::Inputs;
+use crate::frame::Frame;
+use crate::measure::slanted::SlantedEdge;
+use crate::params::Value;
+use crate::pixels::{Pixels, Rect};
+use crate::profile::Rig;
+use crate::recording::OpenOptions;
+use crate::shot::{Given, Shot};
+use crate::sink::atomic::write_atomically;
+use crate::source::still;
+use crate::words::{fixed, number};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// A recording, or a picture (.png, .jpg)
+    what: PathBuf,
+    /// The recording's frame with the edge, best one at rest
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = crate::cli::frame_number)]
+    frame: Option<usize>,
+    /// A rectangle that one straight edge crosses, column and row of two corners; may be given again
+    #[arg(long, value_name = "X0,Y0,X1,Y1", required = true, value_parser = numbers::<4>, allow_hyphen_values = true)]
+    edge: Vec<[f64; 4]>,
+    /// The camera with its response curve, where the recording does not know it
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// The profile to write; everything else in it is kept
+    #[arg(short = 'o', long = "output", value_name = "PROFILE")]
+    output: Option<PathBuf>,
+    /// Replace the sharpness of a profile that has one
+    #[arg(long)]
+    force: bool,
+}
+
+/// What the edges lie in.
+enum Source {
+    Picture(Response, Pixels),
+    Recording(Box<Shot>, Box<Frame>),
+}
+
+impl Source {
+    fn open(args: &Args) -> Result<Self> {
+        if is_picture(&args.what) {
+            if args.frame.is_some() {
+                bail!("{}: --frame asks for a recording, and this is a picture", args.what.display());
+            }
+            let mut rig = Rig::default();
+            if let Some(profile) = &args.profile {
+                rig.read(profile, &mut Settings::default())?;
+            }
+            return Ok(Self::Picture(rig.camera().response, still::read_pixels(&args.what)?));
+        }
+        let given = Given { profile: args.profile.clone(), ..Given::default() };
+        let shot = Shot::open(&args.what, &OpenOptions::default(), &given)?;
+        let Some(frame) = args.frame else { bail!("which frame of the recording? Give --frame N") };
+        crate::cli::check_frame(frame, shot.recording.frame_count())?;
+        let frame = shot.read(frame)?;
+        Ok(Self::Recording(Box::new(shot), Box::new(frame)))
+    }
+
+    /// How far the edge in a region moved while the shutter was open, where that is known.
+    fn moved_px(&self, region: Rect) -> Option<DVec2> {
+        let Self::Recording(shot, frame) = self else { return None };
+        let at = DVec2::new(f64::from(region.x0 + region.x1), f64::from(region.y0 + region.y1)) / 2.0;
+        let surface = shot.surface_at(frame, at).ok()?;
+        shot.moved_px(frame, at, &surface).ok()
+    }
+
+    fn measure(&self, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge> {
+        let found = match self {
+            Self::Picture(response, pixels) => edge(pixels, response, region, moved_px)?,
+            Self::Recording(shot, frame) => edge(&frame.pixels, &shot.camera().response, region, moved_px)?,
+        };
+        Ok(found)
+    }
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let (table, name) = PARAMETER;
+    let output = args.output.as_deref().map(|path| Ok::<_, anyhow::Error>((path, existing(path)?))).transpose()?;
+    if let Some((path, _)) = &output {
+        Inputs::default().and([&args.what]).check_file(path)?;
+        if let Some(present) = present(path)?.filter(|_| !args.force) {
+            bail!(
+                "{}: has {table}.{name} = {} already; it is kept unless --force is given",
+                path.display(),
+                number(present)
+            );
+        }
+    }
+    let source = Source::open(args)?;
+    let mut out = std::io::stdout().lock();
+    let mut edges = Vec::new();
+    for corners in &args.edge {
+        let [x0, y0, x1, y1] = corners.map(|c| c.clamp(-1e9, 1e9).round() as i32);
+        let region = Rect::new(x0.min(x1), y0.min(y1), x0.max(x1), y0.max(y1));
+        let moved = source.moved_px(region);
+        let moved_px = moved.unwrap_or_default().to_array();
+        let place = corners.map(number).join(",");
+        let found = source.measure(region, moved_px).with_context(|| format!("--edge {place}"))?;
+        let percent = |share: f64| fixed(100.0 * share, 1);
+        writeln!(
+            out,
+            "edge       {place}: σ {} ± {} px; 10-90 % {} px with the pixel's own, slanted by {}°, light {} to {} %",
+            fixed(found.sigma_px, 3),
+            fixed(found.uncertainty_px, 3),
+            found.rise_10_90_px.map_or("?".to_owned(), |rise| fixed(rise, 2)),
+            fixed(found.slant_deg, 1),
+            percent(found.dark),
+            percent(found.bright)
+        )?;
+        if let Some(moved) = moved {
+            let across = (DVec2::from(found.normal).dot(moved)).abs();
+            writeln!(
+                out,
+                "           moved by {} px, {} px across the edge: taken off",
+                fixed(moved.length(), 2),
+                fixed(across, 2)
+            )?;
+        }
+        for note in notes(&found, moved_px) {
+            writeln!(out, "note       {note}")?;
+        }
+        edges.push(found);
+    }
+    let Some(all) = together(&edges) else { return Ok(()) };
+    writeln!(out, "{table}.{name} = {} ± {}", fixed(all.sigma_px, 3), fixed(all.uncertainty_px, 3))?;
+    if all.between_px > 0.0 {
+        writeln!(
+            out,
+            "note       the edges differ by more than chance, by {} px: what is round, out of focus or moves is softer, and a lens is \
+             not sharp alike all over",
+            fixed(all.between_px, 3)
+        )?;
+    }
+    if let Some((path, (is_there, mut profile))) = output {
+        let mut settings = Settings::default();
+        let value = (1e3 * all.sigma_px).round() / 1e3;
+        if let Some(set) = settings.set(table, name, &Value::Number(value)) {
+            set?;
+        }
+        if let Some(params) = settings.tables().into_iter().find(|params| params.table() == table) {
+            profile.set_param(params, name);
+        }
+        write_atomically(path, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
+    }
+    Ok(())
+}
+
+/// The sharpness that a profile gives.
+fn present(path: &Path) -> Result<Option<f64>> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let (table, name) = PARAMETER;
+    let value = |settings: &Settings| {
+        let params = settings.tables().into_iter().find(|params| params.table() == table);
+        params.and_then(|params| params.get(name))
+    };
+    let mut settings = Settings::default();
+    Rig::default().read(path, &mut settings)?;
+    let given = value(&settings).filter(|given| value(&Settings::default()).as_ref() != Some(given));
+    Ok(match given {
+        Some(Value::Number(number)) => Some(number),
+        _ => None,
+    })
+}

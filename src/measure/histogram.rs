@@ -1,0 +1,73 @@
+//! How often intensities occur.
+
+use super::{Grey, MeasureError, check_mask};
+use crate::pixels::Pixels;
+
+/// Shares of a mask's pixels by luma on the 8-bit scale, in `bins` of one width from 0 to 255; they sum to 1. Empty if no pixel
+/// is looked at.
+pub fn luma_histogram(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<Vec<f64>, MeasureError> {
+    check_mask(Some(mask), pixels.width as usize * pixels.height as usize)?;
+    if bins == 0 {
+        return Err(MeasureError::Option { what: "bins", found: 0.0, accepted: "1 or more" });
+    }
+    let mut counts = vec![0.0; bins];
+    let luma = Grey::luma(pixels);
+    for (value, _) in luma.values.iter().zip(mask).filter(|(_, seen)| **seen) {
+        counts[((value / 256.0 * bins as f64) as usize).min(bins - 1)] += 1.0;
+    }
+    let all: f64 = counts.iter().sum();
+    Ok(if all > 0.0 { counts.into_iter().map(|count| count / all).collect() } else { Vec::new() })
+}
+
+/// What lies around a mask, no further than `reach` px from it along rows and columns, and not in `without`.
+pub fn around(mask: &[bool], without: &[bool], width: usize, reach: usize) -> Vec<bool> {
+    if width == 0 {
+        return Vec::new();
+    }
+    // Along rows, then along columns: how far the last one lies, from both ends.
+    let spread = |from: &[bool], step: usize, length: usize, starts: &dyn Fn(usize) -> usize, count: usize| {
+        let mut out = vec![false; from.len()];
+        for line in 0..count {
+            let start = starts(line);
+            for forward in [true, false] {
+                let mut since = usize::MAX;
+                for k in 0..length {
+                    let i = start + step * if forward { k } else { length - 1 - k };
+                    since = if from[i] { 0 } else { since.saturating_add(1) };
+                    out[i] |= since <= reach;
+                }
+            }
+        }
+        out
+    };
+    let height = mask.len() / width;
+    let rows = spread(mask, 1, width, &|y| y * width, height);
+    let all = spread(&rows, width, height, &|x| x, width);
+    all.iter().zip(mask).zip(without).map(|((near, inside), without)| *near && !inside && !without).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_by_hand() {
+        // Lumas 0, 128 and 255.
+        let pixels = Pixels::from_u8(3, 1, vec![0, 0, 0, 128, 128, 128, 255, 255, 255]).unwrap();
+        assert_eq!(luma_histogram(&pixels, &[true; 3], 2).unwrap(), [1.0 / 3.0, 2.0 / 3.0]);
+        assert_eq!(luma_histogram(&pixels, &[false, true, false], 4).unwrap(), [0.0, 0.0, 1.0, 0.0]);
+        assert!(luma_histogram(&pixels, &[false; 3], 4).unwrap().is_empty());
+        assert!(luma_histogram(&pixels, &[true], 4).is_err() && luma_histogram(&pixels, &[true; 3], 0).is_err());
+    }
+
+    #[test]
+    fn what_lies_around_by_hand() {
+        let mask: Vec<bool> = (0..35).map(|i| i == 17).collect();
+        let mut without = vec![false; 35];
+        without[16] = true;
+        // The middle of 7×5 pixels: 3×3 around it, less itself and its left neighbour.
+        let found = around(&mask, &without, 7, 1);
+        let places: Vec<usize> = (0..35).filter(|i| found[*i]).collect();
+        assert_eq!(places, [9, 10, 11, 18, 23, 24, 25]);
+    }
+}

@@ -1,0 +1,493 @@
+//! How sharp a straight edge in a picture is: the slanted-edge method of ISO 12233, with a model fitted to the pixels.
+//!
+//! As there, the edge is found in each row to a part of a pixel, by the centroid of the row's derivative, and a line is
+//! laid through those places; pixels at many distances from the line then sample the edge spread function finely, since
+//! the slant puts each row at another phase. Unlike there no bins are differentiated: the blur comes from a fit to the
+//! pixels themselves (spread.rs), which knows the pixel's own square and the edge's movement, so that the Gaussian that is
+//! left is that of the lens and what lies behind it. The bins of a quarter pixel are there to be looked at.
+//!
+//! The uncertainty is the greater of the fit's own and of the jackknife's over pieces along the edge (Tukey 1958), which
+//! also knows noise that neighbours share, texture and edges that are no straight line.
+//!
+//! Not modelled: point spreads that are no Gaussian, sharpening. [`SlantedEdge::misfit`] tells.
+
+use super::spread::{Fit, Sample, Step, fit};
+use super::{Grey, MeasureError, edge};
+use crate::pixels::Rect;
+
+/// Fewer pixels across or along an edge tell nothing, px.
+const FEWEST: usize = 10;
+/// The edge spread function's bins, px.
+const BIN_PX: f64 = 0.25;
+/// The widest blur that is looked for, px.
+const WIDEST_PX: f64 = 24.0;
+/// Pieces for the jackknife.
+const PIECES: usize = 8;
+/// The brighter side differs from the darker one by less than this many standard deviations of a pixel's noise: no edge.
+const FAINTEST: f64 = 4.0;
+/// Share of the rows that must see the edge where the line is.
+const AGREEING: f64 = 0.75;
+/// What pieces of a straight edge may lie beside the line, px.
+const STRAIGHT_PX: f64 = 0.12;
+/// What single rows may.
+const SMOOTH_PX: f64 = 0.35;
+/// How far a clean edge's bins may lie from the fit, as a share of the step.
+const CLEAN: f64 = 0.05;
+/// How far the light of one side may change within the part that is fitted, as a share of the step.
+const EVEN: f64 = 0.35;
+/// An uncertainty of σ that tells nothing: as a share of the blur with the pixel's.
+const UNSURE: f64 = 0.25;
+
+/// What a straight edge tells. Light is in the picture's unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SlantedEdge {
+    /// The edge within the region, px.
+    pub line_px: [[f64; 2]; 2],
+    /// Between the edge and the rows or columns, whichever is nearer, 0 to 45 degrees.
+    pub slant_deg: f64,
+    /// Unit length, from the darker to the brighter side.
+    pub normal: [f64; 2],
+    /// Standard deviation of the Gaussian that blurred the edge, without the pixel's own square and without the movement.
+    pub sigma_px: f64,
+    /// One standard deviation of `sigma_px`.
+    pub uncertainty_px: f64,
+    /// From 10 to 90 % of the step as the pixels show it. `None` if the noise hides where that is.
+    pub rise_10_90_px: Option<f64>,
+    /// The light of both sides at the edge.
+    pub dark: f64,
+    pub bright: f64,
+    /// Standard deviation of a pixel's noise, mean of both sides.
+    pub noise: f64,
+    /// How far the mean light lies from the fit, beyond noise: root mean square, as a share of the step. More than 0.02: the
+    /// camera sharpens, or its blur is no Gaussian.
+    pub misfit: f64,
+    /// Distance from the edge, px, and mean light: the edge spread function.
+    pub spread: Vec<[f64; 2]>,
+    /// The fit at the same distances.
+    pub fitted: Vec<f64>,
+    /// Pixels that were fitted.
+    pub pixels: usize,
+}
+
+/// Why an edge could not be measured.
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
+pub enum EdgeError {
+    #[error("the rectangle is {width}x{height} px within the picture; an edge needs {FEWEST} px across and along it")]
+    Small { width: u32, height: u32 },
+    #[error("there is no edge: brightness differs by {times:.1} times the noise; {FAINTEST} and more are needed")]
+    Faint { times: f64 },
+    #[error(
+        "no single straight edge: {percent:.0} % of the rows show it on one line; choose a rectangle that one straight edge \
+         crosses from side to side, with nothing else in it"
+    )]
+    NoLine { percent: f64 },
+    #[error(
+        "the edge is not straight: it lies {deviation_px:.2} px beside a line; choose a shorter or straighter part"
+    )]
+    Bent { deviation_px: f64 },
+    #[error(
+        "beside the edge it is not even ({percent:.0} % of the step): choose an edge between two plain places, or a smaller \
+         rectangle"
+    )]
+    Uneven { percent: f64 },
+    #[error(
+        "no more than {across_px:.1} px beside the edge lie within the rectangle, for a blur of {blur_px:.1} px: choose a \
+         wider one"
+    )]
+    Narrow { across_px: f64, blur_px: f64 },
+    #[error(
+        "the width is not determined: {sigma_px:.2} ± {uncertainty_px:.2} px; choose a longer edge, or one of more contrast"
+    )]
+    Unsure { sigma_px: f64, uncertainty_px: f64 },
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+}
+
+/// Measures the edge that crosses a region, upright or flat or slanted. `moved_px`: the way of the edge while the shutter was
+/// open.
+pub fn slanted_edge(light: &Grey, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge, EdgeError> {
+    let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
+    let small = EdgeError::Small { width: region.width(), height: region.height() };
+    if region.width().min(region.height()) < FEWEST as u32 {
+        return Err(small);
+    }
+    if let Some(odd) = moved_px.into_iter().find(|way| !way.is_finite()) {
+        return Err(MeasureError::Option { what: "moved_px", found: odd, accepted: "a number" }.into());
+    }
+    let seen = Seen::new(light, region);
+    let line = seen.line()?;
+    let moved = |step: &Step| {
+        let (sin, cos) = step.angle.sin_cos();
+        (moved_px[0] * cos + moved_px[1] * sin).abs()
+    };
+    let mut step = Step { moved_px: moved(&line), ..line };
+    let mut samples = seen.near(&step, WIDEST_PX);
+    let nothing = || EdgeError::NoLine { percent: 0.0 };
+    let mut found = fit(&samples, step).ok_or_else(nothing)?;
+    // Noise of dark and bright places differs; then what lies far from the edge no longer counts.
+    for _ in 0..2 {
+        step = Step { moved_px: moved(&found.step), ..found.step };
+        let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, WIDEST_PX);
+        samples = seen.near(&step, reach);
+        weigh(&mut samples, &found);
+        found = fit(&samples, step).ok_or_else(nothing)?;
+    }
+    seen.judge(found, samples)
+}
+
+/// The standard deviation of all that blurs, px.
+fn blur_px(step: &Step) -> f64 {
+    (step.variance_px2 + (1.0 + step.moved_px * step.moved_px) / 12.0).sqrt()
+}
+
+/// The variances of both sides' pixels about the fit.
+fn noise(samples: &[Sample], fit: &Fit) -> [f64; 2] {
+    let mut sums = [(0.0, 0.0); 2];
+    let mut all = (0.0, 0.0);
+    for sample in samples {
+        let share = fit.step.share(fit.step.place(sample.x, sample.y).0);
+        let square = (sample.light - fit.light(sample.x, sample.y)).powi(2);
+        all = (all.0 + square, all.1 + 1.0);
+        if !(0.05..=0.95).contains(&share) {
+            let side = &mut sums[usize::from(share > 0.5)];
+            *side = (side.0 + square, side.1 + 1.0);
+        }
+    }
+    let step = (fit.sides[1][0] - fit.sides[0][0]).powi(2);
+    sums.map(|(squares, count)| if count >= 20.0 { squares / count } else { all.0 / all.1 }.max(1e-10 * step))
+}
+
+/// Weights each sample by its noise, which is between that of the sides in between.
+fn weigh(samples: &mut [Sample], fit: &Fit) {
+    let [dark, bright] = noise(samples, fit);
+    for sample in samples {
+        let share = fit.step.share(fit.step.place(sample.x, sample.y).0);
+        sample.weight = 1.0 / (dark + (bright - dark) * share);
+    }
+}
+
+/// The light of a region, rows across the edge.
+struct Seen {
+    rows: Vec<Vec<f64>>,
+    /// Rows of the picture are columns here.
+    turned: bool,
+    /// 1 if it gets brighter along the rows.
+    sign: f64,
+    region: Rect,
+}
+
+impl Seen {
+    fn new(light: &Grey, region: Rect) -> Self {
+        let at = |x: i32, y: i32| light.at(i64::from(x), i64::from(y));
+        // Where it gets brighter: means over 3 pixels at right angles, two pixels apart.
+        let (mut across, mut down) = (0.0, 0.0);
+        for (y, x) in (region.y0 + 1..region.y1 - 1).flat_map(|y| (region.x0 + 1..region.x1 - 1).map(move |x| (y, x))) {
+            let gx: f64 = (-1..=1).map(|k| at(x + 1, y + k) - at(x - 1, y + k)).sum();
+            let gy: f64 = (-1..=1).map(|k| at(x + k, y + 1) - at(x + k, y - 1)).sum();
+            (across, down) = (across + gx * gx, down + gy * gy);
+        }
+        let turned = down > across;
+        let rows: Vec<Vec<f64>> = match turned {
+            false => (region.y0..region.y1).map(|y| (region.x0..region.x1).map(|x| at(x, y)).collect()).collect(),
+            true => (region.x0..region.x1).map(|x| (region.y0..region.y1).map(|y| at(x, y)).collect()).collect(),
+        };
+        let rise: f64 =
+            rows.iter().flat_map(|row| (3..row.len() - 3).map(|j| slope(row, j)).map(|s| s * s.abs())).sum();
+        Self { rows, turned, sign: if rise < 0.0 { -1.0 } else { 1.0 }, region }
+    }
+
+    /// The line through where each row rises most, as a step with a guessed blur. Coordinates count from the region's middle.
+    fn line(&self) -> Result<Step, EdgeError> {
+        let width = self.rows[0].len();
+        let best = |row: &Vec<f64>| {
+            let steepest = (3..width - 3).max_by(|a, b| {
+                let slope = |j: usize| self.sign * slope(row, j);
+                slope(*a).total_cmp(&slope(*b))
+            });
+            steepest.map_or(0.0, |j| j as f64)
+        };
+        let places: Vec<f64> = self.rows.iter().map(best).collect();
+        // The line that most rows agree to, through any two of them.
+        let count = places.len();
+        let every = count.div_ceil(40);
+        let mut line = (0.0, 0.0, 0);
+        for i in (0..count).step_by(every) {
+            for j in (i + 3..count).step_by(every) {
+                let tilt = (places[j] - places[i]) / (j - i) as f64;
+                let at = |k: usize| places[i] + tilt * (k as f64 - i as f64);
+                let near = (0..count).filter(|k| (places[*k] - at(*k)).abs() <= 1.6).count();
+                if near > line.2 && tilt.abs() <= 1.3 {
+                    line = (at(0), tilt, near);
+                }
+            }
+        }
+        let (mut start, mut tilt, _) = line;
+        // Centroids of the derivative around it, thrice.
+        for _ in 0..3 {
+            let mut points = Vec::new();
+            for (k, row) in self.rows.iter().enumerate() {
+                let middle = start + tilt * k as f64;
+                if let Some(place) = self.centroid(row, middle) {
+                    points.push((k as f64, place, (place - middle).abs()));
+                }
+            }
+            let within: usize = self
+                .rows
+                .iter()
+                .enumerate()
+                .filter(|(k, _)| {
+                    let middle = start + tilt * *k as f64;
+                    middle >= 3.0 && middle <= width as f64 - 4.0
+                })
+                .count();
+            let agreeing = points.iter().filter(|p| p.2 <= 1.6).count();
+            let enough = within.max(FEWEST) as f64;
+            if (agreeing as f64) < AGREEING * enough || agreeing < FEWEST {
+                return Err(EdgeError::NoLine { percent: 100.0 * agreeing as f64 / enough });
+            }
+            points.retain(|p| p.2 <= 1.6);
+            let n = points.len() as f64;
+            let (mk, mp) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+            let above: f64 = points.iter().map(|p| (p.0 - mk) * (p.1 - mp)).sum();
+            let below: f64 = points.iter().map(|p| (p.0 - mk).powi(2)).sum();
+            tilt = above / below;
+            start = mp - tilt * mk;
+        }
+        // In the picture's axes: along = start + tilt·row, from the region's middle.
+        let (columns, rows) = (width as f64, count as f64);
+        let (mut nx, mut ny) = (1.0, -tilt);
+        let mut offset = start + 0.5 - 0.5 * columns - tilt * (0.5 - 0.5 * rows);
+        if self.turned {
+            (nx, ny) = (ny, nx);
+        }
+        if self.sign < 0.0 {
+            (nx, ny, offset) = (-nx, -ny, -offset);
+        }
+        let length = (1.0 + tilt * tilt).sqrt();
+        Ok(Step { offset_px: offset / length, angle: f64::atan2(ny, nx), variance_px2: 0.7, moved_px: 0.0 })
+    }
+
+    /// The middle of a row's rise around a place.
+    fn centroid(&self, row: &[f64], middle: f64) -> Option<f64> {
+        const HALF: f64 = 4.0;
+        let first = (middle - HALF).ceil().max(1.0) as usize;
+        let last = ((middle + HALF).floor() as usize).min(row.len().checked_sub(2)?);
+        let rise = |j: usize| self.sign * 0.5 * (row[j + 1] - row[j - 1]);
+        let (mut sum, mut moment) = (0.0, 0.0);
+        for j in first..=last {
+            // Hamming's window, as in the standard.
+            let window = 0.54 + 0.46 * (std::f64::consts::PI * (j as f64 - middle) / HALF).cos();
+            sum += window * rise(j);
+            moment += window * rise(j) * j as f64;
+        }
+        let place = moment / sum;
+        (sum > 0.0 && place.is_finite()).then_some(place)
+    }
+
+    fn middle(&self) -> [f64; 2] {
+        let Rect { x0, y0, x1, y1 } = self.region;
+        [0.5 * f64::from(x0 + x1), 0.5 * f64::from(y0 + y1)]
+    }
+
+    /// The pixels no further than `reach` from the edge.
+    fn near(&self, step: &Step, reach: f64) -> Vec<Sample> {
+        let (columns, rows) = (self.rows[0].len() as f64, self.rows.len() as f64);
+        let mut samples = Vec::new();
+        for (k, row) in self.rows.iter().enumerate() {
+            for (j, &light) in row.iter().enumerate() {
+                let (along, down) = (j as f64 + 0.5 - 0.5 * columns, k as f64 + 0.5 - 0.5 * rows);
+                let (x, y) = if self.turned { (down, along) } else { (along, down) };
+                if step.place(x, y).0.abs() <= reach {
+                    samples.push(Sample { x, y, light, weight: 1.0 });
+                }
+            }
+        }
+        samples
+    }
+
+    /// The result, or why it is none.
+    fn judge(&self, found: Fit, samples: Vec<Sample>) -> Result<SlantedEdge, EdgeError> {
+        let step = found.step;
+        let [dark, bright] = [found.sides[0][0], found.sides[1][0]];
+        let height = bright - dark;
+        let noise = (0.5 * noise(&samples, &found).iter().sum::<f64>()).sqrt();
+        if height.is_nan() || height <= FAINTEST * noise {
+            return Err(EdgeError::Faint { times: height.max(0.0) / noise });
+        }
+        let distances = || samples.iter().map(|sample| step.place(sample.x, sample.y).0);
+        let beside = distances().fold(0.0, f64::max).min(-distances().fold(0.0, f64::min));
+        if beside < 1.5 * blur_px(&step) + 1.0 {
+            return Err(EdgeError::Narrow { across_px: beside, blur_px: blur_px(&step) });
+        }
+        let slope = found.sides.iter().map(|side| side[1].abs() * beside).fold(0.0, f64::max);
+        if slope > EVEN * height {
+            return Err(EdgeError::Uneven { percent: 100.0 * slope / height });
+        }
+        let (pieces, rows) = deviations(&found, &samples);
+        let [bent, rough] = [(pieces, STRAIGHT_PX), (rows, SMOOTH_PX)]
+            .map(|(d, most)| (d.beyond() > most + d.noise).then(|| d.beyond()));
+        if let Some(deviation_px) = bent.or(rough) {
+            return Err(EdgeError::Bent { deviation_px });
+        }
+        let (spread, fitted, misfit) = binned(&found, &samples);
+        let misfit = misfit / height;
+        if misfit > CLEAN {
+            return Err(EdgeError::Uneven { percent: 100.0 * misfit });
+        }
+        // The weights are one over the noise's variance as the pixels themselves show it.
+        let own = found.variances[2] * found.left / (samples.len() as f64 - 9.0).max(1.0);
+        let variance = own.max(jackknife(&samples, &found).unwrap_or(0.0)).sqrt();
+        let root = |v: f64| v.max(0.0).sqrt();
+        let sigma_px = if step.variance_px2 < 1e-6 { 0.0 } else { step.variance_px2.sqrt() };
+        let uncertainty_px = 0.5 * (root(step.variance_px2 + variance) - root(step.variance_px2 - variance));
+        if uncertainty_px > UNSURE * blur_px(&step) {
+            return Err(EdgeError::Unsure { sigma_px, uncertainty_px });
+        }
+        let rise_10_90_px = rise(&spread);
+        let (sin, cos) = step.angle.sin_cos();
+        let slant_deg = sin.abs().min(cos.abs()).asin().to_degrees();
+        let line_px = self.ends(&step);
+        Ok(SlantedEdge {
+            line_px,
+            slant_deg,
+            normal: [cos, sin],
+            sigma_px,
+            uncertainty_px,
+            rise_10_90_px,
+            dark,
+            bright,
+            noise,
+            misfit,
+            spread,
+            fitted,
+            pixels: samples.len(),
+        })
+    }
+
+    /// Where the line enters and leaves the region.
+    fn ends(&self, step: &Step) -> [[f64; 2]; 2] {
+        let [mx, my] = self.middle();
+        let (sin, cos) = step.angle.sin_cos();
+        let (half_x, half_y) = (0.5 * f64::from(self.region.width()), 0.5 * f64::from(self.region.height()));
+        let inside = |t: f64| {
+            let (x, y) = (step.offset_px * cos - t * sin, step.offset_px * sin + t * cos);
+            x.abs() <= half_x + 1e-9 && y.abs() <= half_y + 1e-9
+        };
+        let crossings = [
+            (half_x - step.offset_px * cos) / -sin,
+            (-half_x - step.offset_px * cos) / -sin,
+            (half_y - step.offset_px * sin) / cos,
+            (-half_y - step.offset_px * sin) / cos,
+        ];
+        let within: Vec<f64> = crossings.into_iter().filter(|t| t.is_finite() && inside(*t)).collect();
+        let ends = [within.iter().copied().fold(0.0, f64::min), within.iter().copied().fold(0.0, f64::max)];
+        ends.map(|t| [mx + step.offset_px * cos - t * sin, my + step.offset_px * sin + t * cos])
+    }
+}
+
+/// The mean of three pixels after a place less that of three before it.
+fn slope(row: &[f64], j: usize) -> f64 {
+    (1..=3).map(|k| row[j + k] - row[j - k]).sum::<f64>() / 3.0
+}
+
+/// How far parts of an edge lie beside the line.
+struct Deviation {
+    /// Root mean square, px.
+    all: f64,
+    /// What noise alone makes of it.
+    noise: f64,
+}
+
+impl Deviation {
+    fn beyond(&self) -> f64 {
+        (self.all * self.all - self.noise * self.noise).max(0.0).sqrt()
+    }
+}
+
+/// Of pieces and of single rows: each is moved until it fits best.
+fn deviations(fit: &Fit, samples: &[Sample]) -> (Deviation, Deviation) {
+    let ways = || samples.iter().map(|sample| fit.step.place(sample.x, sample.y).1);
+    let (first, last) = (ways().fold(f64::INFINITY, f64::min), ways().fold(f64::NEG_INFINITY, f64::max));
+    let height = fit.sides[1][0] - fit.sides[0][0];
+    let within = |count: usize| {
+        let mut sums = vec![(0.0, 0.0); count];
+        for sample in samples {
+            let (d, t) = fit.step.place(sample.x, sample.y);
+            let place = ((t - first) / (last - first) * count as f64) as usize;
+            let slope = -height * (fit.step.share(d + 0.05) - fit.step.share(d - 0.05)) / 0.1;
+            let sum = &mut sums[place.min(count - 1)];
+            sum.0 += sample.weight * slope * (sample.light - fit.light(sample.x, sample.y));
+            sum.1 += sample.weight * slope * slope;
+        }
+        sums.retain(|sum| sum.1 > 0.0);
+        // A part with few pixels across the edge says little.
+        let most = sums.iter().map(|sum| sum.1).fold(0.0, f64::max);
+        sums.retain(|sum| sum.1 > 0.2 * most);
+        let n = sums.len().max(1) as f64;
+        let all = (sums.iter().map(|sum| (sum.0 / sum.1).powi(2)).sum::<f64>() / n).sqrt();
+        let noise = (sums.iter().map(|sum| 1.0 / sum.1).sum::<f64>() / n).sqrt();
+        Deviation { all, noise }
+    };
+    (within(PIECES), within((last - first).max(1.0) as usize))
+}
+
+/// The edge spread function, the fit at its places, and how far they lie apart beyond noise.
+fn binned(fit: &Fit, samples: &[Sample]) -> (Vec<[f64; 2]>, Vec<f64>, f64) {
+    let place = |sample: &Sample| fit.step.place(sample.x, sample.y).0;
+    let far = samples.iter().map(|sample| place(sample).abs()).fold(0.0, f64::max);
+    let half = (far / BIN_PX).ceil() as i64;
+    // Samples, light, what the fit gives, variance.
+    let mut bins = vec![(0.0, 0.0, 0.0, 0.0); 2 * half as usize + 1];
+    for sample in samples {
+        let bin = ((place(sample) / BIN_PX).round() as i64 + half) as usize;
+        let bin = &mut bins[bin];
+        *bin = (bin.0 + 1.0, bin.1 + sample.light, bin.2 + fit.light(sample.x, sample.y), bin.3 + 1.0 / sample.weight);
+    }
+    let (mut spread, mut fitted, mut apart, mut counted) = (Vec::new(), Vec::new(), 0.0, 0.0);
+    for (i, (count, light, model, variance)) in bins.into_iter().enumerate() {
+        // At the edge's ends only some rows reach that far.
+        if count < 4.0 {
+            continue;
+        }
+        let distance = (i as i64 - half) as f64 * BIN_PX;
+        let [behind, before] = fit.sides.map(|[a, b, _]| a + b * distance);
+        let share = fit.step.share(distance);
+        let at_middle = behind * (1.0 - share) + before * share;
+        // The light's deviation from the fit of the very pixels: bins are not filled evenly.
+        spread.push([distance, at_middle + (light - model) / count]);
+        fitted.push(at_middle);
+        apart += ((light - model) / count).powi(2) - variance / (count * count);
+        counted += 1.0;
+    }
+    (spread, fitted, (apart.max(0.0) / f64::max(counted, 1.0)).sqrt())
+}
+
+/// The rise of a spread function, some of whose bins may be empty.
+fn rise(spread: &[[f64; 2]]) -> Option<f64> {
+    let (first, last) = (spread.first()?[0], spread.last()?[0]);
+    let even = (0..=((last - first) / BIN_PX).round() as usize).map(|i| {
+        let at = first + BIN_PX * i as f64;
+        let after = spread.partition_point(|[d, _]| *d <= at).clamp(1, spread.len() - 1);
+        let ([da, a], [db, b]) = (spread[after - 1], spread[after]);
+        a + (b - a) * (at - da) / (db - da)
+    });
+    let values: Vec<f64> = if spread.len() < 2 { Vec::new() } else { even.collect() };
+    edge::edge(&values, BIN_PX).ok().map(|edge| edge.width_10_90_px)
+}
+
+/// The variance of σ² as pieces along the edge disagree: each is left out once.
+fn jackknife(samples: &[Sample], found: &Fit) -> Option<f64> {
+    let way = |sample: &Sample| found.step.place(sample.x, sample.y).1;
+    let mut ways: Vec<f64> = samples.iter().map(way).collect();
+    ways.sort_by(f64::total_cmp);
+    let ends: Vec<f64> = (1..PIECES).map(|k| ways[k * ways.len() / PIECES]).collect();
+    let without = |piece: usize| {
+        let rest: Vec<Sample> =
+            samples.iter().filter(|sample| ends.partition_point(|end| *end <= way(sample)) != piece).copied().collect();
+        fit(&rest, found.step).map(|fit| fit.step.variance_px2)
+    };
+    let all: Vec<f64> = (0..PIECES).map(without).collect::<Option<_>>()?;
+    let n = PIECES as f64;
+    let mean = all.iter().sum::<f64>() / n;
+    Some((n - 1.0) / n * all.iter().map(|v| (v - mean).powi(2)).sum::<f64>())
+}

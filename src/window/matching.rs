@@ -1,0 +1,333 @@
+//! Whether the evidence matches: noise, brightness, edges and blur of what was drawn beside those of the camera's picture. Only
+//! what is unfolded is computed, on threads of its own.
+
+use std::sync::Arc;
+
+use eframe::egui::{self, RichText, Ui};
+use glam::DVec2;
+
+use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Wanted, analyse};
+use super::background::{Background, Ticket};
+use super::hand::{self, Hand, Purpose};
+use super::picture::Seen;
+use super::plots::{self, Axes, Of};
+use super::pointer::Pointed;
+use super::session::Session;
+use crate::calibrate::NoisePoint;
+use crate::camera::NoiseProfile;
+use crate::measure::slanted::SlantedEdge;
+use crate::pixels::{Pixels, Rect};
+use crate::recording::Recording;
+use crate::words::fixed;
+
+const CHANNELS: [&str; 3] = ["Red", "Green", "Blue"];
+
+/// A patch's mean code values, 8 bits, by frame.
+type Series = Result<Vec<[f64; 3]>, String>;
+
+/// The tab of plots.
+#[derive(Debug)]
+pub struct Matching {
+    channel: usize,
+    /// Edges of the camera's picture and of the composite.
+    edges: [Option<Rect>; 2],
+    patch: Option<Rect>,
+    analysis: Background<(usize, u64, Wanted), Analysis>,
+    bench: Bench,
+    brightness: Background<Rect, Series>,
+}
+
+impl Default for Matching {
+    fn default() -> Self {
+        Self {
+            channel: 1,
+            edges: [None; 2],
+            patch: None,
+            analysis: Background::default(),
+            bench: Bench::default(),
+            brightness: Background::default(),
+        }
+    }
+}
+
+/// A section that can be folded, with what a good match looks like.
+fn section(ui: &mut Ui, title: &str, opened: bool, good: &str, body: impl FnOnce(&mut Ui)) -> bool {
+    let shown = egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(opened).show(ui, |ui| {
+        ui.label(RichText::new(good).small().weak());
+        body(ui);
+    });
+    shown.body_returned.is_some()
+}
+
+impl Matching {
+    /// The parts of the picture that are looked at.
+    pub fn marks(&self) -> impl Iterator<Item = (Rect, &'static str)> {
+        let [real, drawn] = self.edges;
+        [(real, "edge"), (drawn, "virtual edge"), (self.patch, "patch")].into_iter().filter_map(|(r, n)| Some((r?, n)))
+    }
+
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand, pointed: Option<DVec2>) {
+        self.answers(hand);
+        let mut wanted = Wanted::default();
+        ui.horizontal(|ui| {
+            for (channel, name) in CHANNELS.into_iter().enumerate() {
+                ui.selectable_value(&mut self.channel, channel, name);
+            }
+            if session.player.playing {
+                ui.weak("the plots wait while it plays");
+            }
+        });
+        ui.separator();
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            let good = "Good: the virtual dots lie on the profile's line, among the real ones.";
+            wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session));
+            let good = "Good: neither side has darker blacks or brighter whites than the light explains.";
+            wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
+            let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
+            if section(ui, "Edges", false, good, |ui| self.edges(ui, hand)) {
+                wanted.edges = self.edges;
+            }
+            let good = "Good: real edges near the pointer look as long and as soft as this says.";
+            section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
+            let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
+            section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, hand));
+        });
+        self.look(ui, session, wanted);
+    }
+
+    fn answers(&mut self, hand: &mut Hand) {
+        for (edge, purpose) in self.edges.iter_mut().zip([Purpose::RealEdge, Purpose::VirtualEdge]) {
+            *edge = hand.answer(purpose).and_then(|places| hand::rect(&places)).or(*edge);
+        }
+        self.patch = hand.answer(Purpose::Patch).and_then(|places| hand::rect(&places)).or(self.patch);
+    }
+
+    /// Has the picture looked at, if there is something new in it.
+    fn look(&mut self, ui: &Ui, session: &Session, wanted: Wanted) {
+        let Some(frame) = session.frame().filter(|_| wanted.anything() && !session.player.playing) else { return };
+        let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
+        let (bench, key) = (self.bench.clone(), (frame.index, session.project.version(), wanted.clone()));
+        self.analysis.want(ui.ctx(), key, move |_| analyse(&bench, &gpu, &shot, &frame, &wanted));
+    }
+
+    fn noise(&self, ui: &mut Ui, session: &Session) {
+        let (c, analysis) = (self.channel, self.analysis.last());
+        let profile = session.project.edit().rig.noise.clone();
+        let part = |part: Option<&Result<[Vec<NoisePoint>; 3], String>>| match part {
+            Some(Ok(points)) => points[c].clone(),
+            _ => Vec::new(),
+        };
+        let real = part(analysis.and_then(|analysis| analysis.real.as_ref()));
+        let drawn = part(analysis.and_then(|analysis| analysis.drawn.as_ref()));
+        let [of_profile, of_real, of_virtual] = [Of::Profile, Of::Real, Of::Virtual].map(|of| of.color(ui));
+        let axes = Axes {
+            name: "Noise by intensity",
+            x: "code value",
+            y: "σ, codes",
+            x_range: Some([0.0, 255.0]),
+            y_from: Some(0.0),
+        };
+        let curve = profile.as_ref().map(|profile| curve(profile, c));
+        plots::show(ui, &axes, move |plot| {
+            if let Some(curve) = curve {
+                plot.line(plots::line("profile", curve, of_profile));
+            }
+            plots::noise(plot, "real", &real, of_real);
+            plots::noise(plot, "virtual", &drawn, of_virtual);
+        });
+        plots::legend(
+            ui,
+            &[(Of::Profile, "profile"), (Of::Real, "plain places of the picture"), (Of::Virtual, "drawn")],
+        );
+        if profile.is_none() {
+            ui.label("The profile has no noise: virtual things are drawn without. The tab Calibrate measures it.");
+        }
+        let parts = analysis.map(|a| [&a.real, &a.drawn]).into_iter().flatten();
+        for why in parts.filter_map(|part| part.as_ref()?.as_ref().err()) {
+            ui.label(RichText::new(why).small().weak());
+        }
+        if analysis.is_some_and(|a| matches!(&a.drawn, Some(Ok(points)) if points[c].is_empty())) {
+            ui.label(RichText::new("Nothing virtual is large enough in this frame.").small().weak());
+        }
+    }
+
+    fn histograms(&self, ui: &mut Ui) {
+        let (of_real, of_virtual) = (Of::Real.color(ui), Of::Virtual.color(ui));
+        let found = self.analysis.last().and_then(|analysis| analysis.histograms.as_ref());
+        let width = 256.0 / HISTOGRAM_BINS as f64;
+        let curve = |shares: &[f64]| -> Vec<[f64; 2]> {
+            shares.iter().enumerate().map(|(bin, share)| [(bin as f64 + 0.5) * width, 100.0 * share]).collect()
+        };
+        let [object, surroundings] = match found {
+            Some(Ok([object, surroundings])) => [curve(object), curve(surroundings)],
+            _ => Default::default(),
+        };
+        let is_empty = object.is_empty();
+        let axes = Axes {
+            name: "Brightness of object and surroundings",
+            x: "luma",
+            y: "% of pixels",
+            x_range: Some([0.0, 255.0]),
+            y_from: Some(0.0),
+        };
+        plots::show(ui, &axes, move |plot| {
+            plot.line(plots::line("surroundings", surroundings, of_real));
+            plot.line(plots::line("object", object, of_virtual));
+        });
+        plots::legend(ui, &[(Of::Real, "surroundings, 24 px"), (Of::Virtual, "objects")]);
+        match found {
+            Some(Err(why)) => _ = ui.label(RichText::new(why).small().weak()),
+            Some(Ok(_)) if is_empty => _ = ui.label(RichText::new("Nothing virtual is in this frame.").small().weak()),
+            _ => {}
+        }
+    }
+
+    fn edges(&mut self, ui: &mut Ui, hand: &mut Hand) {
+        ui.horizontal(|ui| {
+            let hint = "Drag a rectangle that one straight edge crosses from side to side";
+            if ui.button("Pick a real edge").clicked() {
+                hand.ask(Purpose::RealEdge, hand::Wanted::Rect, hint);
+            }
+            if ui.button("Pick a virtual edge").clicked() {
+                hand.ask(Purpose::VirtualEdge, hand::Wanted::Rect, format!("{hint}, of something virtual"));
+            }
+        });
+        let found = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
+        let colors = [Of::Real, Of::Virtual].map(|of| of.color(ui));
+        let axes = Axes {
+            name: "Edges",
+            x: "distance, px",
+            y: "% of the step",
+            x_range: Some([-3.0, 3.0]),
+            y_from: Some(0.0),
+        };
+        let both = found.clone();
+        if both.iter().flatten().flatten().next().is_some() {
+            plots::show(ui, &axes, move |plot| {
+                for ((found, color), name) in both.iter().zip(colors).zip(["real", "virtual"]) {
+                    if let Some(Ok(edge)) = found {
+                        draw_edge(plot, name, edge, color);
+                    }
+                }
+            });
+        }
+        for (found, (of, name)) in found.iter().zip([(Of::Real, "real"), (Of::Virtual, "virtual")]) {
+            match found {
+                Some(Ok(edge)) => plots::legend(ui, &[(of, &format!("{name}: {}", width_of(edge)))]),
+                Some(Err(why)) => _ = ui.label(RichText::new(format!("{name}: {why}")).small()),
+                None => {}
+            }
+        }
+    }
+
+    fn patch(&mut self, ui: &mut Ui, session: &Session, hand: &mut Hand) {
+        if ui.button("Pick a patch").clicked() {
+            hand.ask(
+                Purpose::Patch,
+                hand::Wanted::Rect,
+                "Drag a rectangle: its mean brightness is followed through the frames",
+            );
+        }
+        let Some(patch) = self.patch else { return };
+        let recording = Arc::clone(&session.project.shot().recording);
+        self.brightness.want(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
+        let c = self.channel;
+        if let Some(progress) = self.brightness.progress() {
+            ui.add(egui::ProgressBar::new(progress).desired_height(6.0));
+            ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
+        }
+        match self.brightness.last() {
+            Some(Ok(series)) => {
+                let points: Vec<[f64; 2]> = series.iter().enumerate().map(|(i, mean)| [i as f64, mean[c]]).collect();
+                let here = series.get(session.player.frame()).map(|mean| [session.player.frame() as f64, mean[c]]);
+                let (color, accent) = (Of::Real.color(ui), Of::Virtual.color(ui));
+                let axes = Axes { name: "Mean of a patch", x: "frame", y: "code value", x_range: None, y_from: None };
+                plots::show(ui, &axes, move |plot| {
+                    plot.line(plots::line("patch", points, color));
+                    plot.points(plots::dots("this frame", here.into_iter().collect(), accent));
+                });
+                let ends = series.iter().map(|m| m[c]).fold((255.0, 0.0), |(l, h): (f64, f64), m| (l.min(m), h.max(m)));
+                let now = here.map_or(String::new(), |[_, mean]| format!("now {}, ", fixed(mean, 1)));
+                ui.label(
+                    RichText::new(format!("{now}{} to {} over the frames", fixed(ends.0, 1), fixed(ends.1, 1))).small(),
+                );
+            }
+            Some(Err(why)) => _ = ui.label(RichText::new(why).small()),
+            None => {}
+        }
+    }
+}
+
+/// A width with its uncertainty.
+pub fn width_of(edge: &SlantedEdge) -> String {
+    let rise = edge.rise_10_90_px.map_or(String::new(), |rise| format!("; 10-90 % in {} px", fixed(rise, 2)));
+    format!("σ {} ± {} px{rise}", fixed(edge.sigma_px, 3), fixed(edge.uncertainty_px, 3))
+}
+
+/// What was measured as dots, the fit as a line.
+pub fn draw_edge(plot: &mut egui_plot::PlotUi<'_>, name: &str, edge: &SlantedEdge, color: egui::Color32) {
+    let share = |light: f64| 100.0 * (light - edge.dark) / (edge.bright - edge.dark);
+    let near = |d: f64| d.abs() <= 8.0;
+    let dots = edge.spread.iter().filter(|[d, _]| near(*d)).map(|[d, light]| [*d, share(*light)]).collect();
+    let fit = edge.spread.iter().zip(&edge.fitted).filter(|([d, _], _)| near(*d));
+    let fit = fit.map(|([d, _], light)| [*d, share(*light)]).collect();
+    plot.line(plots::line(name, fit, color));
+    plot.points(plots::dots(name, dots, color).radius(1.6));
+}
+
+/// σ of a channel by code value.
+pub fn curve(profile: &NoiseProfile, channel: usize) -> Vec<[f64; 2]> {
+    (0..=255).step_by(3).map(|code| [f64::from(code), profile.sigma(channel, f64::from(code))]).collect()
+}
+
+fn blur(ui: &mut Ui, session: &Session, pointed: Option<DVec2>) {
+    let Some(at) = pointed else {
+        ui.weak("Point at something in the picture.");
+        return;
+    };
+    let Some(frame) = session.frame() else { return };
+    match Pointed::at(session.project.shot(), frame, at) {
+        Ok(pointed) => pointed.show(ui),
+        Err(why) => _ = ui.label(RichText::new(why).small()),
+    }
+}
+
+/// The means of a patch over all frames.
+fn means(recording: &Recording, patch: Rect, ticket: &Ticket) -> Series {
+    let count = recording.frame_count();
+    let mut series = Vec::with_capacity(count);
+    for frame in recording.frames(0..count).map_err(|error| error.to_string())? {
+        if ticket.is_cancelled() {
+            break;
+        }
+        series.push(mean(&frame.map_err(|error| error.to_string())?.pixels, patch));
+        ticket.done(series.len() as f64 / count as f64);
+    }
+    Ok(series)
+}
+
+fn mean(pixels: &Pixels, patch: Rect) -> [f64; 3] {
+    let patch = patch.intersection(&Rect::full(pixels.width, pixels.height));
+    let mut sums = [0.0; 3];
+    for (y, x) in (patch.y0..patch.y1).flat_map(|y| (patch.x0..patch.x1).map(move |x| (y, x))) {
+        let codes = pixels.at(x as u32, y as u32);
+        sums.iter_mut().zip(codes).for_each(|(sum, code)| *sum += f64::from(code));
+    }
+    let count = f64::from(patch.width()) * f64::from(patch.height()) * f64::from(pixels.max_code()) / 255.0;
+    sums.map(|sum| sum / count.max(1.0))
+}
+
+/// Marks places in the picture, each with its name.
+pub fn paint(seen: &Seen, marks: impl Iterator<Item = (Rect, String)>) {
+    for (rect, name) in marks {
+        let at = |x: i32, y: i32| seen.placed.screen(egui::vec2(x as f32, y as f32));
+        let on_screen = egui::Rect::from_min_max(at(rect.x0, rect.y0), at(rect.x1, rect.y1));
+        let stroke = |width: f32, color| egui::Stroke::new(width, color);
+        for stroke in [stroke(3.0, egui::Color32::from_black_alpha(120)), stroke(1.0, egui::Color32::WHITE)] {
+            seen.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Outside);
+        }
+        let font = egui::FontId::proportional(11.0);
+        let place = on_screen.left_top() - egui::vec2(0.0, 3.0);
+        seen.painter.text(place, egui::Align2::LEFT_BOTTOM, name, font, egui::Color32::WHITE);
+    }
+}

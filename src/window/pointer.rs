@@ -1,0 +1,85 @@
+//! What happens to a point of the scene under the pointer: how far it moves while the shutter is open, and how large the lens
+//! makes it.
+
+use eframe::egui::{self, RichText, Stroke, Ui, vec2};
+use glam::DVec2;
+
+use super::plots::Of;
+use crate::compositor::exposure_time_s;
+use crate::frame::Frame;
+use crate::shot::Shot;
+use crate::words::fixed;
+
+/// A place of the picture, as far as it is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pointed {
+    pub depth_m: f64,
+    pub exposure_s: f64,
+    /// Its way while the shutter is open, px.
+    pub moved_px: Result<DVec2, String>,
+    /// Diameter of the circle of confusion, px; `None` for a pinhole.
+    pub circle_px: Option<f64>,
+    pub codes: [u32; 3],
+}
+
+impl Pointed {
+    /// Of the camera's picture and its surface.
+    pub fn at(shot: &Shot, frame: &Frame, at_px: DVec2) -> Result<Self, String> {
+        let surface = shot.surface_at(frame, at_px).map_err(|error| error.to_string())?;
+        let (camera, told) = (shot.camera(), |error: &dyn std::fmt::Display| error.to_string());
+        let geometry = shot.geometry_at(frame.index).map_err(|error| told(&error))?;
+        let opening = camera.lens.opening(&geometry).map_err(|error| told(&error))?;
+        Ok(Self {
+            depth_m: surface.depth_m,
+            exposure_s: exposure_time_s(&camera, &shot.settings, frame, shot.interval_s(frame.index)),
+            moved_px: shot.moved_px(frame, at_px, &surface).map_err(|error| told(&error)),
+            circle_px: opening.map(|o| o.circle_px(geometry.intrinsics.fx_px, surface.depth_m).abs()),
+            codes: frame.pixels.at(at_px.x as u32, at_px.y as u32),
+        })
+    }
+
+    /// The numbers, and both as they are: one pixel of the picture is three points.
+    pub fn show(&self, ui: &mut Ui) {
+        ui.horizontal(|ui| {
+            let (rect, _) = ui.allocate_exact_size(vec2(72.0, 72.0), egui::Sense::hover());
+            let (color, weak) = (Of::Virtual.color(ui), ui.visuals().weak_text_color());
+            let painter = ui.painter().with_clip_rect(rect);
+            painter.rect_stroke(rect, 2.0, Stroke::new(1.0, weak.gamma_multiply(0.5)), egui::StrokeKind::Inside);
+            let moved = self.moved_px.as_ref().copied().unwrap_or_default();
+            let circle = self.circle_px.unwrap_or(0.0);
+            let largest = moved.length().max(circle).max(1.0);
+            let scale = (60.0 / largest).min(12.0);
+            let way = vec2((moved.x * scale) as f32, (moved.y * scale) as f32);
+            painter.circle_stroke(rect.center(), (0.5 * circle * scale) as f32, Stroke::new(1.2, color));
+            painter.line_segment([rect.center() - 0.5 * way, rect.center() + 0.5 * way], Stroke::new(2.0, color));
+            // A pixel, to compare with.
+            let pixel = egui::Rect::from_min_size(
+                rect.left_bottom() + vec2(4.0, -4.0 - scale as f32),
+                egui::Vec2::splat(scale as f32),
+            );
+            painter.rect_stroke(pixel, 0.0, Stroke::new(1.0, weak), egui::StrokeKind::Inside);
+            ui.vertical(|ui| {
+                ui.label(format!(
+                    "{} m away, code values {}",
+                    fixed(self.depth_m, 3),
+                    self.codes.map(|c| c.to_string()).join(" ")
+                ));
+                match &self.moved_px {
+                    Ok(way) => ui.label(format!(
+                        "moves {} px ({} right, {} down) in {} ms",
+                        fixed(way.length(), 2),
+                        fixed(way.x, 2),
+                        fixed(way.y, 2),
+                        fixed(1e3 * self.exposure_s, 1)
+                    )),
+                    Err(why) => ui.label(why),
+                };
+                match self.circle_px {
+                    Some(circle) => ui.label(format!("circle of confusion {} px", fixed(circle, 2))),
+                    None => ui.label("everything is in focus: the lens has no opening"),
+                };
+                ui.label(RichText::new("the square is one pixel").small().weak());
+            });
+        });
+    }
+}

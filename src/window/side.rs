@@ -1,0 +1,65 @@
+//! What stands at the right of the picture: settings, plots that say whether it matches, and calibration.
+
+use eframe::egui::Ui;
+use glam::DVec2;
+
+use super::calibrating::Calibrating;
+use super::controls::Controls;
+use super::hand::Hand;
+use super::matching::{self, Matching};
+use super::picture::Seen;
+use super::session::Session;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Tab {
+    #[default]
+    Settings,
+    Match,
+    Calibrate,
+}
+
+/// The tabs, each with its state.
+#[derive(Debug, Default)]
+pub struct Side {
+    tab: Tab,
+    pub controls: Controls,
+    matching: Matching,
+    calibrating: Calibrating,
+    /// Where the pointer was last, px of the picture.
+    pointed: Option<DVec2>,
+}
+
+impl Side {
+    /// Shows the tab that is chosen. Values that are refused are given back as text.
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+        ui.horizontal(|ui| {
+            for (tab, name) in [(Tab::Settings, "Settings"), (Tab::Match, "Match"), (Tab::Calibrate, "Calibrate")] {
+                ui.selectable_value(&mut self.tab, tab, name);
+            }
+        });
+        ui.separator();
+        match self.tab {
+            Tab::Settings => {
+                let at_work = session.stats().map(|stats| stats.effects.clone());
+                return self.controls.show(ui, &mut session.project, at_work.as_deref());
+            }
+            Tab::Match => self.matching.show(ui, session, hand, self.pointed),
+            Tab::Calibrate => self.calibrating.show(ui, session, hand),
+        }
+        None
+    }
+
+    /// Marks in the picture what the tab is about, and keeps where the pointer is.
+    pub fn over_picture(&mut self, seen: &Seen) {
+        let pointed = seen.pointed.map(|at| DVec2::new(at.x.into(), at.y.into()));
+        if self.tab == Tab::Match && pointed != self.pointed && pointed.is_some() {
+            seen.response.ctx.request_repaint();
+        }
+        self.pointed = pointed.or(self.pointed);
+        match self.tab {
+            Tab::Settings => {}
+            Tab::Match => matching::paint(seen, self.matching.marks().map(|(rect, name)| (rect, name.to_owned()))),
+            Tab::Calibrate => matching::paint(seen, self.calibrating.marks()),
+        }
+    }
+}
