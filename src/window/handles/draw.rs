@@ -53,7 +53,7 @@ pub fn gizmo(painter: &Painter, gizmo: &Gizmo, hot: Option<Handle>, is_held: boo
     if shows(Handle::Heading) {
         let sides = gizmo.ring.iter().zip(gizmo.ring.iter().cycle().skip(1));
         let all: Vec<_> = gizmo.ring.iter().map(|(p, _)| at(*p)).collect();
-        painter.add(Shape::closed_line(all, Stroke::new(width(Handle::Heading) + 1.5, Color32::from_black_alpha(60))));
+        painter.add(Shape::closed_line(all, Stroke::new(width(Handle::Heading) + 2.0, UNDER)));
         for ((p, front), (q, _)) in sides {
             let usual = if *front { PLAIN } else { PLAIN.gamma_multiply(0.45) };
             painter.line_segment([at(*p), at(*q)], Stroke::new(width(Handle::Heading), color(Handle::Heading, usual)));
@@ -63,6 +63,7 @@ pub fn gizmo(painter: &Painter, gizmo: &Gizmo, hot: Option<Handle>, is_held: boo
         let edge = color(Handle::Ground, PLAIN);
         let fill = edge.gamma_multiply(if hot == Some(Handle::Ground) { 0.45 } else { 0.2 });
         let corners = square.map(at).to_vec();
+        painter.add(Shape::closed_line(corners.clone(), Stroke::new(width(Handle::Ground) + 1.5, UNDER)));
         painter.add(Shape::convex_polygon(corners, fill, Stroke::new(width(Handle::Ground) - 0.5, edge)));
     }
     // Those that point away are drawn first.
