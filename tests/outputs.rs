@@ -132,31 +132,34 @@ fn a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing() {
     }
 }
 
+/// Starts the program and interrupts it as soon as `folder` holds anything: it says so, and nothing is left there.
+#[cfg(unix)]
+fn interrupted(command: &mut Command, folder: &Path, signal: &str) {
+    let begun = || std::fs::read_dir(folder).unwrap().count() > 0;
+    let mut running = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    while !begun() && running.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    assert!(begun());
+    Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
+    let output = running.wait_with_output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
+    assert!(text.starts_with("locard: interrupted; what was finished stays, and nothing else"), "{text}");
+    assert!(!begun(), "{command:?}");
+}
+
 /// A frame of many samples takes minutes with a software driver.
 #[cfg(unix)]
 #[test]
 fn a_heavy_frame_is_ended_at_once() {
-    use std::io::BufRead;
     let temp = tempfile::tempdir().unwrap();
-    let begun = || std::fs::read_dir(temp.path()).unwrap().count() > 0;
     let heavy = ["depth_of_field.method=reference", "camera.lens.f_number=0.5", "camera.lens.focus_distance_m=0.2"];
     for out in ["out.mkv", "new/frames"] {
-        let mut running = program()
-            .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "71..72", "-o"])
-            .arg(temp.path().join(out))
-            .args(heavy.map(|set| ["--set", set]).as_flattened())
-            .stderr(std::process::Stdio::piped())
-            .spawn()
-            .unwrap();
-        while !begun() && running.try_wait().unwrap().is_none() {
-            std::thread::yield_now();
-        }
-        Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
-        let mut said = String::new();
-        std::io::BufReader::new(running.stderr.take().unwrap()).read_line(&mut said).unwrap();
-        assert!(said.starts_with("locard: interrupted; "), "{said}");
-        assert_eq!(running.wait().unwrap().code(), Some(2));
-        assert!(!begun(), "{out}");
+        let mut command = program();
+        command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "71..72", "-o"]);
+        command.arg(temp.path().join(out)).args(heavy.map(|set| ["--set", set]).as_flattened());
+        interrupted(&mut command, temp.path(), "-INT");
     }
 }
 
@@ -180,22 +183,9 @@ fn the_recording_is_not_written_into() {
 #[test]
 fn an_interrupted_run_leaves_nothing_unfinished() {
     let temp = tempfile::tempdir().unwrap();
-    let video = temp.path().join("out.mkv");
-    let begun = || std::fs::read_dir(temp.path()).unwrap().count() > 0;
-    let mut running = program()
-        .args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o"])
-        .arg(&video)
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    while !begun() && running.try_wait().unwrap().is_none() {
-        std::thread::yield_now();
-    }
-    Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
-    let output = running.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{text}");
-    assert!(text.starts_with("locard: interrupted") && !begun(), "{text}");
+    let mut command = program();
+    command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o"]);
+    interrupted(command.arg(temp.path().join("out.mkv")), temp.path(), "-INT");
 }
 
 #[cfg(unix)]
@@ -205,24 +195,9 @@ fn an_interrupted_simulation_leaves_nothing() {
     for signal in ["-INT", "-TERM"] {
         // A short lens makes a crude site, which is soon lit.
         let sets = ["focal_px=20", "width_px=32", "height_px=24", "frames=10000"].map(|set| ["--set", set]);
-        let mut running = program()
-            .args(["simulate", "-o"])
-            .arg(temp.path().join("site"))
-            .args(sets.as_flattened())
-            .stderr(std::process::Stdio::piped())
-            .spawn()
-            .unwrap();
-        let begun = || std::fs::read_dir(temp.path()).unwrap().count() > 0;
-        while !begun() && running.try_wait().unwrap().is_none() {
-            std::thread::yield_now();
-        }
-        assert!(begun());
-        Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
-        let output = running.wait_with_output().unwrap();
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
-        assert!(text.starts_with("locard: interrupted; what was finished stays, and nothing else"), "{text}");
-        assert!(!begun());
+        let mut command = program();
+        command.args(["simulate", "-o"]).arg(temp.path().join("site")).args(sets.as_flattened());
+        interrupted(&mut command, temp.path(), signal);
     }
 }
 

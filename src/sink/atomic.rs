@@ -41,6 +41,16 @@ impl Place {
     }
 }
 
+/// Refuses to replace a file that may not be written: renaming another over it would not ask.
+pub fn not_protected(file: &Path) -> io::Result<()> {
+    match std::fs::metadata(file) {
+        Ok(there) if there.permissions().readonly() => {
+            Err(io::Error::other("it is write-protected; name another file, or allow writing"))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// An unfinished file: hidden, in the same folder (so that renaming it is one step), with a name unique to this run. It
 /// is deleted with the value unless finished, and when the program is ended.
 #[derive(Debug)]
@@ -57,6 +67,7 @@ impl Partial {
         let Place::File(target) = Place::of(path)? else {
             return Err(io::Error::other("it is a pipe or a device; name a file"));
         };
+        not_protected(&target)?;
         let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
         let (prefix, suffix) =
             (format!(".{}.partial-", part(path.file_stem())), format!(".{}", part(path.extension())));
@@ -86,11 +97,14 @@ impl Partial {
         self.file.as_file_mut()
     }
 
-    /// Gives the file its name. An existing file is replaced or, without `replace`, causes the error
-    /// [`io::ErrorKind::AlreadyExists`]. If several replace it, the last one stays, complete.
+    /// Gives the file its name. An existing file is replaced, by one that the same people may read and write, or, without
+    /// `replace`, causes the error [`io::ErrorKind::AlreadyExists`]. If several replace it, the last one stays, complete.
     pub fn finish(self, replace: bool) -> io::Result<()> {
         let Self { file, target, unfinished } = self;
         unfinished.finish(|| {
+            if let Some(there) = std::fs::metadata(&target).ok().filter(|there| replace && there.is_file()) {
+                std::fs::set_permissions(file.path(), there.permissions())?;
+            }
             let named = if replace { file.persist(&target) } else { file.persist_noclobber(&target) };
             named.map(drop).map_err(|error| error.error)
         })
@@ -181,6 +195,28 @@ mod tests {
         std::fs::write(&any, "x").unwrap();
         let [ours, any] = [ours, any].map(|path| std::fs::metadata(path).unwrap().permissions().mode());
         assert_eq!(ours, any);
+    }
+
+    /// A scene that its owner has kept to themselves stays theirs when it is saved; what is protected stays at all.
+    #[cfg(unix)]
+    #[test]
+    fn a_replaced_file_keeps_its_permissions_and_a_protected_one_is_kept() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, "mine").unwrap();
+        let set = |mode| std::fs::set_permissions(&path, Permissions::from_mode(mode)).unwrap();
+        set(0o640);
+        write_atomically(&path, true, |w| w.write_all(b"new")).unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o640);
+        set(0o440);
+        let error = write_atomically(&path, true, |w| w.write_all(b"no")).unwrap_err().to_string();
+        assert!(
+            error
+                .ends_with("scene.toml: cannot be written: it is write-protected; name another file, or allow writing")
+        );
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[cfg(unix)]

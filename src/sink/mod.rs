@@ -99,6 +99,7 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     if at.exists() && !force {
         return Err(SinkError::Exists { path: path.to_owned() });
     }
+    atomic::not_protected(&at).map_err(|source| SinkError::of_writing(path, source))?;
     let folder = at.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
         return refuse(format!("cannot be written, for there is no folder {}; make it first", folder.display()));

@@ -1,6 +1,8 @@
 //! Work done ahead of its consumer on a few threads, with results in order.
 
+use std::fmt;
 use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
@@ -11,17 +13,28 @@ use super::SourceError;
 const LANES: usize = 2;
 
 /// The results of `work(i)` for each `i` of a range, in order. Worker `k` of n takes every n-th index from the k-th on,
-/// so nothing needs sorting. The channels bound the memory. The workers stop when this is dropped.
-#[derive(Debug)]
+/// so nothing needs sorting. The channels bound the memory. The workers stop when this is dropped. A single result is
+/// made where it is taken, without a thread.
 pub struct Ahead<T> {
     lanes: Vec<Receiver<T>>,
+    single: Option<Box<dyn FnOnce() -> T + Send>>,
     taken: usize,
     count: usize,
+}
+
+impl<T> fmt::Debug for Ahead<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Ahead").field("taken", &self.taken).field("count", &self.count).finish_non_exhaustive()
+    }
 }
 
 impl<T: Send + 'static> Ahead<T> {
     pub fn new(range: Range<usize>, work: impl Fn(usize) -> T + Send + Sync + 'static) -> Result<Self, SourceError> {
         let count = range.len();
+        if count == 1 {
+            let single: Box<dyn FnOnce() -> T + Send> = Box::new(move || work(range.start));
+            return Ok(Self { lanes: Vec::new(), single: Some(single), taken: 0, count });
+        }
         let work = Arc::new(work);
         let mut lanes = Vec::new();
         for lane in 0..LANES.min(count) {
@@ -37,7 +50,7 @@ impl<T: Send + 'static> Ahead<T> {
             thread::Builder::new().name(format!("decode {lane}")).spawn(run).map_err(SourceError::Thread)?;
             lanes.push(receiver);
         }
-        Ok(Self { lanes, taken: 0, count })
+        Ok(Self { lanes, single: None, taken: 0, count })
     }
 }
 
@@ -49,9 +62,12 @@ impl<T> Iterator for Ahead<T> {
         if self.taken == self.count {
             return None;
         }
-        let received = self.lanes.get(self.taken % LANES)?.recv();
+        let done = match self.single.take() {
+            Some(single) => catch_unwind(AssertUnwindSafe(single)).ok(),
+            None => self.lanes.get(self.taken % LANES)?.recv().ok(),
+        };
         self.taken += 1;
-        Some(received.map_err(|_| SourceError::DecoderDied))
+        Some(done.ok_or(SourceError::DecoderDied))
     }
 }
 
@@ -82,7 +98,17 @@ mod tests {
 
     #[test]
     fn a_panic_is_an_error_and_not_a_short_recording() {
-        let ahead = Ahead::new(0..4, |i| assert!(i != 2)).unwrap();
-        assert_eq!(ahead.filter(Result::is_err).count(), 1);
+        for range in [0..4, 2..3] {
+            let ahead = Ahead::new(range, |i| assert!(i != 2)).unwrap();
+            assert_eq!(ahead.filter(Result::is_err).count(), 1);
+        }
+    }
+
+    #[test]
+    fn one_result_needs_no_thread() {
+        let here = std::thread::current().id();
+        let on = |range| Ahead::new(range, |_| std::thread::current().id()).unwrap().map(Result::unwrap);
+        assert!(on(3..4).eq([here]));
+        assert!(on(3..5).all(|there| there != here));
     }
 }

@@ -5,19 +5,49 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::process::ChildStdout;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 
 use super::SourceError;
 use super::ffmpeg::{self, Running};
-use super::video::{CONVERSION_FLAGS, ColorRange, MEND, Video};
+use super::index::{Index, Start};
+use super::video::{CONVERSION_FLAGS, ColorMatrix, ColorRange, MEND, Video};
 use crate::pixels::{Codes, Pixels};
 
+/// What decoding needs to know of a video.
+#[derive(Clone, Debug)]
+struct Source {
+    file: PathBuf,
+    size: (u32, u32),
+    wide: bool,
+    range: ColorRange,
+    matrix: ColorMatrix,
+    index: Option<Arc<Index>>,
+}
+
 impl Video {
-    /// Frames `range`, exactly. All frames before it are decoded and dropped, since seeking depends on the file's
-    /// index, not on frame numbers.
+    /// Frames `range`, exactly. Where the file's times tell frames apart, decoding begins at a keyframe before them.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
-        let wide = self.bits == 16;
-        let pixel_format = if wide { "rgb48le" } else { "rgb24" };
+        let Self { file, width, height, bits, range: colors, matrix, index, .. } = self;
+        let source = Source {
+            file: file.clone(),
+            size: (*width, *height),
+            wide: *bits == 16,
+            range: *colors,
+            matrix: *matrix,
+            index: index.clone(),
+        };
+        let start = source.index.as_ref().and_then(|index| index.start(range.start)).filter(|_| !range.is_empty());
+        let mut frames = VideoFrames { source, stream: None, is_sought: start.is_some(), next: range.start, range };
+        frames.begin(start)?;
+        Ok(frames)
+    }
+}
+
+impl Source {
+    /// ffmpeg's arguments for frames that begin at `start`, or at their number from the file's first.
+    fn arguments(&self, Range { start: first, end }: Range<usize>, start: Option<&Start>) -> Vec<OsString> {
+        let pixel_format = if self.wide { "rgb48le" } else { "rgb24" };
         let range_name = match self.range {
             ColorRange::Limited => "limited",
             ColorRange::Full => "full",
@@ -26,48 +56,39 @@ impl Video {
             None => String::new(),
             Some(matrix) => format!("in_color_matrix={matrix}:in_range={range_name}:out_range=full:"),
         };
-        let range_length = range.len();
-        let Range { start, end } = range;
-        // Renumbering the timestamps keeps ffmpeg from repeating or dropping frames for a steady rate.
-        let filter = format!(
-            "trim=start_frame={start}:end_frame={end},settb=1/25,setpts=N,scale={input}flags={CONVERSION_FLAGS},format={pixel_format}"
-        );
-        let mut arguments: Vec<OsString> =
-            ["-nostdin", "-v", "error", "-noautorotate", "-i"].map(OsString::from).into();
-        arguments.push(ffmpeg::file_argument(&self.file));
-        let count = range_length.to_string();
-        let rest = [
-            "-map",
-            "0:v:0",
-            "-vf",
-            &filter,
-            "-r",
-            "25",
-            "-frames:v",
-            &count,
-            "-f",
-            "rawvideo",
-            "-pix_fmt",
-            pixel_format,
-            "pipe:1",
-        ];
-        arguments.extend(rest.map(OsString::from));
-        let mut frames = VideoFrames {
-            running: None,
-            frames: None,
-            next: start,
-            range: start..end,
-            size: (self.width, self.height),
-            wide,
-            file: self.file.clone(),
+        let count = end - first;
+        let chosen = match start {
+            None => format!("trim=start_frame={first}:end_frame={end}"),
+            // Where seeking fails to come before the frame, nothing is chosen rather than another one.
+            Some(Start { ticks, tick_s, .. }) => {
+                format!("settb={tick_s},select='eq(pts,{ticks})+gte(prev_selected_pts,{ticks})',trim=end_frame={count}")
+            }
         };
-        if start < end {
-            let mut running = Running::start("ffmpeg", &arguments)?;
-            let bytes = 3 * self.width as usize * self.height as usize * if wide { 2 } else { 1 };
-            frames.frames = running.take_stdout().map(|pipe| read_ahead(pipe, bytes)).transpose()?;
-            frames.running = Some(running);
+        // Renumbering the timestamps keeps ffmpeg from repeating or dropping frames for a steady rate.
+        let filter =
+            format!("{chosen},settb=1/25,setpts=N,scale={input}flags={CONVERSION_FLAGS},format={pixel_format}");
+        let mut arguments: Vec<OsString> = ["-nostdin", "-v", "error", "-noautorotate"].map(OsString::from).into();
+        if let Some(Start { time_s, .. }) = start {
+            // Times as they stand in the file; from the keyframe on, not from the time.
+            let seek = ["-copyts", "-seek_timestamp", "1", "-noaccurate_seek", "-ss", &format!("{time_s:.6}")];
+            arguments.extend(seek.map(OsString::from));
         }
-        Ok(frames)
+        arguments.extend(["-i".into(), ffmpeg::file_argument(&self.file)]);
+        let count = count.to_string();
+        let rest = ["-map", "0:v:0", "-vf", &filter, "-r", "25", "-frames:v", &count, "-f", "rawvideo", "-pix_fmt"];
+        arguments.extend(rest.map(OsString::from));
+        arguments.extend([pixel_format, "pipe:1"].map(OsString::from));
+        arguments
+    }
+
+    fn pixels(&self, bytes: Vec<u8>) -> Pixels {
+        let (width, height) = self.size;
+        let codes = if self.wide {
+            Codes::U16(bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect())
+        } else {
+            Codes::U8(bytes)
+        };
+        Pixels { width, height, codes }
     }
 }
 
@@ -89,13 +110,55 @@ fn read_ahead(mut pipe: ChildStdout, bytes: usize) -> Result<Receiver<Vec<u8>>, 
 /// The frames of a range of a video, in order. Dropping it kills its ffmpeg.
 #[derive(Debug)]
 pub struct VideoFrames {
-    running: Option<Running>,
-    frames: Option<Receiver<Vec<u8>>>,
+    source: Source,
+    stream: Option<(Running, Receiver<Vec<u8>>)>,
+    /// Whether decoding began in the middle of the file.
+    is_sought: bool,
     next: usize,
     range: Range<usize>,
-    size: (u32, u32),
-    wide: bool,
-    file: PathBuf,
+}
+
+impl VideoFrames {
+    /// Starts ffmpeg for the frames from the next one on.
+    fn begin(&mut self, start: Option<Start>) -> Result<(), SourceError> {
+        self.stream = None;
+        if self.next >= self.range.end {
+            return Ok(());
+        }
+        let mut running = Running::start("ffmpeg", &self.source.arguments(self.next..self.range.end, start.as_ref()))?;
+        let (width, height) = self.source.size;
+        let bytes = 3 * width as usize * height as usize * if self.source.wide { 2 } else { 1 };
+        let frames = running.take_stdout().map(|pipe| read_ahead(pipe, bytes)).transpose()?;
+        self.stream = frames.map(|frames| (running, frames));
+        Ok(())
+    }
+
+    /// The next frame, or what is wrong.
+    fn step(&mut self) -> Result<Vec<u8>, String> {
+        let (at, end) = (self.next, self.range.end);
+        let frame = self.stream.as_ref().and_then(|(_, frames)| frames.recv().ok());
+        let Some(bytes) = frame else {
+            if let Some(Err(error)) = self.stream.take().map(|(running, _)| running.finish()) {
+                return Err(format!("reading stopped at frame {at}: {error}"));
+            }
+            return Err(format!("ends before frame {at}; frames up to {end} were expected: is it truncated?"));
+        };
+        // ffmpeg fills in what it cannot decode and continues; it only complains.
+        let complaints = match self.stream.take() {
+            // Nothing is left to write, so it ends by itself, and all its messages are complete.
+            Some((running, _)) if at + 1 == end => running.finish().unwrap_or_else(|error| error.to_string()),
+            Some((running, frames)) => {
+                let said = running.complaints();
+                self.stream = Some((running, frames));
+                said
+            }
+            None => String::new(),
+        };
+        match complaints.as_str() {
+            "" => Ok(bytes),
+            said => Err(format!("is damaged at frame {at} or before it: ffmpeg says: {said}; {MEND}")),
+        }
+    }
 }
 
 impl Iterator for VideoFrames {
@@ -104,45 +167,30 @@ impl Iterator for VideoFrames {
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.next >= self.range.end {
-            self.running = None;
+            self.stream = None;
             return None;
         }
-        let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
-        // ffmpeg fills in what it cannot decode and continues; it only complains.
-        let last = self.next + 1 == self.range.end;
-        let complaints = match &mut self.running {
-            // Nothing is left to write, so it ends by itself, and all its messages are complete.
-            running if last && frame.is_some() => {
-                running.take().map(|running| running.finish().unwrap_or_else(|error| error.to_string()))
-            }
-            running => running.as_ref().map(Running::complaints),
-        };
-        if let Some(said) = complaints.filter(|said| frame.is_some() && !said.is_empty()) {
-            let problem = format!("is damaged at frame {} or before it: ffmpeg says: {said}; {MEND}", self.next);
-            self.next = self.range.end;
-            self.running = None;
-            return Some(Err(SourceError::content(&self.file, problem)));
+        let mut frame = self.step();
+        if frame.is_err() && std::mem::take(&mut self.is_sought) {
+            // A decoder that begins in the middle may miss what only the start has. What is said from there counts.
+            self.source.index.iter().for_each(|index| index.distrust());
+            frame = match self.begin(None) {
+                Ok(()) => self.step(),
+                Err(error) => {
+                    self.next = self.range.end;
+                    return Some(Err(error));
+                }
+            };
         }
-        let Some(bytes) = frame else {
-            let Self { next, range, file, .. } = self;
-            let (stopped_at, end) = (*next, range.end);
-            *next = end;
-            if let Some(Err(error)) = self.running.take().map(Running::finish) {
-                return Some(Err(SourceError::content(
-                    file,
-                    format!("reading stopped at frame {stopped_at}: {error}"),
-                )));
+        Some(match frame {
+            Ok(bytes) => {
+                self.next += 1;
+                Ok(self.source.pixels(bytes))
             }
-            let problem = format!("ends before frame {stopped_at}; frames up to {end} were expected: is it truncated?");
-            return Some(Err(SourceError::content(file, problem)));
-        };
-        self.next += 1;
-        let (width, height) = self.size;
-        let codes = if self.wide {
-            Codes::U16(bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect())
-        } else {
-            Codes::U8(bytes)
-        };
-        Some(Ok(Pixels { width, height, codes }))
+            Err(problem) => {
+                (self.next, self.stream) = (self.range.end, None);
+                Err(SourceError::content(&self.source.file, problem))
+            }
+        })
     }
 }

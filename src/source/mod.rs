@@ -5,6 +5,7 @@ pub mod decoding;
 pub mod exif;
 pub mod ffmpeg;
 pub mod file;
+mod index;
 pub mod jpeg;
 pub mod still;
 pub mod video;

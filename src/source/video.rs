@@ -3,10 +3,12 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::ffmpeg::{self, FfmpegError};
+use super::index::{Entry, Index};
 use super::{SourceError, file as plain};
 use crate::words::fixed;
 
@@ -63,7 +65,7 @@ pub struct Overrides {
 }
 
 /// A video file that has been probed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Video {
     pub file: PathBuf,
     pub width: u32,
@@ -75,6 +77,8 @@ pub struct Video {
     /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
     pub warnings: Vec<String>,
+    /// `None` where the file does not tell its frames apart by their times.
+    pub(super) index: Option<Arc<Index>>,
 }
 
 #[derive(Deserialize)]
@@ -96,6 +100,8 @@ struct ProbedStream {
     color_range: Option<String>,
     color_space: Option<String>,
     avg_frame_rate: Option<String>,
+    /// The unit of the packets' `pts`, seconds.
+    time_base: Option<String>,
     field_order: Option<String>,
     #[serde(default)]
     side_data_list: Vec<SideData>,
@@ -115,8 +121,26 @@ struct SideData {
 
 #[derive(Deserialize)]
 struct Packet {
+    pts: Option<i64>,
     pts_time: Option<String>,
     flags: Option<String>,
+}
+
+impl Packet {
+    fn has_flag(&self, flag: char) -> bool {
+        self.flags.as_ref().is_some_and(|flags| flags.contains(flag))
+    }
+
+    /// `None` where it has no time.
+    fn entry(&self) -> Option<Entry> {
+        let time_s = self.pts_time.as_deref()?.parse().ok()?;
+        Some(Entry { ticks: self.pts?, time_s, is_keyframe: self.has_flag('K'), is_shown: self.is_shown() })
+    }
+
+    /// D marks packets that an edit list discards.
+    fn is_shown(&self) -> bool {
+        !self.has_flag('D')
+    }
 }
 
 /// Probes a video file with `ffprobe`: size, colour, and the time of every frame. Packets are listed, not decoded, so
@@ -124,8 +148,8 @@ struct Packet {
 pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     // ffprobe's own message for a missing file is less clear, and it would wait for a pipe.
     plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,field_order,nb_frames:\
-                   stream_tags=DURATION:stream_side_data=rotation:packet=pts_time,flags";
+    let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,time_base,field_order,nb_frames:\
+                   stream_tags=DURATION:stream_side_data=rotation:packet=pts,pts_time,flags";
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.push(ffmpeg::file_argument(file));
@@ -191,7 +215,10 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let stated = stream.avg_frame_rate.as_deref().and_then(ratio);
     let timestamps_s = timestamps(&probe.packets, fps, stated, file, &mut warnings)?;
     let bits = if more_than_8_bits(format) { 16 } else { 8 };
-    Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, timestamps_s, warnings })
+    let entries: Option<Vec<Entry>> = probe.packets.iter().map(Packet::entry).collect();
+    let index = Index::new(stream.time_base.as_deref().unwrap_or_default(), &entries.unwrap_or_default());
+    let index = index.map(Arc::new);
+    Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, timestamps_s, warnings, index })
 }
 
 /// Checks that there are as many frames as the container promises: by their number (MP4), or by when the last one ends
@@ -236,9 +263,8 @@ fn timestamps(
     file: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<f64>, SourceError> {
-    // D marks packets that an edit list discards.
-    let shown = packets.iter().filter(|p| !p.flags.as_deref().unwrap_or_default().contains('D'));
-    let times: Vec<Option<f64>> = shown.map(|p| p.pts_time.as_deref()?.parse().ok()).collect();
+    let times: Vec<Option<f64>> =
+        packets.iter().filter(|p| p.is_shown()).map(|p| p.pts_time.as_deref()?.parse().ok()).collect();
     if times.is_empty() {
         return Err(SourceError::content(file, "holds no frames"));
     }

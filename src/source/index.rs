@@ -1,0 +1,108 @@
+//! Where a video's frames stand in its file, so that reading need not begin at its start.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The frames by their times in the file, and those among them at which decoding can begin.
+#[derive(Debug)]
+pub struct Index {
+    /// Seconds a tick, as in `1/90000`.
+    tick_s: String,
+    /// When each frame is shown, in ticks, ascending: the frame's number is its place.
+    frames: Vec<i64>,
+    /// Ticks and seconds, ascending. Some may not be shown.
+    keyframes: Vec<(i64, f64)>,
+    /// Whether a file has turned out to be other than its index says.
+    is_wrong: AtomicBool,
+}
+
+/// What is known of a packet.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    pub ticks: i64,
+    pub time_s: f64,
+    pub is_keyframe: bool,
+    pub is_shown: bool,
+}
+
+/// A place in a file from which a frame can be decoded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// A keyframe's time, seconds.
+    pub time_s: f64,
+    /// The frame that is wanted: its time in the file, in ticks of so many seconds.
+    pub ticks: i64,
+    pub tick_s: String,
+}
+
+impl Index {
+    /// `None` where times do not tell the frames apart.
+    pub fn new(tick_s: &str, entries: &[Entry]) -> Option<Self> {
+        let mut frames: Vec<i64> = entries.iter().filter(|e| e.is_shown).map(|e| e.ticks).collect();
+        frames.sort_unstable();
+        let mut keyframes: Vec<_> = entries.iter().filter(|e| e.is_keyframe).map(|e| (e.ticks, e.time_s)).collect();
+        keyframes.sort_unstable_by_key(|key| key.0);
+        let is_tick = |text: &str| text.split('/').count() == 2 && text.split('/').all(|n| n.parse::<u32>().is_ok());
+        let tells = frames.windows(2).all(|pair| pair[0] < pair[1]) && is_tick(tick_s);
+        tells.then(|| Self { tick_s: tick_s.to_owned(), frames, keyframes, is_wrong: AtomicBool::new(false) })
+    }
+
+    /// Where to begin for a frame; `None`: at the file's start.
+    ///
+    /// That is the keyframe before the one that the frame needs. Pictures that are shown before a keyframe may stand
+    /// after it in the file and need what is before it (open groups), and a file that is refreshed strip by strip is whole
+    /// only a round later.
+    pub fn start(&self, frame: usize) -> Option<Start> {
+        let ticks = *self.frames.get(frame)?;
+        let before = self.keyframes.partition_point(|key| key.0 <= ticks);
+        // The first keyframe is the file's start.
+        let (_, time_s) = *self.keyframes.get(before.checked_sub(2).filter(|n| *n > 0)?)?;
+        let is_right = time_s >= 0.0 && !self.is_wrong.load(Ordering::Relaxed);
+        is_right.then(|| Start { time_s, ticks, tick_s: self.tick_s.clone() })
+    }
+
+    /// From now on every frame is decoded from the file's start.
+    pub fn distrust(&self) {
+        self.is_wrong.store(true, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Twelve frames, a quarter of a second and 100 ticks each; every third is a keyframe. In the file, one in three is
+    /// shown before the frame that precedes it.
+    fn entries() -> Vec<Entry> {
+        let order = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10];
+        let entry = |n: i64| Entry { ticks: 100 * n, time_s: 0.25 * n as f64, is_keyframe: n % 3 == 0, is_shown: true };
+        order.map(entry).to_vec()
+    }
+
+    #[test]
+    fn begins_one_keyframe_earlier_than_seems_needed() {
+        let index = Index::new("1/400", &entries()).unwrap();
+        let start = |frame| index.start(frame).map(|start| (start.time_s, start.ticks));
+        // Before the second keyframe there is nothing to be saved.
+        assert_eq!([0, 5, 12].map(start), [None; 3]);
+        assert_eq!([6, 8, 9].map(start), [Some((0.75, 600)), Some((0.75, 800)), Some((1.5, 900))]);
+        index.distrust();
+        assert_eq!(start(9), None);
+    }
+
+    #[test]
+    fn frames_that_are_not_shown_are_not_counted() {
+        let mut hidden = entries();
+        hidden[0].is_shown = false;
+        assert_eq!(Index::new("1/400", &hidden).unwrap().start(8).unwrap().ticks, 900);
+    }
+
+    #[test]
+    fn times_that_tell_nothing_make_no_index() {
+        let mut twice = entries();
+        twice[1].ticks = 100;
+        assert!(Index::new("1/400", &twice).is_none());
+        for odd in ["", "1", "1/0x3", "1/2,evil", "a/b", "1/2/3"] {
+            assert!(Index::new(odd, &entries()).is_none(), "{odd}");
+        }
+    }
+}
