@@ -284,7 +284,7 @@ fn a_picture_whose_data_ends_early_is_refused_whatever_stands_behind() {
 #[test]
 fn a_plane_needs_a_normal() {
     let arguments = ["inspect", "recordings/demo", "--frame", "30", "--pick", "320,300", "--plane", "0,0,0,0"];
-    assert!(refused(&arguments).contains("--plane 0,0,0,0 is no plane: the normal A,B,C has no length"));
+    assert!(refused(&arguments).contains("--plane: 0,0,0,0 is no plane: the normal A,B,C has no length"));
 }
 
 #[test]

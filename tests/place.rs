@@ -68,10 +68,44 @@ fn what_cannot_be_placed_changes_nothing() {
     assert!(missing.contains("none.glb"), "{missing}");
     let both = refused(&place(scene, &[&["--at", "320,300", "--flat", "--upright"], &marker[..]].concat()));
     assert!(both.contains("--flat") && both.contains("--upright"), "{both}");
+    let at = [&["--at", "320,300"], &marker[..]].concat();
+    for (odd, told) in [
+        (["--heading", "1e300"], "--heading 1e300: accepted is -360 to 360 degrees"),
+        (["--heading", "nan"], "--heading NaN: accepted"),
+        (["--name", " "], "--name: "),
+        (["--at", "-1,3"], "-1,3 lies outside of the picture"),
+    ] {
+        let odd = if odd[0] == "--at" { [&odd[..], &marker].concat() } else { [&at[..], &odd].concat() };
+        let text = refused(&place(scene, &odd));
+        assert!(text.contains(told), "{text}");
+    }
     assert!(!file.exists());
+    // No command opens another file as a scene, and frames are no place for one.
+    for (other, told) in [
+        (temp.path().join("x.glb"), "ends in .toml"),
+        (temp.path().join("scene"), "ends in .toml"),
+        (temp.path().join("no/scene.toml"), "there is no folder"),
+        (Path::new("recordings/demo/rgb/scene.toml").to_owned(), "the folder of the recording's frames"),
+    ] {
+        let text = refused(&place(other.to_str().unwrap(), &at));
+        assert!(text.contains(told) && !other.exists(), "{text}");
+    }
     std::fs::write(&file, "version = 2\n").unwrap();
     refused(&place(scene, &[&["--at", "320,300"], &marker[..]].concat()));
     assert_eq!(std::fs::read_to_string(Path::new(scene)).unwrap(), "version = 2\n");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_models_name_reaches_the_terminal_harmless() {
+    let temp = tempfile::tempdir().unwrap();
+    let (scene, model) = (temp.path().join("scene.toml"), temp.path().join("a\u{1b}]0;pwn\u{7}.glb"));
+    std::fs::copy("scenes/marker-1.glb", &model).unwrap();
+    let at = ["--at", "320,300", "--model", model.to_str().unwrap()];
+    // The second stands inside the first, which is told by their names.
+    let told = [(); 2].map(|()| said(&place(scene.to_str().unwrap(), &at))).concat();
+    assert!(told.contains("placed     a\\u{1b}]0;pwn\\u{7}.glb at ") && told.contains("odd        a\\u{1b}"), "{told}");
+    assert!(told.chars().all(|c| c == '\n' || !c.is_control()), "{told:?}");
 }
 
 /// The floor of the demonstration is z = 0.

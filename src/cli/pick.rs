@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use crate::frame::Frame;
 use crate::scene::Support;
-use crate::shot::{FittedPlane, Shot, Surface, Triangulated, View, metres_per_unit, plane_through};
+use crate::shot::{FittedPlane, Shot, Surface, SurfaceError, Triangulated, View, metres_per_unit, plane_through};
 use crate::words::{fixed, number};
 
 /// A place in a frame's picture, and where other frames show the same point.
@@ -97,7 +97,11 @@ impl<'a> Picker<'a> {
             return Ok(Picked { point_m: found.point_m, known: Known::Views(found) });
         }
         if let Some(plane) = self.plane {
-            let Support { point_m, normal } = self.shot.support_on_plane(self.frame, pick.at_px, plane)?;
+            let support = self.shot.support_on_plane(self.frame, pick.at_px, plane);
+            let Support { point_m, normal } = support.map_err(|error| match error {
+                SurfaceError::Plane { .. } => anyhow::Error::from(error).context("--plane"),
+                other => other.into(),
+            })?;
             return Ok(Picked { point_m, known: Known::Plane { normal } });
         }
         let picture = match self.picture.get() {

@@ -8,11 +8,12 @@ use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
 use super::pick::{Known, Pick, Picker, numbers};
+use crate::export::Inputs;
 use crate::recording::OpenOptions;
 use crate::scene::{self, Document, Posture, SceneFile};
 use crate::shot::{Given, Shot};
-use crate::sink::atomic::write_atomically;
-use crate::words::fixed;
+use crate::sink::{self, atomic::write_atomically};
+use crate::words::{fixed, number, shown};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -22,7 +23,7 @@ pub struct Args {
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
     frame: usize,
     /// The place: column and row from the upper left. Without depth: where other frames show the same point, too
-    #[arg(long, value_name = "X,Y[+N:X,Y]", value_parser = Pick::parse)]
+    #[arg(long, value_name = "X,Y[+N:X,Y]", value_parser = Pick::parse, allow_hyphen_values = true)]
     at: Pick,
     /// The evidence, a .glb or .gltf file
     #[arg(long)]
@@ -54,14 +55,25 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    if !args.heading.is_finite() {
-        bail!("--heading {}: accepted is a number of degrees", args.heading);
+    if !(-360.0..=360.0).contains(&args.heading) {
+        bail!("--heading {}: accepted is -360 to 360 degrees", number(args.heading));
+    }
+    if args.name.as_deref().is_some_and(|name| name.trim().is_empty()) {
+        bail!("--name: a name of nothing tells nothing; leave it out, and the model's file names it");
+    }
+    let ending = args.scene.extension().unwrap_or_default().to_ascii_lowercase();
+    if ending != "toml" {
+        bail!("--scene {}: the name of a scene file ends in .toml", args.scene.display());
     }
     let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
     // A scene file may say how long the recording's unit is.
     let scene = args.scene.exists().then(|| args.scene.clone());
     let given = Given { profile: args.profile.clone(), scene, ..Given::default() };
     let mut shot = Shot::open(&args.recording, &options, &given)?;
+    if !args.scene.exists() {
+        Inputs::of(&shot).check_file(&args.scene)?;
+        sink::check_file(&args.scene, false)?;
+    }
     let mut document = match args.scene.exists() {
         true => scene::document::read(&args.scene)?,
         false => Document::new(SceneFile::default()).context("a new scene")?,
@@ -86,7 +98,7 @@ pub fn run(args: &Args) -> Result<()> {
     write_atomically(&args.scene, true, |out| out.write_all(document.to_string().as_bytes()))?;
 
     let mut out = std::io::stdout().lock();
-    writeln!(out, "placed     {model} at {} m", position.map(|n| fixed(n, 4)).join(" "))?;
+    writeln!(out, "placed     {} at {} m", shown(&model), position.map(|n| fixed(n, 4)).join(" "))?;
     let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
     match picked.known {
         Known::Depth(found) => writeln!(
@@ -110,7 +122,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let frame = shot.read(args.frame)?;
     for wrong in shot.wrongs(&frame) {
-        writeln!(out, "odd        {}", wrong.note)?;
+        writeln!(out, "odd        {}", shown(&wrong.note.to_string()))?;
     }
     Ok(())
 }

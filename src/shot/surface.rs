@@ -54,7 +54,7 @@ pub enum SurfaceError {
     NoRay { at_px: [f64; 2] },
     #[error("the depth sensor measured no surface around {}: pick a place next to it, or give a plane", place(*.at_px))]
     NotMeasured { at_px: [f64; 2] },
-    #[error("--plane {plane} {reason}")]
+    #[error("{plane} {reason}")]
     Plane { plane: String, reason: &'static str },
     #[error("{what} has no world point: {reason}")]
     Views { what: String, reason: String },
