@@ -8,7 +8,7 @@ use glam::DVec2;
 
 use super::actions::{self, Action};
 use super::evidence::Evidence;
-use super::hand::{Hand, Wanted};
+use super::hand::Hand;
 use super::handles::{Handles, Over};
 use super::keeper::{Keeper, Turn};
 use super::loupe;
@@ -291,7 +291,7 @@ impl App {
         let is_placing = self.evidence.is_placing() && asked.is_none() && !is_picking;
         let taken = Taken {
             clicks: is_placing || is_picking || asked.is_some(),
-            drags: asked.is_some_and(|(_, wanted)| wanted == Wanted::Rect) || self.handles.takes_drags(),
+            drags: asked.is_some() || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
         let compared = other.map(|other| Compared { edits_a: !other.is_a });

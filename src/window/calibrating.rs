@@ -100,7 +100,7 @@ impl Calibrating {
         ui.horizontal(|ui| {
             if ui.button("Pick a plain place").clicked() {
                 let hint = "Drag a rectangle over a place of one colour, without shadows or texture";
-                hand.ask(Purpose::PlainPlace, hand::Wanted::Rect, hint);
+                hand.ask(Purpose::PlainPlace, hint);
             }
             list(ui, "place", &mut self.places);
         });
@@ -215,7 +215,7 @@ impl Calibrating {
         ui.horizontal(|ui| {
             if ui.button("Pick an edge").clicked() {
                 let hint = "Drag a rectangle that one straight edge crosses from side to side";
-                hand.ask(Purpose::Edge, hand::Wanted::Rect, hint);
+                hand.ask(Purpose::Edge, hint);
             }
             list(ui, "edge", &mut self.edges);
         });

@@ -1,6 +1,6 @@
-//! What a click or a drag in the picture is for.
+//! What a drag in the picture is for, where a part of the window asks for a rectangle.
 
-use eframe::egui::{self, Align2, Color32, Key, Stroke, vec2};
+use eframe::egui::{self, Color32, Key, Stroke, vec2};
 use glam::DVec2;
 
 use super::picture::Seen;
@@ -19,15 +19,6 @@ pub enum Purpose {
     Edge,
 }
 
-/// What places are asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wanted {
-    /// So many clicks.
-    Points(usize),
-    /// A rectangle, by dragging from corner to corner.
-    Rect,
-}
-
 /// The whole pixels of a rectangle that was picked; `None` if there are none.
 pub fn rect(places: &[DVec2]) -> Option<Rect> {
     let [from, to] = places else { return None };
@@ -38,14 +29,14 @@ pub fn rect(places: &[DVec2]) -> Option<Rect> {
 #[derive(Clone, Debug)]
 struct Asking {
     purpose: Purpose,
-    wanted: Wanted,
     /// What a person is told to do.
     hint: String,
-    /// Picked so far, px of the picture.
-    so_far: Vec<DVec2>,
+    /// From corner to corner so far, px of the picture.
+    so_far: Option<[DVec2; 2]>,
 }
 
-/// Asks a person for places in the picture: one question at a time, the last one holds.
+/// Asks a person for rectangles of the picture, picked by dragging from corner to corner: one question at a time, the last
+/// one holds.
 #[derive(Clone, Debug, Default)]
 pub struct Hand {
     asking: Option<Asking>,
@@ -54,17 +45,17 @@ pub struct Hand {
 
 impl Hand {
     /// Asks; an earlier question is dropped. The hint says what to pick.
-    pub fn ask(&mut self, purpose: Purpose, wanted: Wanted, hint: impl Into<String>) {
-        self.asking = Some(Asking { purpose, wanted, hint: hint.into(), so_far: Vec::new() });
+    pub fn ask(&mut self, purpose: Purpose, hint: impl Into<String>) {
+        self.asking = Some(Asking { purpose, hint: hint.into(), so_far: None });
         self.answered = None;
     }
 
     /// What is being asked for.
-    pub fn asks_for(&self) -> Option<(Purpose, Wanted)> {
-        self.asking.as_ref().map(|asking| (asking.purpose, asking.wanted))
+    pub fn asks_for(&self) -> Option<Purpose> {
+        self.asking.as_ref().map(|asking| asking.purpose)
     }
 
-    /// The places that were picked, px of the picture, once; of a rectangle the upper left and the lower right.
+    /// The upper left and the lower right of what was picked, px of the picture, once.
     pub fn answer(&mut self, purpose: Purpose) -> Option<Vec<DVec2>> {
         self.answered.take_if(|(of, _)| *of == purpose).map(|(_, places)| places)
     }
@@ -77,32 +68,18 @@ impl Hand {
     pub fn work(&mut self, seen: &Seen) {
         let Some(asking) = &mut self.asking else { return };
         let px = |at: egui::Vec2| DVec2::new(at.x.into(), at.y.into());
-        let done = match asking.wanted {
-            Wanted::Points(count) => {
-                asking.so_far.extend(seen.clicked.map(px));
-                asking.so_far.len() >= count
-            }
-            Wanted::Rect => {
-                let response = &seen.response;
-                let limited = |at| px(seen.placed.picture_px(at).clamp(egui::Vec2::ZERO, seen.size));
-                if response.drag_started_by(egui::PointerButton::Primary) {
-                    let origin = response.ctx.input(|i| i.pointer.press_origin());
-                    asking.so_far = origin.map(limited).into_iter().collect();
-                }
-                let to = response.interact_pointer_pos().map(limited);
-                if let (Some(from), Some(to)) = (asking.so_far.first().copied(), to) {
-                    asking.so_far = vec![from, to];
-                }
-                response.drag_stopped() && asking.so_far.len() == 2
-            }
-        };
+        let response = &seen.response;
+        let limited = |at| px(seen.placed.picture_px(at).clamp(egui::Vec2::ZERO, seen.size));
+        if response.drag_started_by(egui::PointerButton::Primary) {
+            let origin = response.ctx.input(|i| i.pointer.press_origin());
+            asking.so_far = origin.map(|origin| [limited(origin); 2]);
+        }
+        if let (Some([_, to]), Some(at)) = (&mut asking.so_far, response.interact_pointer_pos()) {
+            *to = limited(at);
+        }
         paint(asking, seen);
-        if done {
-            let places = match (asking.wanted, asking.so_far.as_slice()) {
-                (Wanted::Rect, [a, b]) => vec![a.min(*b), a.max(*b)],
-                (_, places) => places.to_vec(),
-            };
-            self.answered = Some((asking.purpose, places));
+        if let Some([a, b]) = asking.so_far.filter(|_| response.drag_stopped()) {
+            self.answered = Some((asking.purpose, vec![a.min(b), a.max(b)]));
             self.asking = None;
         } else if seen.response.ctx.input(|i| i.key_pressed(Key::Escape)) {
             self.asking = None;
@@ -113,23 +90,10 @@ impl Hand {
 fn paint(asking: &Asking, seen: &Seen) {
     let (line, shadow) = (Stroke::new(1.5, Color32::WHITE), Stroke::new(3.5, Color32::from_black_alpha(120)));
     let screen = |px: &DVec2| seen.placed.screen(vec2(px.x as f32, px.y as f32));
-    let painter = &seen.painter;
-    match (asking.wanted, asking.so_far.as_slice()) {
-        (Wanted::Rect, [a, b]) => {
-            let rect = egui::Rect::from_two_pos(screen(a), screen(b));
-            for stroke in [shadow, line] {
-                painter.rect_stroke(rect, 0.0, stroke, egui::StrokeKind::Middle);
-            }
-        }
-        (_, places) => {
-            for (n, place) in places.iter().enumerate() {
-                let at = screen(place);
-                for stroke in [shadow, line] {
-                    painter.circle_stroke(at, 5.0, stroke);
-                }
-                let font = egui::FontId::proportional(12.0);
-                painter.text(at + vec2(8.0, -8.0), Align2::LEFT_BOTTOM, (n + 1).to_string(), font, Color32::WHITE);
-            }
+    if let Some([a, b]) = &asking.so_far {
+        let rect = egui::Rect::from_two_pos(screen(a), screen(b));
+        for stroke in [shadow, line] {
+            seen.painter.rect_stroke(rect, 0.0, stroke, egui::StrokeKind::Middle);
         }
     }
     seen.tell(&asking.hint);

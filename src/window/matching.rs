@@ -186,10 +186,10 @@ impl Matching {
         ui.horizontal(|ui| {
             let hint = "Drag a rectangle that one straight edge crosses from side to side";
             if ui.button("Pick a real edge").clicked() {
-                hand.ask(Purpose::RealEdge, hand::Wanted::Rect, hint);
+                hand.ask(Purpose::RealEdge, hint);
             }
             if ui.button("Pick a virtual edge").clicked() {
-                hand.ask(Purpose::VirtualEdge, hand::Wanted::Rect, format!("{hint}, of something virtual"));
+                hand.ask(Purpose::VirtualEdge, format!("{hint}, of something virtual"));
             }
         });
         let found = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
@@ -222,11 +222,7 @@ impl Matching {
 
     fn patch(&mut self, ui: &mut Ui, session: &Session, hand: &mut Hand) {
         if ui.button("Pick a patch").clicked() {
-            hand.ask(
-                Purpose::Patch,
-                hand::Wanted::Rect,
-                "Drag a rectangle: its mean brightness is followed through the frames",
-            );
+            hand.ask(Purpose::Patch, "Drag a rectangle: its mean brightness is followed through the frames");
         }
         let Some(patch) = self.patch else { return };
         let recording = Arc::clone(&session.project.shot().recording);
