@@ -282,10 +282,7 @@ fn a_damaged_frame_is_said_and_the_others_are_shown() {
 fn it_plays_and_stays_at_the_frame_that_it_shows() {
     let mut window = open(None);
     window.key_press(Key::Space);
-    for _ in 0..40 {
-        window.step();
-        window.state().viewer().gpu().wait(None).unwrap();
-    }
+    until(&mut window, |app| app.player().frame() > 0);
     window.key_press(Key::Space);
     settle(&mut window);
     let frame = window.state_mut().player_mut().frame();

@@ -380,7 +380,10 @@ impl Seen {
             (-half_y - step.offset_px * sin) / cos,
         ];
         let within: Vec<f64> = crossings.into_iter().filter(|t| t.is_finite() && inside(*t)).collect();
-        let ends = [within.iter().copied().fold(0.0, f64::min), within.iter().copied().fold(0.0, f64::max)];
+        let ends = [
+            within.iter().copied().fold(f64::INFINITY, f64::min),
+            within.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        ];
         ends.map(|t| [mx + step.offset_px * cos - t * sin, my + step.offset_px * sin + t * cos])
     }
 }

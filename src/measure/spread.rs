@@ -82,6 +82,19 @@ impl Step {
         if self.moved_px < 1e-6 {
             return at(distance_px);
         }
+        // Three points are a box as long as the edge is softer than their steps.
+        if self.moved_px > 0.3 {
+            let until = |d: f64| {
+                if narrow < 1e-4 {
+                    return (twice(d + 0.5 * wide, sigma) - twice(d - 0.5 * wide, sigma)) / wide;
+                }
+                let (outer, inner) = (0.5 * (wide + narrow), 0.5 * (wide - narrow));
+                let far = thrice(d + outer, sigma) + thrice(d - outer, sigma);
+                (far - thrice(d + inner, sigma) - thrice(d - inner, sigma)) / (wide * narrow)
+            };
+            let half = 0.5 * self.moved_px;
+            return (until(distance_px + half) - until(distance_px - half)) / self.moved_px;
+        }
         THREE.iter().map(|(place, weight)| weight * at(distance_px + place * self.moved_px)).sum()
     }
 
@@ -110,6 +123,12 @@ fn once(x: f64, sigma: f64) -> f64 {
 fn twice(x: f64, sigma: f64) -> f64 {
     let (whole, dense) = normal(x / sigma);
     0.5 * ((x * x + sigma * sigma) * whole + sigma * x * dense)
+}
+
+/// ∫∫∫ Φ(x/σ).
+fn thrice(x: f64, sigma: f64) -> f64 {
+    let (whole, dense) = normal(x / sigma);
+    ((x * x * x + 3.0 * x * sigma * sigma) * whole + sigma * (x * x + 2.0 * sigma * sigma) * dense) / 6.0
 }
 
 /// The light of the six numbers' terms at a sample.

@@ -56,6 +56,13 @@ impl Document {
         decor.set_prefix(kept + &says);
     }
 
+    /// Takes the camera's noise out.
+    pub fn remove_noise(&mut self) {
+        if let Some(camera) = self.text.get_mut("camera").and_then(Item::as_table_like_mut) {
+            camera.remove("noise");
+        }
+    }
+
     /// Replaces a table of parameters. Those without a value are left out.
     pub fn set_params(&mut self, params: &dyn Params) {
         self.put(params.table(), &table_of(params));

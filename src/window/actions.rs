@@ -19,6 +19,8 @@ pub enum Action {
     /// Two settings beside each other; edits the other one.
     Compare,
     Exchange,
+    /// Shows the picture alone, without the panels beside it.
+    Alone,
     Fit,
     OneToOne,
     Larger,
@@ -79,6 +81,7 @@ const BINDINGS: &[Binding] = &[
     bind(SHIFT, Key::B, Action::Exchange, "edit the other one of A and B"),
     bind(NONE, Key::B, Action::Compare, "two settings, A and B, beside each other"),
     bind(NONE, Key::L, Action::Loupe, "loupe: code values at the pointer"),
+    bind(NONE, Key::P, Action::Alone, "the picture alone, without the panels"),
     bind(NONE, Key::F, Action::Fit, "the whole picture"),
     bind(NONE, Key::Num1, Action::OneToOne, "one screen pixel to each of the picture's"),
     bind(NONE, Key::Plus, Action::Larger, "larger, smaller"),

@@ -93,6 +93,10 @@ impl App {
         &mut self.session.player
     }
 
+    pub fn player(&self) -> &Player {
+        &self.session.player
+    }
+
     pub fn viewer(&self) -> &Viewer {
         &self.session.viewer
     }
@@ -130,6 +134,7 @@ impl App {
             Action::Compare => self.compare(),
             Action::Exchange => self.session.project.exchange(),
             Action::Loupe => self.view.loupe = !self.view.loupe,
+            Action::Alone => self.view.alone = !self.view.alone,
             Action::Fit => self.view.zoom = None,
             Action::OneToOne => self.view.zoom = Some(1.0),
             Action::Larger => self.view.zoom = zoom.map(|zoom| (zoom * 2.0).min(picture::MOST_ZOOM)),
@@ -369,6 +374,24 @@ impl App {
         }
     }
 
+    /// What stands beside the picture.
+    fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
+        egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
+            ui.add_space(4.0);
+            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
+                self.session.say(refused);
+            }
+        });
+        egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
+            ui.add_space(4.0);
+            let session = &mut self.session;
+            let frame = session.frame().cloned();
+            if let Some(wrong) = self.evidence.show(ui, &mut session.project, session.viewer.gpu(), frame.as_ref()) {
+                self.session.say(wrong);
+            }
+        });
+    }
+
     /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
     fn keep(&mut self, ctx: &egui::Context) {
         let Some(Turn { project, frame }) = self.keeper.work(ctx, &mut self.session) else { return };
@@ -377,6 +400,7 @@ impl App {
                 self.session = session;
                 self.session.player.seek(frame);
                 (self.view, self.evidence, self.hand) = Default::default();
+                (self.handles, self.side) = Default::default();
                 self.keeper.turned(&self.session);
             }
             Err(why) => self.session.wrong(why),
@@ -425,7 +449,7 @@ impl eframe::App for App {
         let ctx = ui.ctx().clone();
         self.input(&ctx);
         self.session.work(&ctx);
-        if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &ctx)) {
+        if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {
             self.keeper.close_without_asking();
             self.measure = None;
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
@@ -444,20 +468,9 @@ impl eframe::App for App {
             timeline::show(ui, &mut session.player, &told);
             ui.add_space(2.0);
         });
-        egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
-            ui.add_space(4.0);
-            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
-                self.session.say(refused);
-            }
-        });
-        egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
-            ui.add_space(4.0);
-            let session = &mut self.session;
-            let frame = session.frame().cloned();
-            if let Some(wrong) = self.evidence.show(ui, &mut session.project, session.viewer.gpu(), frame.as_ref()) {
-                self.session.say(wrong);
-            }
-        });
+        if !self.view.alone {
+            self.panels(ui, panel);
+        }
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
         self.keep(&ctx);

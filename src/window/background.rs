@@ -96,6 +96,11 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         self.last.as_ref().is_some_and(|(of, _)| of == key)
     }
 
+    /// What that was asked for by.
+    pub fn last_key(&self) -> Option<&K> {
+        self.last.as_ref().map(|(of, _)| of)
+    }
+
     /// How much is done of what is under way, 0 to 1.
     pub fn progress(&self) -> Option<f32> {
         self.running.as_ref().map(|running| running.ticket.progress.load(Ordering::Relaxed) as f32 / 1e3)

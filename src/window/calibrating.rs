@@ -41,6 +41,13 @@ struct NoiseOf {
     present: Option<NoiseProfile>,
 }
 
+impl NoiseOf {
+    /// Whether the same is measured, whatever the present noise is.
+    fn measures_like(&self, other: &Self) -> bool {
+        self.places == other.places && self.frames == other.frames && self.motion == other.motion
+    }
+}
+
 /// The tab.
 #[derive(Debug)]
 pub struct Calibrating {
@@ -126,7 +133,10 @@ impl Calibrating {
             present: session.project.edit().rig.noise.clone(),
         };
         // What was taken is the present one then; it is not measured anew.
-        let is_taken = matches!(self.noise.last(), Some(Ok(found)) if Some(&found.profile) == of.present.as_ref());
+        let is_same = self.noise.last_key().is_some_and(|last| last.measures_like(&of));
+        let is_taken =
+            is_same && matches!(self.noise.last(), Some(Ok(found)) if Some(&found.profile) == of.present.as_ref());
+        let is_current = is_taken || self.noise.is_of(&of);
         if !session.player.playing && !is_taken {
             let (recording, asked) = (Arc::clone(&session.project.shot().recording), of.clone());
             self.noise.want(ui.ctx(), of.clone(), move |ticket| measure(&recording, &frame, &asked, ticket));
@@ -135,7 +145,7 @@ impl Calibrating {
         match self.noise.last() {
             Some(Ok(found)) => {
                 let found = found.clone();
-                self.found_noise(ui, session, &found, is_taken);
+                ui.add_enabled_ui(is_current, |ui| self.found_noise(ui, session, &found, is_taken));
             }
             Some(Err(why)) => refused(ui, why),
             None => {}

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -141,7 +141,21 @@ impl Jobs {
     /// Takes what is new. Gives the entries that are over since.
     pub fn take(&mut self) -> Vec<usize> {
         let mut over = Vec::new();
-        for (number, news) in self.news.try_iter() {
+        loop {
+            let (number, news) = match self.news.try_recv() {
+                Ok(news) => news,
+                Err(TryRecvError::Empty) => return over,
+                Err(TryRecvError::Disconnected) => {
+                    // It has ended in the middle of something.
+                    for (number, entry) in
+                        self.entries.iter_mut().enumerate().filter(|(_, entry)| !entry.state.is_over())
+                    {
+                        entry.state = State::Failed("the thread that exports has ended".to_owned());
+                        over.push(number);
+                    }
+                    return over;
+                }
+            };
             let Some(entry) = self.entries.get_mut(number) else { continue };
             match news {
                 News::State(state) => {
@@ -151,7 +165,6 @@ impl Jobs {
                 News::Note(note) => entry.notes.push(note),
             }
         }
-        over
     }
 
     /// Whether anything is still to be done.

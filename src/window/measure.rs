@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use glam::DVec3;
 
+use super::picture::View;
 use super::project::tables;
 use super::session::Session;
 use super::{Pace, Player};
@@ -29,7 +30,10 @@ enum Step {
     First,
     /// The window alone, while its picture stands still.
     Paint,
-    Play,
+    /// With the panels beside the picture, or without.
+    Play {
+        alone: bool,
+    },
     /// The first thing of the scene goes round, as it is dragged.
     Drag,
     Change {
@@ -76,7 +80,13 @@ impl Measure {
             }
         }
         let without_per_s = f64::from(count) / begun.elapsed().as_secs_f64();
-        let mut steps = VecDeque::from([Step::First, Step::Paint, Step::Play, Step::Drag]);
+        let mut steps = VecDeque::from([
+            Step::First,
+            Step::Paint,
+            Step::Play { alone: false },
+            Step::Play { alone: true },
+            Step::Drag,
+        ]);
         for params in tables(&shot.rig, &shot.settings) {
             let table = params.table();
             for spec in params.specs() {
@@ -90,7 +100,7 @@ impl Measure {
     }
 
     /// Goes on; says whether all is done. To be called in each frame of the window.
-    pub fn step(&mut self, session: &mut Session, ctx: &egui::Context) -> bool {
+    pub fn step(&mut self, session: &mut Session, view: &mut View, ctx: &egui::Context) -> bool {
         let Some(step) = self.steps.front_mut() else { return true };
         match step {
             Step::First => {
@@ -117,8 +127,9 @@ impl Measure {
                     ctx.request_repaint();
                 }
             },
-            Step::Play => match self.begun {
+            Step::Play { alone } => match self.begun {
                 None => {
+                    view.alone = *alone;
                     session.player.pace = Pace::EveryFrame;
                     session.player.play(true);
                     self.begun = Some((Instant::now(), session.pictures()));
@@ -128,9 +139,11 @@ impl Measure {
                     let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
                     let share = self.without_per_s / per_s;
                     let without = self.without_per_s;
+                    let without_panels = if *alone { ", without panels" } else { "" };
                     println!(
-                        "playing                {per_s:.1} pictures/s; without a window {without:.1}: {share:.2} times"
+                        "playing                {per_s:.1} pictures/s; without a window {without:.1}: {share:.2} times{without_panels}"
                     );
+                    view.alone = false;
                     rest(&mut session.player);
                     self.begun = None;
                     self.steps.pop_front();

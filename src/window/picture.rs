@@ -26,6 +26,8 @@ pub struct View {
     pub wipe: Option<f32>,
     /// The camera's own picture is shown all over.
     pub plain: bool,
+    /// Without the panels beside it.
+    pub alone: bool,
     /// A loupe follows the pointer.
     pub loupe: bool,
     /// The wipe's line is being dragged.
@@ -34,7 +36,7 @@ pub struct View {
 
 impl Default for View {
     fn default() -> Self {
-        Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, loupe: false, wiping: false }
+        Self { zoom: None, centre: vec2(0.5, 0.5), wipe: None, plain: false, alone: false, loupe: false, wiping: false }
     }
 }
 

@@ -94,7 +94,7 @@ impl Player {
                 let end_s = self.end_s();
                 if self.time_s >= end_s {
                     let start_s = self.timestamps_s[self.range.start];
-                    self.dropped += self.range.end - 1 - self.frame;
+                    self.dropped += (self.range.end - 1).saturating_sub(self.frame);
                     self.frame = self.range.start;
                     // A pause of the whole machine is not made up for.
                     self.time_s = start_s + (self.time_s - end_s).min(0.5 * (end_s - start_s).max(0.0));
@@ -152,6 +152,16 @@ mod tests {
         // Round, from 5.51 to 6.01: three frames are skipped at the end, and 4 are not reached.
         player.advance(0.5, true);
         assert_eq!(player.frame(), 0);
+    }
+
+    #[test]
+    fn beyond_the_loop_it_goes_back_into_it() {
+        let mut player = player();
+        player.set_range(0..3);
+        player.play(true);
+        player.seek(9);
+        player.advance(0.05, true);
+        assert_eq!((player.frame(), player.dropped), (0, 0));
     }
 
     #[test]

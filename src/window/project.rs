@@ -444,8 +444,12 @@ impl Project {
                 document.switch(effect, on);
             }
         }
-        if let Some(noise) = edit.rig.noise.as_ref().filter(|noise| rig.noise.as_ref() != Some(*noise)) {
-            document.set_noise(noise, "`'s method, from places picked in the window.");
+        match &edit.rig.noise {
+            Some(noise) if rig.noise.as_ref() != Some(noise) => {
+                document.set_noise(noise, "`'s method, from places picked in the window.");
+            }
+            None => document.remove_noise(),
+            Some(_) => {}
         }
         write_atomically(path, true, |writer| std::io::Write::write_all(writer, document.to_string().as_bytes()))?;
         self.saved.rig = edit.rig;

@@ -60,7 +60,9 @@ pub struct Session {
     pictures: u64,
     /// The device is gone, and with it every picture.
     is_lost: bool,
-    /// What went wrong last; stays until something goes right.
+    /// Why the picture that was made last is none.
+    picture_problem: Option<String>,
+    /// What else went wrong last; stays until something is done.
     problem: Option<String>,
     /// What was done last.
     said: Option<String>,
@@ -88,6 +90,7 @@ impl Session {
             finished: VecDeque::new(),
             pictures: 0,
             is_lost: false,
+            picture_problem: None,
             problem: None,
             said: None,
         })
@@ -145,19 +148,21 @@ impl Session {
     /// Tells what was done.
     pub fn say(&mut self, text: impl Into<String>) {
         self.said = Some(text.into());
+        self.problem = None;
     }
 
     pub fn said(&self) -> Option<&str> {
         self.said.as_deref()
     }
 
-    /// Tells what is wrong, until something goes right.
+    /// Tells what is wrong, until something is done.
     pub fn wrong(&mut self, text: impl Into<String>) {
         self.problem = Some(text.into());
     }
 
     pub fn problem(&self) -> Option<&str> {
-        self.project.problem().or(self.problem.as_deref())
+        let own = self.picture_problem.as_deref().or(self.problem.as_deref());
+        self.project.problem().or(own)
     }
 
     fn wanted(&self) -> Made {
@@ -202,12 +207,14 @@ impl Session {
                 Ok(Some(Finished { made, frame, picture })) => {
                     let (stats, codes) = match picture {
                         Ok(picture) => {
-                            self.problem = None;
+                            if !made.is_other {
+                                self.picture_problem = None;
+                            }
                             (Some(picture.stats), picture.codes)
                         }
                         Err(error) => {
                             self.is_lost |= matches!(error, ShotError::Gpu { source: GpuError::Lost(_), .. });
-                            self.problem = Some(error.to_string());
+                            self.picture_problem = Some(error.to_string());
                             let _ = self.viewer.gpu().take_failure();
                             (None, None)
                         }

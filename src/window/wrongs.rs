@@ -37,6 +37,10 @@ impl Wrongs {
             }
             self.looking = None;
         }
+        // Objects are told by their places in the list, which another scene numbers otherwise.
+        if self.found.as_ref().is_some_and(|((version, _), _)| *version != project.scene_version()) {
+            self.found = None;
+        }
         let Some(frame) = frame else { return };
         let of = (project.scene_version(), frame.index);
         if self.found.as_ref().is_some_and(|(known, _)| *known == of) {
