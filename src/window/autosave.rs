@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::project::Edit;
 use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::file::{self, MOST_LISTING};
 
 /// What is changed is written no later than this, and no more often.
 const EVERY: Duration = Duration::from_secs(2);
@@ -130,7 +130,7 @@ impl Left {
         let mut found: Vec<Self> = of_work
             .filter_map(|path| {
                 let place = Place::left(path)?;
-                let text = file::read_text(&place.work, MOST_DOCUMENT).ok();
+                let text = file::read_text(&place.work, MOST_LISTING).ok();
                 let work = text.and_then(|text| serde_json::from_str(&text).ok());
                 match work.filter(|work: &Work| work.version == VERSION) {
                     Some(work) => Some(Self { work: Box::new(work), place }),
