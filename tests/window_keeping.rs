@@ -62,8 +62,12 @@ fn set(window: &mut Harness<'_, App>, table: &str, name: &str, number: f64) {
     project.close_step();
 }
 
-/// Answers a dialog that asks for a file.
+/// Answers a dialog that asks for a file to write.
 fn choose(window: &mut Harness<'_, App>, path: &Path) {
+    answer(window, path, "Save here");
+}
+
+fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
     window.run_steps(3);
     let field = window.get_by_role_and_label(Role::TextInput, "File name");
     field.focus();
@@ -72,7 +76,7 @@ fn choose(window: &mut Harness<'_, App>, path: &Path) {
     window.step();
     window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
     window.run_steps(2);
-    window.get_by_label("Save here").click();
+    window.get_by_label(button).click();
     window.run_steps(2);
 }
 
@@ -260,6 +264,60 @@ fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
     settle(&mut window);
     assert_eq!(window.state().project().edit().scene.objects.len(), objects);
     assert_eq!(window.state().problem(), None);
+}
+
+#[test]
+fn a_profile_opens_what_could_not_be_opened_without_one() {
+    let temp = tempfile::tempdir().unwrap();
+    let recording = temp.path().join("rec");
+    std::fs::create_dir(&recording).unwrap();
+    for entry in std::fs::read_dir(DEMO).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_file() && path.file_name().unwrap() != "camera.toml" {
+            std::fs::copy(&path, recording.join(path.file_name().unwrap())).unwrap();
+        }
+    }
+    for folder in ["rgb", "depth"] {
+        if Path::new(DEMO).join(folder).is_dir() {
+            std::fs::create_dir(recording.join(folder)).unwrap();
+            for entry in std::fs::read_dir(Path::new(DEMO).join(folder)).unwrap() {
+                let path = entry.unwrap().path();
+                std::fs::copy(&path, recording.join(folder).join(path.file_name().unwrap())).unwrap();
+            }
+        }
+    }
+    let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
+    std::fs::write(recording.join("recording.toml"), text.split("[camera]").next().unwrap()).unwrap();
+    let profile = temp.path().join("camera.toml");
+    std::fs::copy(Path::new(DEMO).join("camera.toml"), &profile).unwrap();
+    let mut window = demo();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
+    answer(&mut window, &recording, "Open");
+    until(&mut window, |app| app.problem().is_some());
+    assert!(window.state().problem().unwrap().contains("not opened"));
+    press(&mut window, "File");
+    press(&mut window, "Open a profile…");
+    answer(&mut window, &profile, "Open");
+    until(&mut window, |app| app.project().shot().recording.path == recording);
+    assert_eq!(window.state().project().profile.as_deref(), Some(profile.as_path()));
+    settle(&mut window);
+}
+
+#[test]
+fn after_the_first_save_of_a_new_scene_placing_goes_on() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = window(project(None, None), egui::vec2(1400.0, 1000.0));
+    settle(&mut window);
+    let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
+    let place = |scene: &mut locard::scene::SceneFile| {
+        scene.objects.push(PlacedModel { model, ..PlacedModel::default() });
+    };
+    window.state_mut().project_mut().change_scene("placed", place).unwrap();
+    let path = temp.path().join("new.toml");
+    window.state_mut().project_mut().save_scene(&path).unwrap();
+    assert!(window.state().project().can_place());
+    window.run_steps(3);
+    assert!(has(&window, "Place…"));
 }
 
 #[test]

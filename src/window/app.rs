@@ -413,12 +413,15 @@ impl App {
             .resizable(false)
             .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
             .show(ctx, |ui| {
-                egui::Grid::new("keys").num_columns(2).spacing([16.0, 6.0]).show(ui, |ui| {
-                    for (key, does) in actions::page() {
-                        ui.strong(key);
-                        ui.label(does);
-                        ui.end_row();
-                    }
+                let height = ctx.content_rect().height() - 120.0;
+                egui::ScrollArea::vertical().max_height(height.max(100.0)).show(ui, |ui| {
+                    egui::Grid::new("keys").num_columns(2).spacing([16.0, 6.0]).show(ui, |ui| {
+                        for (key, does) in actions::page() {
+                            ui.strong(key);
+                            ui.label(does);
+                            ui.end_row();
+                        }
+                    });
                 });
             });
         let mut chosen = None;
@@ -461,7 +464,9 @@ impl eframe::App for App {
             ui.add_space(3.0);
             let session = &mut self.session;
             let times_s = &session.project.shot().recording.timestamps_s;
-            let time_s = times_s.get(session.player.frame()).copied().unwrap_or(0.0);
+            // From the first frame on: a recording's own clock may count from 1970.
+            let of = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
+            let time_s = of(session.player.frame()) - of(0);
             let told = Told { time_s, shown_per_s: session.pictures_per_s() };
             timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.held);
             ui.add_space(3.0);

@@ -62,6 +62,8 @@ pub struct Chooser {
     folder: PathBuf,
     /// A name in the folder, or a path.
     name: String,
+    /// It was typed, and leaves in the list what holds it.
+    is_typed: bool,
     /// `None` while the folder is being listed.
     entries: Option<Result<Vec<Entry>, String>>,
     listing: Option<Receiver<Listing>>,
@@ -83,7 +85,7 @@ impl Chooser {
         let name = file.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let title = title.to_owned();
         let (entries, listing, replaces, wrong) = (None, None, None, None);
-        Self { title, seeks, folder, name, entries, listing, replaces, wrong, is_new: true }
+        Self { title, seeks, folder, name, is_typed: false, entries, listing, replaces, wrong, is_new: true }
     }
 
     fn go(&mut self, folder: PathBuf) {
@@ -185,7 +187,7 @@ impl Chooser {
             Some(Ok(entries)) => entries.clone(),
         };
         // Of what is looked for, what is typed leaves what holds it.
-        let typed = if self.seeks.is_new() { String::new() } else { self.name.to_lowercase() };
+        let typed = if self.is_typed && !self.seeks.is_new() { self.name.to_lowercase() } else { String::new() };
         let fits = |entry: &&Entry| typed.is_empty() || entry.name.to_lowercase().contains(&typed);
         let shown: Vec<&Entry> = entries.iter().filter(fits).collect();
         if shown.is_empty() {
@@ -200,7 +202,10 @@ impl Chooser {
             match () {
                 () if entry.is_folder && response.clicked() && !entry.is_recording => self.go(path),
                 () if response.double_clicked() => chosen = self.take(path),
-                () if response.clicked() => self.name.clone_from(&entry.name),
+                () if response.clicked() => {
+                    // The list stays as it is: a second click means the same entry.
+                    (self.name, self.is_typed) = (entry.name.clone(), false);
+                }
                 () => {}
             }
         }
@@ -221,7 +226,7 @@ impl Chooser {
                 response.request_focus();
             }
             if response.changed() {
-                self.wrong = None;
+                (self.wrong, self.is_typed) = (None, true);
             }
             let entered = response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
             let does = if self.seeks.is_new() { "Save here" } else { "Open" };

@@ -74,12 +74,14 @@ impl Controls {
             return None;
         }
         let mut refused = None;
-        let id = ui.make_persistent_id(("group", table));
+        let is_looked_for = !self.search.is_empty() || self.changed_only;
+        let id = ui.make_persistent_id(("group", table, is_looked_for));
         let is_effect = summary.is_some();
         let mut state = egui::collapsing_header::CollapsingState::load_with_default_open(ui.ctx(), id, is_effect);
-        if !self.search.is_empty() || self.changed_only {
+        if is_looked_for {
             state.set_open(true);
         }
+        let mut is_clicked = false;
         state
             .show_header(ui, |ui| {
                 if is_effect {
@@ -93,7 +95,8 @@ impl Controls {
                         );
                     }
                 } else {
-                    ui.strong(title);
+                    let heading = egui::Label::new(RichText::new(title).strong()).sense(egui::Sense::click());
+                    is_clicked = ui.add(heading).clicked();
                 }
             })
             .body(|ui| {
@@ -110,6 +113,10 @@ impl Controls {
                     }
                 }
             });
+        if is_clicked && let Some(mut state) = egui::collapsing_header::CollapsingState::load(ui.ctx(), id) {
+            state.toggle(ui);
+            state.store(ui.ctx());
+        }
         refused
     }
 }
@@ -176,7 +183,7 @@ fn control(
                 egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{full} is given"))
             });
             if given_box.changed() {
-                asked = Some(Asked::Set(if given { first_value(&spec.kind) } else { Value::None }));
+                asked = Some(Asked::Set(if given { first_value(&full, &spec.kind) } else { Value::None }));
             }
             if !given {
                 ui.weak("not given");
@@ -236,7 +243,15 @@ impl Dial {
 }
 
 /// What a parameter that had no value begins with.
-fn first_value(kind: &Kind) -> Value {
+fn first_value(full: &str, kind: &Kind) -> Value {
+    // Where 1 would be a camera that nobody has.
+    match full {
+        "camera.exposure.time_s" => return Value::Number(0.016),
+        "camera.exposure.shutter_angle_deg" => return Value::Number(180.0),
+        "camera.exposure.iso" | "noise.iso" => return Value::Number(400.0),
+        "camera.lens.f_number" => return Value::Number(4.0),
+        _ => {}
+    }
     match kind {
         Kind::Bool => Value::Bool(true),
         Kind::Choice(names) => Value::Text(names.first().copied().unwrap_or_default().to_owned()),

@@ -89,6 +89,8 @@ pub struct Keeper {
     asks_whether: Option<PathBuf>,
     /// Waits for an answer, or for what is being saved.
     then: Option<Then>,
+    /// A recording that was not opened: a profile may be what it lacks.
+    not_opened: Option<Opened>,
     may_close: bool,
     /// It has been told that the device is gone.
     has_lost: bool,
@@ -286,7 +288,8 @@ impl Keeper {
 
     fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, session: &mut Session) {
         match purpose {
-            Purpose::Open | Purpose::OpenProfile => self.dropped(path, session),
+            Purpose::Open => self.dropped(path, session),
+            Purpose::OpenProfile => self.open_profile(path, session),
             Purpose::OpenScene => {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
             }

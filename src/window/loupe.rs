@@ -25,7 +25,7 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
     let Some(pointed) = seen.pointed else { return };
     let (x, y) = (pointed.x.floor() as i32, pointed.y.floor() as i32);
     let square = ACROSS as f32 * CELL;
-    let size = vec2(sides.len() as f32 * (square + 8.0) + 8.0, square + 46.0);
+    let size = vec2(sides.len() as f32 * (square + 8.0) + 8.0, square + 60.0);
     let at = seen.placed.screen(pointed);
     let panel = seen.painter.clip_rect();
     // Beside the pointer, where there is room.
@@ -67,8 +67,8 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
             Color32::WHITE,
         );
     }
-    let place = back.left_bottom() + vec2(size.x - 8.0, -3.0);
-    painter.text(place, Align2::RIGHT_BOTTOM, format!("{x}, {y}"), FontId::monospace(11.0), Color32::from_gray(170));
+    let place = back.left_bottom() + vec2(8.0, -3.0);
+    painter.text(place, Align2::LEFT_BOTTOM, format!("{x}, {y}"), FontId::monospace(11.0), Color32::from_gray(170));
 }
 
 /// Writes code values into the pixels that lie in a part of the panel, if they are large enough.

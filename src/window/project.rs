@@ -471,7 +471,10 @@ impl Project {
                 self.scene_text = Some(text);
                 done.map(|()| written).map_err(|e| failed(&e))?
             }
-            None => scene::Document::new(scene.clone()).map_err(|e| failed(&e))?.to_string(),
+            None => {
+                let made = scene::Document::new(scene.clone()).map_err(|e| failed(&e))?;
+                self.scene_text.insert(made).to_string()
+            }
         };
         write_atomically(path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
         self.history.each(|edit| edit.scene = moved(&edit.scene, &from, path));

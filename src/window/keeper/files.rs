@@ -22,27 +22,32 @@ use crate::source::file::{self, MOST_DOCUMENT};
 impl Keeper {
     /// A file that was dropped into the window, or chosen: what it is tells what becomes of it.
     pub fn dropped(&mut self, path: PathBuf, session: &mut Session) {
-        if Recording::is_at(&path) {
-            let opened = Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0 };
-            return self.then = Some(Then::Open(opened, None));
-        }
         let text = file::read_text(&path, MOST_DOCUMENT).map_err(|error| error.to_string());
         let of_profile = text.and_then(|text| {
             let read = profile::Document::parse(&text, &path).map_err(|error| error.to_string());
             read.map(drop)
         });
         match (of_profile, scene::document::read(&path)) {
-            (Ok(()), _) => {
-                self.then = Some(Then::Open(Opened { profile: Some(path), ..Opened::of(&session.project) }, None))
-            }
+            (Ok(()), _) => self.open_profile(path, session),
             (_, Ok(_)) => {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None))
+            }
+            // Recordings too are described by such files.
+            _ if Recording::is_at(&path) => {
+                let opened = Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0 };
+                self.then = Some(Then::Open(opened, None));
             }
             (Err(no_profile), Err(no_scene)) => session.wrong(format!(
                 "{}: neither a recording's folder, nor a model, nor a profile ({no_profile}), nor a scene ({no_scene})",
                 path.display()
             )),
         }
+    }
+
+    /// Opens what is open with another profile, or what could not be opened without one.
+    pub(super) fn open_profile(&mut self, path: PathBuf, session: &Session) {
+        let opened = self.not_opened.take().unwrap_or_else(|| Opened::of(&session.project));
+        self.then = Some(Then::Open(Opened { profile: Some(path), ..opened }, None));
     }
 
     pub(super) fn write(&mut self, session: &mut Session, step: &Step) {
@@ -226,11 +231,14 @@ impl Keeper {
                     }
                     None => 0,
                 };
-                self.shows_start = false;
+                (self.shows_start, self.not_opened) = (false, None);
                 Some(Turn { project: *project, frame })
             }
             Err(why) => {
-                session.wrong(format!("{}: not opened: {why}", done.opened.recording.display()));
+                let lacks_profile = done.opened.profile.is_none();
+                let then = if lacks_profile { ". A profile that is opened now is used for it" } else { "" };
+                session.wrong(format!("{}: not opened: {why}{then}", done.opened.recording.display()));
+                self.not_opened = Some(done.opened).filter(|_| lacks_profile);
                 self.left.extend(done.left);
                 None
             }
