@@ -60,6 +60,26 @@ fn what_cannot_be_written_is_said_before_the_work() {
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 1);
 }
 
+/// Whoever reads may have enough of the frames; a report of all of them was asked for, too.
+#[test]
+fn a_report_that_is_missing_is_told_where_the_frames_were_not_read_to_the_end() {
+    let temp = tempfile::tempdir().unwrap();
+    let report = temp.path().join("r.json");
+    let run = |more: &[&std::ffi::OsStr]| {
+        let demo =
+            ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain", "--frames", "5..9", "-o", "-"];
+        let mut command = program();
+        command.args(demo).args(more).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        let mut running = command.spawn().unwrap();
+        drop(running.stdout.take());
+        let output = running.wait_with_output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    assert_eq!(run(&[]), (Some(0), String::new()));
+    let (code, text) = run(&["--report".as_ref(), report.as_os_str()]);
+    assert!(code == Some(2) && text.contains("r.json: is not written") && !report.exists(), "{code:?}: {text}");
+}
+
 /// No output of a run lies where another one of it does, forced or not.
 #[test]
 fn outputs_of_one_run_stand_apart() {

@@ -153,7 +153,16 @@ pub fn run(args: Args) -> Result<()> {
         true
     });
     bar.finish_and_clear();
-    let done = done.map_err(told)?;
+    let done = done.map_err(told);
+    if let (Err(error), OutPath::Stdout, Some(report)) = (&done, &export.out, &export.report)
+        && super::is_closed_stdout(error)
+    {
+        bail!(
+            "{}: is not written, for whoever was reading the frames closed the pipe before the last",
+            report.display()
+        );
+    }
+    let done = done?;
     for note in done.notes() {
         warn(quiet, &note.to_string());
     }

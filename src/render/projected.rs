@@ -87,11 +87,11 @@ pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<L
     let mut image = match &still.projection {
         Projection::Perspective(g) => {
             let fine = g.resized(width * FINER, height * FINER);
-            studio.draw(&fine, still.pose, false)?.shrunk(FINER)
+            studio.shrunk(&fine, still.pose, false)?
         }
         Projection::Orthographic { px_per_m, .. } => {
             let fine = parallel_geometry(width * FINER, height * FINER, px_per_m * f64::from(FINER));
-            studio.draw(&fine, still.pose, true)?.shrunk(FINER)
+            studio.shrunk(&fine, still.pose, true)?
         }
         Projection::Curved(curved) => {
             let resampler = Resampler::new(curved);
@@ -103,7 +103,7 @@ pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<L
                 if !studio.renderer.in_view(&geometry, &pose) {
                     continue;
                 }
-                let drawn = studio.draw(&geometry, pose, false)?;
+                let drawn = studio.whole(&geometry, pose)?;
                 resampler.add(face, &drawn, &mut sum);
             }
             sum
@@ -172,8 +172,39 @@ struct Studio<'a> {
 }
 
 impl Studio<'_> {
-    /// Draws the objects with a geometry. With `parallel`, its focal lengths are px per metre.
-    fn draw(&mut self, geometry: &Geometry, pose: Pose, parallel: bool) -> Result<Drawn, GpuError> {
+    /// A picture in which each pixel is the mean of `FINER` × `FINER` drawn ones.
+    fn shrunk(&mut self, fine: &Geometry, pose: Pose, parallel: bool) -> Result<LinearImage, GpuError> {
+        let mut image = LinearImage::empty(fine.intrinsics.width_px / FINER, fine.intrinsics.height_px / FINER);
+        let wide = image.width as usize;
+        self.draw(fine, pose, parallel, |y, x0, texels| {
+            let row = &mut image.rgba[y / FINER as usize * wide..][..wide];
+            for (x, texel) in (x0..).zip(texels) {
+                (0..4).for_each(|c| row[x / FINER as usize][c] += texel[c].to_f32());
+            }
+        })?;
+        image.rgba.iter_mut().flatten().for_each(|sum| *sum /= (FINER * FINER) as f32);
+        Ok(image)
+    }
+
+    /// The drawn pixels themselves.
+    fn whole(&mut self, geometry: &Geometry, pose: Pose) -> Result<Drawn, GpuError> {
+        let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
+        let mut rgba = vec![[half::f16::ZERO; 4]; width as usize * height as usize];
+        let rect = self.draw(geometry, pose, false, |y, x0, texels| {
+            rgba[y * width as usize + x0..][..texels.len()].copy_from_slice(texels);
+        })?;
+        Ok(Drawn { width, rect, rgba })
+    }
+
+    /// Draws the objects with a geometry, in tiles, and gives their pixels row by row from above: row, first column,
+    /// pixels. Returns where they are; there is nothing outside. With `parallel`, focal lengths are px per metre.
+    fn draw(
+        &mut self,
+        geometry: &Geometry,
+        pose: Pose,
+        parallel: bool,
+        mut each: impl FnMut(usize, usize, &[[half::f16; 4]]),
+    ) -> Result<Rect, GpuError> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         let shutter = Shutter { exposure_time_s: 0.0, readout_time_s: 0.0, beyond_s: 0.0 };
         let keys = ViewKeys::new(shutter, |_| pose);
@@ -183,8 +214,11 @@ impl Studio<'_> {
         // used here.
         let parallel_to_m = parallel.then(|| 1.01 * footprint.depths_m[1].max(2.0 * NEAR_M));
         let rect = if parallel { full } else { footprint.rect.intersection(&full) };
-        let mut drawn = Drawn { width, rect, rgba: vec![[half::f16::ZERO; 4]; width as usize * height as usize] };
+        let mut band = Vec::new();
         for y0 in (rect.y0..rect.y1).step_by(TILE_PX as usize) {
+            let rows = Rect::new(rect.x0, y0, rect.x1, y0 + TILE_PX).intersection(&rect);
+            let columns = rows.width() as usize;
+            band.resize(columns * rows.height() as usize, [half::f16::ZERO; 4]);
             for x0 in (rect.x0..rect.x1).step_by(TILE_PX as usize) {
                 let tile = Rect::new(x0, y0, x0 + TILE_PX, y0 + TILE_PX).intersection(&rect);
                 let view = View {
@@ -197,20 +231,22 @@ impl Studio<'_> {
                     parallel_to_m,
                     outer: None,
                 };
-                self.draw_tile(&view, &mut drawn)?;
+                self.draw_tile(&view, &mut band[(x0 - rect.x0) as usize..], columns)?;
+            }
+            for (y, texels) in (y0 as usize..).zip(band.chunks_exact(columns.max(1))) {
+                each(y, rect.x0 as usize, texels);
             }
         }
-        Ok(drawn)
+        Ok(rect)
     }
 
-    fn draw_tile(&mut self, view: &View<'_>, drawn: &mut Drawn) -> Result<(), GpuError> {
+    /// Draws into rows that are `stride` pixels apart.
+    fn draw_tile(&mut self, view: &View<'_>, texels: &mut [[half::f16; 4]], stride: usize) -> Result<(), GpuError> {
         let layer = self.renderer.draw(&mut self.recorder, view, &SamplePlan::single());
         let mut readback = self.readbacks.copy(&mut self.recorder, &layer.color, layer.size);
         readback.submitted(self.recorder.submit());
-        let (tile, stride) = (view.rect, drawn.width as usize);
         readback.rows(&self.recorder.gpu, |row, bytes| {
-            let start = (tile.y0 as usize + row) * stride + tile.x0 as usize;
-            for (texel, bytes) in drawn.rgba[start..].iter_mut().zip(bytes.chunks_exact(8)) {
+            for (texel, bytes) in texels[row * stride..].iter_mut().zip(bytes.chunks_exact(8)) {
                 *texel = std::array::from_fn(|c| half::f16::from_le_bytes([bytes[2 * c], bytes[2 * c + 1]]));
             }
         })?;

@@ -240,24 +240,6 @@ pub struct Drawn {
     pub rgba: Vec<[half::f16; 4]>,
 }
 
-impl Drawn {
-    /// Means of squares of pixels.
-    pub fn shrunk(&self, finer: u32) -> LinearImage {
-        let (finer, wide) = (finer as usize, self.width as usize);
-        let (width, height) = (wide / finer, self.rgba.len() / wide.max(1) / finer);
-        let mean = |i: usize| {
-            let (x, y) = (i % width * finer, i / width * finer);
-            let mut sum = [0.0; 4];
-            for (dy, dx) in (0..finer).flat_map(|dy| (0..finer).map(move |dx| (dy, dx))) {
-                let texel = self.rgba[(y + dy) * wide + x + dx];
-                (0..4).for_each(|c| sum[c] += texel[c].to_f32());
-            }
-            sum.map(|v| v / (finer * finer) as f32)
-        };
-        LinearImage { width: width as u32, height: height as u32, rgba: (0..width * height).map(mean).collect() }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

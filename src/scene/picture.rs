@@ -55,11 +55,19 @@ pub(super) fn decode(file: &Path, what: &str, bytes: &[u8], pixels_left: u64) ->
     Ok(Rgba { width: rgba.width(), height: rgba.height(), rgba: Arc::new(rgba.into_raw()) })
 }
 
+/// Of a panorama, bytes. Renderers write a few lines.
+const MAX_HDR_HEADER: usize = 1 << 16;
+
 /// A Radiance HDR picture as linear RGB, row by row from the top left.
 pub(super) fn decode_hdr(file: &Path, named_in: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), SceneError> {
     let bytes = bytes::read(file, Some(named_in))?;
     let bad = |found: String, accepted: &str| SceneError::bad(file, "the panorama", found, accepted);
     let failed = |e: image::ImageError| bad(format!("bytes that do not decode ({e})"), "a whole Radiance .hdr file");
+    // The decoder reads any header, of any length, word by word.
+    let head = &bytes[..bytes.len().min(MAX_HDR_HEADER)];
+    if !head.windows(2).any(|pair| pair == b"\n\n") && !head.windows(3).any(|three| three == b"\n\r\n") {
+        return Err(bad(format!("no empty line in the first {} bytes", head.len()), "a header, which ends with one"));
+    }
     let decoder = HdrDecoder::new(Cursor::new(&bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);

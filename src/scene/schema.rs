@@ -3,24 +3,68 @@
 //! Written here rather than taken from a crate: the existing one panics on references out of range and truncates
 //! indices to 32 bits before they can be checked.
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+
+/// Entries of the lists whose entries are many in large models, and of the others.
+const MANY: usize = 1 << 20;
+const FEW: usize = 1 << 16;
+
+/// A list of up to `MOST` entries. An entry of three bytes, `{},`, takes a hundred times that in memory.
+fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MOST: usize>(from: D) -> Result<Vec<T>, D::Error> {
+    struct List<T, const MOST: usize>(PhantomData<T>);
+
+    impl<'de, T: Deserialize<'de>, const MOST: usize> Visitor<'de> for List<T, MOST> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "a list of up to {MOST} entries")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
+            let mut list = Vec::new();
+            while let Some(entry) = entries.next_element()? {
+                if list.len() == MOST {
+                    return Err(A::Error::custom(format!("a list of more than {MOST} entries")));
+                }
+                list.push(entry);
+            }
+            Ok(list)
+        }
+    }
+    from.deserialize_seq(List::<T, MOST>(PhantomData))
+}
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Root {
     pub asset: Asset,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub extensions_used: Vec<String>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub extensions_required: Vec<String>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub buffers: Vec<Buffer>,
+    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
     pub buffer_views: Vec<BufferView>,
+    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
     pub accessors: Vec<Accessor>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub images: Vec<Image>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub samplers: Vec<Sampler>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub textures: Vec<Texture>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub materials: Vec<Material>,
+    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
     pub meshes: Vec<Mesh>,
+    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
     pub nodes: Vec<Node>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub scenes: Vec<Scene>,
     pub scene: Option<usize>,
     pub extensions: RootExtensions,
@@ -248,6 +292,7 @@ pub(super) struct RootExtensions {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Lights {
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub lights: Vec<Light>,
 }
 

@@ -59,7 +59,9 @@ fn write_exr(path: &Path, image: &LinearImage, force: bool) -> Result<(), SinkEr
         let [r, g, b, a] = image.rgba[at.1 * width + at.0];
         (r, g, b, a)
     });
-    let out = Image::from_channels((width, height), channels);
+    // Several threads pack the blocks; without an order the file's bytes would depend on which is done first.
+    let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
+    let out = Image::from_encoded_channels((width, height), encoding, channels);
     write_atomically(path, force, |writer| out.write().to_buffered(writer).map_err(of_exr))
 }
 
@@ -93,5 +95,19 @@ mod tests {
         assert_eq!(image::open(&png).unwrap().color(), image::ColorType::Rgb8, "no alpha where nothing is transparent");
         let refused = write(Path::new("a.gif"), &picture, &Response::default(), true).unwrap_err().to_string();
         assert_eq!(refused, "a.gif: a picture cannot be written with .gif; accepted are .png and .exr");
+    }
+
+    #[test]
+    fn a_picture_is_the_same_bytes_every_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let rgba = (0..600 * 400).map(|i| [(i % 91) as f32, (i / 600) as f32, 0.5, 1.0]).collect();
+        let picture = LinearImage { width: 600, height: 400, rgba };
+        let written = |name: String| {
+            let path = folder.path().join(name);
+            write(&path, &picture, &Response::default(), false).unwrap();
+            std::fs::read(path).unwrap()
+        };
+        let first = written("first.exr".to_owned());
+        assert!((0..10).all(|n| written(format!("{n}.exr")) == first));
     }
 }

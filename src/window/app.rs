@@ -23,6 +23,7 @@ use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
 use crate::frame::Frame;
 use crate::scene::Entry;
+use crate::words::quoted;
 
 /// The tuner.
 pub struct App {
@@ -222,7 +223,7 @@ impl App {
         ui.horizontal(|ui| {
             let recording = &self.session.project.shot().recording;
             let star = if self.session.project.is_saved() { "" } else { " •" };
-            ui.strong(format!("{}{star}", recording.name)).on_hover_text(recording.path.display().to_string());
+            ui.strong(format!("{}{star}", quoted(&recording.name))).on_hover_text(recording.path.display().to_string());
             self.keeper.menu(ui, &mut self.session);
             ui.separator();
             let (undo, redo) = (self.session.project.history().can_undo(), self.session.project.history().can_redo());

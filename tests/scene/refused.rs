@@ -43,6 +43,14 @@ fn accessors_and_views_out_of_range() {
     refused_json("/accessors/0/count", json!(6), &["POSITION (accessors[0])", "6 elements of 12 bytes"]);
 }
 
+/// Of a few bytes each, which took a hundred times that in memory.
+#[test]
+fn lists_without_end() {
+    refused_json("/nodes", json!(vec![json!({}); (1 << 20) + 1]), &["the glTF JSON", "more than 1048576 entries"]);
+    let materials = json!(vec![json!({}); (1 << 16) + 1]);
+    refused(|m| m.json["materials"] = materials, &["the glTF JSON", "more than 65536 entries"]);
+}
+
 #[test]
 fn sizes_that_overflow() {
     let max = json!(u64::MAX);
