@@ -267,7 +267,7 @@ fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
 }
 
 #[test]
-fn a_profile_opens_what_could_not_be_opened_without_one() {
+fn a_profile_is_opened_for_a_recording_without_a_camera() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("rec");
     std::fs::create_dir(&recording).unwrap();
@@ -294,12 +294,12 @@ fn a_profile_opens_what_could_not_be_opened_without_one() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     answer(&mut window, &recording, "Open");
     until(&mut window, |app| app.problem().is_some());
-    assert!(window.state().problem().unwrap().contains("not opened"));
+    assert!(window.state().problem().unwrap().contains("camera"), "{:?}", window.state().problem());
     press(&mut window, "File");
     press(&mut window, "Open a profile…");
     answer(&mut window, &profile, "Open");
-    until(&mut window, |app| app.project().shot().recording.path == recording);
-    assert_eq!(window.state().project().profile.as_deref(), Some(profile.as_path()));
+    until(&mut window, |app| app.project().profile.as_deref() == Some(profile.as_path()));
+    assert_eq!(window.state().project().shot().recording.path, recording);
     settle(&mut window);
 }
 

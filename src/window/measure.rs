@@ -101,7 +101,10 @@ impl Measure {
 
     /// Goes on; says whether all is done. To be called in each frame of the window.
     pub fn step(&mut self, session: &mut Session, view: &mut View, ctx: &egui::Context) -> bool {
-        let Some(step) = self.steps.front_mut() else { return true };
+        let Some(step) = self.steps.front_mut() else {
+            self.print();
+            return true;
+        };
         match step {
             Step::First => {
                 if session.is_settled() {
@@ -223,10 +226,7 @@ impl Measure {
                 }
             }
         }
-        if self.steps.is_empty() {
-            self.print();
-        }
-        self.steps.is_empty()
+        false
     }
 
     fn print(&mut self) {
