@@ -4,7 +4,9 @@
 //! boxes of |cos φ| and |sin φ| make, whose variance is 1/12 px² at every angle. Before it comes the Gaussian of lens and
 //! sensor, and the way that the edge moved while the shutter was open, which is a box too. So
 //!
-//!     E(d) = ∫∫∫ Φ((d − u − v − w)/σ)        u, v, w over those boxes
+//! ```text
+//! E(d) = ∫∫∫ Φ((d − u − v − w)/σ)        u, v, w over those boxes
+//! ```
 //!
 //! With G(x) = ∫∫ Φ(x/σ) = ((x² + σ²)·Φ(x/σ) + σx·φ(x/σ))/2 the two of the pixel are a second difference of G. The third
 //! is summed by Gauss and Legendre's three points, whose variance is the box's.
