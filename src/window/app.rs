@@ -13,6 +13,7 @@ use super::handles::{Handles, Over};
 use super::keeper::{Keeper, Turn};
 use super::loupe;
 use super::measure::Measure;
+use super::painter;
 use super::picture::{self, Compared, Seen, Taken, View};
 use super::placed::Placed;
 use super::player::Player;
@@ -43,9 +44,10 @@ pub struct App {
 }
 
 impl App {
-    /// Takes the window's device.
+    /// Takes the window's device. What does not change is painted once ([`painter`](super::painter)).
     pub fn new(context: &eframe::CreationContext<'_>, project: Project) -> Result<Self, String> {
-        let window = context.wgpu_render_state.clone().ok_or("the window has no device that Locard can draw with")?;
+        let window = context.wgpu_render_state.as_ref().ok_or("the window has no device that Locard can draw with")?;
+        let window = painter::install(&context.egui_ctx, window);
         Ok(Self {
             session: Session::new(window.clone(), &context.egui_ctx, project)?,
             view: View::default(),
@@ -302,7 +304,7 @@ impl App {
         let other = self.session.project.edit().other.as_ref();
         let compared = other.map(|other| Compared { edits_a: !other.is_a });
         if compared.is_some() && self.view.wipe.is_some() {
-            self.session.want_other(ui.ctx());
+            self.session.want_other();
         }
         let viewer = &mut self.session.viewer;
         let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref(), compared, taken);
@@ -356,9 +358,6 @@ impl App {
         }
         self.session.want_codes();
         let codes = self.session.codes().filter(|codes| codes.frame.index == frame.index);
-        if codes.is_none() && self.session.stats().is_some() {
-            seen.response.ctx.request_repaint();
-        }
         if numbers {
             loupe::numbers(seen, seen.camera, &frame.pixels, ppp);
             if let Some(codes) = &codes {
@@ -452,7 +451,7 @@ impl eframe::App for App {
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
         self.input(&ctx);
-        self.session.work(&ctx);
+        self.session.take(&ctx);
         if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {
             self.keeper.close_without_asking();
             self.measure = None;
@@ -468,7 +467,7 @@ impl eframe::App for App {
             // From the first frame on: a recording's own clock may count from 1970.
             let of = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
             let time_s = of(session.player.frame()) - of(0);
-            let told = Told { time_s, shown_per_s: session.pictures_per_s() };
+            let told = Told { time_s, shown_per_s: session.pictures_per_s(), reduced_by: session.reduced_by() };
             timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.held);
             ui.add_space(3.0);
             timeline::show(ui, &mut session.player, &told);
@@ -480,5 +479,6 @@ impl eframe::App for App {
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
         self.keep(&ctx);
+        self.session.make(&ctx);
     }
 }
