@@ -19,7 +19,7 @@ use crate::camera::Camera;
 use crate::depth::RayCache;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError, Readback, ReadbackSet, Recorder};
+use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed};
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
@@ -55,6 +55,7 @@ pub struct Pending {
     parts: Vec<wgpu::SubmissionIndex>,
     /// `None` where nothing had to be drawn.
     last: Option<wgpu::SubmissionIndex>,
+    timed: Vec<Timed>,
 }
 
 impl Pending {
@@ -65,6 +66,12 @@ impl Pending {
     /// Waits until all of it is drawn, on whatever thread. Of a picture that went into a view nothing else comes.
     pub fn await_drawn(&self, gpu: &Gpu) -> Result<(), GpuError> {
         self.last.clone().map_or(Ok(()), |last| gpu.wait(Some(last)))
+    }
+
+    /// Waits, then gives the GPU's time for each part, if it was asked for ([`Compositor::time_next`]): `depth`, `objects`, each effect by its table, `mix` (with the effects that act while
+    /// objects are mixed into the picture).
+    pub fn times(&self, gpu: &Gpu) -> Result<Vec<PartTime>, GpuError> {
+        Timed::times(&self.timed, gpu)
     }
 }
 
@@ -110,6 +117,11 @@ impl Compositor {
         &self.recorder.gpu
     }
 
+    /// Has the next frame's parts timed by the GPU, if it has a clock ([`Pending::times`]).
+    pub fn time_next(&mut self) {
+        self.recorder.time();
+    }
+
     /// Things that the scene asks for but that are not drawn.
     pub fn warnings(&self) -> Vec<String> {
         self.renderer.warnings()
@@ -145,6 +157,7 @@ impl Compositor {
         let looked_at = places.looked_at;
         stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
 
+        self.recorder.part("depth");
         let hidden = Hidden::new(&mut self.recorder, &mut self.rays, &job, settings, &sight, &plan, &moment);
         stats.no_occlusion = hidden.nothing_because.clone();
         let tolerance_m = settings.depth.tolerance_m;
@@ -158,6 +171,7 @@ impl Compositor {
             parallel_to_m: None,
             outer: None,
         };
+        self.recorder.part("objects");
         let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);
         layer.real = plan.surfaces.map(|surfaces| {
             // What is hidden moment by moment is hidden already.
@@ -175,6 +189,7 @@ impl Compositor {
         };
         let layer = affect(&mut run, layer, &plan, &hidden, job.want_layer, tolerance_m);
 
+        run.recorder.part("mix");
         let sent = match target {
             Target::Pixels => looked_at_by(&places.pieces, &job.frame),
             Target::View(..) => whole(&job.frame),
@@ -208,6 +223,7 @@ impl Compositor {
             readback.submitted(submission.clone());
         }
         let last = Some(submission);
+        let timed = self.recorder.timed();
         Ok(Pending {
             frame: job.frame,
             stats,
@@ -215,6 +231,7 @@ impl Compositor {
             work: Some(work),
             parts: self.recorder.parts(),
             last,
+            timed,
         })
     }
 
@@ -224,10 +241,12 @@ impl Compositor {
         if let Target::View(view, format) = target {
             let pixels = &job.frame.pixels;
             let sent = Sent::new(&self.recorder, pixels, Rect::full(pixels.width, pixels.height));
+            self.recorder.part("mix");
             sent.show(&mut self.recorder, view, format);
             last = Some(self.recorder.submit());
         }
-        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new(), last }
+        let timed = self.recorder.timed();
+        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new(), last, timed }
     }
 
     /// Whether [`Compositor::collect`] would return without waiting.
@@ -298,6 +317,7 @@ fn affect(
         let cut = hidden.then.as_ref().filter(|(after, _)| *after == n);
         let later = &plan.active[n + 1..];
         run.geometry_is_read = want_layer || cut.is_some() || later.iter().any(|effect| effect.reads_geometry());
+        run.recorder.part(effect.table());
         layer = effect.run(run, layer);
         if let Some((_, real_depth)) = cut {
             layer = behind_real::cut(run.recorder, layer, real_depth, tolerance_m);

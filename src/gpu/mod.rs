@@ -12,6 +12,7 @@ mod readback;
 mod recorder;
 mod shader;
 mod texture;
+mod timing;
 mod uniform;
 
 pub use device::{AdapterReport, Gpu, GpuError, adapters};
@@ -24,4 +25,5 @@ pub use recorder::Recorder;
 pub use shader::constant;
 pub use shader::{Shader, module};
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
+pub use timing::{PartTime, Timed};
 pub use uniform::{Bytes, Packed, Uniform, constants};

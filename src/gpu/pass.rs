@@ -177,11 +177,16 @@ impl<'a> Pass<'a> {
                 })
             })
             .collect();
+        let timestamps = self.recorder.timestamps();
         let mut pass = self.recorder.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(self.module.label),
             color_attachments: &attachments,
             depth_stencil_attachment: None,
-            timestamp_writes: None,
+            timestamp_writes: timestamps.as_ref().map(|(queries, first)| wgpu::RenderPassTimestampWrites {
+                query_set: queries,
+                beginning_of_pass_write_index: Some(*first),
+                end_of_pass_write_index: Some(first + 1),
+            }),
             occlusion_query_set: None,
             multiview_mask: None,
         });
@@ -206,7 +211,15 @@ impl<'a> Pass<'a> {
         for entry in &self.entries {
             let made = self.recorder.pipelines.computed(&gpu, &self.shaders, &self.module, entry.fragment);
             let groups = self.groups(&gpu, &made);
-            let mut pass = self.recorder.encoder().begin_compute_pass(&Default::default());
+            let timestamps = self.recorder.timestamps();
+            let mut pass = self.recorder.encoder().begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(self.module.label),
+                timestamp_writes: timestamps.as_ref().map(|(queries, first)| wgpu::ComputePassTimestampWrites {
+                    query_set: queries,
+                    beginning_of_pass_write_index: Some(*first),
+                    end_of_pass_write_index: Some(first + 1),
+                }),
+            });
             pass.set_pipeline(&made.pipeline);
             for (number, group) in (0..).zip(&groups) {
                 pass.set_bind_group(number, group.as_ref(), &[]);

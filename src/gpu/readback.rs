@@ -55,7 +55,7 @@ fn row_bytes(texture: &wgpu::Texture, width: u32) -> (u32, u32) {
     (row, row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT))
 }
 
-fn buffer_of(gpu: &Gpu, size: u64) -> wgpu::Buffer {
+pub(super) fn buffer_of(gpu: &Gpu, size: u64) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("readback"),
         size,
@@ -96,6 +96,21 @@ impl Readback {
             size: u64::from(padded) * u64::from(height),
             row_bytes: row as usize,
             padded_row_bytes: padded as usize,
+            state: Arc::new(AtomicU8::new(PENDING)),
+            submission: None,
+        }
+    }
+
+    /// Records a copy of a buffer into one that is at least as large. Its bytes come back as one row.
+    pub(super) fn of_buffer(encoder: &mut wgpu::CommandEncoder, from: &wgpu::Buffer, buffer: wgpu::Buffer) -> Self {
+        let size = from.size();
+        encoder.copy_buffer_to_buffer(from, 0, &buffer, 0, size);
+        let bytes = size as usize;
+        Self {
+            buffer,
+            size,
+            row_bytes: bytes,
+            padded_row_bytes: bytes,
             state: Arc::new(AtomicU8::new(PENDING)),
             submission: None,
         }

@@ -2,6 +2,7 @@
 
 use super::kept::{FEW, Kept, MANY};
 use super::pipelines::Pipelines;
+use super::timing::{Timed, Timer};
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, TexturePool};
 
@@ -17,6 +18,8 @@ pub struct Recorder {
     kept: Kept,
     encoder: Option<wgpu::CommandEncoder>,
     parts: Vec<wgpu::SubmissionIndex>,
+    timer: Option<Timer>,
+    timed: Vec<Timed>,
 }
 
 impl Recorder {
@@ -36,6 +39,8 @@ impl Recorder {
             kept: Kept::default(),
             encoder: None,
             parts: Vec::new(),
+            timer: None,
+            timed: Vec::new(),
         }
     }
 
@@ -77,16 +82,43 @@ impl Recorder {
 
     /// Submits what was recorded to the GPU.
     pub fn submit(&mut self) -> wgpu::SubmissionIndex {
+        let gpu = self.gpu.clone();
+        let timed = self.timer.take().and_then(|timer| timer.end(&gpu, self.encoder()));
         self.encoder();
         self.uniforms.write(&self.gpu);
         let submission = self.gpu.queue.submit(self.encoder.take().map(wgpu::CommandEncoder::finish));
+        self.timed.extend(timed.map(|timed| timed.submitted(&submission)));
         self.pool.submitted();
         submission
     }
 
+    /// From now on until the next submission, times what is recorded. Does nothing where the device has no clock.
+    pub fn time(&mut self) {
+        self.timer = self.gpu.timestamps.then(|| Timer::new(&self.gpu, ""));
+    }
+
+    /// What is recorded from now on belongs to the part of this name.
+    pub fn part(&mut self, name: &'static str) {
+        if let Some(timer) = &mut self.timer {
+            timer.part = name;
+        }
+    }
+
+    /// For the pass that is recorded next: where its beginning and its end are written down.
+    pub fn timestamps(&mut self) -> Option<(wgpu::QuerySet, u32)> {
+        self.timer.as_mut()?.next()
+    }
+
+    /// What was timed since the last call.
+    pub fn timed(&mut self) -> Vec<Timed> {
+        std::mem::take(&mut self.timed)
+    }
+
     /// Submits a part of a long frame: a long plan in one submission would occupy all its buffers at once.
     pub fn submit_part(&mut self) {
+        let timed = self.timer.as_ref().map(|timer| timer.part);
         let part = self.submit();
+        self.timer = timed.map(|part| Timer::new(&self.gpu, part));
         self.parts.push(part);
     }
 

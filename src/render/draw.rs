@@ -405,6 +405,7 @@ impl Renderer {
         });
         let [color, depth] = [COLOR, DEPTH].map(|format| recorder.pool.lend_samples(gpu, size, format, SAMPLES));
         {
+            let timestamps = recorder.timestamps();
             let mut pass = recorder.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("raster"),
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -421,7 +422,11 @@ impl Renderer {
                     depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
                     stencil_ops: None,
                 }),
-                timestamp_writes: None,
+                timestamp_writes: timestamps.as_ref().map(|(queries, first)| wgpu::RenderPassTimestampWrites {
+                    query_set: queries,
+                    beginning_of_pass_write_index: Some(*first),
+                    end_of_pass_write_index: Some(first + 1),
+                }),
                 occlusion_query_set: None,
                 multiview_mask: None,
             });

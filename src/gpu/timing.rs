@@ -1,0 +1,120 @@
+//! How long the GPU takes for the parts of what is recorded, by its own clock.
+
+use super::readback::{Readback, buffer_of};
+use super::{Gpu, GpuError};
+
+/// Passes of a submission that are timed; later ones are not.
+const MOST: u32 = 1024;
+
+/// Times the passes of a submission.
+#[derive(Debug)]
+pub struct Timer {
+    queries: wgpu::QuerySet,
+    /// The part that each pass belongs to.
+    passes: Vec<&'static str>,
+    pub part: &'static str,
+}
+
+impl Timer {
+    pub fn new(gpu: &Gpu, part: &'static str) -> Self {
+        let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: Some("timing"),
+            ty: wgpu::QueryType::Timestamp,
+            count: 2 * MOST,
+        });
+        Self { queries, passes: Vec::new(), part }
+    }
+
+    /// The query of the next pass's beginning; its end is the one after it.
+    pub fn next(&mut self) -> Option<(wgpu::QuerySet, u32)> {
+        let pass = u32::try_from(self.passes.len()).ok().filter(|pass| *pass < MOST)?;
+        self.passes.push(self.part);
+        Some((self.queries.clone(), 2 * pass))
+    }
+
+    /// Records what brings the times back; `None` if there are none.
+    pub fn end(self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> Option<Timed> {
+        let count = 2 * self.passes.len() as u32;
+        if count == 0 {
+            return None;
+        }
+        let size = 8 * u64::from(count);
+        let resolved = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("timing"),
+            size,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        encoder.resolve_query_set(&self.queries, 0..count, &resolved, 0);
+        let readback = Readback::of_buffer(encoder, &resolved, buffer_of(gpu, size));
+        Some(Timed { passes: self.passes, tick_ns: gpu.queue.get_timestamp_period(), readback })
+    }
+}
+
+/// The GPU's time for all passes of a part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PartTime {
+    pub part: &'static str,
+    pub time_s: f64,
+}
+
+/// Times that are on their way back.
+#[derive(Debug)]
+pub struct Timed {
+    passes: Vec<&'static str>,
+    /// A unit of the GPU's clock, nanoseconds.
+    tick_ns: f32,
+    readback: Readback,
+}
+
+impl Timed {
+    pub(super) fn submitted(mut self, submission: &wgpu::SubmissionIndex) -> Self {
+        self.readback.submitted(submission.clone());
+        self
+    }
+
+    /// Waits, then gives the time of each part over some submissions, in the order in which they were begun. Passes of a GPU
+    /// that works on several at once overlap: the sum may be more than the time that passed.
+    pub fn times(submissions: &[Self], gpu: &Gpu) -> Result<Vec<PartTime>, GpuError> {
+        let mut out = Vec::new();
+        for timed in submissions {
+            let bytes = timed.readback.bytes(gpu)?;
+            let ticks: Vec<u64> = bytes.as_chunks().0.iter().map(|tick| u64::from_le_bytes(*tick)).collect();
+            sum(&mut out, &timed.passes, &ticks, f64::from(timed.tick_ns));
+        }
+        Ok(out)
+    }
+}
+
+/// Of each pass there are two ticks, its beginning and its end.
+fn sum(out: &mut Vec<PartTime>, passes: &[&'static str], ticks: &[u64], tick_ns: f64) {
+    for (part, pair) in passes.iter().zip(ticks.chunks_exact(2)) {
+        // A clock that was set back meanwhile gives nothing.
+        let time_s = 1e-9 * tick_ns * pair[1].saturating_sub(pair[0]) as f64;
+        match out.iter_mut().find(|of| of.part == *part) {
+            Some(of) => of.time_s += time_s,
+            None => out.push(PartTime { part, time_s }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_of_a_part_are_summed_in_the_order_in_which_parts_begin() {
+        // 10 ns a tick: 5 and 7 ticks of the first, 30 of the second; the last one's clock was set back.
+        let ticks = [100, 105, 105, 135, 200, 207, 9, 4];
+        let [draw, blur, grain] = ["objects", "motion_blur", "noise"];
+        let mut sums = Vec::new();
+        sum(&mut sums, &[draw, blur], &ticks[..4], 10.0);
+        sum(&mut sums, &[draw, grain], &ticks[4..], 10.0);
+        let expected = [(draw, 120e-9), (blur, 300e-9), (grain, 0.0)];
+        assert_eq!(sums.len(), 3);
+        for (sum, (part, time_s)) in sums.iter().zip(expected) {
+            assert_eq!(sum.part, part);
+            assert!((sum.time_s - time_s).abs() < 1e-15, "{sum:?}");
+        }
+    }
+}
