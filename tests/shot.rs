@@ -16,6 +16,7 @@ use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::export::{Export, ExportError, Inputs};
 use locard::photo::{PhotoError, TakeError, Told, Wanted};
+use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
 use locard::shot::{Given, Known, Note, Shot, ShotError};
@@ -296,4 +297,81 @@ fn an_outline_is_the_border_of_what_is_drawn_and_what_is_inside_is_hit() {
     }
     // A px along the border, where the outline is half a cell wide of it.
     assert!(covered > 3000 && wrong * 20 < covered && missed * 3500 < covered, "{covered}: {wrong}, {missed}");
+}
+
+/// Means of squares of 2 px.
+fn halved(pixels: &Pixels) -> Vec<f64> {
+    let (width, height) = (pixels.width / 2, pixels.height / 2);
+    let places = (0..height).flat_map(|y| (0..width).flat_map(move |x| (0..3).map(move |c| (x, y, c))));
+    let mean = |(x, y, c): (u32, u32, usize)| {
+        let at = |right, down| f64::from(pixels.at(2 * x + right, 2 * y + down)[c]);
+        (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4.0
+    };
+    places.map(mean).collect()
+}
+
+#[test]
+fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
+    let mut shot = shot::demo(SCENE);
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let frame = shot.read(31).unwrap();
+    let reduced = shot.reduce(&frame, 2).unwrap();
+    let mut half = |shot: &Shot, compositor: &mut Compositor| {
+        let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
+        compositor.collect(pending).unwrap()
+    };
+    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0"];
+    sets.iter().for_each(|set| shot.rig.set_text(set, &mut shot.settings).unwrap());
+    let whole = picture(&mut shot, &mut compositor, 31);
+    let plain = half(&shot, &mut compositor);
+    let (width, height) = (plain.pixels.width, plain.pixels.height);
+    assert_eq!((width, height), (whole.pixels.width / 2, whole.pixels.height / 2));
+    let (camera, codes) = (halved(&frame.pixels), plain.pixels.codes.eight_bit().unwrap());
+    let off: Vec<f64> = halved(&whole.pixels)
+        .into_iter()
+        .zip(codes)
+        .zip(&camera)
+        .filter(|((expected, _), camera)| (*expected - *camera).abs() > 3.0)
+        .map(|((expected, code), _)| (expected - f64::from(*code)).abs())
+        .collect();
+    // Blur and movement in px are halved, too. What is left is at edges, and where light's mean is not that of codes.
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(off.len() > 2000 && mean < 2.5, "{} values are off by {mean:.2}", off.len());
+
+    // Noise of a mean of four.
+    shot.rig.set_text("noise.scale=1", &mut shot.settings).unwrap();
+    let grain = |noisy: Vec<f64>, plain: Vec<f64>| {
+        let off =
+            noisy.into_iter().zip(plain).zip(&camera).filter(|((_, plain), camera)| (plain - *camera).abs() > 3.0);
+        let (sum, count) = off.fold((0.0, 0), |(sum, n), ((noisy, plain), _)| (sum + (noisy - plain).powi(2), n + 1));
+        f64::sqrt(sum / f64::from(count))
+    };
+    let noisy_whole = picture(&mut shot, &mut compositor, 31);
+    let noisy = half(&shot, &mut compositor);
+    let codes = |of: &Composited| of.pixels.codes.eight_bit().unwrap().iter().copied().map(f64::from).collect();
+    let (of_half, of_whole) =
+        (grain(codes(&noisy), codes(&plain)), grain(halved(&noisy_whole.pixels), halved(&whole.pixels)));
+    assert!((of_half / of_whole - 1.0).abs() < 0.15, "σ {of_half:.3} and {of_whole:.3}");
+}
+
+#[test]
+fn the_gpu_tells_what_each_part_takes() {
+    let mut shot = shot::demo(SCENE);
+    let gpu = gpu::gpu();
+    let mut compositor = shot.compositor(gpu.clone());
+    let pending = shot.picture(&mut compositor, 31, Target::Pixels).unwrap();
+    assert_eq!(pending.times(&gpu).unwrap(), [], "nobody asked");
+    let first = compositor.collect(pending).unwrap();
+    compositor.time_next();
+    let pending = shot.picture(&mut compositor, 31, Target::Pixels).unwrap();
+    let times = pending.times(&gpu).unwrap();
+    let parts: Vec<_> = times.iter().map(|of| of.part).collect();
+    assert!(compositor.collect(pending).unwrap().pixels == first.pixels);
+    if gpu.timestamps {
+        assert!(["objects", "motion_blur", "mix"].iter().all(|part| parts.contains(part)), "{parts:?}");
+        let sum_s: f64 = times.iter().map(|of| of.time_s).sum();
+        assert!(sum_s > 0.0 && times.iter().all(|of| of.time_s >= 0.0), "{times:?}");
+    } else {
+        assert_eq!(times, []);
+    }
 }

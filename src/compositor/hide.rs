@@ -31,9 +31,8 @@ impl Hidden {
     ) -> Self {
         let Some(places) = plan.places.as_ref().filter(|_| settings.depth.occlusion) else { return Self::default() };
         let drawn = places.drawn;
-        let recorded = job.capture.recorded;
         let depth = job.frame.depth.as_ref();
-        let measured = depth.map(|depth| measured_from(depth, recorded, job.track, job.time_offset_s));
+        let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
         let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
         let texels = match job.real {
             RealDepth::OfFrame => depth.zip(measured.and_then(Result::ok)).map(|(depth, measured)| {

@@ -1,0 +1,148 @@
+//! A frame at a fraction of its size: for pictures that must come soon while a person drags a slider, of frames that take long
+//! at full size.
+
+use super::{Shot, ShotError};
+use crate::camera::{Capture, Framed, Geometry, NoiseBin, NoiseProfile, correlations, variance_left};
+use crate::compositor::{Compositor, Job, Pending, Target};
+use crate::frame::Frame;
+use crate::pixels::{Codes, DepthMap, Pixels};
+use crate::rows::{over_rows, processors};
+
+/// A frame of which each pixel is the mean of a square of the camera's.
+#[derive(Clone, Debug)]
+pub struct Reduced {
+    frame: Frame,
+    /// Side of the squares, px. What is left over at the right and at the bottom is cut off.
+    by: u32,
+    picture: Geometry,
+    recorded: Geometry,
+}
+
+impl Reduced {
+    pub fn by(&self) -> u32 {
+        self.by
+    }
+
+    /// Takes the camera of a shot whose settings have changed.
+    pub fn follow(&mut self, shot: &Shot) -> Result<(), ShotError> {
+        self.recorded = shot.geometry_at(self.frame.index)?;
+        self.picture = geometry(&self.recorded, self.by, (self.frame.pixels.width, self.frame.pixels.height));
+        Ok(())
+    }
+}
+
+impl Shot {
+    /// Reduces a frame, by 1 or more.
+    pub fn reduce(&self, frame: &Frame, by: u32) -> Result<Reduced, ShotError> {
+        let by = by.max(1);
+        let recorded = self.geometry_at(frame.index)?;
+        let pixels = &frame.pixels;
+        let (width, height) = ((pixels.width / by).max(1), (pixels.height / by).max(1));
+        let codes = match &pixels.codes {
+            Codes::U8(codes) => Codes::U8(means(codes, pixels.width, (width, height), by)),
+            Codes::U16(codes) => Codes::U16(means(codes, pixels.width, (width, height), by)),
+        };
+        let picture = geometry(&recorded, by, (width, height));
+        let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
+        let pixels = Pixels { width, height, codes };
+        let Frame { index, timestamp_s, exposure, .. } = *frame;
+        let frame = Frame { index, timestamp_s, pixels, depth, exposure };
+        Ok(Reduced { frame, by, picture, recorded })
+    }
+
+    /// Like [`Shot::submit`]: what the full picture would show, each pixel a mean of its. Lengths in pixels, the lens and the
+    /// noise follow; what is finer than a pixel is lost.
+    pub fn submit_reduced(
+        &self,
+        compositor: &mut Compositor,
+        reduced: &Reduced,
+        target: Target<'_>,
+    ) -> Result<Pending, ShotError> {
+        compositor.place(&self.scene.objects);
+        let Reduced { frame, by, picture, recorded } = reduced;
+        let index = frame.index;
+        let mut camera = self.camera();
+        camera.noise = camera.noise.map(|noise| mean_noise(noise, *by));
+        let (track, interval_s) = (&self.recording.track, self.interval_s(index));
+        let job = Job::of_frame(frame.clone(), &camera, &self.settings, picture, track, interval_s)?;
+        let capture = Capture { recorded, framed: framed(*by), enlargement: f64::from(*by).recip(), ..job.capture };
+        let job = Job { time_offset_s: self.recording.time_offset_s, capture, ..job };
+        compositor
+            .submit(job, &camera, &self.settings, target)
+            .map_err(|source| ShotError::Submit { frame: index, source })
+    }
+}
+
+fn framed(by: u32) -> Framed {
+    Framed { left_px: 0.0, top_px: 0.0, step: f64::from(by) }
+}
+
+fn geometry(recorded: &Geometry, by: u32, (width, height): (u32, u32)) -> Geometry {
+    framed(by).geometry(recorded, width, height, recorded.intrinsics.film_width_mm)
+}
+
+/// Noise of the mean of `by`² pixels: σ / `by`, and more where neighbours' noise is alike. The correlation of the means
+/// themselves is left out.
+fn mean_noise(noise: NoiseProfile, by: u32) -> NoiseProfile {
+    let weights = vec![1.0 / by as f32; by as usize];
+    let [x, y] = noise.neighbour_correlation.map(|neighbour| variance_left(&weights, &correlations(neighbour)));
+    let left = (x * y).sqrt();
+    let bins = noise.bins.map(|bins| bins.into_iter().map(|bin| NoiseBin { sigma: left * bin.sigma, ..bin }).collect());
+    NoiseProfile { bins, neighbour_correlation: [0.0; 2], ..noise }
+}
+
+/// Means of squares, rounded to the nearest integer.
+fn means<T>(codes: &[T], width: u32, size: (u32, u32), by: u32) -> Vec<T>
+where
+    T: Copy + Default + Send + Sync + Into<u32> + TryFrom<u32>,
+{
+    let (row, side, squares) = (3 * width as usize, by as usize, size.0 as usize);
+    let mut out = vec![T::default(); 3 * squares * size.1 as usize];
+    over_rows(&mut out, 3 * squares, processors(), |y, means| {
+        let mut sums = vec![0u64; 3 * squares];
+        for codes in codes[y * side * row..].chunks(row).take(side) {
+            for (sum, square) in sums.chunks_exact_mut(3).zip(codes.chunks(3 * side)) {
+                for pixel in square.chunks_exact(3) {
+                    sum.iter_mut().zip(pixel).for_each(|(sum, code)| *sum += u64::from((*code).into()));
+                }
+            }
+        }
+        let count = u64::from(by) * u64::from(by);
+        for (mean, sum) in means.iter_mut().zip(sums) {
+            // A mean of codes is a code.
+            *mean =
+                u32::try_from((sum + count / 2) / count).ok().and_then(|mean| mean.try_into().ok()).unwrap_or_default();
+        }
+    });
+    out
+}
+
+/// The depth in the middle of each square: a mean would be on no surface.
+fn reduced_depth(depth: &DepthMap, by: u32) -> DepthMap {
+    let (width, height) = ((depth.width / by).max(1), (depth.height / by).max(1));
+    let middle = |at: u32, side: u32| (at * by + by / 2).min(side - 1) as usize;
+    let row = |y: u32| middle(y, depth.height) * depth.width as usize;
+    let depth_m = (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .map(|(x, y)| depth.depth_m[row(y) + middle(x, depth.width)])
+        .collect();
+    DepthMap { width, height, depth_m, timestamp_s: depth.timestamp_s }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_are_means_and_depths_are_samples() {
+        // Two rows of five pixels: the fifth column is cut off.
+        let codes: Vec<u8> = [10, 20, 30, 40, 99, 50, 60, 71, 80, 99].iter().flat_map(|c| [*c, 2 * *c, 255]).collect();
+        // (10 + 20 + 50 + 60) / 4 = 35; (30 + 40 + 71 + 80) / 4 = 55.25; the second channel is twice that: 110.5 is 111.
+        assert_eq!(means(&codes, 5, (2, 1), 2), [35, 70, 255, 55, 111, 255]);
+        let depth_m = (0..20).map(|n| n as f32).collect();
+        let depth = DepthMap { width: 5, height: 4, depth_m, timestamp_s: 3.0 };
+        let reduced = reduced_depth(&depth, 2);
+        assert_eq!((reduced.width, reduced.height, reduced.timestamp_s), (2, 2, 3.0));
+        assert_eq!(reduced.depth_m, [6.0, 8.0, 16.0, 18.0]);
+    }
+}
