@@ -2,13 +2,12 @@
 // @import shared/fullscreen
 
 struct Canvas {
-    // Of the picture on the target, px.
+    // Of the pictures on the target, px.
     origin: vec2<f32>,
-    // Target px to a texel.
-    scale: f32,
+    extent: vec2<f32>,
+    ground: vec4<f32>,
     // Target px.
     line_x: f32,
-    ground: vec4<f32>,
 }
 @group(0) @binding(0) var<uniform> canvas: Canvas;
 @group(0) @binding(1) var texels: sampler;
@@ -17,8 +16,7 @@ struct Canvas {
 
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    let size = vec2<f32>(textureDimensions(right_of_line));
-    let place = (at.xy - canvas.origin) / (canvas.scale * size);
+    let place = (at.xy - canvas.origin) / canvas.extent;
     let left = textureSampleLevel(left_of_line, texels, place, 0.0);
     let right = textureSampleLevel(right_of_line, texels, place, 0.0);
     let picture = select(right, left, at.x < canvas.line_x);

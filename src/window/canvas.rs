@@ -1,7 +1,7 @@
 //! Draws the picture into the window by a shader of ours. The window's own shader does so much for each pixel that, on a
 //! software driver, a picture costs more to show than to composite.
 
-use eframe::egui::{Color32, PaintCallback, PaintCallbackInfo, Rect};
+use eframe::egui::{Color32, PaintCallback, PaintCallbackInfo, Rect, Vec2};
 use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use wgpu::util::DeviceExt;
 
@@ -12,6 +12,8 @@ use crate::gpu::Shader;
 #[derive(Debug)]
 pub struct Canvas {
     pub placed: Placed,
+    /// Of the pictures, px; their textures may be smaller.
+    pub size: Vec2,
     /// Left of it the first picture is shown, points.
     pub line_x: f32,
     pub pictures: [wgpu::Texture; 2],
@@ -90,7 +92,8 @@ impl CallbackTrait for Canvas {
         let [r, g, b, a] = self.ground.to_normalized_gamma_f32();
         // As `Canvas` in the shader.
         let line_x = self.line_x.clamp(-1e9, 1e9);
-        let values = [origin.x * ppp, origin.y * ppp, self.placed.scale * ppp, line_x * ppp, r, g, b, a];
+        let extent = self.placed.scale * ppp * self.size;
+        let values = [origin.x * ppp, origin.y * ppp, extent.x, extent.y, r, g, b, a, line_x * ppp, 0.0, 0.0, 0.0];
         let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("canvas"),
             contents: bytemuck::cast_slice(&values),

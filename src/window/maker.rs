@@ -4,14 +4,15 @@
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::{Builder, JoinHandle};
+use std::time::{Duration, Instant};
 
 use super::reader::Reader;
-use crate::compositor::{FrameStats, Pending, Target};
+use crate::compositor::{Compositor, FrameStats, Pending, Target};
 use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError, read_back};
+use crate::gpu::{Gpu, GpuError, PartTime, read_back};
 use crate::pixels::Pixels;
 use crate::scene::Scene;
-use crate::shot::{Shot, ShotError};
+use crate::shot::{Reduced, Shot, ShotError};
 
 /// Holds code values, which is what the window takes a texture's texels for.
 pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -24,6 +25,15 @@ pub struct Made {
     pub version: u64,
     /// Whether it is what it is compared with.
     pub is_other: bool,
+    /// It is made smaller by this factor, so that it comes soon; 1 for the picture itself.
+    pub by: u32,
+}
+
+impl Made {
+    /// Whether both show the same, be it at another size.
+    pub fn shows_as(&self, other: &Self) -> bool {
+        Self { by: 1, ..*self } == Self { by: 1, ..*other }
+    }
 }
 
 /// A picture to be made.
@@ -32,10 +42,18 @@ pub struct Order {
     pub made: Made,
     /// As all is set at this moment.
     pub shot: Shot,
-    /// Where it goes: of the recording's size.
+    /// Where it goes: of the picture's size.
     pub texture: wgpu::Texture,
-    /// Its code values are wanted too.
-    pub wants_codes: bool,
+    pub wants: Wants,
+}
+
+/// What shall come with a picture.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wants {
+    /// Its code values.
+    pub codes: bool,
+    /// The GPU's time for its parts.
+    pub times: bool,
 }
 
 /// A picture that is made, or why it is not.
@@ -45,6 +63,8 @@ pub struct Finished {
     /// `None` where it could not be decoded.
     pub frame: Option<Arc<Frame>>,
     pub picture: Result<Picture, ShotError>,
+    /// From when it was taken up.
+    pub took: Duration,
 }
 
 #[derive(Debug)]
@@ -52,6 +72,8 @@ pub struct Picture {
     pub stats: FrameStats,
     /// 8 bits each, as they are shown.
     pub codes: Option<Arc<Pixels>>,
+    /// Empty where nobody wanted them, or the device has no clock.
+    pub times: Vec<PartTime>,
 }
 
 /// Makes pictures in the order in which they are asked for.
@@ -67,7 +89,7 @@ impl Maker {
     /// `wake` is called from a thread whenever a picture is finished.
     pub fn new(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (orders, to_make) = channel::<Order>();
-        let (begun, to_await) = channel::<(Order, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
+        let (begun, to_await) = channel::<(Order, Instant, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
         let (done, finished) = channel();
         let of_maker = gpu.clone();
         let maker = Builder::new().name("window maker".to_owned()).spawn(move || {
@@ -75,36 +97,47 @@ impl Maker {
             let mut scene = Arc::clone(&first.shot.scene);
             let mut compositor = first.shot.compositor(of_maker);
             let mut reader = Reader::new(Arc::clone(&first.shot.recording));
+            // The frame of which many pictures are made one after another.
+            let mut reduced: Option<(Arc<Frame>, Reduced)> = None;
             for order in std::iter::once(first).chain(to_make) {
+                let taken_up = Instant::now();
                 if !Arc::ptr_eq(&scene, &order.shot.scene) {
                     scene = Arc::clone(&order.shot.scene);
                     compositor.set_scene(Scene::clone(&scene));
                 }
                 let view = order.texture.create_view(&Default::default());
                 let target = Target::View(&view, FORMAT);
+                if order.wants.times {
+                    compositor.time_next();
+                }
                 let (frame, pending) = match reader.frame(order.made.frame) {
                     Ok(frame) => {
-                        let pending = order.shot.geometry_at(frame.index).and_then(|geometry| {
-                            order.shot.submit(&mut compositor, Frame::clone(&frame), &geometry, target, false)
-                        });
+                        let pending = if order.made.by > 1 {
+                            of_reduced(&order, &frame, &mut reduced, &mut compositor, target)
+                        } else {
+                            order.shot.geometry_at(frame.index).and_then(|geometry| {
+                                order.shot.submit(&mut compositor, Frame::clone(&frame), &geometry, target, false)
+                            })
+                        };
                         (Some(frame), pending)
                     }
                     Err(error) => (None, Err(error.into())),
                 };
-                if begun.send((order, frame, pending)).is_err() {
+                if begun.send((order, taken_up, frame, pending)).is_err() {
                     return;
                 }
             }
         })?;
         let of_waiter = gpu.clone();
         let waiter = Builder::new().name("window waiter".to_owned()).spawn(move || {
-            for (order, frame, pending) in to_await {
+            for (order, taken_up, frame, pending) in to_await {
                 let picture = pending.and_then(|pending| {
                     let failed = |source| ShotError::Gpu { frame: order.made.frame, source };
                     await_picture(&of_waiter, &order, &pending).map_err(failed)
                 });
                 let made = order.made;
-                if done.send(Finished { made, frame, picture }).is_err() {
+                let took = taken_up.elapsed();
+                if done.send(Finished { made, frame, picture, took }).is_err() {
                     return;
                 }
                 wake();
@@ -139,10 +172,29 @@ impl Maker {
     }
 }
 
+/// Of the frame at a fraction of its size, which is kept as long as the camera stays.
+fn of_reduced(
+    order: &Order,
+    frame: &Arc<Frame>,
+    kept: &mut Option<(Arc<Frame>, Reduced)>,
+    compositor: &mut Compositor,
+    target: Target<'_>,
+) -> Result<Pending, ShotError> {
+    let is_of = |(of, reduced): &(Arc<Frame>, Reduced)| Arc::ptr_eq(of, frame) && reduced.by() == order.made.by;
+    let mut reduced = match kept.take().filter(is_of) {
+        Some((_, reduced)) => reduced,
+        None => order.shot.reduce(frame, order.made.by)?,
+    };
+    reduced.follow(&order.shot)?;
+    let pending = order.shot.submit_reduced(compositor, &reduced, target);
+    *kept = Some((Arc::clone(frame), reduced));
+    pending
+}
+
 fn await_picture(gpu: &Gpu, order: &Order, pending: &Pending) -> Result<Picture, GpuError> {
     pending.await_drawn(gpu)?;
     gpu.check()?;
-    let codes = match order.wants_codes {
+    let codes = match order.wants.codes && order.made.by == 1 {
         true => {
             let texels = read_back(gpu, &order.texture)?;
             let codes = texels.chunks_exact(4).flat_map(|texel| [texel[0], texel[1], texel[2]]).collect();
@@ -150,7 +202,7 @@ fn await_picture(gpu: &Gpu, order: &Order, pending: &Pending) -> Result<Picture,
         }
         false => None,
     };
-    Ok(Picture { stats: pending.stats().clone(), codes })
+    Ok(Picture { stats: pending.stats().clone(), codes, times: pending.times(gpu)? })
 }
 
 impl Drop for Maker {

@@ -13,6 +13,7 @@ use super::picture::Seen;
 use super::plots::{self, Axes, Of};
 use super::pointer::Pointed;
 use super::session::Session;
+use super::times;
 use crate::calibrate::NoisePoint;
 use crate::camera::NoiseProfile;
 use crate::measure::slanted::SlantedEdge;
@@ -91,6 +92,8 @@ impl Matching {
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
             let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
             section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, hand));
+            let good = "Good: no effect takes long that changes nothing you see.";
+            section(ui, "Time by effect", false, good, |ui| times::show(ui, session));
         });
         self.look(ui, session, wanted);
     }

@@ -3,9 +3,9 @@
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
 //!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into;
-//!   `canvas` shows them.
+//!   `canvas` shows them. `painter` paints the window again where `changes` says.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
-//!   `calibrating`: noise and sharpness from picked places. `plots`: how plots look. `background`: work on other threads.
+//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places. `plots`: how plots look. `background`: work on other threads.
 //! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
@@ -25,6 +25,7 @@ mod autosave;
 mod background;
 mod calibrating;
 mod canvas;
+mod changes;
 mod chooser;
 mod command;
 mod controls;
@@ -47,6 +48,7 @@ mod matching;
 mod measure;
 mod opening;
 mod output;
+mod painter;
 mod picture;
 mod placed;
 mod player;
@@ -62,6 +64,7 @@ mod side;
 mod state;
 mod thumbnails;
 mod timeline;
+mod times;
 mod viewer;
 mod watch;
 mod wrongs;

@@ -176,7 +176,7 @@ pub fn show(
     let mine_there = mine_there.unwrap_or_else(|| others_there.clone());
     let pictures = if mine == left { [mine_there, others_there] } else { [others_there, mine_there] };
     let squares = placed.scale * ppp >= SQUARES_FROM;
-    painter.add(Canvas { placed, line_x: x, pictures, ground, squares }.shape(panel));
+    painter.add(Canvas { placed, size, line_x: x, pictures, ground, squares }.shape(panel));
     if let (Some(x), false) = (line_x, view.plain) {
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
         line(0.0, Color32::WHITE);

@@ -7,16 +7,25 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
-use super::maker::{Finished, Made};
-use super::player::Player;
+use super::maker::{Finished, Made, Wants};
+use super::player::{Pace, Player};
 use super::project::Project;
 use super::thumbnails::Thumbnails;
+use super::times::Times;
 use super::viewer::Viewer;
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
 use crate::gpu::GpuError;
 use crate::pixels::Pixels;
 use crate::shot::ShotError;
+
+/// A picture that takes longer than this at full size is made smaller while something changes, so that it takes about
+/// so long as the second; but not so small that its longer side has fewer pixels.
+const SLOW_S: f64 = 0.08;
+const WANTED_S: f64 = 0.05;
+const LEAST_PX: u32 = 640;
+/// When nothing has changed for so long, the picture is made at full size.
+const QUIET: Duration = Duration::from_millis(250);
 
 /// A picture that is shown.
 #[derive(Debug)]
@@ -51,13 +60,18 @@ pub struct Session {
     begun: Option<Made>,
     begun_other: Option<Made>,
     now: Option<Now>,
-    wants_codes: bool,
+    wants: Wants,
     wants_other: bool,
+    /// When something new was last wanted.
+    changed: Option<Instant>,
+    /// What pictures at full size take, seconds; 0 as long as that is not known.
+    full_s: f64,
     /// When it was last asked which frame is due, while it plays.
     clock: Option<Instant>,
     /// When pictures of the last second were finished.
     finished: VecDeque<Instant>,
     pictures: u64,
+    times: Times,
     /// The device is gone, and with it every picture.
     is_lost: bool,
     /// Why the picture that was made last is none.
@@ -84,11 +98,14 @@ impl Session {
             begun: None,
             begun_other: None,
             now: None,
-            wants_codes: false,
+            wants: Wants::default(),
             wants_other: false,
+            changed: None,
+            full_s: 0.0,
             clock: None,
             finished: VecDeque::new(),
             pictures: 0,
+            times: Times::default(),
             is_lost: false,
             picture_problem: None,
             problem: None,
@@ -108,15 +125,22 @@ impl Session {
 
     /// From now on until the window's next frame code values come with the pictures.
     pub fn want_codes(&mut self) {
-        self.wants_codes = true;
+        self.wants.codes = true;
+    }
+
+    /// From now on until the window's next frame the GPU's times come with the pictures.
+    pub fn want_times(&mut self) {
+        self.wants.times = true;
+    }
+
+    /// The GPU's time for each part of the pictures that came last.
+    pub fn times(&self) -> &Times {
+        &self.times
     }
 
     /// From now on until the window's next frame a picture of what is compared with is made, too.
-    pub fn want_other(&mut self, ctx: &egui::Context) {
+    pub fn want_other(&mut self) {
         self.wants_other = true;
-        if self.viewer.under_way() == 0 && self.begun_other != self.wanted_other() {
-            ctx.request_repaint();
-        }
     }
 
     fn wanted_other(&self) -> Option<Made> {
@@ -166,7 +190,21 @@ impl Session {
     }
 
     fn wanted(&self) -> Made {
-        Made { frame: self.player.frame(), version: self.project.version(), is_other: false }
+        Made { frame: self.player.frame(), version: self.project.version(), is_other: false, by: 1 }
+    }
+
+    /// By which factor the picture that is shown is smaller than the camera's, because it had to come soon.
+    pub fn reduced_by(&self) -> u32 {
+        self.now.as_ref().map_or(1, |now| now.made.by)
+    }
+
+    /// The same for the next one, if it is new. What plays frame by frame is not in haste.
+    fn reduction(&self) -> u32 {
+        let recording = &self.project.shot().recording;
+        match self.player.playing && self.player.pace == Pace::EveryFrame {
+            true => 1,
+            false => reduction(self.full_s, recording.width.max(recording.height)),
+        }
     }
 
     /// Whether the picture that is shown is that of all that is set now, and nothing is under way.
@@ -175,12 +213,17 @@ impl Session {
         is_shown && self.viewer.under_way() == 0
     }
 
-    /// Decodes and composites what is due. Never waits.
-    pub fn work(&mut self, ctx: &egui::Context) {
+    /// Takes what was made. To be called first in a frame of the window; never waits.
+    pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
         if let Some(thumbnails) = &mut self.thumbnails {
             thumbnails.work(ctx);
         }
+    }
+
+    /// Has made what is due now. To be called last in a frame of the window, so that what a person changed in it is made while
+    /// it is painted; never waits.
+    pub fn make(&mut self, ctx: &egui::Context) {
         self.keep_time();
         // What is dragged shows soonest where nothing else is under way; what plays is made ahead.
         let most = if self.player.playing { 2 } else { 1 };
@@ -193,8 +236,11 @@ impl Session {
         if self.viewer.under_way() == 0 {
             self.begin_other();
         }
-        (self.wants_codes, self.wants_other) = (false, false);
+        (self.wants, self.wants_other) = (Wants::default(), false);
         // A picture that is under way wakes the window when it is finished.
+        if self.begun.is_some_and(|begun| begun.by > 1) && !self.player.playing {
+            ctx.request_repaint_after(QUIET);
+        }
         if let Some(due_s) = self.player.due_in_s().filter(|_| self.viewer.under_way() == 0) {
             ctx.request_repaint_after(Duration::from_secs_f64(due_s.max(0.001)));
         }
@@ -204,11 +250,12 @@ impl Session {
         let instant = Instant::now();
         loop {
             match self.viewer.take() {
-                Ok(Some(Finished { made, frame, picture })) => {
+                Ok(Some(Finished { made, frame, picture, took })) => {
                     let (stats, codes) = match picture {
                         Ok(picture) => {
                             if !made.is_other {
                                 self.picture_problem = None;
+                                self.times.add(made.by, picture.times);
                             }
                             (Some(picture.stats), picture.codes)
                         }
@@ -229,6 +276,11 @@ impl Session {
                     self.now = Some(Now { made, frame, stats, codes });
                     self.finished.push_back(instant);
                     self.pictures += 1;
+                    // The first one makes pipelines, too.
+                    if made.by == 1 && self.pictures > 1 {
+                        let took_s = took.as_secs_f64();
+                        self.full_s = if self.full_s == 0.0 { took_s } else { 0.5 * (self.full_s + took_s) };
+                    }
                 }
                 Ok(None) => break,
                 Err(()) => return self.end("drawing has ended"),
@@ -257,12 +309,20 @@ impl Session {
     /// Begins the due frame's picture, if there is something new in it.
     fn begin(&mut self) -> bool {
         let wanted = self.wanted();
-        let lacks_codes = self.wants_codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
-        if self.ended || self.begun == Some(wanted) && !lacks_codes {
+        let lacks_codes = self.wants.codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
+        let begun = self.begun.filter(|begun| begun.shows_as(&wanted));
+        let is_quiet = !self.player.playing && self.changed.is_none_or(|changed| changed.elapsed() >= QUIET);
+        let lacks_size = begun.is_some_and(|begun| begun.by > 1) && is_quiet && self.viewer.under_way() == 0;
+        if self.ended || begun.is_some() && !lacks_codes && !lacks_size {
             return false;
         }
-        self.viewer.begin(wanted, self.project.shot().clone(), self.wants_codes);
-        self.begun = Some(wanted);
+        let by = if begun.is_some() { 1 } else { self.reduction() };
+        if begun.is_none() {
+            self.changed = Some(Instant::now());
+        }
+        let made = Made { by, ..wanted };
+        self.viewer.begin(made, self.project.shot().clone(), self.wants);
+        self.begun = Some(made);
         true
     }
 
@@ -273,8 +333,33 @@ impl Session {
             return;
         }
         if let Some(shot) = self.project.other_shot() {
-            self.viewer.begin(wanted, shot, false);
+            self.viewer.begin(wanted, shot, Wants::default());
             self.begun_other = Some(wanted);
         }
+    }
+}
+
+/// The factor, a power of two, by which pictures that take so long at full size are made smaller.
+fn reduction(full_s: f64, side_px: u32) -> u32 {
+    let mut by = 1;
+    while full_s > SLOW_S && full_s / f64::from(by * by) > WANTED_S && side_px / (2 * by) >= LEAST_PX {
+        by *= 2;
+    }
+    by
+}
+
+#[cfg(test)]
+mod tests {
+    use super::reduction;
+
+    #[test]
+    fn what_is_quick_or_small_is_never_made_smaller() {
+        assert_eq!(reduction(0.0, 3840), 1, "not known yet");
+        assert_eq!(reduction(0.07, 3840), 1);
+        assert_eq!(reduction(3.0, 640), 1);
+        // A quarter of 0.19 s is less than 0.05 s, of 0.21 s it is not.
+        assert_eq!(reduction(0.19, 3840), 2);
+        assert_eq!(reduction(0.21, 3840), 4);
+        assert_eq!(reduction(9.0, 3840), 4, "960 px; 480 are too few");
     }
 }

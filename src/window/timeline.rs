@@ -25,6 +25,8 @@ pub struct Told {
     pub time_s: f64,
     /// Pictures shown in the last second.
     pub shown_per_s: f64,
+    /// By which factor the picture is smaller than the camera's.
+    pub reduced_by: u32,
 }
 
 /// The signs on the buttons, drawn: not every font has them.
@@ -121,6 +123,10 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
         let dropped = if player.dropped > 0 { format!(", {} dropped", player.dropped) } else { String::new() };
         let rate = if playing { format!(", {:.0}/s{dropped}", told.shown_per_s) } else { String::new() };
         ui.monospace(format!("{}/{last}  {:.3} s{rate}", player.frame(), told.time_s));
+        if told.reduced_by > 1 {
+            ui.label(format!("1/{} size", told.reduced_by))
+                .on_hover_text("So that it comes soon: at full size when it rests");
+        }
         let range = player.range();
         if range.len() < player.count() {
             ui.separator();

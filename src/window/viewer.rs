@@ -6,7 +6,7 @@ use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
 
 use super::canvas;
-use super::maker::{FORMAT, Finished, Made, Maker, Order};
+use super::maker::{FORMAT, Finished, Made, Maker, Order, Wants};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::pixels::{Codes, Pixels};
@@ -15,7 +15,9 @@ use crate::shot::Shot;
 /// A picture that the window can show.
 #[derive(Debug)]
 pub struct Shown {
+    /// Smaller than the picture where it was made at a fraction of its size.
     pub texture: wgpu::Texture,
+    /// Of the picture, px.
     pub size: (u32, u32),
     /// For the window's own shapes, texel for texel.
     pub texels: TextureId,
@@ -77,7 +79,7 @@ impl Viewer {
     pub fn plain(&mut self, frame: &Frame) -> &Shown {
         let size = (frame.pixels.width, frame.pixels.height);
         let is_there = self.plain.as_ref().is_some_and(|(index, _)| *index == frame.index);
-        let plain = fitting(&self.window, self.plain.take().map(|(_, plain)| plain), size);
+        let plain = fitting(&self.window, self.plain.take().map(|(_, plain)| plain), size, 1);
         if !is_there {
             self.window.queue.write_texture(
                 plain.texture.as_image_copy(),
@@ -89,13 +91,13 @@ impl Viewer {
         &self.plain.insert((frame.index, plain)).1
     }
 
-    /// Begins a frame's composite as all is set in the shot. With `wants_codes` its code values come back, too.
-    pub fn begin(&mut self, made: Made, shot: Shot, wants_codes: bool) {
+    /// Begins a frame's composite as all is set in the shot.
+    pub fn begin(&mut self, made: Made, shot: Shot, wants: Wants) {
         let size = (shot.recording.width, shot.recording.height);
-        let picture = fitting(&self.window, self.free.pop(), size);
+        let picture = fitting(&self.window, self.free.pop(), size, made.by);
         let texture = picture.texture.clone();
         self.drawn.push_back(picture);
-        self.maker.make(Order { made, shot, texture, wants_codes });
+        self.maker.make(Order { made, shot, texture, wants });
     }
 
     /// The next picture that is finished, which is shown from now on; `Err` where nothing more will come.
@@ -130,17 +132,18 @@ fn free(window: &RenderState, picture: &Shown) {
     window.renderer.write().free_texture(&picture.texels);
 }
 
-/// A picture of that size: the one that was there where it fits.
-fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32)) -> Shown {
+/// A picture of that size, its texture smaller by a factor: the one that was there where it fits.
+fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32), by: u32) -> Shown {
+    let (width, height) = ((size.0 / by).max(1), (size.1 / by).max(1));
     if let Some(before) = before {
-        if before.size == size {
+        if before.size == size && (before.texture.width(), before.texture.height()) == (width, height) {
             return before;
         }
         free(window, &before);
     }
     let texture = window.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("shown"),
-        size: wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,

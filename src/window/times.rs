@@ -1,0 +1,114 @@
+//! The GPU's time for each effect.
+
+use std::collections::VecDeque;
+
+use eframe::egui::{self, RichText, Ui};
+
+use super::plots::Of;
+use super::session::Session;
+use crate::gpu::PartTime;
+use crate::words::fixed;
+
+/// So many pictures are looked at: one alone jumps.
+const PICTURES: usize = 15;
+
+/// Of the pictures that came last.
+#[derive(Debug, Default)]
+pub struct Times {
+    /// The factor by which they are smaller than the camera's.
+    by: u32,
+    pictures: VecDeque<Vec<PartTime>>,
+}
+
+impl Times {
+    pub fn add(&mut self, by: u32, times: Vec<PartTime>) {
+        if by != self.by {
+            (self.by, self.pictures) = (by, VecDeque::new());
+        }
+        if !times.is_empty() {
+            self.pictures.push_back(times);
+        }
+        while self.pictures.len() > PICTURES {
+            self.pictures.pop_front();
+        }
+    }
+
+    /// The parts of the last picture, in their order, with the median of their times, seconds.
+    pub fn medians(&self) -> Vec<PartTime> {
+        let Some(last) = self.pictures.back() else { return Vec::new() };
+        let median = |part: &PartTime| {
+            let same = |times: &Vec<PartTime>| times.iter().find(|of| of.part == part.part).map(|of| of.time_s);
+            let mut times_s: Vec<f64> = self.pictures.iter().filter_map(same).collect();
+            times_s.sort_by(f64::total_cmp);
+            PartTime { time_s: times_s.get(times_s.len() / 2).copied().unwrap_or(part.time_s), ..*part }
+        };
+        last.iter().map(median).collect()
+    }
+}
+
+/// A bar for each part.
+pub fn show(ui: &mut Ui, session: &mut Session) {
+    if !session.viewer.gpu().timestamps {
+        ui.weak("This graphics device has no clock.");
+        return;
+    }
+    session.want_times();
+    let times = session.times().medians();
+    if times.is_empty() {
+        ui.weak("Comes with the next picture: play, or move a slider.");
+        return;
+    }
+    let all_s: f64 = times.iter().map(|of| of.time_s).sum();
+    let longest_s = times.iter().map(|of| of.time_s).fold(1e-9, f64::max);
+    let color = Of::Virtual.color(ui).gamma_multiply(0.7);
+    egui::Grid::new("times").num_columns(3).spacing([8.0, 3.0]).show(ui, |ui| {
+        for PartTime { part, time_s } in &times {
+            ui.label(RichText::new(named(part)).small());
+            let (rect, response) = ui.allocate_exact_size(egui::vec2(150.0, 12.0), egui::Sense::hover());
+            let width = rect.width() * (time_s / longest_s) as f32;
+            let bar = egui::Rect::from_min_size(rect.min, egui::vec2(width.max(1.0), rect.height()));
+            ui.painter().rect_filled(bar, 1.0, color);
+            let text = format!("{} ms", fixed(1e3 * time_s, 2));
+            response.widget_info(|| {
+                egui::WidgetInfo::labeled(egui::Role::ProgressIndicator, true, format!("{}: {text}", named(part)))
+            });
+            ui.monospace(RichText::new(text).small());
+            ui.end_row();
+        }
+    });
+    let gpu =
+        RichText::new(format!("{} ms in all on the GPU, median of pictures", fixed(1e3 * all_s, 1))).small().weak();
+    ui.label(gpu).on_hover_text(
+        "Noise, edges, exposure and vignetting act while objects are mixed into the picture, in one pass. A software driver \
+         shares its processors with the rest of the machine.",
+    );
+}
+
+fn named(part: &str) -> String {
+    match part {
+        "depth" => "what hides objects".to_owned(),
+        "objects" => "drawing objects".to_owned(),
+        "mix" => "mixing, noise, edges".to_owned(),
+        effect => effect.replace('_', " "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_that_took_long_does_not_jump() {
+        let mut times = Times::default();
+        for time_s in [1.0, 1.0, 9.0, 2.0, 1.5] {
+            times.add(1, vec![PartTime { part: "objects", time_s }, PartTime { part: "mix", time_s: 0.5 }]);
+        }
+        let medians = times.medians();
+        assert_eq!(medians, [PartTime { part: "objects", time_s: 1.5 }, PartTime { part: "mix", time_s: 0.5 }]);
+        // Another size is another measurement, and an effect that is gone is not shown.
+        times.add(2, vec![PartTime { part: "mix", time_s: 0.25 }]);
+        assert_eq!(times.medians(), [PartTime { part: "mix", time_s: 0.25 }]);
+        (0..40).for_each(|_| times.add(2, vec![PartTime { part: "mix", time_s: 0.75 }]));
+        assert_eq!(times.pictures.len(), PICTURES);
+    }
+}
