@@ -129,7 +129,7 @@ fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
         seen.push(stats.frame);
         true
     });
-    assert_eq!((done.unwrap().frames.len(), seen), (3, vec![31, 32, 33]));
+    assert_eq!((done.unwrap().frames(), seen), (3, vec![31, 32, 33]));
     assert_eq!(names(&folder), ["frame_000031.png", "frame_000032.png", "frame_000033.png"]);
     let written = image::open(folder.join("frame_000032.png")).unwrap().to_rgb8();
     let shown = picture(&mut shot, &mut compositor, 32).pixels;

@@ -267,7 +267,7 @@ fn exported(
         goes_on(drawn as f64 / all as f64)
     })?;
     done.notes().into_iter().for_each(|odd| note(odd.to_string()));
-    Ok(format!("{} in {:.1} s", count(done.frames.len(), "frame"), begun.elapsed().as_secs_f64()))
+    Ok(format!("{} in {:.1} s", count(done.frames(), "frame"), begun.elapsed().as_secs_f64()))
 }
 
 fn photographed(
