@@ -15,7 +15,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::export::{Export, ExportError, Inputs};
-use locard::photo::{PhotoError, TakeError, Told, Wanted};
+use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
@@ -169,8 +169,28 @@ fn a_photograph_ends_when_it_is_told_to() {
         true
     });
     taken.unwrap();
-    assert_eq!(written, [wanted.output]);
+    assert_eq!(written, [wanted.output.clone()]);
     assert!(image::open(&written[0]).unwrap().width() == 320);
+
+    // By a warning, before a device is asked for; between two of a series, whose first stays.
+    let dark = Wanted { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
+    let ended =
+        dark.take(shot::demo(SCENE), || panic!("none is needed"), &mut |told| !matches!(told, Told::Warning(_)));
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    let series =
+        Wanted { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
+    let mut photographs = Vec::new();
+    let ended = series.take(shot::demo(SCENE), device, &mut |told| match told {
+        Told::Taking { number, .. } => {
+            photographs.push(number);
+            true
+        }
+        told => !matches!(told, Told::Written { .. }),
+    });
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    assert!(photographs.iter().all(|number| *number == 1), "{photographs:?}");
+    let names = |name: &str| temp.path().join(name).exists();
+    assert!(names("s-1.jpg") && !names("s-2.jpg") && !names("s-sheet.jpg"));
 }
 
 #[test]

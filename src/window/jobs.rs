@@ -278,16 +278,14 @@ fn photographed(
     note: &dyn Fn(String),
 ) -> Result<String, End> {
     let mut said = Vec::new();
-    wanted.take(shot.clone(), || opened(gpu), &mut |told| match told {
-        Told::Warning(text) => {
-            note(text.replace("--", ""));
-            true
+    let mut reached = 0.0;
+    wanted.take(shot.clone(), || opened(gpu), &mut |told| {
+        match told {
+            Told::Warning(text) => note(text.replace("--", "")),
+            Told::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
+            Told::Written { settings, .. } => said.extend((!settings.is_empty()).then_some(settings)),
         }
-        Told::Taking { number, of, share } => goes_on(((number - 1) as f64 + share) / of as f64),
-        Told::Written { settings, .. } => {
-            said.extend((!settings.is_empty()).then_some(settings));
-            true
-        }
+        goes_on(reached)
     })?;
     Ok(said.join("; "))
 }
