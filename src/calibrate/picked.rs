@@ -10,11 +10,12 @@
 
 use super::bins::chi_square_interval;
 use super::noise::{
-    CHANNELS, CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion, round4, told_correlation,
+    CHANNELS, CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion, told_correlation,
 };
 use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE};
+use super::points::{NoisePoint, continued, merged};
 use super::rounding::{Rounding, UNIT};
-use crate::camera::{NoiseBin, NoiseProfile};
+use crate::camera::NoiseProfile;
 use crate::pixels::{Codes, Pixels, Rect};
 
 /// Independent samples that make a point: σ within 7 %.
@@ -25,19 +26,7 @@ const FEWEST_BLOCKS: usize = 4;
 const WIDEST: f64 = 1.6;
 /// A block is left out if more than this share of it is at an end of the code range, as in moving.rs.
 const CLIPPED: f64 = 0.02;
-/// Points nearer than this become one, 8-bit codes.
-const NEAR: f64 = 8.0;
 const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
-
-/// σ at an intensity, 8-bit codes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NoisePoint {
-    pub code: f64,
-    pub sigma: f64,
-    /// 95 % confidence interval (χ²).
-    pub sigma_ci95: [f64; 2],
-    pub independent_count: f64,
-}
 
 impl NoiseCalibration {
     /// What was measured, without what is filled from neighbours; of R, G, B, ascending.
@@ -101,45 +90,75 @@ pub enum PickedError {
     Calibrate(CalibrateError),
 }
 
-/// Noise of places (px, the same in every frame). `present` is the profile beyond what was measured; without one σ is
-/// constant there.
+/// Picked places (px, the same in every frame), with their pixels of each frame: of a frame nothing else is held.
+#[derive(Clone, Debug)]
+pub struct PickedPlaces {
+    places: Vec<Rect>,
+    /// Of the frames.
+    size: Option<(u32, u32)>,
+    frames: usize,
+    /// Of each place, in the order of the frames.
+    cuts: Vec<Vec<Pixels>>,
+}
+
+impl PickedPlaces {
+    pub fn new(places: &[Rect]) -> Self {
+        Self { places: places.to_vec(), size: None, frames: 0, cuts: vec![Vec::new(); places.len()] }
+    }
+
+    /// Takes what a frame shows in the places. Refuses a place that is too small in it, and a frame of another size.
+    pub fn add(&mut self, frame: &Pixels) -> Result<(), PickedError> {
+        let (width, height) = *self.size.get_or_insert((frame.width, frame.height));
+        if (frame.width, frame.height) != (width, height) {
+            let (expected, found) = (format!("{width}x{height}"), format!("{}x{}", frame.width, frame.height));
+            return Err(PickedError::Calibrate(CalibrateError::Size { expected, found }));
+        }
+        for (n, (place, cuts)) in self.places.iter().zip(&mut self.cuts).enumerate() {
+            let place = place.intersection(&Rect::full(width, height));
+            let (width, height) = (place.width(), place.height());
+            if width.min(height) < SIDE as u32 {
+                return Err(PickedError::Small { place: n + 1, width, height });
+            }
+            cuts.push(cut(frame, &place));
+        }
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// The noise of what was taken. `present` is the profile beyond what was measured; without one σ is constant there.
+    pub fn noise(&self, motion: SceneMotion, present: Option<&NoiseProfile>) -> Result<PickedNoise, PickedError> {
+        if self.frames == 0 {
+            return Err(PickedError::Calibrate(CalibrateError::NoFrames));
+        }
+        if self.places.is_empty() {
+            return Err(PickedError::NoPlace);
+        }
+        let mut warnings = Vec::new();
+        let found = match motion {
+            SceneMotion::Resting => at_rest(&self.cuts, &mut warnings)?,
+            SceneMotion::Moving => in_frames(&self.cuts, &mut warnings)?,
+        };
+        let Found { points, channel_correlation, neighbour_correlation } = found;
+        let points = points.map(merged);
+        if let Some(missing) = (0..3).find(|c| points[*c].is_empty()) {
+            return Err(PickedError::Channel(CHANNELS[missing]));
+        }
+        let bins = [0, 1, 2].map(|c| continued(&points[c], present.map(|present| (present, c))));
+        let profile = NoiseProfile { bins, channel_correlation, neighbour_correlation };
+        Ok(PickedNoise { profile, points, motion, frames: self.frames, warnings })
+    }
+}
+
+/// The same of frames that are there already.
 pub fn picked_noise(
     frames: &[&Pixels],
     places: &[Rect],
     motion: SceneMotion,
     present: Option<&NoiseProfile>,
 ) -> Result<PickedNoise, PickedError> {
-    let Some(first) = frames.first() else { return Err(PickedError::Calibrate(CalibrateError::NoFrames)) };
-    let whole = Rect::full(first.width, first.height);
-    let places: Vec<Rect> = places.iter().map(|place| place.intersection(&whole)).collect();
-    if places.is_empty() {
-        return Err(PickedError::NoPlace);
-    }
-    for (n, place) in places.iter().enumerate() {
-        let (width, height) = (place.width(), place.height());
-        if width.min(height) < SIDE as u32 {
-            return Err(PickedError::Small { place: n + 1, width, height });
-        }
-    }
-    let wrong = frames.iter().find(|frame| (frame.width, frame.height) != (first.width, first.height));
-    if let Some(frame) = wrong {
-        let size = |p: &Pixels| format!("{}x{}", p.width, p.height);
-        let (expected, found) = (size(first), size(frame));
-        return Err(PickedError::Calibrate(CalibrateError::Size { expected, found }));
-    }
-    let mut warnings = Vec::new();
-    let found = match motion {
-        SceneMotion::Resting => at_rest(frames, &places, &mut warnings)?,
-        SceneMotion::Moving => in_frames(frames, &places, &mut warnings)?,
-    };
-    let Found { points, channel_correlation, neighbour_correlation } = found;
-    let points = points.map(merged);
-    if let Some(missing) = (0..3).find(|c| points[*c].is_empty()) {
-        return Err(PickedError::Channel(CHANNELS[missing]));
-    }
-    let bins = [0, 1, 2].map(|c| continued(&points[c], present.map(|present| (present, c))));
-    let profile = NoiseProfile { bins, channel_correlation, neighbour_correlation };
-    Ok(PickedNoise { profile, points, motion, frames: frames.len(), warnings })
+    let mut picked = PickedPlaces::new(places);
+    frames.iter().try_for_each(|frame| picked.add(frame))?;
+    picked.noise(motion, present)
 }
 
 struct Found {
@@ -148,8 +167,8 @@ struct Found {
     neighbour_correlation: [f64; 2],
 }
 
-fn at_rest(frames: &[&Pixels], places: &[Rect], warnings: &mut Vec<String>) -> Result<Found, PickedError> {
-    if frames.len() < 2 {
+fn at_rest(places: &[Vec<Pixels>], warnings: &mut Vec<String>) -> Result<Found, PickedError> {
+    if places.iter().any(|frames| frames.len() < 2) {
         return Err(PickedError::OneFrame);
     }
     let failed = |error| match error {
@@ -162,9 +181,7 @@ fn at_rest(frames: &[&Pixels], places: &[Rect], warnings: &mut Vec<String>) -> R
     let mut calibrator = NoiseCalibrator::new(options).map_err(failed)?;
     for place in places {
         calibrator.begin_scene(None).map_err(failed)?;
-        for frame in frames {
-            calibrator.add_frame(&cut(frame, place)).map_err(failed)?;
-        }
+        place.iter().try_for_each(|frame| calibrator.add_frame(frame)).map_err(failed)?;
     }
     let calibration = calibrator.finish().map_err(failed)?;
     // Which bins are filled from others is plain from the range that is covered.
@@ -198,9 +215,9 @@ struct Sums {
     cross: [f64; 3],
 }
 
-fn in_frames(frames: &[&Pixels], places: &[Rect], warnings: &mut Vec<String>) -> Result<Found, PickedError> {
+fn in_frames(places: &[Vec<Pixels>], warnings: &mut Vec<String>) -> Result<Found, PickedError> {
     let plane = Plane::new();
-    let sums: Vec<Sums> = places.iter().map(|place| sums(&plane, frames, place)).collect();
+    let sums: Vec<Sums> = places.iter().map(|frames| sums(&plane, frames)).collect();
     let too_few = sums.iter().position(|sums| (sums.blocks as usize) < FEWEST_BLOCKS);
     if let Some(n) = too_few {
         return Err(PickedError::Few { place: n + 1, blocks: sums[n].blocks as usize });
@@ -221,7 +238,7 @@ fn in_frames(frames: &[&Pixels], places: &[Rect], warnings: &mut Vec<String>) ->
     let covariance = relative.map(|relative| plane.covariance(&relative));
     let correlation = covariance.map(|r| r.map(|v| (v / r[0]).clamp(-1.0, 1.0)));
     let (kept, freedom) = (correlation.map(|r| plane.kept(&r)), correlation.map(|r| plane.freedom(&r)));
-    let step = if frames.iter().any(|frame| frame.max_code() != 255) { 1.0 / UNIT as f64 } else { 1.0 };
+    let step = if places.iter().flatten().any(|frame| frame.max_code() != 255) { 1.0 / UNIT as f64 } else { 1.0 };
     let rounding = Rounding { frame_step: step, mean_step: None };
     let mut points: [Vec<NoisePoint>; 3] = Default::default();
     let mut own = [0.0; 3];
@@ -256,16 +273,17 @@ fn in_frames(frames: &[&Pixels], places: &[Rect], warnings: &mut Vec<String>) ->
     Ok(Found { points, channel_correlation, neighbour_correlation })
 }
 
-fn sums(plane: &Plane, frames: &[&Pixels], place: &Rect) -> Sums {
+/// Of one place, as the frames show it.
+fn sums(plane: &Plane, frames: &[Pixels]) -> Sums {
     let mut sums = Sums::default();
     let pixels = (SIDE * SIDE) as f64;
-    let starts = |from: i32, to: i32| (from..=to - SIDE as i32).step_by(SIDE);
+    let starts = |length: u32| (0..=length as usize - SIDE).step_by(SIDE);
     for frame in frames {
         let scale = 255.0 / f64::from(frame.max_code());
-        for (y0, x0) in starts(place.y0, place.y1).flat_map(|y| starts(place.x0, place.x1).map(move |x| (y, x))) {
+        for (y0, x0) in starts(frame.height).flat_map(|y| starts(frame.width).map(move |x| (y, x))) {
             let mut residuals = [[0.0; SIDE * SIDE]; 3];
             let mut clipped = [0.0; 3];
-            let at = |i: usize| frame.at((x0 as usize + i % SIDE) as u32, (y0 as usize + i / SIDE) as u32);
+            let at = |i: usize| frame.at((x0 + i % SIDE) as u32, (y0 + i / SIDE) as u32);
             let picture: [[u32; 3]; SIDE * SIDE] = std::array::from_fn(at);
             for (c, (values, clipped)) in residuals.iter_mut().zip(&mut clipped).enumerate() {
                 for (value, codes) in values.iter_mut().zip(&picture) {
@@ -290,87 +308,4 @@ fn sums(plane: &Plane, frames: &[&Pixels], place: &Rect) -> Sums {
         }
     }
     sums
-}
-
-/// Ascending, with those that lie close together as one.
-fn merged(mut points: Vec<NoisePoint>) -> Vec<NoisePoint> {
-    points.sort_by(|a, b| a.code.total_cmp(&b.code));
-    let mut out: Vec<NoisePoint> = Vec::new();
-    for point in points {
-        match out.last_mut() {
-            Some(last) if point.code - last.code < NEAR => {
-                let total = last.independent_count + point.independent_count;
-                let mean = |a: f64, b: f64| (a * last.independent_count + b * point.independent_count) / total;
-                let (code, variance) = (mean(last.code, point.code), mean(last.sigma.powi(2), point.sigma.powi(2)));
-                let sigma = variance.sqrt();
-                // What chance alone leaves, but no less than how far the two lie apart.
-                let chance = chi_square_interval(total).unwrap_or([0.0, 2.0]).map(|factor| sigma * factor.sqrt());
-                let sigma_ci95 =
-                    [chance[0].min(last.sigma).min(point.sigma), chance[1].max(last.sigma).max(point.sigma)];
-                *last = NoisePoint { code, sigma, sigma_ci95, independent_count: total };
-            }
-            _ => out.push(point),
-        }
-    }
-    out
-}
-
-/// A channel's bins: the points, and beyond and between them the present profile, scaled to meet them.
-fn continued(points: &[NoisePoint], present: Option<(&NoiseProfile, usize)>) -> Vec<NoiseBin> {
-    let bin = |code: f64, sigma: f64| NoiseBin { code: round4(code), sigma: round4(sigma) };
-    let mut bins: Vec<NoiseBin> = points.iter().map(|point| bin(point.code, point.sigma)).collect();
-    if let Some((present, channel)) = present {
-        let ratio = |point: &NoisePoint| point.sigma / present.sigma(channel, point.code).max(1e-3);
-        for of_present in &present.bins[channel] {
-            let after = points.partition_point(|point| point.code <= of_present.code);
-            let (below, above) = (points.get(after.wrapping_sub(1)), points.get(after));
-            if [below, above].into_iter().flatten().any(|point| (point.code - of_present.code).abs() < NEAR) {
-                continue;
-            }
-            let ratio = match (below, above) {
-                (Some(a), Some(b)) => {
-                    let share = (of_present.code - a.code) / (b.code - a.code);
-                    ratio(a) + share * (ratio(b) - ratio(a))
-                }
-                (Some(only), None) | (None, Some(only)) => ratio(only),
-                (None, None) => 1.0,
-            };
-            bins.push(bin(of_present.code, of_present.sigma * ratio));
-        }
-    }
-    bins.sort_by(|a, b| a.code.total_cmp(&b.code));
-    bins
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn point(code: f64, sigma: f64) -> NoisePoint {
-        NoisePoint { code, sigma, sigma_ci95: [0.9 * sigma, 1.1 * sigma], independent_count: 500.0 }
-    }
-
-    #[test]
-    fn beyond_the_points_the_present_profile_goes_on_scaled() {
-        let present =
-            [0.0, 50.0, 100.0, 150.0, 200.0].map(|code| NoiseBin { code, sigma: 1.0 + code / 100.0 }).to_vec();
-        let present = NoiseProfile {
-            bins: [present.clone(), present.clone(), present],
-            channel_correlation: [0.0; 3],
-            neighbour_correlation: [0.0; 2],
-        };
-        // At 50 it says 1.5 and 3 is found: twice. At 150 2.5 and 2.5: once. Between them 1.5 times.
-        let bins = continued(&[point(50.0, 3.0), point(150.0, 2.5)], Some((&present, 1)));
-        let expected = [(0.0, 2.0), (50.0, 3.0), (100.0, 3.0), (150.0, 2.5), (200.0, 3.0)];
-        assert_eq!(bins.iter().map(|b| (b.code, b.sigma)).collect::<Vec<_>>(), expected);
-        assert_eq!(continued(&[point(50.0, 3.0)], None), [NoiseBin { code: 50.0, sigma: 3.0 }]);
-    }
-
-    #[test]
-    fn points_that_lie_close_become_one() {
-        let all = merged(vec![point(90.0, 1.0), point(20.0, 2.0), point(24.0, 3.0)]);
-        assert_eq!(all.len(), 2);
-        assert!((all[0].code - 22.0).abs() < 1e-12 && (all[0].sigma - 6.5f64.sqrt()).abs() < 1e-12, "{all:?}");
-        assert!(all[0].sigma_ci95[0] <= 2.0 && all[0].sigma_ci95[1] >= 3.0 && all[0].independent_count == 1000.0);
-    }
 }
