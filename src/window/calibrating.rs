@@ -10,9 +10,10 @@ use super::background::{Background, Ticket};
 use super::hand::{self, Hand, Purpose};
 use super::matching::{curve, draw_edge, width_of};
 use super::plots::{self, Axes, Of};
+use super::progress::{self, refused};
 use super::session::Session;
 use crate::calibrate::sharpness::{self, PARAMETER, together};
-use crate::calibrate::{PickedNoise, SceneMotion, picked_noise};
+use crate::calibrate::{NoisePoint, PickedNoise, PickedPlaces, SceneMotion};
 use crate::camera::NoiseProfile;
 use crate::frame::Frame;
 use crate::measure::slanted::SlantedEdge;
@@ -24,9 +25,8 @@ use crate::words::{count, fixed};
 
 /// Frames at rest beyond this many tell little more.
 const MOST_FRAMES: usize = 30;
-const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
-/// What an edge was measured in, and what came of it.
+/// Of each edge its width and its way while the shutter was open, px, or why there is none.
 type Edges = Vec<Result<(SlantedEdge, [f64; 2]), String>>;
 /// An edge's place with the frame that it was picked in.
 type EdgePlace = (usize, Rect);
@@ -80,6 +80,18 @@ impl Calibrating {
     pub fn marks(&self) -> impl Iterator<Item = (Rect, String)> {
         let places = self.places.iter().enumerate().map(|(n, place)| (*place, format!("plain {}", n + 1)));
         places.chain(self.edges.iter().enumerate().map(|(n, (_, edge))| (*edge, format!("edge {}", n + 1))))
+    }
+
+    /// The noise of the places that were picked, as it was measured last.
+    pub fn points(&self) -> Option<&[Vec<NoisePoint>; 3]> {
+        let found = self.noise.last().filter(|_| !self.places.is_empty())?;
+        found.as_ref().ok().map(|found| &found.points)
+    }
+
+    /// Nobody waits for what is being measured.
+    pub fn rest(&mut self) {
+        self.noise.rest();
+        self.sharpness.rest();
     }
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {
@@ -141,7 +153,7 @@ impl Calibrating {
             let (recording, asked) = (Arc::clone(&session.project.shot().recording), of.clone());
             self.noise.want(ui.ctx(), of.clone(), move |ticket| measure(&recording, &frame, &asked, ticket));
         }
-        progress(ui, self.noise.progress());
+        progress::of(ui, "Noise", &self.noise);
         match self.noise.last() {
             Some(Ok(found)) => {
                 let found = found.clone();
@@ -155,9 +167,7 @@ impl Calibrating {
     fn found_noise(&mut self, ui: &mut Ui, session: &mut Session, found: &PickedNoise, is_taken: bool) {
         let present = session.project.edit().rig.noise.clone();
         ui.horizontal(|ui| {
-            for (channel, name) in CHANNELS.into_iter().enumerate() {
-                ui.selectable_value(&mut self.channel, channel, name);
-            }
+            plots::choose_channel(ui, &mut self.channel);
         });
         let (c, colors) = (self.channel, [Of::Profile, Of::Real, Of::Virtual].map(|of| of.color(ui)));
         let (before, points, after) =
@@ -238,7 +248,7 @@ impl Calibrating {
             let key = (places.clone(), session.project.version());
             self.sharpness.want(ui.ctx(), key, move |ticket| measure_edges(&shot, &places, ticket));
         }
-        progress(ui, self.sharpness.progress());
+        progress::of(ui, "Sharpness", &self.sharpness);
         let Some(found) = self.sharpness.last().cloned() else { return };
         let good: Vec<SlantedEdge> = found.iter().filter_map(|edge| Some(edge.as_ref().ok()?.0.clone())).collect();
         if !good.is_empty() {
@@ -305,17 +315,6 @@ fn list<T>(ui: &mut Ui, what: &str, places: &mut Vec<T>) {
     }
 }
 
-fn progress(ui: &mut Ui, progress: Option<f32>) {
-    if let Some(progress) = progress {
-        ui.add(egui::ProgressBar::new(progress).desired_height(6.0));
-        ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
-    }
-}
-
-fn refused(ui: &mut Ui, why: &str) {
-    ui.label(RichText::new(why).color(ui.visuals().warn_fg_color));
-}
-
 /// Whether what was measured is taken, or left.
 fn take_or_leave(ui: &mut Ui, what: &str, is_taken: bool) -> Option<bool> {
     ui.horizontal(|ui| {
@@ -333,25 +332,25 @@ fn take_or_leave(ui: &mut Ui, what: &str, is_taken: bool) -> Option<bool> {
     .inner
 }
 
+/// Of the frames the pixels of the places alone are held.
 fn measure(recording: &Recording, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<PickedNoise, String> {
     let told = |error: &dyn std::fmt::Display| error.to_string();
     let [first, last] = of.frames;
-    let mut frames = Vec::new();
+    let mut picked = PickedPlaces::new(&of.places);
     if of.motion == SceneMotion::Moving {
-        frames.push(shown.pixels.clone());
+        picked.add(&shown.pixels).map_err(|error| told(&error))?;
     } else {
         let range = first..(last.max(first) + 1).min(recording.frame_count()).min(first + MOST_FRAMES);
         let length = range.len().max(1) as f64;
-        for frame in recording.frames(range).map_err(|error| told(&error))? {
+        for (n, frame) in recording.frames(range).map_err(|error| told(&error))?.enumerate() {
             if ticket.is_cancelled() {
                 return Err(String::new());
             }
-            frames.push(frame.map_err(|error| told(&error))?.pixels);
-            ticket.done(frames.len() as f64 / length);
+            picked.add(&frame.map_err(|error| told(&error))?.pixels).map_err(|error| told(&error))?;
+            ticket.done((n + 1) as f64 / length);
         }
     }
-    let frames: Vec<_> = frames.iter().collect();
-    picked_noise(&frames, &of.places, of.motion, of.present.as_ref()).map_err(|error| told(&error))
+    picked.noise(of.motion, of.present.as_ref()).map_err(|error| told(&error))
 }
 
 fn measure_edges(shot: &Shot, places: &[EdgePlace], ticket: &Ticket) -> Edges {
@@ -363,5 +362,5 @@ fn measure_edges(shot: &Shot, places: &[EdgePlace], ticket: &Ticket) -> Edges {
         ticket.done((n + 1) as f64 / places.len() as f64);
         Ok((edge, moved))
     };
-    places.iter().enumerate().map(edge).collect()
+    places.iter().enumerate().take_while(|_| !ticket.is_cancelled()).map(edge).collect()
 }

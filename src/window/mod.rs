@@ -2,19 +2,21 @@
 //!
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
-//!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into;
-//!   `canvas` shows them. `painter` paints the window again where `changes` says.
+//!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into; `canvas` shows them,
+//!   `placed` where they lie on the screen. `painter` paints the window again where `changes` says.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
-//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places. `plots`: how plots look. `background`: work on other threads.
+//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places. `plots`: how plots look.
+//! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
+//!   `progress`: how far it is. `fields`: numbers to drag and to type.
 //! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
-//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `saving`, `opening`,
-//!   `watch`, `recent`); work that a crash leaves (`autosave`, in the folder of `state`); a
-//!   new start where the device is lost (`restart`). `output`: what leaves as files,
-//!   by the queue of `jobs`, with the camera's `dials`. `command`: the same by command line.
+//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `saving`,
+//!   `opening`, `watch`, `recent`); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
+//!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
+//!   `command`: the same by command line.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
@@ -31,6 +33,7 @@ mod command;
 mod controls;
 mod dialogs;
 mod dials;
+mod errand;
 mod evidence;
 mod fields;
 mod finder;
@@ -54,6 +57,7 @@ mod placed;
 mod player;
 mod plots;
 mod pointer;
+mod progress;
 mod project;
 mod reader;
 mod recent;
