@@ -235,10 +235,10 @@ impl Autosave {
             Some(work) => Order::Write(path, Box::new(work)),
             None => Order::Remove(path),
         };
-        // A thread that is gone keeps nothing, and has said so.
-        let _ = self.orders.as_ref().map(|orders| orders.send(order));
+        let is_sent = self.orders.as_ref().is_some_and(|orders| orders.send(order).is_ok());
+        let ended = || "Your work is not kept for a crash: the thread that writes it has ended".to_owned();
         self.written = Some((version, now));
-        Kept { wait: None, problem }
+        Kept { wait: None, problem: problem.or_else(|| (!is_sent).then(ended)) }
     }
 
     /// Waits until all that was given is written.
@@ -248,9 +248,7 @@ impl Autosave {
             let _ = thread.join();
         }
     }
-}
 
-impl Autosave {
     /// Ends, and leaves the work for the next start.
     pub fn leave(mut self, work: Option<Work>) {
         if let (Some(work), Some(orders)) = (work, &self.orders) {

@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, channel};
 
 use eframe::egui::{self, Key, RichText, Ui};
 
+use crate::photo::series_there;
 use crate::recording::Recording;
 use crate::words::reason;
 
@@ -20,19 +21,23 @@ pub enum Seeks {
     Recording,
     /// A file that may be new; the first ending is added where there is none.
     NewFile(&'static [&'static str]),
+    /// A name for a series of photographs, as [`NewFile`](Self::NewFile).
+    NewSeries(&'static [&'static str]),
     /// A folder that may be new.
     NewFolder,
 }
 
 impl Seeks {
     fn is_new(self) -> bool {
-        matches!(self, Self::NewFile(_) | Self::NewFolder)
+        matches!(self, Self::NewFile(_) | Self::NewSeries(_) | Self::NewFolder)
     }
 
     fn shows(self, path: &Path) -> bool {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match self {
-            Self::File(endings) | Self::NewFile(endings) => endings.contains(&ending.as_str()),
+            Self::File(endings) | Self::NewFile(endings) | Self::NewSeries(endings) => {
+                endings.contains(&ending.as_str())
+            }
             Self::Recording => matches!(ending.as_str(), "toml" | "json" | "txt"),
             Self::NewFolder => false,
         }
@@ -51,8 +56,18 @@ type Listing = (PathBuf, Result<Vec<Entry>, String>);
 /// How it ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Chosen {
-    Path(PathBuf),
+    Path {
+        path: PathBuf,
+        /// What is there may be replaced: it was asked.
+        replaces: bool,
+    },
     Nothing,
+}
+
+impl Chosen {
+    fn free(path: PathBuf) -> Self {
+        Self::Path { path, replaces: false }
+    }
 }
 
 #[derive(Debug)]
@@ -276,50 +291,69 @@ impl Chooser {
                 self.go(path);
                 None
             }
-            Seeks::File(_) => Some(Chosen::Path(path)),
+            Seeks::File(_) => Some(Chosen::free(path)),
             Seeks::Recording if path.is_dir() && !Recording::is_at(&path) => {
                 self.go(path);
                 self.wrong = Some("There is no recording in this folder".to_owned());
                 None
             }
-            Seeks::Recording => Some(Chosen::Path(path)),
-            Seeks::NewFile(_) if path.is_dir() => {
+            Seeks::Recording => Some(Chosen::free(path)),
+            Seeks::NewFile(_) | Seeks::NewSeries(_) if path.is_dir() => {
                 self.go(path);
                 self.name.clear();
                 None
             }
-            Seeks::NewFile(endings) => {
+            Seeks::NewFile(endings) | Seeks::NewSeries(endings) => {
                 let path = match path.extension() {
                     Some(_) => path,
                     None => path.with_extension(endings.first().unwrap_or(&"")),
                 };
-                if path.exists() {
+                let is_there = match self.seeks {
+                    Seeks::NewSeries(_) => !series_there(&path).is_empty(),
+                    _ => path.exists(),
+                };
+                if is_there {
                     self.replaces = Some(path);
                     return None;
                 }
-                Some(Chosen::Path(path))
+                Some(Chosen::free(path))
             }
             Seeks::NewFolder => {
                 if std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
                     self.replaces = Some(path);
                     return None;
                 }
-                Some(Chosen::Path(path))
+                Some(Chosen::free(path))
             }
         }
     }
 
     fn asks(&mut self, ui: &mut Ui, path: &Path) -> Option<Chosen> {
-        let is_folder = self.seeks == Seeks::NewFolder;
-        ui.label(match is_folder {
-            true => format!("There are files in {}. Those of the same names are replaced, no others.", path.display()),
-            false => format!("{} is there already.", path.display()),
-        });
+        let (text, does) = match self.seeks {
+            Seeks::NewFolder => (
+                format!("There are files in {}. Those of the same names are replaced, no others.", path.display()),
+                "Write there",
+            ),
+            Seeks::NewSeries(_) => {
+                let there = series_there(path);
+                let first = there.first().unwrap_or(&self.folder).display();
+                let more = match there.len() {
+                    0 | 1 => String::new(),
+                    many => format!(" and {} more of its series", many - 1),
+                };
+                (
+                    format!("{first}{more}: there already. Those of the same names are replaced, no others."),
+                    "Replace them",
+                )
+            }
+            _ => (format!("{} is there already.", path.display()), "Replace it"),
+        };
+        ui.label(text);
         ui.add_space(8.0);
         let mut chosen = None;
         ui.horizontal(|ui| {
-            if ui.button(if is_folder { "Write there" } else { "Replace it" }).clicked() {
-                chosen = Some(Chosen::Path(path.to_owned()));
+            if ui.button(does).clicked() {
+                chosen = Some(Chosen::Path { path: path.to_owned(), replaces: true });
             }
             if ui.button("Choose another name").clicked() {
                 self.replaces = None;
@@ -381,7 +415,7 @@ mod tests {
             open.name = text.to_owned();
             open.enter()
         };
-        let at = |name: &str| Some(Chosen::Path(temp.path().join(name)));
+        let at = |name: &str| Some(Chosen::free(temp.path().join(name)));
         assert_eq!(type_in("mine.toml"), at("mine.toml"));
         assert_eq!(type_in("oth"), at("other.toml"));
         assert_eq!(type_in(&temp.path().join("mine.toml").display().to_string()), at("mine.toml"));
@@ -396,5 +430,12 @@ mod tests {
         assert_eq!(save.replaces, Some(temp.path().join("mine.toml")), "it asks");
         save.name = "new".to_owned();
         assert_eq!(save.enter(), at("new.toml"));
+
+        // Of a series it is its own files that count, not the one that would be a single photograph.
+        let mut series = Chooser::new("Write", Seeks::NewSeries(&["jpg", "png"]), &temp.path().join("a.jpg"));
+        std::fs::write(temp.path().join("a.jpg"), "").unwrap();
+        assert_eq!(series.enter(), at("a.jpg"));
+        std::fs::write(temp.path().join("a-2.jpg"), "").unwrap();
+        assert_eq!((series.enter(), &series.replaces), (None, &Some(temp.path().join("a.jpg"))));
     }
 }

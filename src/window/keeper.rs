@@ -12,10 +12,12 @@ use super::autosave::{Autosave, Left, Work};
 use super::chooser::{Chooser, Chosen, Seeks};
 use super::command;
 use super::dialogs;
+use super::errand::Errand;
 use super::jobs::{Jobs, State};
+use super::kind::Kind;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
-use super::project::Project;
+use super::project::{Project, SaveError, Written};
 use super::recent::{Opened, Recent};
 use super::restart;
 use super::saving::Step;
@@ -82,8 +84,9 @@ pub struct Keeper {
     pub message: Option<String>,
     chooser: Option<(Purpose, Chooser)>,
     opening: Option<Opening>,
-    /// What is being opened are the files that are open.
-    reads_again: bool,
+    /// What was dropped, and what it is.
+    looked_at: Vec<(PathBuf, Errand<Kind>)>,
+    writing: Option<Errand<Result<Written, SaveError>>>,
     /// Files that a person has agreed to be written; `None` while nothing is being saved.
     saving: Option<Vec<PathBuf>>,
     asks_whether: Option<PathBuf>,
@@ -94,6 +97,8 @@ pub struct Keeper {
     may_close: bool,
     /// It has been told that the device is gone.
     has_lost: bool,
+    /// Starts the program anew, or says why not; `None`: as [`restart::again`].
+    pub restarts_by: Option<fn() -> String>,
     /// Files that are left as they are on the screen, though they were changed on disk.
     passed_over: Vec<PathBuf>,
 }
@@ -128,7 +133,7 @@ impl Keeper {
     fn watch_files(&mut self, project: &Project) {
         let Some(watch) = &mut self.watch else { return };
         let own = [project.profile.as_ref(), project.scene.as_ref()].into_iter().flatten();
-        own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path));
+        own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path, project.stamp(path)));
     }
 
     pub fn open(&mut self, project: &Project) {
@@ -215,7 +220,8 @@ impl Keeper {
         self.keep(ctx, session);
         self.closes(ctx, session);
         self.choosing(ctx, session);
-        self.saves(session);
+        self.saves(ctx, session);
+        self.opens_dropped(session);
         self.asks(ctx, session);
         self.out(ctx, session);
         if let Some(text) = &self.message
@@ -229,6 +235,8 @@ impl Keeper {
     /// Has unsaved work written, and looks at the files.
     fn keep(&mut self, ctx: &egui::Context, session: &mut Session) {
         let now = Instant::now();
+        #[cfg(debug_assertions)]
+        restart::try_it(session.viewer.gpu(), ctx);
         if session.is_lost() && !self.has_lost {
             self.has_lost = true;
             return self.starts_again(session);
@@ -270,7 +278,8 @@ impl Keeper {
             }
             None => session.project.is_saved(),
         };
-        let why = if is_kept { restart::again() } else { "your work is not kept: save it first".to_owned() };
+        let again = self.restarts_by.unwrap_or(restart::again);
+        let why = if is_kept { again() } else { "your work is not kept: save it first".to_owned() };
         session.wrong(format!("The graphics device was lost: close the window, and start it again ({why})"));
     }
 
@@ -282,19 +291,19 @@ impl Keeper {
                 // What was to be done after saving is not done.
                 (self.saving, self.then) = (None, None);
             }
-            Some(Chosen::Path(path)) => self.chosen(ctx, purpose, path, session),
+            Some(Chosen::Path { path, replaces }) => self.chosen(ctx, purpose, path, replaces, session),
         }
     }
 
-    fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, session: &mut Session) {
+    fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, replaces: bool, session: &mut Session) {
         match purpose {
-            Purpose::Open => self.dropped(path, session),
+            Purpose::Open => self.dropped(ctx, path, session),
             Purpose::OpenProfile => self.open_profile(path, session),
             Purpose::OpenScene => {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
             }
-            Purpose::SaveProfile => self.write(session, &Step::WriteProfile(path)),
-            Purpose::SaveScene => self.write(session, &Step::WriteScene(path)),
+            Purpose::SaveProfile => self.write(ctx, session, &Step::WriteProfile(path), true),
+            Purpose::SaveScene => self.write(ctx, session, &Step::WriteScene(path), true),
             Purpose::Put(ask) => {
                 let name = path.display().to_string();
                 if self.jobs.is_none() {
@@ -302,7 +311,7 @@ impl Keeper {
                     self.jobs = Jobs::new(move || wake.request_repaint()).ok();
                 }
                 match &mut self.jobs {
-                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path)),
+                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path, replaces)),
                     None => session.wrong("no thread can be started that exports"),
                 }
                 self.shows_output = true;
@@ -341,6 +350,9 @@ impl Keeper {
                 Ask::Folder(_) => ("Write pictures into a folder", Seeks::NewFolder),
                 Ask::Video { lossless: false, .. } => ("Write a video", Seeks::NewFile(&["mp4", "mkv"])),
                 Ask::Video { .. } => ("Write a video", Seeks::NewFile(&["mkv", "mp4"])),
+                Ask::Photograph(wanted) if wanted.bracket.is_some() => {
+                    ("Write a series of photographs", Seeks::NewSeries(&["jpg", "jpeg", "png"]))
+                }
                 Ask::Photograph(_) => ("Write a photograph", Seeks::NewFile(&["jpg", "jpeg", "png"])),
                 Ask::Snapshot(_) => ("Write the frame", Seeks::NewFile(&["png"])),
             };

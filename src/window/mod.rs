@@ -13,7 +13,7 @@
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
-//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `saving`,
+//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
 //!   `opening`, `watch`, `recent`); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
 //!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
@@ -43,6 +43,7 @@ mod handles;
 mod history;
 mod jobs;
 mod keeper;
+mod kind;
 mod library;
 mod list;
 mod loupe;
@@ -86,7 +87,7 @@ pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
-pub use project::{Edit, Origin, Other, Project, SaveError};
+pub use project::{Draft, Edit, Origin, Other, Project, SaveError, Written};
 pub use saving::{DEMO, DEMO_SCENE};
 
 use crate::gpu::Gpu;

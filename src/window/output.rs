@@ -45,10 +45,8 @@ pub enum Ask {
 }
 
 impl Ask {
-    /// What is done, at the place that a person chose.
-    pub fn task(self, path: PathBuf) -> Task {
-        // The dialog has asked.
-        let force = path.exists();
+    /// What is done, at the place that a person chose. `force`: what is there may be replaced.
+    pub fn task(self, path: PathBuf, force: bool) -> Task {
         match self {
             Self::Folder(range) => Task::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
             Self::Video { range, lossless } => {

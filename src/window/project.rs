@@ -1,21 +1,22 @@
 //! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+mod save;
+mod scene;
 
-use glam::DVec3;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use super::History;
+use super::watch::{Stamp, stamp};
 use crate::camera::NoiseProfile;
 use crate::compositor::Settings;
 use crate::params::{ParamError, Params, Value};
-use crate::profile::{self, ProfileError, Rig};
+use crate::profile::Rig;
 use crate::recording::OpenOptions;
-use crate::scene::{self, Models, Scene, SceneError, SceneFile};
+use crate::scene::{self as scenes, Models, SceneFile};
 use crate::shot::{Given, Shot, ShotError};
-use crate::sink::SinkError;
-use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_DOCUMENT};
+
+pub use save::{Draft, SaveError, Written};
 
 /// Everything that a change changes, and that undo brings back.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
@@ -52,19 +53,6 @@ pub enum Origin {
     Person,
 }
 
-/// Why something was not saved.
-#[derive(Debug, thiserror::Error)]
-pub enum SaveError {
-    #[error(transparent)]
-    Profile(#[from] ProfileError),
-    #[error(transparent)]
-    Sink(#[from] SinkError),
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    #[error("{path}: {reason}")]
-    Text { path: PathBuf, reason: String },
-}
-
 /// A shot with the past of its edits.
 #[derive(Debug)]
 pub struct Project {
@@ -79,7 +67,7 @@ pub struct Project {
     pub scene: Option<PathBuf>,
     /// Of the recording, as it was opened.
     pub metres_per_unit: f64,
-    scene_text: Option<scene::Document>,
+    scene_text: Option<scenes::Document>,
     /// What the shot's scene was loaded from.
     loaded: SceneFile,
     /// Of the scenes so far.
@@ -93,15 +81,21 @@ pub struct Project {
     /// The version at which what is compared with changed last, and what that is.
     other_version: u64,
     other: Option<Box<Other>>,
+    /// How the files were when they were read or written.
+    stamps: BTreeMap<PathBuf, Stamp>,
 }
 
 impl Project {
     /// Opens a recording and what is given with it, as [`Shot::open`].
     pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+        // Before they are read: what is changed in between is noticed.
+        let files = [Some(recording), given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
+        let mut stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
         let shot = Shot::open(recording, options, given)?;
+        stamps.extend(stamps.get(recording).map(|stamp| (shot.recording.path.clone(), *stamp)));
         // A model alone stands where its own coordinates put it, which no scene file can say.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let scene_text = given.scene.as_ref().filter(is_file).map(|path| scene::document::read(path)).transpose()?;
+        let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
         let scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
         let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene, other: None };
         Ok(Self {
@@ -126,7 +120,13 @@ impl Project {
             scene_version: 0,
             other_version: 0,
             other: None,
+            stamps,
         })
+    }
+
+    /// How a file was before it was read, or after it was written; `None` for one that was not there.
+    pub fn stamp(&self, path: &Path) -> Stamp {
+        self.stamps.get(path).copied().flatten()
     }
 
     /// What is composited now.
@@ -304,198 +304,6 @@ impl Project {
         self.history.go_to(step);
         self.follow();
     }
-
-    /// Where scene files are looked for and models named from: the scene's file, or where one would be made.
-    pub fn scene_path(&self) -> PathBuf {
-        self.scene.clone().unwrap_or_else(|| PathBuf::from("scene.toml"))
-    }
-
-    /// Whether objects can be placed: a model that is opened alone stands by its own coordinates.
-    pub fn can_place(&self) -> bool {
-        self.scene.is_none() || self.scene_text.is_some()
-    }
-
-    /// Changes what is put into the footage. What does not load is refused, and nothing changes.
-    pub fn change_scene(&mut self, what: &str, change: impl FnOnce(&mut SceneFile)) -> Result<(), SceneError> {
-        let mut edit = self.edit().clone();
-        change(&mut edit.scene);
-        let loaded = self.load(&edit.scene)?;
-        self.put(loaded, &edit.scene);
-        self.change(what, edit);
-        Ok(())
-    }
-
-    /// Shows another scene, which is no step of the history until it is kept. What does not load is refused, and what
-    /// was shown stays.
-    pub fn try_scene(&mut self, scene: SceneFile) -> Result<(), SceneError> {
-        if scene == self.edit().scene {
-            return Ok(());
-        }
-        let loaded = self.load(&scene)?;
-        self.put(loaded, &scene);
-        self.history.try_on(Edit { scene, ..self.edit().clone() });
-        self.follow();
-        Ok(())
-    }
-
-    /// Makes the scene that was tried a step. `false` where that changes nothing.
-    pub fn keep_tried(&mut self, what: &str) -> bool {
-        self.history.keep_tried(what)
-    }
-
-    /// Goes back to the scene before it was tried.
-    pub fn drop_tried(&mut self) {
-        self.history.drop_tried();
-        self.follow();
-    }
-
-    /// Goes on where a person was: one step, after what was opened. What does not load is refused, and nothing changes.
-    pub fn take_up(&mut self, edit: Edit) -> Result<(), SceneError> {
-        let loaded = self.load(&edit.scene)?;
-        self.put(loaded, &edit.scene);
-        self.change("taken up", edit);
-        self.close_step();
-        Ok(())
-    }
-
-    /// Takes what the files say now, as they were opened anew: one step, which can be taken back.
-    pub fn read_again(&mut self, fresh: Self) {
-        let edit = fresh.edit().clone();
-        (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
-        self.change("read again", edit);
-        self.close_step();
-    }
-
-    /// The world's up, for the scene as it is.
-    pub fn up(&self) -> DVec3 {
-        self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
-    }
-
-    fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
-        let path = self.scene_path();
-        scene::load_file_with(scene, &path, self.shot.recording.up, &mut self.models)
-    }
-
-    /// Has the shot show what was loaded from a scene file's contents. What follows has the next version.
-    fn put(&mut self, loaded: Scene, from: &SceneFile) {
-        self.shot.set_scene(Arc::new(loaded));
-        self.loaded = from.clone();
-        self.scene_version += 1;
-        self.other_version = self.version + 1;
-        self.problem = None;
-    }
-
-    /// Has the shot follow what is set.
-    fn follow(&mut self) {
-        if self.loaded != self.edit().scene {
-            let scene = self.edit().scene.clone();
-            // It was loaded when it was set; its files may be gone since.
-            match self.load(&scene) {
-                Ok(loaded) => self.put(loaded, &scene),
-                Err(error) => self.problem = Some(error.to_string()),
-            }
-        }
-        let edit = self.history.now();
-        self.shot.rig = edit.rig.clone();
-        self.shot.settings = edit.settings.clone();
-        self.version += 1;
-        if self.other != edit.other {
-            self.other = edit.other.clone();
-            self.other_version = self.version;
-        }
-    }
-
-    /// Writes what differs from the recording's own camera and from a profile's text into that profile, whose comments and
-    /// other keys stay. A new file is made where there is none.
-    pub fn save_profile(&mut self, path: &Path) -> Result<(), SaveError> {
-        let (mut rig, mut settings) = (Rig::default(), Settings::default());
-        if let Some(own) = &self.shot.recording.camera_profile {
-            rig.read(own, &mut settings)?;
-        }
-        if let Some(geometry) = &self.shot.recording.geometry {
-            rig.lay_over(geometry);
-        }
-        let mut document = match path.exists() {
-            true => {
-                let failed = |source| ProfileError::Read { path: path.to_owned(), source };
-                let bytes = file::read(path, MOST_DOCUMENT).map_err(failed)?;
-                let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
-                    path: path.to_owned(),
-                    reason: "the file is no text, so no profile: nothing was saved".to_owned(),
-                })?;
-                rig.read_text(&text, path, &mut settings)?;
-                profile::Document::parse(&text, path)?
-            }
-            false => profile::Document::new(""),
-        };
-        let edit = self.edit().clone();
-        let [before, now] =
-            [(&rig, &settings), (&edit.rig, &edit.settings)].map(|(rig, settings)| tables(rig, settings));
-        for (before, now) in before.into_iter().zip(now) {
-            for spec in now.specs() {
-                if before.get(spec.name) != now.get(spec.name) {
-                    document.set_param(now, spec.name);
-                }
-            }
-        }
-        for effect in edit.settings.effects().map(|effect| effect.table()) {
-            let on = edit.settings.is_on(effect);
-            if settings.is_on(effect) != on {
-                document.switch(effect, on);
-            }
-        }
-        match &edit.rig.noise {
-            Some(noise) if rig.noise.as_ref() != Some(noise) => {
-                document.set_noise(noise, "`'s method, from places picked in the window.");
-            }
-            None => document.remove_noise(),
-            Some(_) => {}
-        }
-        write_atomically(path, true, |writer| std::io::Write::write_all(writer, document.to_string().as_bytes()))?;
-        self.saved.rig = edit.rig;
-        self.saved.settings = edit.settings;
-        self.profile = Some(path.to_owned());
-        Ok(())
-    }
-
-    /// Writes the scene file, whose comments and order stay. In another folder it names the same models.
-    pub fn save_scene(&mut self, path: &Path) -> Result<(), SaveError> {
-        let from = self.scene_path();
-        let scene = moved(&self.edit().scene, &from, path);
-        let failed =
-            |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
-        let text = match self.scene_text.take() {
-            Some(mut text) => {
-                let done = text.set(scene.clone());
-                let written = text.to_string();
-                self.scene_text = Some(text);
-                done.map(|()| written).map_err(|e| failed(&e))?
-            }
-            None => {
-                let made = scene::Document::new(scene.clone()).map_err(|e| failed(&e))?;
-                self.scene_text.insert(made).to_string()
-            }
-        };
-        write_atomically(path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
-        self.history.each(|edit| edit.scene = moved(&edit.scene, &from, path));
-        self.opened.scene = moved(&self.opened.scene, &from, path);
-        self.loaded = moved(&self.loaded, &from, path);
-        self.saved.scene = scene;
-        self.scene = Some(path.to_owned());
-        Ok(())
-    }
-}
-
-/// A scene whose file moves: its models and its panorama are the same files.
-fn moved(scene: &SceneFile, from: &Path, to: &Path) -> SceneFile {
-    let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| Some(path.parent()?.to_owned()));
-    let mut scene = scene.clone();
-    let (Some(old), Some(new)) = (folder(from), folder(to)) else { return scene };
-    if old != new {
-        let names = scene.objects.iter_mut().map(|object| &mut object.model).chain(&mut scene.light.environment);
-        names.for_each(|name| *name = scene::relative(&old.join(&*name), to));
-    }
-    scene
 }
 
 /// Every table of parameters, in the order of the light.

@@ -10,6 +10,23 @@ const AGAIN: &str = "LOCARD_STARTED_AGAIN_S";
 /// A device that is lost sooner than this will be lost again.
 const SETTLED_S: u64 = 60;
 
+/// Where this is set, a development build loses its device so many seconds after its window was opened.
+#[cfg(debug_assertions)]
+const TRIES: &str = "LOCARD_LOSES_DEVICE_AFTER_S";
+
+/// Loses the device once it is time, if the environment says so: nothing else does it on purpose.
+#[cfg(debug_assertions)]
+pub fn try_it(gpu: &crate::gpu::Gpu, ctx: &eframe::egui::Context) {
+    let after_s = || std::env::var(TRIES).ok()?.parse().ok();
+    static AFTER_S: std::sync::OnceLock<Option<f64>> = std::sync::OnceLock::new();
+    let Some(after_s) = *AFTER_S.get_or_init(after_s) else { return };
+    let left_s = after_s - ctx.input(|i| i.time);
+    match left_s > 0.0 {
+        true => ctx.request_repaint_after_secs(left_s as f32),
+        false => gpu.device.destroy(),
+    }
+}
+
 fn may(now_s: u64, before: Option<&str>) -> bool {
     before.and_then(|before| before.parse().ok()).is_none_or(|before: u64| now_s.saturating_sub(before) >= SETTLED_S)
 }

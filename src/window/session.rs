@@ -15,7 +15,6 @@ use super::times::Times;
 use super::viewer::Viewer;
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
-use crate::gpu::GpuError;
 use crate::pixels::Pixels;
 use crate::shot::ShotError;
 
@@ -185,7 +184,9 @@ impl Session {
     }
 
     pub fn problem(&self) -> Option<&str> {
-        let own = self.picture_problem.as_deref().or(self.problem.as_deref());
+        let (picture, other) = (self.picture_problem.as_deref(), self.problem.as_deref());
+        // What to do about a device that is gone says more than that a picture failed.
+        let own = if self.is_lost { other.or(picture) } else { picture.or(other) };
         self.project.problem().or(own)
     }
 
@@ -216,6 +217,7 @@ impl Session {
     /// Takes what was made. To be called first in a frame of the window; never waits.
     pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
+        self.is_lost |= self.viewer.gpu().check().is_err_and(|failure| failure.is_lost());
         if let Some(thumbnails) = &mut self.thumbnails {
             thumbnails.work(ctx);
         }
@@ -260,9 +262,10 @@ impl Session {
                             (Some(picture.stats), picture.codes)
                         }
                         Err(error) => {
-                            self.is_lost |= matches!(error, ShotError::Gpu { source: GpuError::Lost(_), .. });
+                            self.is_lost |= matches!(&error, ShotError::Gpu { source, .. } if source.is_lost());
                             self.picture_problem = Some(error.to_string());
-                            let _ = self.viewer.gpu().take_failure();
+                            // What the window's own thread did wrong is over with this picture.
+                            self.is_lost |= self.viewer.gpu().take_failure().is_some_and(|failure| failure.is_lost());
                             (None, None)
                         }
                     };
@@ -313,7 +316,7 @@ impl Session {
         let begun = self.begun.filter(|begun| begun.shows_as(&wanted));
         let is_quiet = !self.player.playing && self.changed.is_none_or(|changed| changed.elapsed() >= QUIET);
         let lacks_size = begun.is_some_and(|begun| begun.by > 1) && is_quiet && self.viewer.under_way() == 0;
-        if self.ended || begun.is_some() && !lacks_codes && !lacks_size {
+        if self.ended || self.is_lost || begun.is_some() && !lacks_codes && !lacks_size {
             return false;
         }
         let by = if begun.is_some() { 1 } else { self.reduction() };
@@ -328,7 +331,9 @@ impl Session {
 
     /// Begins a picture of what is compared with, of the frame that was begun last.
     fn begin_other(&mut self) {
-        let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended) else { return };
+        let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended && !self.is_lost) else {
+            return;
+        };
         if self.begun_other == Some(wanted) {
             return;
         }
