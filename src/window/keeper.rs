@@ -325,6 +325,8 @@ impl Keeper {
             let Some(entry) = self.jobs.as_ref().and_then(|jobs| jobs.entries.get(over)) else { continue };
             match &entry.state {
                 State::Done(said) => session.say(format!("Written {}: {said}", entry.name)),
+                // It names the file already, or one in the folder.
+                State::Failed(why) if why.starts_with(&entry.name) => session.wrong(why.clone()),
                 State::Failed(why) => session.wrong(format!("{}: {why}", entry.name)),
                 _ => {}
             }
