@@ -335,8 +335,13 @@ mod tests {
         };
         assert_eq!(gpu.apart(|| 7).unwrap(), 7);
         // Another thread's error meanwhile is not this one's.
-        let other = gpu.apart(|| std::thread::scope(|scope| scope.spawn(|| drop(too_large())).join().unwrap()));
-        other.unwrap();
+        let elsewhere = || {
+            std::thread::scope(|scope| {
+                let other = std::thread::Builder::new().spawn_scoped(scope, || drop(too_large())).unwrap();
+                other.join().unwrap();
+            });
+        };
+        gpu.apart(elsewhere).unwrap();
         assert!(gpu.take_failure().is_some());
         gpu.apart(too_large).unwrap_err();
         gpu.check().unwrap();

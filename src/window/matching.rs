@@ -87,6 +87,7 @@ impl Matching {
             }
         });
         ui.separator();
+        progress::broken(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let good = "Good: the virtual dots lie on the profile's line, among the real ones.";
             wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
@@ -168,7 +169,6 @@ impl Matching {
         if !over.is_empty() {
             ui.label(RichText::new(format!("σ over the profile's: {}", over.join(", "))).small());
         }
-        progress::of(ui, "Analysis", &self.analysis);
         if profile.is_none() {
             ui.label("The profile has no noise: virtual things are drawn without. The tab Calibrate measures it.");
         }

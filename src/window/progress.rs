@@ -19,6 +19,11 @@ pub fn of<K: PartialEq, T: Send + 'static>(ui: &mut Ui, called: &str, work: &Bac
         bar(ui, called, share, None);
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
+    broken(ui, called, work);
+}
+
+/// Why work in the background broke off. How far it is does not show: it is over soon, and begun with every change.
+pub fn broken<K: PartialEq, T: Send + 'static>(ui: &mut Ui, called: &str, work: &Background<K, T>) {
     if let Some(why) = work.broken() {
         refused(ui, &format!("{called}: {why}"));
     }

@@ -41,7 +41,7 @@ pub struct Draft {
 #[derive(Debug)]
 enum What {
     Profile { recording: Arc<Recording>, edit: Box<Edit> },
-    Scene { text: String, scene: SceneFile, from: PathBuf },
+    Scene { text: String, scene: Box<SceneFile>, from: PathBuf },
 }
 
 /// A file that has been written.
@@ -143,7 +143,7 @@ impl Project {
                 self.scene_text.insert(made).to_string()
             }
         };
-        Ok(Draft { path: path.to_owned(), known: None, what: What::Scene { text, scene, from } })
+        Ok(Draft { path: path.to_owned(), known: None, what: What::Scene { text, scene: Box::new(scene), from } })
     }
 
     /// A draft has been written: from now on this is what is saved.
@@ -160,7 +160,7 @@ impl Project {
                 self.history.each(|edit| edit.scene = moved(&edit.scene, &from, &path));
                 self.opened.scene = moved(&self.opened.scene, &from, &path);
                 self.loaded = moved(&self.loaded, &from, &path);
-                self.saved.scene = scene;
+                self.saved.scene = *scene;
                 self.scene = Some(path);
             }
         }
