@@ -169,7 +169,7 @@ enum Order {
     Remove(PathBuf),
 }
 
-/// Keeps a window's work. Dropped in an orderly end, it leaves nothing.
+/// Keeps a window's work. Dropped in an orderly end, it leaves nothing; where the window breaks off, all that it kept.
 #[derive(Debug)]
 pub struct Autosave {
     place: Place,
@@ -262,7 +262,7 @@ impl Autosave {
 impl Drop for Autosave {
     fn drop(&mut self) {
         self.finish_writing();
-        if !self.leaves {
+        if !self.leaves && !std::thread::panicking() {
             self.place.remove();
         }
     }
@@ -292,6 +292,22 @@ mod tests {
 
     fn names(folder: &Path) -> usize {
         fs::read_dir(folder).unwrap().count()
+    }
+
+    #[test]
+    fn a_window_that_breaks_off_leaves_its_work() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = temp.path().to_owned();
+        let broken = std::panic::catch_unwind(move || {
+            let mut autosave = Autosave::begin(&folder).unwrap();
+            let now = Instant::now();
+            autosave.keep(0, now, || None);
+            autosave.keep(1, now + EVERY, || Some(work(7)));
+            panic!("the window breaks off");
+        });
+        assert!(broken.is_err());
+        let found = Left::found(temp.path());
+        assert!(found.len() == 1 && found[0].work.edit.settings.seed == 7);
     }
 
     #[test]

@@ -74,7 +74,8 @@ mod viewer;
 mod watch;
 mod wrongs;
 
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::{Arc, OnceLock};
 
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
@@ -111,10 +112,13 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
         ..Default::default()
     };
     options.wgpu_options.wgpu_setup = WgpuSetup::CreateNew(setup);
-    eframe::run_native(
-        "locard",
-        options,
-        Box::new(move |context| {
+    let device = Arc::new(OnceLock::new());
+    let of_window = Arc::clone(&device);
+    let run = move || {
+        let app = move |context: &eframe::CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
+            if let Some(state) = context.wgpu_render_state.clone() {
+                let _ = of_window.set(state);
+            }
             let mut app = App::new(context, project)?;
             if let Some(measure) = measure {
                 return Ok(Box::new(app.measured(measure)));
@@ -124,6 +128,12 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
             }
             app.show_start(start);
             Ok(Box::new(app))
-        }),
-    )
+        };
+        eframe::run_native("locard", options, Box::new(app))
+    };
+    // egui's own drawing panics where the device is lost in the middle of a frame.
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
+        device.get().into_iter().for_each(restart::where_lost);
+        resume_unwind(panic)
+    })
 }

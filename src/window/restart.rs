@@ -3,6 +3,9 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use eframe::egui_wgpu::RenderState;
+
+use crate::gpu::Gpu;
 use crate::unfinished::undo_all;
 
 /// Says to the program that is started when that was, in seconds since 1970.
@@ -16,7 +19,7 @@ const TRIES: &str = "LOCARD_LOSES_DEVICE_AFTER_S";
 
 /// Loses the device once it is time, if the environment says so: nothing else does it on purpose.
 #[cfg(debug_assertions)]
-pub fn try_it(gpu: &crate::gpu::Gpu, ctx: &eframe::egui::Context) {
+pub fn try_it(gpu: &Gpu, ctx: &eframe::egui::Context) {
     let after_s = || std::env::var(TRIES).ok()?.parse().ok();
     static AFTER_S: std::sync::OnceLock<Option<f64>> = std::sync::OnceLock::new();
     let Some(after_s) = *AFTER_S.get_or_init(after_s) else { return };
@@ -56,6 +59,14 @@ pub fn again() -> String {
     };
     drop(nothing_begins);
     failed.to_string()
+}
+
+/// After a window has broken off: starts anew if its device is gone.
+pub fn where_lost(window: &RenderState) {
+    let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
+    if gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost()) {
+        eprintln!("locard: the graphics device was lost; start it again ({})", again());
+    }
 }
 
 #[cfg(test)]

@@ -217,7 +217,9 @@ impl Session {
     /// Takes what was made. To be called first in a frame of the window; never waits.
     pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
-        self.is_lost |= self.viewer.gpu().check().is_err_and(|failure| failure.is_lost());
+        // A device says that it is lost when it is looked after; the window's own shapes would break off without it.
+        let gpu = self.viewer.gpu();
+        self.is_lost |= gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost());
         if let Some(thumbnails) = &mut self.thumbnails {
             thumbnails.work(ctx);
         }
