@@ -336,7 +336,7 @@ fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let frame = shot.read(31).unwrap();
     let reduced = shot.reduce(&frame, 2).unwrap();
-    let mut half = |shot: &Shot, compositor: &mut Compositor| {
+    let half = |shot: &Shot, compositor: &mut Compositor| {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()
     };

@@ -259,7 +259,7 @@ fn it_asks_before_changes_are_lost() {
     assert_eq!(window.query_all_by_label("Save and close").count(), 0);
     close(&mut window);
     window.get_by_label("Save and close").click();
-    window.run_steps(2);
+    until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
 }
 

@@ -239,7 +239,7 @@ impl Keeper {
         restart::try_it(session.viewer.gpu(), ctx);
         if session.is_lost() && !self.has_lost {
             self.has_lost = true;
-            return self.starts_again(session);
+            return self.starts_again(ctx, session);
         }
         if let Some(look) = self.look.take_if(|look| look.is_due(now)) {
             self.left = Left::found(&look.folder);
@@ -270,7 +270,7 @@ impl Keeper {
     }
 
     /// The graphics device is gone: the program starts anew, and takes up what is kept.
-    fn starts_again(&mut self, session: &mut Session) {
+    fn starts_again(&mut self, ctx: &egui::Context, session: &mut Session) {
         let is_kept = match self.autosave.take() {
             Some(autosave) => {
                 autosave.leave(work(session));
@@ -280,7 +280,14 @@ impl Keeper {
         };
         let again = self.restarts_by.unwrap_or(restart::again);
         let why = if is_kept { again() } else { "your work is not kept: save it first".to_owned() };
-        session.wrong(format!("The graphics device was lost: close the window, and start it again ({why})"));
+        let told = format!("The graphics device was lost: start it again ({why})");
+        // The window may no longer show it: nothing draws.
+        eprintln!("locard: {told}");
+        session.wrong(told);
+        if is_kept {
+            self.may_close = true;
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
     }
 
     fn choosing(&mut self, ctx: &egui::Context, session: &mut Session) {
