@@ -415,7 +415,7 @@ fn a_series_asks_for_its_own_files() {
     assert_eq!(std::fs::read_to_string(&there).unwrap(), "what the user had");
     // The dialog comes to rest in its new size.
     window.run_steps(10);
-    assert!(window.query_by_label_contains("s-2.png: there already").is_some());
+    assert!(window.query_by_label_contains("s-2.png is there already").is_some());
     press(&mut window, "Replace them");
     let had = b"what the user had".as_slice();
     until(&mut window, |_| std::fs::read(&there).is_ok_and(|bytes| bytes != had));

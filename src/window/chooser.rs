@@ -337,12 +337,12 @@ impl Chooser {
             Seeks::NewSeries(_) => {
                 let there = series_there(path);
                 let first = there.first().unwrap_or(&self.folder).display();
-                let more = match there.len() {
-                    0 | 1 => String::new(),
-                    many => format!(" and {} more of its series", many - 1),
+                let are = match there.len() {
+                    0 | 1 => "is".to_owned(),
+                    many => format!("and {} more of its series are", many - 1),
                 };
                 (
-                    format!("{first}{more}: there already. Those of the same names are replaced, no others."),
+                    format!("{first} {are} there already. Those of the same names are replaced, no others."),
                     "Replace them",
                 )
             }
