@@ -203,7 +203,7 @@ impl Compositor {
             match target {
                 Target::Pixels => {
                     let size = (piece.shown.width(), piece.shown.height());
-                    work.codes.push((*piece, self.readbacks.copy(run.recorder, &made, size)));
+                    work.codes.push((*piece, run.recorder.read_back(&mut self.readbacks, &made, size)));
                 }
                 Target::View(..) => sent.put(run.recorder, &made, piece.shown),
             }
@@ -215,7 +215,7 @@ impl Compositor {
             drawn: places.pieces.first().map_or(places.drawn, |piece| piece.drawn),
             over_seam: places.pieces.len() > 1,
             light_alone: layer.light_alone,
-            parts: [&layer.color, &layer.geometry].map(|t| self.readbacks.copy(run.recorder, t, layer.size)),
+            parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
         });
         let submission = self.recorder.submit();
         let codes = work.codes.iter_mut().map(|(_, readback)| readback);

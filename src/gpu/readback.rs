@@ -5,7 +5,7 @@ use std::sync::{
     atomic::{AtomicU8, Ordering},
 };
 
-use super::{Gpu, GpuError, Recorder, Texture};
+use super::{Gpu, GpuError, Texture};
 
 /// Buffers that readbacks borrow and return.
 #[derive(Debug, Default)]
@@ -29,7 +29,13 @@ const READY: u8 = 1;
 
 impl ReadbackSet {
     /// Records a copy of the upper left `width` × `height` of a texture.
-    pub fn copy(&mut self, recorder: &mut Recorder, texture: &Texture, (width, height): (u32, u32)) -> Readback {
+    pub(super) fn copy(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        texture: &Texture,
+        (width, height): (u32, u32),
+    ) -> Readback {
         let (_, padded) = row_bytes(&texture.texture, width);
         let size = u64::from(padded) * u64::from(height);
         let buffer = match self.free.iter().position(|b| b.size() >= size) {
@@ -37,10 +43,10 @@ impl ReadbackSet {
             None => {
                 // A buffer that is too small would never be used again.
                 self.free.pop();
-                buffer_of(&recorder.gpu, size.next_power_of_two())
+                buffer_of(gpu, size.next_power_of_two())
             }
         };
-        Readback::begin(recorder.encoder(), &texture.texture, buffer, (width, height))
+        Readback::begin(encoder, &texture.texture, buffer, (width, height))
     }
 
     /// Keeps a finished readback's buffer for the next one.

@@ -2,9 +2,10 @@
 
 use super::kept::{FEW, Kept, MANY};
 use super::pipelines::Pipelines;
+use super::readback::{Readback, ReadbackSet};
 use super::timing::{Timed, Timer};
 use super::uniform::{Bytes, Uniforms};
-use super::{Gpu, TexturePool};
+use super::{Gpu, Texture, TexturePool};
 
 /// Records passes, and keeps what outlasts a frame: pipelines, textures, uniforms, cached values.
 #[derive(Debug)]
@@ -48,6 +49,12 @@ impl Recorder {
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         let gpu = &self.gpu;
         self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()))
+    }
+
+    /// Records a copy of the upper left `width` × `height` of a texture, into a buffer of the set.
+    pub fn read_back(&mut self, set: &mut ReadbackSet, texture: &Texture, size: (u32, u32)) -> Readback {
+        let gpu = self.gpu.clone();
+        set.copy(&gpu, self.encoder(), texture, size)
     }
 
     /// Stores bytes for a `var<uniform>`, for what is recorded until the next submission.

@@ -243,7 +243,7 @@ impl Studio<'_> {
     /// Draws into rows that are `stride` pixels apart.
     fn draw_tile(&mut self, view: &View<'_>, texels: &mut [[half::f16; 4]], stride: usize) -> Result<(), GpuError> {
         let layer = self.renderer.draw(&mut self.recorder, view, &SamplePlan::single());
-        let mut readback = self.readbacks.copy(&mut self.recorder, &layer.color, layer.size);
+        let mut readback = self.recorder.read_back(&mut self.readbacks, &layer.color, layer.size);
         readback.submitted(self.recorder.submit());
         readback.rows(&self.recorder.gpu, |row, bytes| {
             for (texel, bytes) in texels[row * stride..].iter_mut().zip(bytes.chunks_exact(8)) {

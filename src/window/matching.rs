@@ -104,7 +104,14 @@ impl Matching {
                 self.brightness.rest();
             }
             let good = "Good: no effect takes long that changes nothing you see.";
-            section(ui, "Time by effect", false, good, |ui| times::show(ui, session));
+            section(ui, "Time by effect", false, good, |ui| {
+                if session.viewer.gpu().timestamps {
+                    session.want_times();
+                    times::show(ui, session.times());
+                } else {
+                    ui.weak("This graphics device has no clock.");
+                }
+            });
         });
         self.look(ui, session, wanted);
     }

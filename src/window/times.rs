@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 use eframe::egui::{self, RichText, Ui};
 
 use super::plots::Of;
-use super::session::Session;
 use crate::gpu::PartTime;
 use crate::words::fixed;
 
@@ -47,13 +46,8 @@ impl Times {
 }
 
 /// A bar for each part.
-pub fn show(ui: &mut Ui, session: &mut Session) {
-    if !session.viewer.gpu().timestamps {
-        ui.weak("This graphics device has no clock.");
-        return;
-    }
-    session.want_times();
-    let times = session.times().medians();
+pub fn show(ui: &mut Ui, times: &Times) {
+    let times = times.medians();
     if times.is_empty() {
         ui.weak("Comes with the next picture: play, or move a slider.");
         return;

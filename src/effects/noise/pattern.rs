@@ -215,7 +215,7 @@ mod tests {
                     true => pattern.drawn(&mut recorder, lattice),
                     false => pattern.written(&mut recorder, lattice),
                 };
-                let mut readback = ReadbackSet::default().copy(&mut recorder, &texture, size);
+                let mut readback = recorder.read_back(&mut ReadbackSet::default(), &texture, size);
                 readback.submitted(recorder.submit());
                 let mut words: Vec<i16> = Vec::new();
                 let read = readback.rows(&recorder.gpu, |_, row| {
