@@ -311,7 +311,7 @@ impl App {
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
         self.codes(&seen, &frame);
-        self.side.over_picture(&seen);
+        self.side.over_picture(&seen, frame.index, self.session.player.playing);
         self.hand.work(&seen);
         let over = Over {
             seen: &seen,

@@ -32,12 +32,17 @@ pub struct Side {
 impl Side {
     /// Shows the tab that is chosen. Values that are refused are given back as text.
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+        let before = self.tab;
         ui.horizontal(|ui| {
             for (tab, name) in [(Tab::Settings, "Settings"), (Tab::Match, "Match"), (Tab::Calibrate, "Calibrate")] {
                 ui.selectable_value(&mut self.tab, tab, name);
             }
         });
         ui.separator();
+        if self.tab != before {
+            // What another tab asks for goes with it.
+            hand.cancel();
+        }
         match self.tab {
             Tab::Settings => {
                 let at_work = session.stats().map(|stats| stats.effects.clone());
@@ -49,17 +54,18 @@ impl Side {
         None
     }
 
-    /// Marks in the picture what the tab is about, and keeps where the pointer is.
-    pub fn over_picture(&mut self, seen: &Seen) {
+    /// Marks in the picture of a frame what the tab is about, unless it plays, and keeps where the pointer is.
+    pub fn over_picture(&mut self, seen: &Seen, frame: usize, plays: bool) {
         let pointed = seen.pointed.map(|at| DVec2::new(at.x.into(), at.y.into()));
         if self.tab == Tab::Match && pointed != self.pointed && pointed.is_some() {
             seen.response.ctx.request_repaint();
         }
         self.pointed = pointed.or(self.pointed);
         match self.tab {
+            _ if plays => {}
             Tab::Settings => {}
             Tab::Match => matching::paint(seen, self.matching.marks().map(|(rect, name)| (rect, name.to_owned()))),
-            Tab::Calibrate => matching::paint(seen, self.calibrating.marks()),
+            Tab::Calibrate => matching::paint(seen, self.calibrating.marks(frame)),
         }
     }
 }
