@@ -97,7 +97,9 @@ impl Wanted {
         }
         let mut warn = |text: String| _ = tell(Told::Warning(text));
         if lux.is_none() {
-            warn(format!("nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken"));
+            warn(format!(
+                "nothing says how bright the scene is in EXIF or a profile (--lux does): {INDOORS_LX} lx are taken"
+            ));
         }
         left_out.into_iter().for_each(&mut warn);
         shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned().for_each(&mut warn);
@@ -117,8 +119,8 @@ impl Wanted {
         }
         if camera.noise.is_none() {
             let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; \
-                        `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the \
-                        recording itself";
+                        calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the \
+                        recording itself)";
             warn(text.to_owned());
         }
         let acts_on_real = shot.settings.acts_on_real();

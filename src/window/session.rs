@@ -18,6 +18,7 @@ use crate::frame::Frame;
 use crate::gpu::GpuError;
 use crate::pixels::Pixels;
 use crate::shot::ShotError;
+use crate::words::without_options;
 
 /// A picture that takes longer than this at full size is made smaller while something changes, so that it takes about
 /// so long as the second; but not so small that its longer side has fewer pixels.
@@ -76,11 +77,25 @@ pub struct Session {
     is_lost: bool,
     /// Why the picture that was made last is none.
     picture_problem: Option<String>,
-    /// What else went wrong last; stays until something is done.
-    problem: Option<String>,
-    /// What was done last.
-    said: Option<String>,
+    /// Nothing says what camera took the recording.
+    lacks_camera: bool,
+    /// What was told last.
+    message: Option<Message>,
 }
+
+/// What was done, or went wrong.
+#[derive(Debug)]
+struct Message {
+    text: String,
+    is_wrong: bool,
+    /// The project's version and the frame when it was told: it goes when something else is done.
+    told_at: (u64, usize),
+    /// By the window's clock, once it was shown.
+    since_s: Option<f64>,
+}
+
+/// As long as this a message can be read, whatever is done.
+const READ_S: f64 = 4.0;
 
 impl Session {
     pub fn new(window: RenderState, ctx: &egui::Context, project: Project) -> Result<Self, String> {
@@ -108,8 +123,8 @@ impl Session {
             times: Times::default(),
             is_lost: false,
             picture_problem: None,
-            problem: None,
-            said: None,
+            lacks_camera: false,
+            message: None,
         })
     }
 
@@ -164,6 +179,11 @@ impl Session {
         self.is_lost
     }
 
+    /// Whether nothing is composited because nobody says what the camera was: a profile does.
+    pub fn lacks_camera(&self) -> bool {
+        self.lacks_camera
+    }
+
     /// Pictures that were finished in the last second.
     pub fn pictures_per_s(&self) -> f64 {
         self.finished.len() as f64
@@ -171,22 +191,39 @@ impl Session {
 
     /// Tells what was done.
     pub fn say(&mut self, text: impl Into<String>) {
-        self.said = Some(text.into());
-        self.problem = None;
+        self.tell(&text.into(), false);
     }
 
     pub fn said(&self) -> Option<&str> {
-        self.said.as_deref()
+        self.message.as_ref().filter(|message| !message.is_wrong).map(|message| message.text.as_str())
     }
 
-    /// Tells what is wrong, until something is done.
+    /// Tells what is wrong.
     pub fn wrong(&mut self, text: impl Into<String>) {
-        self.problem = Some(text.into());
+        self.tell(&text.into(), true);
+    }
+
+    fn tell(&mut self, text: &str, is_wrong: bool) {
+        let told_at = (self.project.version(), self.player.frame());
+        self.message = Some(Message { text: without_options(text), is_wrong, told_at, since_s: None });
+    }
+
+    /// Takes away a message that has been read, once something else is done.
+    fn forget(&mut self, ctx: &egui::Context) {
+        let (now_s, done) = (ctx.input(|i| i.time), (self.project.version(), self.player.frame()));
+        let Some(message) = &mut self.message else { return };
+        let since_s = *message.since_s.get_or_insert(now_s);
+        if message.told_at != done {
+            match READ_S - (now_s - since_s) {
+                left_s if left_s > 0.0 => ctx.request_repaint_after(Duration::from_secs_f64(left_s)),
+                _ => self.message = None,
+            }
+        }
     }
 
     pub fn problem(&self) -> Option<&str> {
-        let own = self.picture_problem.as_deref().or(self.problem.as_deref());
-        self.project.problem().or(own)
+        let told = self.message.as_ref().filter(|message| message.is_wrong).map(|message| message.text.as_str());
+        self.project.problem().or(self.picture_problem.as_deref()).or(told)
     }
 
     fn wanted(&self) -> Made {
@@ -216,6 +253,7 @@ impl Session {
     /// Takes what was made. To be called first in a frame of the window; never waits.
     pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
+        self.forget(ctx);
         if let Some(thumbnails) = &mut self.thumbnails {
             thumbnails.work(ctx);
         }
@@ -254,14 +292,16 @@ impl Session {
                     let (stats, codes) = match picture {
                         Ok(picture) => {
                             if !made.is_other {
-                                self.picture_problem = None;
+                                (self.picture_problem, self.lacks_camera) = (None, false);
                                 self.times.add(made.by, picture.times);
                             }
                             (Some(picture.stats), picture.codes)
                         }
                         Err(error) => {
                             self.is_lost |= matches!(error, ShotError::Gpu { source: GpuError::Lost(_), .. });
-                            self.picture_problem = Some(error.to_string());
+                            self.lacks_camera =
+                                matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
+                            self.picture_problem = Some(without_options(&error.to_string()));
                             let _ = self.viewer.gpu().take_failure();
                             (None, None)
                         }
@@ -291,7 +331,7 @@ impl Session {
 
     fn end(&mut self, why: &str) {
         self.ended = true;
-        self.problem.get_or_insert_with(|| format!("{why}: save your work and open it again"));
+        self.picture_problem.get_or_insert_with(|| format!("{why}: save your work and open it again"));
     }
 
     fn keep_time(&mut self) {
