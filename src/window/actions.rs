@@ -146,6 +146,7 @@ fn named(modifiers: Modifiers, key: Key) -> String {
         Key::Minus => "-",
         Key::Questionmark => "?",
         Key::Escape => "Esc",
+        Key::Delete => "Del",
         other => other.name(),
     };
     let before = [(modifiers.command, "Ctrl+"), (modifiers.alt, "Alt+"), (modifiers.shift, "Shift+")];
