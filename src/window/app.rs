@@ -8,6 +8,7 @@ use glam::DVec2;
 
 use super::actions::{self, Action};
 use super::evidence::Evidence;
+use super::fit;
 use super::hand::Hand;
 use super::handles::{Handles, Over};
 use super::keeper::{Keeper, Turn};
@@ -273,6 +274,9 @@ impl App {
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                if self.session.lacks_camera() && ui.button("Open a profile…").clicked() {
+                    self.keeper.choose_profile(&self.session.project);
+                }
                 let visuals = ui.visuals();
                 let (wrong, odd, weak) = (visuals.error_fg_color, visuals.warn_fg_color, visuals.weak_text_color());
                 let no_pose = || self.session.stats().and_then(|stats| stats.no_pose.clone());
@@ -455,6 +459,7 @@ impl eframe::App for App {
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
+        fit::to_screen(&ctx);
         self.input(&ctx);
         self.session.take(&ctx);
         if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {

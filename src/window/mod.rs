@@ -5,14 +5,14 @@
 //!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into;
 //!   `canvas` shows them. `painter` paints the window again where `changes` says.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
-//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places. `plots`: how plots look. `background`: work on other threads.
-//! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
+//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each with its verdict. `plots`: how plots look. `background`: work on other threads.
+//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `saving`, `opening`,
-//!   `watch`, `recent`); work that a crash leaves (`autosave`, in the folder of `state`); a
+//!   `watch`, `recent`, `habits`); work that a crash leaves (`autosave`, in the folder of `state`); a
 //!   new start where the device is lost (`restart`). `output`: what leaves as files,
 //!   by the queue of `jobs`, with the camera's `dials`. `command`: the same by command line.
 //!
@@ -34,7 +34,9 @@ mod dials;
 mod evidence;
 mod fields;
 mod finder;
+mod fit;
 mod ground;
+mod habits;
 mod hand;
 mod handles;
 mod history;
@@ -117,6 +119,7 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
             if let Some(folder) = state::folder() {
                 app.keep_in(&folder);
             }
+            context.egui_ctx.set_theme(app.keeper().theme());
             app.show_start(start);
             Ok(Box::new(app))
         }),

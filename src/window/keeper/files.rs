@@ -1,19 +1,18 @@
 //! Opening and saving, with what is asked before anything is lost.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use eframe::egui;
 
 use super::super::autosave::Left;
-use super::super::chooser::Seeks;
 use super::super::dialogs::{self, Answer};
 use super::super::jobs::Jobs;
 use super::super::opening::Opening;
 use super::super::recent::Opened;
-use super::super::saving::{self, Step};
+use super::super::saving::{self, Agreed, Step, Written};
 use super::super::session::Session;
 use super::super::watch::Change;
-use super::{Keeper, Purpose, Then, Turn};
+use super::{Keeper, Then, Turn};
 use crate::profile;
 use crate::recording::Recording;
 use crate::scene;
@@ -59,7 +58,11 @@ impl Keeper {
         };
         match done {
             Ok(()) => {
-                session.say(format!("Saved {}", path.display()));
+                let what = if matches!(step, Step::WriteScene(_)) { "scene" } else { "profile" };
+                self.written.retain(|written| written.what != what);
+                self.written.push(Written { what, path: path.clone() });
+                session.say(saving::told(&self.written));
+                self.recent.add(Opened::of(&session.project));
                 self.passed_over.retain(|passed| passed != path);
                 if let Some(watch) = &mut self.watch {
                     watch.known(path);
@@ -74,19 +77,17 @@ impl Keeper {
 
     /// Goes on with what is being saved, until something has to be asked.
     pub(super) fn saves(&mut self, session: &mut Session) {
-        while self.chooser.is_none() && self.asks_whether.is_none() {
-            let Some(agreed) = &self.saving else { return };
+        while self.chooser.is_none() && self.asks_whether.is_none() && self.asks_first.is_none() {
+            let Some(replaced) = &self.saving else { return };
             let project = &session.project;
-            match saving::next(project, self.watch.as_ref(), agreed) {
-                Step::Saved => self.saving = None,
-                Step::NameScene => {
-                    let at = PathBuf::from("scene.toml");
-                    self.choose(Purpose::SaveScene, "Save the scene as", Seeks::NewFile(&["toml"]), &at);
+            match saving::next(project, self.watch.as_ref(), Agreed { replaced, shared: &self.shared }) {
+                Step::Saved => {
+                    self.saving = None;
+                    session.say(saving::told(&self.written));
                 }
-                Step::NameProfile => {
-                    let at = Path::new("profile.toml");
-                    self.choose(Purpose::SaveProfile, "Save the profile as", Seeks::NewFile(&["toml"]), at);
-                }
+                Step::NameScene => self.name_scene(project),
+                Step::NameProfile => self.name_profile(project),
+                Step::AskFirst(path) => self.asks_first = Some(path),
                 Step::AskWhether(path) => self.asks_whether = Some(path),
                 step => self.write(session, &step),
             }
@@ -110,6 +111,18 @@ impl Keeper {
                 Some(Answer::Stay) => (self.asks_whether, self.saving, self.then) = (None, None, None),
                 None => {}
             }
+            return;
+        }
+        if let Some(path) = self.asks_first.clone() {
+            let whose = saving::whose(&session.project, &path).unwrap_or("others");
+            let answer = dialogs::whether_to_write(ctx, &path, whose);
+            match answer {
+                Some(Answer::Yes) => self.shared.push(path),
+                Some(Answer::No) => self.name_profile(&session.project),
+                Some(Answer::Stay) => (self.saving, self.then) = (None, None),
+                None => return,
+            }
+            self.asks_first = None;
             return;
         }
         if self.saving.is_some() {
