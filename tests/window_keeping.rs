@@ -369,6 +369,11 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
         window.event(egui::Event::Text(text.to_owned()));
         window.run_steps(3);
     };
+    // Esc closes a menu.
+    press(&mut window, "File");
+    window.key_press(Key::Escape);
+    window.run_steps(3);
+    assert!(!has(&window, "Open a profile…"));
     begin(&mut window);
     // A path leads to its folder while it is typed, and Enter goes into it; what is typed next is a name there.
     types(&mut window, temp.path().join("cases").to_str().unwrap());
@@ -402,6 +407,9 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     assert_eq!(window.state().keeper().theme(), theme);
     begin(&mut window);
     shows(&mut window, "mine.toml");
+    // Those of the program are one click away.
+    press(&mut window, "Locard's profiles");
+    shows(&mut window, "tum-fr1.toml");
 }
 
 #[test]

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
+use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Key, Ui};
 
 use crate::recording::Recording;
@@ -74,6 +75,8 @@ pub struct Chooser {
     told: Option<String>,
     /// The field is to have the keyboard.
     wants_keys: bool,
+    /// Where else to begin: what a folder is called, and where it is.
+    places: Vec<(&'static str, PathBuf)>,
 }
 
 impl Chooser {
@@ -88,7 +91,16 @@ impl Chooser {
         let name = file.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let title = title.to_owned();
         let (listed, listing, replaces, told) = (None, None, None, None);
-        Self { title, seeks, folder, name, is_typed: false, listed, listing, replaces, told, wants_keys: true }
+        let places = std::env::home_dir().map(|home| ("Home", home)).into_iter().collect();
+        Self { title, seeks, folder, name, is_typed: false, listed, listing, replaces, told, wants_keys: true, places }
+    }
+
+    /// Offers another folder to begin in, if it is there.
+    pub fn with(mut self, called: &'static str, folder: &Path) -> Self {
+        if let Some(folder) = folder.canonicalize().ok().filter(|folder| folder.is_dir()) {
+            self.places.push((called, folder));
+        }
+        self
     }
 
     /// Shows another folder. The name of a new file stays.
@@ -181,8 +193,9 @@ impl Chooser {
     /// The folders above, and where else to begin.
     fn way(&mut self, ui: &mut Ui) {
         let mut to = None;
+        let (shown, _) = self.looks_in();
         ui.horizontal_wrapped(|ui| {
-            let mut above: Vec<&Path> = self.folder.ancestors().collect();
+            let mut above: Vec<&Path> = shown.ancestors().collect();
             above.reverse();
             for folder in above {
                 let name =
@@ -192,10 +205,10 @@ impl Chooser {
                 }
             }
             ui.separator();
-            if let Some(home) = std::env::home_dir()
-                && ui.small_button("Home").clicked()
-            {
-                to = Some(home);
+            for (called, folder) in &self.places {
+                if ui.small_button(*called).clicked() {
+                    to = Some(folder.clone());
+                }
             }
         });
         if let Some(folder) = to {
@@ -269,6 +282,11 @@ impl Chooser {
             response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "File name"));
             if std::mem::take(&mut self.wants_keys) {
                 response.request_focus();
+                // What is typed next takes the place of what stands there.
+                let mut state = egui::text_edit::TextEditState::load(ui.ctx(), response.id).unwrap_or_default();
+                let all = CCursorRange::two(CCursor::new(0), CCursor::new(self.name.chars().count()));
+                state.cursor.set_char_range(Some(all));
+                state.store(ui.ctx(), response.id);
             }
             if response.changed() {
                 (self.told, self.is_typed) = (None, true);

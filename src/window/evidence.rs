@@ -102,7 +102,8 @@ impl Evidence {
         let (title, mut changed, mut done) = (scene.title(entry), stance, false);
         // What turns it may be its rotation.
         let faces_deg = scene.heading_deg(entry, project.up()).unwrap_or(stance.heading_deg);
-        let mut heading_deg = faces_deg;
+        let shown_deg = (faces_deg * 10.0).round() / 10.0;
+        let mut heading_deg = shown_deg;
         let mut name = title.clone();
         let is_renamed = ui.add(egui::TextEdit::singleline(&mut name).desired_width(180.0)).changed();
         egui::Grid::new("stance").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {
@@ -118,7 +119,7 @@ impl Evidence {
         for i in 0..3 {
             changed.position_m[i] = rounded(changed.position_m[i], stance.position_m[i]);
         }
-        if heading_deg != faces_deg {
+        if heading_deg != shown_deg {
             let up = project.up();
             changed = changed.turned(up, (heading_deg * 10.0).round() / 10.0 - faces_deg, up);
         }

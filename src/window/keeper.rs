@@ -176,7 +176,12 @@ impl Keeper {
         };
         let folder = folder.unwrap_or_default();
         let at = own.unwrap_or_else(|| proposed.map_or_else(|| folder.clone(), |name| folder.join(name)));
-        self.chooser = Some((purpose, Chooser::new(title, seeks, &at)));
+        let chooser = Chooser::new(title, seeks, &at);
+        let chooser = match purpose {
+            Purpose::OpenProfile => chooser.with("Locard's profiles", Path::new(saving::PROFILES)),
+            _ => chooser,
+        };
+        self.chooser = Some((purpose, chooser));
     }
 
     /// The menu of files.

@@ -68,7 +68,7 @@ pub fn show<'a>(ui: &mut Ui, axes: &Axes, add: impl FnOnce(&mut PlotUi<'a>) + 'a
 /// Between an axis' numbers, points: closer ones are left out, and those further apart are plain.
 const LABELS: egui::Rangef = egui::Rangef { min: 20.0, max: 32.0 };
 /// Between the lines of the grid, points: at least, and from where on they are plain.
-const GRID: egui::Rangef = egui::Rangef { min: 36.0, max: 160.0 };
+const GRID: egui::Rangef = egui::Rangef { min: 36.0, max: 360.0 };
 
 /// Marks at whole multiples of 1, 2 or 5, each with its number. Powers of ten alone would often leave the 0.
 fn marks(input: GridInput) -> Vec<GridMark> {

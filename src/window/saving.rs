@@ -9,7 +9,7 @@ use super::watch::{Change, Watch};
 pub const DEMO: &str = "recordings/demo";
 pub const DEMO_SCENE: &str = "scenes/demo.toml";
 /// The profiles that come with the program.
-const PROFILES: &str = "profiles";
+pub const PROFILES: &str = "profiles";
 
 /// What comes next.
 #[derive(Clone, Debug, PartialEq, Eq)]
