@@ -1,5 +1,7 @@
 //! Pictures as plain values: what a camera delivered, what a depth sensor measured, linear light.
 
+use std::borrow::Cow;
+
 /// Camera pixels exactly as delivered: interleaved R, G, B, row by row from the top left, encoded code values. A grey
 /// camera's values appear three times.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,6 +26,19 @@ impl Codes {
             Self::U16(_) => None,
         }
     }
+
+    /// The values with 8 bits; those of 16 are rounded to the nearest.
+    pub fn to_eight_bit(&self) -> Cow<'_, [u8]> {
+        match self {
+            Self::U8(codes) => Cow::Borrowed(codes),
+            Self::U16(codes) => Cow::Owned(codes.iter().copied().map(eight_bits).collect()),
+        }
+    }
+}
+
+/// The 8-bit code that is nearest to one of 16 bits. Both scales end in the same white: 65535 = 257 · 255.
+pub fn eight_bits(code: u16) -> u8 {
+    ((u32::from(code) + 128) / 257) as u8
 }
 
 impl Pixels {
@@ -55,6 +70,15 @@ impl Pixels {
         match &self.codes {
             Codes::U8(c) => [c[i].into(), c[i + 1].into(), c[i + 2].into()],
             Codes::U16(c) => [c[i].into(), c[i + 1].into(), c[i + 2].into()],
+        }
+    }
+
+    /// The same with 8 bits; those of 16 are rounded to the nearest.
+    pub fn eight_bits_at(&self, x: u32, y: u32) -> [u8; 3] {
+        let i = 3 * (y as usize * self.width as usize + x as usize);
+        match &self.codes {
+            Codes::U8(c) => [c[i], c[i + 1], c[i + 2]],
+            Codes::U16(c) => [c[i], c[i + 1], c[i + 2]].map(eight_bits),
         }
     }
 }
@@ -183,6 +207,18 @@ impl Rect {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sixteen_bits_become_the_nearest_of_eight() {
+        for code in 0..=u16::MAX {
+            assert_eq!(f64::from(eight_bits(code)), (f64::from(code) / 257.0).round(), "{code}");
+        }
+        // Cut instead of rounded, 255 would be 0, and the one below white 254.
+        let codes = Codes::U16(vec![255, 257, 65535 - 128]);
+        assert_eq!(codes.to_eight_bit(), [1, 1, 255].as_slice());
+        let pixels = Pixels::from_u16(1, 1, vec![128, 129, 65406]).unwrap();
+        assert_eq!(pixels.eight_bits_at(0, 0), [0, 1, 254]);
+    }
 
     #[test]
     fn a_rectangle_grows_to_the_end_of_numbers_and_no_further() {

@@ -240,9 +240,16 @@ fn patches(frames: usize, codes: &[f64], slope: f64) -> Vec<Pixels> {
     (0..frames).map(frame).collect()
 }
 
+/// A place in frames.
+fn place(frames: &[&Pixels], at: Rect) -> Place {
+    let mut place = Place::new(at);
+    frames.iter().for_each(|frame| place.add(frame).unwrap());
+    place
+}
+
 /// Measures places that are all in the same frames.
 fn pick(frames: &[&Pixels], places: &[Rect], motion: SceneMotion, present: Option<&NoiseProfile>) -> Picked {
-    let places: Vec<Place<'_>> = places.iter().map(|at| Place { frames, at: *at }).collect();
+    let places: Vec<Place> = places.iter().map(|at| place(frames, *at)).collect();
     picked_noise(&places, motion, present)
 }
 
@@ -336,7 +343,6 @@ fn bad_places_do_not_keep_good_ones_from_being_used() {
 
     let moving = wandering();
     let moving: Vec<&Pixels> = moving.iter().collect();
-    let place = |frames, at| Place { frames, at };
     let alone = picked_noise(&[place(&all[..], good[0])], SceneMotion::Resting, None).noise.unwrap();
     let both = [place(&moving[..], Rect::new(0, 0, 64, 64)), place(&all[..], good[0])];
     let mixed = picked_noise(&both, SceneMotion::Resting, None);

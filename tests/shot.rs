@@ -15,7 +15,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::export::{Export, ExportError, Inputs};
-use locard::photo::{PhotoError, TakeError, Told, Wanted};
+use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
@@ -129,7 +129,7 @@ fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
         seen.push(stats.frame);
         true
     });
-    assert_eq!((done.unwrap().frames.len(), seen), (3, vec![31, 32, 33]));
+    assert_eq!((done.unwrap().frames(), seen), (3, vec![31, 32, 33]));
     assert_eq!(names(&folder), ["frame_000031.png", "frame_000032.png", "frame_000033.png"]);
     let written = image::open(folder.join("frame_000032.png")).unwrap().to_rgb8();
     let shown = picture(&mut shot, &mut compositor, 32).pixels;
@@ -169,8 +169,28 @@ fn a_photograph_ends_when_it_is_told_to() {
         true
     });
     taken.unwrap();
-    assert_eq!(written, [wanted.output]);
+    assert_eq!(written, [wanted.output.clone()]);
     assert!(image::open(&written[0]).unwrap().width() == 320);
+
+    // By a warning, before a device is asked for; between two of a series, whose first stays.
+    let dark = Wanted { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
+    let ended =
+        dark.take(shot::demo(SCENE), || panic!("none is needed"), &mut |told| !matches!(told, Told::Warning(_)));
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    let series =
+        Wanted { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
+    let mut photographs = Vec::new();
+    let ended = series.take(shot::demo(SCENE), device, &mut |told| match told {
+        Told::Taking { number, .. } => {
+            photographs.push(number);
+            true
+        }
+        told => !matches!(told, Told::Written { .. }),
+    });
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    assert!(photographs.iter().all(|number| *number == 1), "{photographs:?}");
+    let names = |name: &str| temp.path().join(name).exists();
+    assert!(names("s-1.jpg") && !names("s-2.jpg") && !names("s-sheet.jpg"));
 }
 
 #[test]
@@ -316,7 +336,7 @@ fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let frame = shot.read(31).unwrap();
     let reduced = shot.reduce(&frame, 2).unwrap();
-    let mut half = |shot: &Shot, compositor: &mut Compositor| {
+    let half = |shot: &Shot, compositor: &mut Compositor| {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()
     };

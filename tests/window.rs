@@ -189,8 +189,7 @@ fn what_is_saved_opens_again_and_comments_stay() {
     let project = window.state().project();
     assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::Person);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    window.run_steps(2);
-    assert!(window.state().project().is_saved());
+    until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&profile).unwrap();
     let expected = text.replace("0.5 #", "0.75 #") + "\n[camera.lens]\nfocus_distance_m = 1.0\n";
     assert_eq!(saved, expected);
@@ -285,7 +284,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     // It is saved into the scene file, whose comment stays, and undone.
     window.key_press(Key::Escape);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    window.run_steps(2);
+    until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&scene).unwrap();
     assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
     let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
@@ -315,7 +314,7 @@ fn it_asks_before_changes_are_lost() {
     assert_eq!(window.query_all_by_label("Save and close").count(), 0);
     close(&mut window);
     window.get_by_label("Save and close").click();
-    window.run_steps(2);
+    until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
 }
 

@@ -88,6 +88,16 @@ fn has(window: &Harness<'_, App>, label: &str) -> bool {
     window.query_all_by_label(label).count() > 0
 }
 
+/// Until it is shown: files are listed and written on threads of their own.
+fn shows(window: &mut Harness<'_, App>, label: &str) {
+    let begun = Instant::now();
+    while !has(window, label) {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{label} is not shown");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
 fn press(window: &mut Harness<'_, App>, label: &str) {
     window.get_by_label(label).click();
     window.run_steps(3);
@@ -229,8 +239,7 @@ fn what_is_switched_off_is_off_when_it_opens_again() {
     window.state_mut().project_mut().switch("noise", false);
     window.state_mut().project_mut().switch("vignetting", false);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    window.run_steps(3);
-    assert!(window.state().project().is_saved());
+    until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&profile).unwrap();
     assert_eq!(saved, format!("{text}on = false\n\n[vignetting]\non = false\n"));
     let again = project(Some(&profile), Some(Path::new(DEMO_SCENE)));
@@ -252,6 +261,7 @@ fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     let moved = temp.path().join("case.toml");
     choose(&mut window, &moved);
+    until(&mut window, |app| app.project().is_saved());
     assert_eq!(std::fs::read_to_string(DEMO_SCENE).unwrap(), before);
     let state = window.state().project();
     assert!(state.is_saved() && state.scene.as_deref() == Some(moved.as_path()));
@@ -332,24 +342,25 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
     change(&mut window, 0.5);
     save(&mut window);
     // It lies in the recording's folder, and was never named here.
+    shows(&mut window, "Write into it");
     assert!(std::fs::read_to_string(&own).unwrap() == "version = 1\n" && !window.state().project().is_saved());
     press(&mut window, "Write into it");
     let folder = temp.path().display();
-    assert!(has(&window, &format!("Saved the scene {folder}/case.toml and the profile {folder}/rec/mine.toml")));
+    shows(&mut window, &format!("Saved the scene {folder}/case.toml and the profile {folder}/rec/mine.toml"));
     // The second time it is not asked.
     change(&mut window, 0.25);
     save(&mut window);
-    assert!(window.state().project().is_saved() && std::fs::read_to_string(&own).unwrap().contains("scale = 0.25"));
+    until(&mut window, |app| app.project().is_saved());
+    assert!(std::fs::read_to_string(&own).unwrap().contains("scale = 0.25"));
     save(&mut window);
-    assert!(has(&window, "Nothing has changed since it was saved"));
+    shows(&mut window, "Nothing has changed since it was saved");
 
     // A scene that is saved elsewhere is what was opened lately.
     press(&mut window, "File");
     press(&mut window, "Save the scene as…");
     choose(&mut window, &temp.path().join("other"));
     window.state_mut().show_start(true);
-    window.run_steps(3);
-    assert!(has(&window, "rec   other.toml"));
+    shows(&mut window, "rec   other.toml");
 }
 
 #[test]
@@ -382,14 +393,6 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     types(&mut window, "des");
     window.key_press(Key::Enter);
     window.run_steps(3);
-    let shows = |window: &mut Harness<'_, App>, name: &str| {
-        let begun = Instant::now();
-        while !has(window, name) {
-            assert!(begun.elapsed() < Duration::from_secs(60), "{name} is not listed");
-            window.step();
-            std::thread::yield_now();
-        }
-    };
     shows(&mut window, "mine.toml");
     types(&mut window, "mi");
     window.key_press(Key::Enter);
@@ -448,7 +451,7 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
     window.run_steps(3);
     assert!(!window.state().project().is_saved());
     press(&mut window, "Save mine");
-    assert!(window.state().project().is_saved());
+    until(&mut window, |app| app.project().is_saved());
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 1.5"));
 }
 
@@ -471,6 +474,7 @@ fn a_message_is_shown_whole_and_can_be_copied() {
     window.event(egui::Event::PointerGone);
     let nowhere = PathBuf::from("/nowhere/at all/in a rather long folder/with a rather long name.toml");
     window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(nowhere)));
+    until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     let told = window.state().problem().unwrap().to_owned();
     assert!(told.contains("with a rather long name.toml"), "{told}");
@@ -481,6 +485,81 @@ fn a_message_is_shown_whole_and_can_be_copied() {
     window.run_steps(3);
     assert!(!has(&window, "Copy"));
     assert_eq!(window.query_all_by_label(&told).count(), 1);
+}
+
+#[test]
+fn a_series_asks_for_its_own_files() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = demo();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(3);
+    for (dial, text) in [("Width, px", "64"), ("Light, lx", "300")] {
+        window.get_by_role_and_label(Role::TextInput, dial).focus();
+        window.step();
+        window.get_by_role_and_label(Role::TextInput, dial).type_text(text);
+        window.run_steps(2);
+    }
+    window.get_by_role_and_label(Role::ComboBox, "Series").click();
+    window.run_steps(3);
+    press(&mut window, "through the film speeds");
+    // The second of the series is there, and nothing of the name itself.
+    let there = temp.path().join("s-2.png");
+    std::fs::write(&there, "what the user had").unwrap();
+    press(&mut window, "Photograph…");
+    choose(&mut window, &temp.path().join("s.png"));
+    assert_eq!(std::fs::read_to_string(&there).unwrap(), "what the user had");
+    // The dialog comes to rest in its new size.
+    window.run_steps(10);
+    assert!(window.query_by_label_contains("s-2.png is there already").is_some());
+    press(&mut window, "Replace them");
+    let had = b"what the user had".as_slice();
+    until(&mut window, |_| std::fs::read(&there).is_ok_and(|bytes| bytes != had));
+    // Cancelled, those that are finished stay.
+    press(&mut window, &format!("Cancel {}", temp.path().join("s.png").display()));
+    until(&mut window, all_over);
+    assert_eq!(window.state().keeper().jobs().unwrap().entries[0].state, State::Cancelled);
+    assert!(picture(&there).len() > 64 && picture(&temp.path().join("s-1.png")).len() > 64);
+    assert!(!temp.path().join("s-sheet.png").exists());
+}
+
+#[test]
+fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = demo();
+    window.state_mut().keep_in(temp.path());
+    window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
+    window.run_steps(2);
+    set(&mut window, "noise", "scale", 0.25);
+    let edit = window.state().project().edit().clone();
+    window.state().viewer().gpu().device.destroy();
+    until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
+    assert!(window.state().problem().unwrap().contains("does not start anew"));
+    // It goes on being a window: what is set now is no picture, and nothing breaks.
+    set(&mut window, "noise", "scale", 0.5);
+    window.run_steps(5);
+    drop(window);
+    let left = Left::found(&temp.path().join("work"));
+    assert!(left.len() == 1 && left[0].work.edit == edit);
+}
+
+#[test]
+fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    std::fs::write(&profile, "version = 1\n").unwrap();
+    let mut project = project(Some(&profile), None);
+    project.set("noise", "scale", &Value::Number(0.25)).unwrap();
+    let draft = || project.profile_draft(&profile).unless_changed(project.stamp(&profile));
+    std::fs::write(&profile, "version = 1\n# theirs\n").unwrap();
+    assert!(matches!(draft().write(), Err(locard::window::SaveError::Changed(path)) if path == profile));
+    assert_eq!(std::fs::read_to_string(&profile).unwrap(), "version = 1\n# theirs\n");
+    let written = project.profile_draft(&profile).write().unwrap();
+    project.written(written);
+    assert!(project.is_saved());
+    // What was written is known as it is.
+    project.set("noise", "scale", &Value::Number(0.5)).unwrap();
+    project.profile_draft(&profile).unless_changed(project.stamp(&profile)).write().unwrap();
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
 }
 
 /// Work that was left in a folder, by a window that is no more.

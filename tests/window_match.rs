@@ -19,7 +19,7 @@ use egui_kittest::kittest::{NodeT, Queryable};
 use locard::calibrate::sharpness::{edge, together};
 use locard::calibrate::{Place, SceneMotion, picked_noise};
 use locard::params::Value;
-use locard::pixels::Rect;
+use locard::pixels::{Pixels, Rect};
 use locard::recording::OpenOptions;
 use locard::shot::Given;
 use locard::window::{App, Project};
@@ -32,6 +32,88 @@ fn open() -> Harness<'static, App> {
     let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
     let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
     window::window(project, vec2(1400.0, 1200.0))
+}
+
+/// A dark marker before the light wall: a straight edge that the program draws.
+fn before_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("scene.toml");
+    let at = |file: &str| std::path::absolute(file).unwrap().display().to_string();
+    let (model, sky) = (at("scenes/marker-1.glb"), at("recordings/demo/environment.hdr"));
+    let text = format!(
+        "version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.9, 0.36]\n\
+         rotation_deg = [0, 0, 12]\nscale = 5.0\n[light]\nenvironment = {sky:?}\nenvironment_intensity = {light}\n"
+    );
+    std::fs::write(&path, text).unwrap();
+    let given = Given { scene: Some(path), ..Given::default() };
+    let mut project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    // It stands in the wall, and what blurs besides is off.
+    project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
+    project.switch("motion_blur", false);
+    (temp, window::window(project, vec2(1400.0, 1200.0)))
+}
+
+/// The numbers of what is shown that begins so.
+fn numbers(window: &Harness<'_, App>, begin: &str) -> Option<Vec<f64>> {
+    let node = window.query_all_by_label_contains(begin).next()?;
+    let text = node.accesskit_node().label().or(node.accesskit_node().value())?;
+    let rest = text.strip_prefix(begin)?.to_owned();
+    let of_number = |c: char| !(c.is_ascii_digit() || c == '.' || c == '-');
+    Some(rest.split(of_number).filter_map(|word| word.parse().ok()).collect())
+}
+
+/// Until the numbers of what begins so are as wanted.
+fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(&[f64]) -> bool) {
+    let begun = Instant::now();
+    loop {
+        let found = numbers(window, begin);
+        if found.as_deref().is_some_and(&is_wanted) {
+            return;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(120), "{begin}: {found:?}");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
+/// What is set is what is measured, to three standard deviations of the measurement; the camera's own noise is in it.
+#[test]
+fn a_virtual_edge_is_as_wide_as_the_sharpness_that_is_set() {
+    let (_temp, mut window) = before_the_wall(0.02);
+    window.state_mut().project_mut().switch("noise", false);
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    window.get_by_label("Edges").click();
+    window.run_steps(20);
+    window.get_by_label("Pick a virtual edge").click();
+    window.run_steps(2);
+    drag(&mut window, Rect::new(356, 4, 388, 50));
+    for sigma_px in [1.0, 2.0, 0.5] {
+        let project = window.state_mut().project_mut();
+        project.set("point_spread", "sigma_px", &Value::Number(sigma_px)).unwrap();
+        window::settle(&mut window);
+        await_numbers(&mut window, "virtual: σ ", |found| {
+            let [found_px, uncertainty_px] = [found[0], found[1]];
+            uncertainty_px < 0.05 && (found_px - sigma_px).abs() <= 3.0 * uncertainty_px
+        });
+    }
+}
+
+/// The profile's noise is drawn, as often as it is set. Of some thousand independent pixels σ is within 2 %; the rest is the
+/// rounding to codes, which weighs more the less noise there is.
+#[test]
+fn the_noise_that_is_drawn_is_the_profiles_times_what_is_set() {
+    let (_temp, mut window) = before_the_wall(1.0);
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    for scale in [1.0, 0.5, 2.0] {
+        window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
+        window::settle(&mut window);
+        // The camera's own plain places are as its profile says, which was measured in other frames.
+        await_numbers(&mut window, "σ over the profile's: drawn ", |found| {
+            (found[0] / scale - 1.0).abs() < 0.05 && (found[1] - 1.0).abs() < 0.15
+        });
+    }
 }
 
 /// Drags a rectangle in the picture.
@@ -58,6 +140,13 @@ fn await_text(window: &mut Harness<'_, App>, words: &str) {
         window.step();
         std::thread::yield_now();
     }
+}
+
+/// The wall in a picture.
+fn place(pixels: &Pixels) -> Place {
+    let mut place = Place::new(WALL);
+    place.add(pixels).unwrap();
+    place
 }
 
 /// Until nothing with these words is shown.
@@ -120,10 +209,15 @@ fn a_plain_place_gives_the_noise_which_is_taken_and_undone() {
     drag(&mut window, WALL);
     let before = window.state().project().edit().rig.noise.clone();
     let frame = window.state().project().shot().read(0).unwrap();
-    let place = Place { frames: &[&frame.pixels], at: WALL };
+    let place = place(&frame.pixels);
     let found = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
     await_text(&mut window, "Measured from code");
     assert!(window.query_by_role_and_label(Role::Image, "Measured noise").is_some());
+    // The demonstration's camera is known: it was simulated.
+    for (c, points) in found.points.iter().enumerate() {
+        let known = before.as_ref().unwrap().sigma(c, points[0].code);
+        assert!((points[0].sigma / known - 1.0).abs() < 0.15, "{c}: {points:?}, {known}");
+    }
     let green = &found.points[1][0];
     assert!(window.query_all_by_label(&format!("{:.2}", green.sigma)).next().is_some(), "{green:?}");
     window.get_by_label("Take the noise").click();
@@ -160,8 +254,7 @@ fn bad_places_say_why_and_the_good_ones_are_used() {
     await_text(&mut window, "Measured from code");
     let shot = window.state().project().shot().clone();
     let (first, third) = (shot.read(0).unwrap(), shot.read(2).unwrap());
-    let places = [[&first.pixels], [&third.pixels]];
-    let places = places.each_ref().map(|frames| Place { frames, at: WALL });
+    let places = [&first, &third].map(|frame| place(&frame.pixels));
     let present = window.state().project().edit().rig.noise.clone();
     let found = picked_noise(&places, SceneMotion::Moving, present.as_ref());
     for code in &found.places {
@@ -218,6 +311,14 @@ fn plots_appear_and_only_those_that_are_open_are_computed() {
     window.run_steps(2);
     drag(&mut window, Rect::new(300, 238, 318, 260));
     await_text(&mut window, "virtual: ");
+    // How bright objects and their surroundings are, by luma or by a channel.
+    window.get_by_label("Brightness").click();
+    window.run_steps(20);
+    window.get_by_label("Luma").click();
+    window.run_steps(2);
+    assert!(window.query_by_role_and_label(Role::Image, "Brightness of object and surroundings").is_some());
+    window.get_by_label("Brightness").click();
+    window.run_steps(20);
     // A patch is followed through all frames.
     window.get_by_label("A patch over the frames").click();
     window.run_steps(20);
@@ -232,9 +333,17 @@ fn plots_appear_and_only_those_that_are_open_are_computed() {
     };
     await_text(&mut window, &format!("now {:.1}, ", mean(0)));
     assert!(window.query_by_role_and_label(Role::Image, "Mean of a patch").is_some());
-    // What happens to the point under the pointer.
-    let at = window.state().on_screen(vec2(100.0, 120.0)).unwrap();
+    // What happens to the point under the pointer: how far a point of the floor is follows from the camera's pose alone.
+    let floor_m = glam::DVec3::new(-0.2, -0.1, 0.0);
+    let px = shot.eye(0).unwrap().project(floor_m).unwrap();
+    let depth_m = shot.recording.pose_at_frame(0).unwrap().transform_point(floor_m).z;
+    let at = window.state().on_screen(vec2(px.x as f32, px.y as f32)).unwrap();
     window.hover_at(at);
     window.run_steps(3);
     await_text(&mut window, "m away, code values");
+    let told = window.query_all_by_label_contains("m away, code values").next().unwrap();
+    let told = told.accesskit_node().label().or(told.accesskit_node().value()).unwrap();
+    let told_m: f64 = told.split(' ').next().unwrap().parse().unwrap();
+    // The sensor's depth is noisy by 1.5 mm, and the row's own pose a little beside the frame's.
+    assert!((told_m - depth_m).abs() < 5e-3, "{told}: {depth_m}");
 }

@@ -44,6 +44,43 @@ fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
 }
 
 #[test]
+fn a_name_that_is_typed_is_one_step() {
+    let mut window = open();
+    let names =
+        |window: &Harness<'_, App>| window.state().project().history().names().0.map(str::to_owned).collect::<Vec<_>>();
+    let title = |window: &Harness<'_, App>| {
+        let scene = &window.state().project().edit().scene;
+        scene.title(Entry { object: 0, instance: scene.entries()[0].instance })
+    };
+    let before = title(&window);
+    window.get_by_role_and_label(Role::Button, &before).click();
+    window.run_steps(2);
+    let steps = names(&window).len();
+    for (new, more) in [("Beweis 1", 1), ("2", 2)] {
+        window.get_by_role_and_label(Role::TextInput, "Name").focus();
+        window.step();
+        window.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+        window.step();
+        // Emptied, it does not fall back on the model's name.
+        window.key_press(egui::Key::Backspace);
+        window.step();
+        for letter in new.chars() {
+            window.get_by_role_and_label(Role::TextInput, "Name").type_text(&letter.to_string());
+            window.step();
+        }
+        assert_eq!(title(&window), new);
+        window.key_press(egui::Key::Enter);
+        window.run_steps(2);
+        let all = names(&window);
+        assert_eq!(all.len(), steps + more, "{all:?}");
+    }
+    assert_eq!(names(&window)[steps..], [format!("{before}: renamed"), "Beweis 1: renamed".to_owned()]);
+    window.state_mut().project_mut().undo();
+    window.run_steps(2);
+    assert_eq!(title(&window), "Beweis 1");
+}
+
+#[test]
 fn three_points_make_a_plane_and_things_come_to_rest_on_it() {
     let mut window = open();
     window.get_by_label("Three points…").click();

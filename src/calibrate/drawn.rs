@@ -1,7 +1,7 @@
 //! The noise that was drawn: how a picture differs from itself without noise.
 
-use super::NoisePoint;
 use super::bins::chi_square_interval;
+use super::points::NoisePoint;
 use super::rounding::Rounding;
 use crate::measure::MeasureError;
 use crate::pixels::Pixels;

@@ -10,21 +10,19 @@
 //! Few intensities are picked. Beyond and between them the profile goes on as the present one does, scaled by the ratio of
 //! what was measured to what it says there.
 
-use super::bins::chi_square_interval;
-use super::noise::{CHANNELS, CalibrateError, NoiseCalibrator, NoiseOptions, SceneMotion, round4};
-use super::places::{Found, NoisePoint, PickedError, Place, Unfit, within};
+use super::noise::{CHANNELS, CalibrateError, NoiseCalibrator, NoiseOptions, SceneMotion};
+use super::places::{Found, PickedError, Place, Unfit};
 use super::plane::SIDE;
+use super::points::{NoisePoint, continued, merged};
 use super::single::in_frames;
 use super::warning::Warning;
-use crate::camera::{NoiseBin, NoiseProfile};
-use crate::pixels::{Codes, Pixels, Rect};
+use crate::camera::NoiseProfile;
+use crate::pixels::Pixels;
 
 /// Independent samples that make a point: σ within 7 %.
 const NEEDED: f64 = 400.0;
 /// At rest, where clipping is corrected for, a place may have this share of its pixels at an end of the code range.
 const MOST_CLIPPED: f64 = 0.5;
-/// Points nearer than this become one, 8-bit codes.
-const NEAR: f64 = 8.0;
 
 /// What picked places tell.
 #[derive(Debug)]
@@ -55,10 +53,13 @@ impl PickedNoise {
 }
 
 /// Noise of places. `present` is the profile beyond what was measured; without one σ is constant there.
-pub fn picked_noise(places: &[Place<'_>], motion: SceneMotion, present: Option<&NoiseProfile>) -> Picked {
+pub fn picked_noise(places: &[Place], motion: SceneMotion, present: Option<&NoiseProfile>) -> Picked {
     let (mut verdicts, mut warnings) = (Vec::new(), Vec::new());
     let found = match motion {
         _ if places.is_empty() => Err(PickedError::NoPlace),
+        _ if places.iter().any(|place| place.frames().is_empty()) => {
+            Err(PickedError::Calibrate(CalibrateError::NoFrames))
+        }
         SceneMotion::Resting => at_rest(places, &mut verdicts, &mut warnings),
         SceneMotion::Moving => in_frames(places, &mut verdicts, &mut warnings),
     };
@@ -75,11 +76,11 @@ pub fn picked_noise(places: &[Place<'_>], motion: SceneMotion, present: Option<&
 }
 
 fn at_rest(
-    places: &[Place<'_>],
+    places: &[Place],
     verdicts: &mut Vec<Result<f64, Unfit>>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Found, PickedError> {
-    if places.iter().any(|place| place.frames.len() < 2) {
+    if places.iter().any(|place| place.frames().len() < 2) {
         return Err(PickedError::OneFrame);
     }
     let failed = |error| match error {
@@ -95,20 +96,18 @@ fn at_rest(
     };
     let (mut all, mut is_any) = (calibrator()?, false);
     for place in places {
-        let at = within(place)?;
-        let (width, height, least) = (at.width(), at.height(), SIDE as u32);
+        let ((width, height), least) = (place.size_px(), SIDE as u32);
         if width.min(height) < least {
             verdicts.push(Err(Unfit::Small { width, height, least }));
             continue;
         }
-        let frames: Vec<Pixels> = place.frames.iter().map(|frame| cut(frame, &at)).collect();
-        let (code, clipped) = told(&frames);
+        let (code, clipped) = told(place.frames());
         if clipped > MOST_CLIPPED {
             verdicts.push(Err(Unfit::Clipped));
             continue;
         }
         // First by itself: a scene that is refused would end them all.
-        match add(&mut calibrator()?, &frames) {
+        match add(&mut calibrator()?, place.frames()) {
             Ok(()) => {}
             Err(CalibrateError::CameraMoves { .. } | CalibrateError::SceneChanges { .. }) => {
                 verdicts.push(Err(Unfit::Changes));
@@ -116,7 +115,7 @@ fn at_rest(
             }
             Err(error) => return Err(failed(error)),
         }
-        add(&mut all, &frames).map_err(failed)?;
+        add(&mut all, place.frames()).map_err(failed)?;
         is_any = true;
         verdicts.push(Ok(code));
     }
@@ -143,100 +142,4 @@ fn told(pictures: &[Pixels]) -> (f64, f64) {
         }
     }
     (sum / count, clipped / count)
-}
-
-/// A part of a picture.
-fn cut(frame: &Pixels, place: &Rect) -> Pixels {
-    let width = place.width() as usize;
-    let rows = (place.y0..place.y1).map(|y| 3 * (y as usize * frame.width as usize + place.x0 as usize));
-    let codes = match &frame.codes {
-        Codes::U8(codes) => Codes::U8(rows.flat_map(|start| codes[start..start + 3 * width].iter().copied()).collect()),
-        Codes::U16(codes) => {
-            Codes::U16(rows.flat_map(|start| codes[start..start + 3 * width].iter().copied()).collect())
-        }
-    };
-    Pixels { width: place.width(), height: place.height(), codes }
-}
-
-/// Ascending, with those that lie close together as one.
-fn merged(mut points: Vec<NoisePoint>) -> Vec<NoisePoint> {
-    points.sort_by(|a, b| a.code.total_cmp(&b.code));
-    let mut out: Vec<NoisePoint> = Vec::new();
-    for point in points {
-        match out.last_mut() {
-            Some(last) if point.code - last.code < NEAR => {
-                let total = last.independent_count + point.independent_count;
-                let mean = |a: f64, b: f64| (a * last.independent_count + b * point.independent_count) / total;
-                let (code, variance) = (mean(last.code, point.code), mean(last.sigma.powi(2), point.sigma.powi(2)));
-                let sigma = variance.sqrt();
-                // What chance alone leaves, but no less than how far the two lie apart.
-                let chance = chi_square_interval(total).unwrap_or([0.0, 2.0]).map(|factor| sigma * factor.sqrt());
-                let sigma_ci95 =
-                    [chance[0].min(last.sigma).min(point.sigma), chance[1].max(last.sigma).max(point.sigma)];
-                *last = NoisePoint { code, sigma, sigma_ci95, independent_count: total };
-            }
-            _ => out.push(point),
-        }
-    }
-    out
-}
-
-/// A channel's bins: the points, and beyond and between them the present profile, scaled to meet them.
-fn continued(points: &[NoisePoint], present: Option<(&NoiseProfile, usize)>) -> Vec<NoiseBin> {
-    let bin = |code: f64, sigma: f64| NoiseBin { code: round4(code), sigma: round4(sigma) };
-    let mut bins: Vec<NoiseBin> = points.iter().map(|point| bin(point.code, point.sigma)).collect();
-    if let Some((present, channel)) = present {
-        let ratio = |point: &NoisePoint| point.sigma / present.sigma(channel, point.code).max(1e-3);
-        for of_present in &present.bins[channel] {
-            let after = points.partition_point(|point| point.code <= of_present.code);
-            let (below, above) = (points.get(after.wrapping_sub(1)), points.get(after));
-            if [below, above].into_iter().flatten().any(|point| (point.code - of_present.code).abs() < NEAR) {
-                continue;
-            }
-            let ratio = match (below, above) {
-                (Some(a), Some(b)) => {
-                    let share = (of_present.code - a.code) / (b.code - a.code);
-                    ratio(a) + share * (ratio(b) - ratio(a))
-                }
-                (Some(only), None) | (None, Some(only)) => ratio(only),
-                (None, None) => 1.0,
-            };
-            bins.push(bin(of_present.code, of_present.sigma * ratio));
-        }
-    }
-    bins.sort_by(|a, b| a.code.total_cmp(&b.code));
-    bins
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn point(code: f64, sigma: f64) -> NoisePoint {
-        NoisePoint { code, sigma, sigma_ci95: [0.9 * sigma, 1.1 * sigma], independent_count: 500.0 }
-    }
-
-    #[test]
-    fn beyond_the_points_the_present_profile_goes_on_scaled() {
-        let present =
-            [0.0, 50.0, 100.0, 150.0, 200.0].map(|code| NoiseBin { code, sigma: 1.0 + code / 100.0 }).to_vec();
-        let present = NoiseProfile {
-            bins: [present.clone(), present.clone(), present],
-            channel_correlation: [0.0; 3],
-            neighbour_correlation: [0.0; 2],
-        };
-        // At 50 it says 1.5 and 3 is found: twice. At 150 2.5 and 2.5: once. Between them 1.5 times.
-        let bins = continued(&[point(50.0, 3.0), point(150.0, 2.5)], Some((&present, 1)));
-        let expected = [(0.0, 2.0), (50.0, 3.0), (100.0, 3.0), (150.0, 2.5), (200.0, 3.0)];
-        assert_eq!(bins.iter().map(|b| (b.code, b.sigma)).collect::<Vec<_>>(), expected);
-        assert_eq!(continued(&[point(50.0, 3.0)], None), [NoiseBin { code: 50.0, sigma: 3.0 }]);
-    }
-
-    #[test]
-    fn points_that_lie_close_become_one() {
-        let all = merged(vec![point(90.0, 1.0), point(20.0, 2.0), point(24.0, 3.0)]);
-        assert_eq!(all.len(), 2);
-        assert!((all[0].code - 22.0).abs() < 1e-12 && (all[0].sigma - 6.5f64.sqrt()).abs() < 1e-12, "{all:?}");
-        assert!(all[0].sigma_ci95[0] <= 2.0 && all[0].sigma_ci95[1] >= 3.0 && all[0].independent_count == 1000.0);
-    }
 }

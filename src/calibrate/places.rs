@@ -2,20 +2,11 @@
 
 use super::noise::{CalibrateError, NoiseCalibration, SceneMotion};
 use super::plane::SIDE;
-use crate::pixels::{Pixels, Rect};
+use super::points::NoisePoint;
+use crate::pixels::{Codes, Pixels, Rect};
 
 /// Blocks that make a place.
 pub(super) const FEWEST_BLOCKS: usize = 4;
-
-/// σ at an intensity, 8-bit codes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NoisePoint {
-    pub code: f64,
-    pub sigma: f64,
-    /// 95 % confidence interval (χ²).
-    pub sigma_ci95: [f64; 2],
-    pub independent_count: f64,
-}
 
 impl NoiseCalibration {
     /// What was measured, without what is filled from neighbours; of R, G, B, ascending.
@@ -32,13 +23,53 @@ impl NoiseCalibration {
     }
 }
 
-/// A rectangle that a person picked, and the frames that it is looked at in.
-#[derive(Clone, Copy, Debug)]
-pub struct Place<'a> {
-    /// Of one size.
-    pub frames: &'a [&'a Pixels],
-    /// px. What lies beyond the picture is left out.
-    pub at: Rect,
+/// A rectangle that a person picked, with what each frame shows in it: of a frame nothing else is held.
+#[derive(Clone, Debug)]
+pub struct Place {
+    at: Rect,
+    /// Of the frames.
+    frame_px: Option<(u32, u32)>,
+    frames: Vec<Pixels>,
+}
+
+impl Place {
+    /// A rectangle, px. What lies beyond the picture is left out.
+    pub fn new(at: Rect) -> Self {
+        Self { at, frame_px: None, frames: Vec::new() }
+    }
+
+    /// Takes what a frame shows there. Fails if it is of another size than those before.
+    pub fn add(&mut self, frame: &Pixels) -> Result<(), PickedError> {
+        let (width, height) = *self.frame_px.get_or_insert((frame.width, frame.height));
+        if (frame.width, frame.height) != (width, height) {
+            let (expected, found) = (format!("{width}x{height}"), format!("{}x{}", frame.width, frame.height));
+            return Err(PickedError::Calibrate(CalibrateError::Size { expected, found }));
+        }
+        self.frames.push(cut(frame, &self.at.intersection(&Rect::full(width, height))));
+        Ok(())
+    }
+
+    pub(super) fn frames(&self) -> &[Pixels] {
+        &self.frames
+    }
+
+    /// Within its frames.
+    pub(super) fn size_px(&self) -> (u32, u32) {
+        self.frames.first().map_or((0, 0), |frame| (frame.width, frame.height))
+    }
+}
+
+/// A part of a picture.
+fn cut(frame: &Pixels, place: &Rect) -> Pixels {
+    let width = place.width() as usize;
+    let rows = (place.y0..place.y1).map(|y| 3 * (y as usize * frame.width as usize + place.x0 as usize));
+    let codes = match &frame.codes {
+        Codes::U8(codes) => Codes::U8(rows.flat_map(|start| codes[start..start + 3 * width].iter().copied()).collect()),
+        Codes::U16(codes) => {
+            Codes::U16(rows.flat_map(|start| codes[start..start + 3 * width].iter().copied()).collect())
+        }
+    };
+    Pixels { width: place.width(), height: place.height(), codes }
 }
 
 /// Why a place tells nothing of the noise.
@@ -80,18 +111,6 @@ pub fn least_px(motion: SceneMotion) -> u32 {
         // `FEWEST_BLOCKS` of them, two and two.
         SceneMotion::Moving => 2 * SIDE as u32,
     }
-}
-
-/// A place within its frames. Fails if they differ in size, or if there is none.
-pub(super) fn within(place: &Place<'_>) -> Result<Rect, PickedError> {
-    let first = place.frames.first().ok_or(PickedError::Calibrate(CalibrateError::NoFrames))?;
-    let wrong = place.frames.iter().find(|frame| (frame.width, frame.height) != (first.width, first.height));
-    if let Some(frame) = wrong {
-        let size = |p: &Pixels| format!("{}x{}", p.width, p.height);
-        let (expected, found) = (size(first), size(frame));
-        return Err(PickedError::Calibrate(CalibrateError::Size { expected, found }));
-    }
-    Ok(place.at.intersection(&Rect::full(first.width, first.height)))
 }
 
 /// What the places that are good say.

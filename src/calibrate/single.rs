@@ -2,11 +2,12 @@
 
 use super::bins::chi_square_interval;
 use super::noise::{SceneMotion, told_correlation};
-use super::places::{FEWEST_BLOCKS, Found, NoisePoint, PickedError, Place, Unfit, least_px, within};
+use super::places::{FEWEST_BLOCKS, Found, PickedError, Place, Unfit, least_px};
 use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE};
+use super::points::NoisePoint;
 use super::rounding::{Rounding, UNIT};
 use super::warning::Warning;
-use crate::pixels::{Pixels, Rect};
+use crate::pixels::Pixels;
 
 /// Blocks may spread this many times as much as noise does, and by chance.
 const WIDEST: f64 = 1.6;
@@ -30,8 +31,7 @@ struct Sums {
 
 impl Sums {
     /// Whether it can be looked at for noise.
-    fn verdict(&self, at: Rect) -> Result<f64, Unfit> {
-        let (width, height) = (at.width(), at.height());
+    fn verdict(&self, (width, height): (u32, u32)) -> Result<f64, Unfit> {
         match () {
             () if self.blocks as usize >= FEWEST_BLOCKS => Ok(self.mean.iter().sum::<f64>() / 3.0 / self.blocks),
             () if self.clipped > self.quiet => Err(Unfit::Clipped),
@@ -50,16 +50,15 @@ impl Sums {
 
 /// Judges places by their blocks, and gives what those that are good say. Each gets a verdict.
 pub(super) fn in_frames(
-    places: &[Place<'_>],
+    places: &[Place],
     verdicts: &mut Vec<Result<f64, Unfit>>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Found, PickedError> {
     let plane = Plane::new();
     let mut good: Vec<(usize, Sums)> = Vec::new();
     for (n, place) in places.iter().enumerate() {
-        let at = within(place)?;
-        let sums = sums(&plane, place.frames, &at);
-        let verdict = sums.verdict(at);
+        let sums = sums(&plane, place.frames());
+        let verdict = sums.verdict(place.size_px());
         good.extend(verdict.is_ok().then_some((n, sums)));
         verdicts.push(verdict);
     }
@@ -111,9 +110,9 @@ impl Shared {
         Self { blocks, cross, freedom: correlation.map(|r| plane.freedom(&r)), correlation }
     }
 
-    fn found(&self, plane: &Plane, places: &[Place<'_>], good: &[(usize, Sums)], warnings: &mut Vec<Warning>) -> Found {
+    fn found(&self, plane: &Plane, places: &[Place], good: &[(usize, Sums)], warnings: &mut Vec<Warning>) -> Found {
         let kept = self.correlation.map(|r| plane.kept(&r));
-        let mut frames = good.iter().flat_map(|(n, _)| places[*n].frames);
+        let mut frames = good.iter().flat_map(|(n, _)| places[*n].frames());
         let step = if frames.any(|frame| frame.max_code() != 255) { 1.0 / UNIT as f64 } else { 1.0 };
         let rounding = Rounding { frame_step: step, mean_step: None };
         let mut points: [Vec<NoisePoint>; 3] = Default::default();
@@ -146,16 +145,16 @@ impl Shared {
     }
 }
 
-fn sums(plane: &Plane, frames: &[&Pixels], place: &Rect) -> Sums {
+fn sums(plane: &Plane, frames: &[Pixels]) -> Sums {
     let mut sums = Sums::default();
     let pixels = (SIDE * SIDE) as f64;
-    let starts = |from: i32, to: i32| (from..=to - SIDE as i32).step_by(SIDE);
+    let starts = |length: u32| (0..(length as usize + 1).saturating_sub(SIDE)).step_by(SIDE);
     for frame in frames {
         let scale = 255.0 / f64::from(frame.max_code());
-        for (y0, x0) in starts(place.y0, place.y1).flat_map(|y| starts(place.x0, place.x1).map(move |x| (y, x))) {
+        for (y0, x0) in starts(frame.height).flat_map(|y| starts(frame.width).map(move |x| (y, x))) {
             let mut residuals = [[0.0; SIDE * SIDE]; 3];
             let mut clipped = [0.0; 3];
-            let at = |i: usize| frame.at((x0 as usize + i % SIDE) as u32, (y0 as usize + i / SIDE) as u32);
+            let at = |i: usize| frame.at((x0 + i % SIDE) as u32, (y0 + i / SIDE) as u32);
             let picture: [[u32; 3]; SIDE * SIDE] = std::array::from_fn(at);
             for (c, (values, clipped)) in residuals.iter_mut().zip(&mut clipped).enumerate() {
                 for (value, codes) in values.iter_mut().zip(&picture) {

@@ -168,7 +168,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let place =
         if export.out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
-    tell(quiet, &format!("{} in {:.1} s: {place}", count(done.frames.len(), "frame"), start.elapsed().as_secs_f64()));
+    tell(quiet, &format!("{} in {:.1} s: {place}", count(done.frames(), "frame"), start.elapsed().as_secs_f64()));
     Ok(())
 }
 

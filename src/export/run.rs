@@ -7,21 +7,26 @@ use std::sync::mpsc;
 use super::Export;
 use super::error::ExportError;
 use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT};
-use crate::shot::{Composites, Note, Shot};
+use crate::shot::{Composites, Note, Shot, Tally};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
 use crate::unfinished::MadeFolder;
 
-/// What was done for each frame.
+/// What was done. It is as small for a long recording as for a short one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Exported {
-    pub frames: Vec<FrameStats>,
+    tally: Tally,
 }
 
 impl Exported {
+    /// How many frames were written.
+    pub fn frames(&self) -> usize {
+        self.tally.frames()
+    }
+
     /// What is odd about the frames.
     pub fn notes(&self) -> Vec<Note> {
-        Note::of_frames(&self.frames)
+        self.tally.notes()
     }
 }
 
@@ -50,10 +55,13 @@ impl Export {
         });
         let writer = Writer { sink, layers: layers.transpose()?, force: self.force };
         let adapter = compositor.gpu().info.clone();
-        let mut done = Exported { frames: Vec::with_capacity(self.range.len()) };
+        let mut done = Exported::default();
+        // The report names each.
+        let mut reported = self.report.as_ref().map(|_| Vec::with_capacity(self.range.len()));
         let frames = shot.frames(compositor, self.range.clone(), writer.layers.is_some(), IN_FLIGHT)?;
         write(frames, writer, |frame| {
-            done.frames.push(frame.stats.clone());
+            done.tally.add(&frame.stats);
+            reported.iter_mut().for_each(|all| all.push(frame.stats.clone()));
             goes_on(&frame.stats)
         })?;
         if let Some(path) = &self.report {
@@ -61,7 +69,7 @@ impl Export {
                 "adapter": adapter.name,
                 "driver": format!("{} {}", adapter.driver, adapter.driver_info),
                 "seed": shot.settings.seed,
-                "frames": done.frames,
+                "frames": reported,
             });
             let text = format!("{report:#}");
             if is_stdout(path) {

@@ -44,6 +44,13 @@ pub enum GpuError {
     Failed(String),
 }
 
+impl GpuError {
+    /// Whether the device is gone, and everything that it had.
+    pub fn is_lost(&self) -> bool {
+        matches!(self, Self::Lost(_))
+    }
+}
+
 /// An adapter as `locard doctor` reports it.
 #[derive(Clone, Debug)]
 pub struct AdapterReport {
@@ -147,14 +154,16 @@ impl Gpu {
         let failure = Arc::new(Mutex::new(None));
         let [of_a_call, of_the_device] = [(); 2].map(|()| Arc::clone(&failure));
         let first = |failure: &Mutex<Option<GpuError>>, error: GpuError| {
-            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
+            // What fails on a lost device says less than that it is lost.
+            let is_less = |before: &GpuError| !before.is_lost() && error.is_lost();
+            if failure.as_ref().is_none_or(is_less) {
+                *failure = Some(error);
+            }
         };
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| first(&of_a_call, said(&error))));
-        device.set_device_lost_callback(move |reason, message| {
-            // The program releases the device when it ends.
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                first(&of_the_device, GpuError::Lost(message.split_whitespace().collect::<Vec<_>>().join(" ")));
-            }
+        device.set_device_lost_callback(move |_, message| {
+            first(&of_the_device, GpuError::Lost(message.split_whitespace().collect::<Vec<_>>().join(" ")));
         });
         Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure }
     }
@@ -222,6 +231,27 @@ impl Gpu {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
+    /// Does work whose errors are its own: those of calls that this thread makes meanwhile come back here, and nobody else
+    /// who draws with this device hears of them. That the device is lost is everybody's ([`Gpu::check`]).
+    pub fn apart<T>(&self, work: impl FnOnce() -> T) -> Result<T, GpuError> {
+        let filters = [wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        let done = work();
+        let mut failed = None;
+        // They are taken off in the order in which they lie.
+        for scope in scopes.into_iter().rev() {
+            failed = pollster::block_on(scope.pop()).or(failed);
+        }
+        match failed {
+            Some(error) => {
+                // A device says that it is lost when it is looked after.
+                let _ = self.poll();
+                Err(self.check().err().filter(GpuError::is_lost).unwrap_or_else(|| said(&error)))
+            }
+            None => Ok(done),
+        }
+    }
+
     /// Waits until a submission is done, for at most two minutes.
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
         self.check()?;
@@ -283,7 +313,37 @@ mod tests {
         assert_eq!(made.size(), 8);
         gpu.wait(None).unwrap();
         gpu.device.destroy();
-        gpu.buffer("too late", &[7; 4], wgpu::BufferUsages::COPY_SRC);
-        assert!(gpu.check().is_err());
+        let late = || gpu.buffer("too late", &[7; 4], wgpu::BufferUsages::COPY_SRC);
+        late();
+        assert!(!gpu.check().unwrap_err().is_lost());
+        assert!(gpu.apart(late).unwrap_err().is_lost());
+        // It is the first thing to be said, whatever failed before.
+        assert!(gpu.check().unwrap_err().is_lost());
+    }
+
+    /// A buffer that is larger than any may be.
+    #[test]
+    fn what_fails_apart_is_told_there_and_to_nobody_else() {
+        let gpu = Gpu::open().unwrap();
+        let too_large = || {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("too large"),
+                size: u64::MAX / 2,
+                usage: wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            })
+        };
+        assert_eq!(gpu.apart(|| 7).unwrap(), 7);
+        // Another thread's error meanwhile is not this one's.
+        let elsewhere = || {
+            std::thread::scope(|scope| {
+                let other = std::thread::Builder::new().spawn_scoped(scope, || drop(too_large())).unwrap();
+                other.join().unwrap();
+            });
+        };
+        gpu.apart(elsewhere).unwrap();
+        assert!(gpu.take_failure().is_some());
+        gpu.apart(too_large).unwrap_err();
+        gpu.check().unwrap();
     }
 }

@@ -1,7 +1,7 @@
 //! How different two pictures look when flipped between: mean FLIP (Andersson et al. 2020), by NVIDIA's own code.
 
 use super::{MeasureError, check_mask, comparable};
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::Pixels;
 
 /// For a viewer 0.7 m in front of a 0.7 m wide monitor of 3840 pixels.
 pub const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
@@ -24,7 +24,7 @@ pub fn mean_flip(
     if pixels == 0 {
         return Err(MeasureError::Nothing("a picture without pixels"));
     }
-    let image = |p: &Pixels| nv_flip::FlipImageRgb8::with_data(p.width, p.height, &codes_8(p));
+    let image = |p: &Pixels| nv_flip::FlipImageRgb8::with_data(p.width, p.height, &p.codes.to_eight_bit());
     let errors = nv_flip::flip(image(reference), image(test), pixels_per_degree).to_vec();
     let chosen = errors.iter().enumerate().filter(|(i, _)| mask.is_none_or(|m| m[*i]));
     let (sum, count) = chosen.fold((0.0, 0usize), |(sum, count), (_, &e)| (sum + f64::from(e), count + 1));
@@ -32,13 +32,6 @@ pub fn mean_flip(
         return Err(MeasureError::Nothing("no pixel is looked at"));
     }
     Ok(sum / count as f64)
-}
-
-fn codes_8(pixels: &Pixels) -> Vec<u8> {
-    match &pixels.codes {
-        Codes::U8(codes) => codes.clone(),
-        Codes::U16(codes) => codes.iter().map(|&c| ((u32::from(c) + 128) / 257) as u8).collect(),
-    }
 }
 
 #[cfg(test)]

@@ -3,20 +3,25 @@
 use super::{Grey, MeasureError, check_mask};
 use crate::pixels::Pixels;
 
-/// Shares of a mask's pixels by luma on the 8-bit scale, in `bins` of one width from 0 to 255; they sum to 1. Empty if no pixel
-/// is looked at.
-pub fn luma_histogram(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<Vec<f64>, MeasureError> {
+/// Shares of a mask's pixels by luma, red, green and blue on the 8-bit scale, in `bins` of one width from 0 to 255; each sums
+/// to 1. Empty if no pixel is looked at.
+pub fn histograms(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<[Vec<f64>; 4], MeasureError> {
     check_mask(Some(mask), pixels.width as usize * pixels.height as usize)?;
     if bins == 0 {
         return Err(MeasureError::Option { what: "bins", found: 0.0, accepted: "1 or more" });
     }
-    let mut counts = vec![0.0; bins];
-    let luma = Grey::luma(pixels);
-    for (value, _) in luma.values.iter().zip(mask).filter(|(_, seen)| **seen) {
-        counts[((value / 256.0 * bins as f64) as usize).min(bins - 1)] += 1.0;
+    let (luma, scale) = (Grey::luma(pixels), 255.0 / f64::from(pixels.max_code()));
+    let mut counts = [(); 4].map(|()| vec![0.0; bins]);
+    let mut all = 0.0;
+    for (i, luma) in luma.values.iter().enumerate().filter(|(i, _)| mask[*i]) {
+        let [r, g, b] = pixels.at(i as u32 % pixels.width, i as u32 / pixels.width).map(|code| scale * f64::from(code));
+        for (counts, value) in counts.iter_mut().zip([*luma, r, g, b]) {
+            counts[((value / 256.0 * bins as f64) as usize).min(bins - 1)] += 1.0;
+        }
+        all += 1.0;
     }
-    let all: f64 = counts.iter().sum();
-    Ok(if all > 0.0 { counts.into_iter().map(|count| count / all).collect() } else { Vec::new() })
+    let share = |counts: Vec<f64>| counts.into_iter().map(|count| count / all).collect();
+    Ok(if all > 0.0 { counts.map(share) } else { Default::default() })
 }
 
 /// What lies around a mask, no further than `reach` px from it along rows and columns, and not in `without`.
@@ -54,10 +59,16 @@ mod tests {
     fn shares_by_hand() {
         // Lumas 0, 128 and 255.
         let pixels = Pixels::from_u8(3, 1, vec![0, 0, 0, 128, 128, 128, 255, 255, 255]).unwrap();
-        assert_eq!(luma_histogram(&pixels, &[true; 3], 2).unwrap(), [1.0 / 3.0, 2.0 / 3.0]);
-        assert_eq!(luma_histogram(&pixels, &[false, true, false], 4).unwrap(), [0.0, 0.0, 1.0, 0.0]);
-        assert!(luma_histogram(&pixels, &[false; 3], 4).unwrap().is_empty());
-        assert!(luma_histogram(&pixels, &[true], 4).is_err() && luma_histogram(&pixels, &[true; 3], 0).is_err());
+        let grey = [1.0 / 3.0, 2.0 / 3.0];
+        assert_eq!(histograms(&pixels, &[true; 3], 2).unwrap(), [grey; 4]);
+        assert_eq!(histograms(&pixels, &[false, true, false], 4).unwrap(), [[0.0, 0.0, 1.0, 0.0]; 4]);
+        assert!(histograms(&pixels, &[false; 3], 4).unwrap().iter().all(Vec::is_empty));
+        assert!(histograms(&pixels, &[true], 4).is_err() && histograms(&pixels, &[true; 3], 0).is_err());
+        // Of 16 bits, and each colour apart: R 0, G half, B full; luma 0.7152 · 128 + 0.0722 · 255 = 110.
+        let pixels = Pixels::from_u16(1, 1, vec![0, 128 * 257, 65535]).unwrap();
+        let [luma, r, g, b] = histograms(&pixels, &[true], 4).unwrap();
+        assert_eq!((luma, r), (vec![0.0, 1.0, 0.0, 0.0], vec![1.0, 0.0, 0.0, 0.0]));
+        assert_eq!((g, b), (vec![0.0, 0.0, 1.0, 0.0], vec![0.0, 0.0, 0.0, 1.0]));
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub use real::{RealPart, shutter_weights};
 pub use series::Told;
 pub use sheet::{contact_sheet, small};
 pub use take::{Exposed, Standpoint, TakeError, Taken, take};
-pub use wanted::{Bracket, Focus, Wanted};
+pub use wanted::{Bracket, Focus, Wanted, series_there};
 
 /// The effect that shows motion while the shutter is open. Without it the frames of a hand-held recording are not
 /// summed either, so that real and virtual things are equally sharp.

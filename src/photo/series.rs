@@ -8,7 +8,7 @@ use super::error::{PhotoError, refused};
 use super::framing::Framing;
 use super::sheet::{contact_sheet, small};
 use super::shoot::Shoot;
-use super::take::Taken;
+use super::take::{TakeError, Taken};
 use super::target::aim;
 use super::wanted::{Bracket, Focus, Wanted};
 use crate::camera::exposure::INDOORS_LX;
@@ -41,7 +41,7 @@ pub enum Told {
 
 impl Wanted {
     /// Takes what is wanted of a shot as it is set. Everything that can be refused is refused before a device is asked
-    /// for. `tell` is told what happens and ends it by `false`, which is [`TakeError::Cancelled`](super::TakeError).
+    /// for. `tell` is told what happens and ends it by `false`, which is [`TakeError::Cancelled`]; what is written stays.
     pub fn take(
         &self,
         shot: Shot,
@@ -95,41 +95,42 @@ impl Wanted {
             photograph::check(&path, self.force)?;
             inputs.check_file(&path)?;
         }
-        let mut warn = |text: String| _ = tell(Told::Warning(text));
+        let mut say = |told: Told| if tell(told) { Ok(()) } else { Err(TakeError::Cancelled) };
+        let mut warn = |text: String| say(Told::Warning(text));
         if lux.is_none() {
             warn(format!(
                 "nothing says how bright the scene is in EXIF or a profile (--lux does): {INDOORS_LX} lx are taken"
-            ));
+            ))?;
         }
-        left_out.into_iter().for_each(&mut warn);
-        shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned().for_each(&mut warn);
+        left_out.into_iter().try_for_each(&mut warn)?;
+        shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned().try_for_each(&mut warn)?;
 
         let frame = shot.read(index)?;
         let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
         let (track, offset_s) = (&shot.recording.track, shot.recording.time_offset_s);
         if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, track, offset_s)) {
-            warn(format!("nothing real hides objects: {why}"));
+            warn(format!("nothing real hides objects: {why}"))?;
         }
         let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
         if unknown_speed && camera.noise.is_some() && (self.iso.is_some() || self.bracket == Some(Bracket::Iso)) {
             warn(format!(
                 "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is \
                  taken"
-            ));
+            ))?;
         }
         if camera.noise.is_none() {
             let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; \
                         calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the \
                         recording itself)";
-            warn(text.to_owned());
+            warn(text.to_owned())?;
         }
         let acts_on_real = shot.settings.acts_on_real();
         let compositor = shot.compositor(device()?);
-        compositor.warnings().into_iter().for_each(&mut warn);
+        compositor.warnings().into_iter().try_for_each(&mut warn)?;
         let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
         let mut shoot = Shoot { wanted: self, shot, whole, frame, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
-        nothing.map(str::to_owned).into_iter().for_each(&mut warn);
+        nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
         dials.focus_distance_m = distance_m;
         if self.bracket == Some(Bracket::Focus) && dials.focus_distance_m.is_infinite() {
             return refused(
@@ -146,34 +147,36 @@ impl Wanted {
         };
         let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
         for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
-            let mut warn = |text: String| _ = tell(Told::Warning(text));
+            let mut warn = |text: String| say(Told::Warning(text));
             let opening = shoot.lens(asked).opening(&framing.geometry)?;
             let flat = shoot.frame.depth.is_none() && acts_on_real;
             if flat && !is_told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
                 let text = "virtual things alone are out of focus: the recording has no depth here, and its part stays as \
                             sharp as it was recorded";
-                warn(text.to_owned());
+                warn(text.to_owned())?;
                 is_told = true;
             }
-            dials.misses(asked).into_iter().for_each(&mut warn);
-            let goes_on = |share: f64| tell(Told::Taking { number: n + 1, of: series.len(), share });
+            dials.misses(asked).into_iter().try_for_each(&mut warn)?;
+            let goes_on = |share: f64| say(Told::Taking { number: n + 1, of: series.len(), share }).is_ok();
             let Taken { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, goes_on)?;
             if !shows_objects && n == 0 {
-                tell(Told::Warning(Note::NothingSeen.to_string()));
+                say(Told::Warning(Note::NothingSeen.to_string()))?;
             }
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
             photograph::write(&path, &pixels, Some(&notes), self.force)?;
             let settings = label(asked, &framing);
-            tell(Told::Written { path, settings: settings.replace('\n', ", ") });
+            let written = say(Told::Written { path, settings: settings.replace('\n', ", ") });
+            // A single one is all: nothing is left to be ended.
             if self.bracket.is_some() {
+                written?;
                 sheet.extend(small(&pixels).map(|small| (small, settings)));
             }
         }
         if self.bracket.is_some() {
             let path = self.path_of("sheet");
             photograph::write(&path, &contact_sheet(&sheet), None, self.force)?;
-            tell(Told::Written { path, settings: String::new() });
+            let _ = say(Told::Written { path, settings: String::new() });
         }
         Ok(())
     }

@@ -6,7 +6,7 @@ use crate::depth::{DepthGrid, Surfaces, seen_at_frame};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
-use crate::pixels::{Codes, DepthMap, Pixels, Rect};
+use crate::pixels::{Codes, DepthMap, Pixels, Rect, eight_bits};
 use crate::tracking::PoseTrack;
 
 use super::{Framing, RealPart};
@@ -184,7 +184,7 @@ fn develop(pixels: &mut Pixels, before: Codes, region: Rect, out: &mut [u8]) {
         let put_back = n * columns..(n + 1) * columns;
         match (&mut pixels.codes, &before) {
             (Codes::U16(codes), Codes::U16(before)) => {
-                let eight = codes[row.clone()].iter().map(|code| ((u32::from(*code) + 128) / 257) as u8);
+                let eight = codes[row.clone()].iter().copied().map(eight_bits);
                 out[row.clone()].iter_mut().zip(eight).for_each(|(out, code)| *out = code);
                 codes[row].copy_from_slice(&before[put_back]);
             }

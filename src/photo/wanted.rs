@@ -1,6 +1,7 @@
 //! What is asked of a virtual camera, as plain values.
 
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use crate::camera::Film;
 use crate::camera::metering::Mode;
@@ -87,8 +88,45 @@ impl Wanted {
         if self.bracket.is_none() {
             return self.output.clone();
         }
-        let text = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
-        let (stem, extension) = (text(self.output.file_stem()), text(self.output.extension()));
+        let (stem, extension) = parts(&self.output);
         self.output.with_file_name(format!("{stem}-{part}.{extension}"))
+    }
+}
+
+fn parts(path: &Path) -> (String, String) {
+    let text = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    (text(path.file_stem()), text(path.extension()))
+}
+
+/// The pictures that are there of a series of that name, in the order of their names: what another series may replace.
+pub fn series_there(output: &Path) -> Vec<PathBuf> {
+    let (stem, extension) = parts(output);
+    let is_part = |name: &str| {
+        let rest = name.strip_prefix(&format!("{stem}-")).and_then(|rest| rest.strip_suffix(&format!(".{extension}")));
+        rest.is_some_and(|part| part == "sheet" || !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()))
+    };
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut there: Vec<PathBuf> =
+        entries.filter(|path| path.file_name().is_some_and(|name| is_part(&name.to_string_lossy()))).collect();
+    there.sort();
+    there
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_series_finds_those_of_its_name() {
+        let temp = tempfile::tempdir().unwrap();
+        for name in ["a-1.jpg", "a-12.jpg", "a-sheet.jpg", "a.jpg", "a-1.png", "a-1b.jpg", "a-.jpg", "b-1.jpg"] {
+            std::fs::write(temp.path().join(name), "").unwrap();
+        }
+        let there = series_there(&temp.path().join("a.jpg"));
+        assert_eq!(there, ["a-1.jpg", "a-12.jpg", "a-sheet.jpg"].map(|name| temp.path().join(name)));
+        let wanted = Wanted { bracket: Some(Bracket::Iso), ..Wanted::new(0, temp.path().join("a.jpg")) };
+        assert_eq!(wanted.path_of("12"), there[1]);
+        assert!(series_there(&temp.path().join("none/a.jpg")).is_empty());
     }
 }

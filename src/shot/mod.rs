@@ -34,7 +34,7 @@ use crate::scene::{self, Scene};
 pub use error::ShotError;
 pub use eye::{Eye, Ray};
 pub use light::{Known, SceneLight, USUAL_ISO};
-pub use note::{Note, Wrong};
+pub use note::{Note, Tally, Wrong};
 pub use pick::{Hit, nearest};
 pub use points::{FittedPlane, metres_per_unit, plane_through};
 pub use reduced::Reduced;

@@ -88,7 +88,7 @@ impl fmt::Display for Note {
                 write!(f, "nothing real hides objects in {of}, though there is depth (frame {first}: {because})")
             }
             Self::MoreOverlaps(more) => {
-                write!(f, "{} of objects more stand inside each other", count(*more, "pair"))
+                write!(f, "{} of objects stand inside each other", count(*more, "more pair"))
             }
             Self::Gap { name, gap_m, frame } => {
                 let (name, far) = (shown(name), millimetres(gap_m.abs()));
@@ -107,16 +107,43 @@ impl fmt::Display for Note {
 impl Note {
     /// Notes on frames that were composited.
     pub fn of_frames(stats: &[FrameStats]) -> Vec<Self> {
-        let mut notes = Vec::new();
-        let mut lacking = stats.iter().filter_map(|s| Some((s.frame, s.no_occlusion.as_ref()?)));
-        if let Some((first, because)) = lacking.next() {
-            let (number, because) = (1 + lacking.count(), because.clone());
-            notes.push(Self::NothingHides { number, frames: stats.len(), first, because });
+        let mut tally = Tally::default();
+        stats.iter().for_each(|stats| tally.add(stats));
+        tally.notes()
+    }
+}
+
+/// What notes need to know of frames that were composited, however many they are.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tally {
+    frames: usize,
+    /// In so many depth hid nothing; the first of them, and why.
+    hides_nothing: usize,
+    first: Option<(usize, String)>,
+    /// Objects may have been seen.
+    shows: bool,
+}
+
+impl Tally {
+    pub fn add(&mut self, stats: &FrameStats) {
+        self.frames += 1;
+        self.shows |= stats.objects_in_sight || stats.no_pose.is_some();
+        if let Some(because) = &stats.no_occlusion {
+            self.hides_nothing += 1;
+            self.first.get_or_insert_with(|| (stats.frame, because.clone()));
         }
-        if stats.iter().all(|s| !s.objects_in_sight && s.no_pose.is_none()) {
-            notes.push(Self::NothingSeen);
-        }
-        notes
+    }
+
+    /// How many frames were added.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    pub fn notes(&self) -> Vec<Note> {
+        let (number, frames) = (self.hides_nothing, self.frames);
+        let hides_nothing =
+            self.first.clone().map(|(first, because)| Note::NothingHides { number, frames, first, because });
+        hides_nothing.into_iter().chain((!self.shows).then_some(Note::NothingSeen)).collect()
     }
 }
 

@@ -32,11 +32,7 @@ impl Shot {
     /// placed. `pixels` is what [`Shot::picture`] gives, or another picture of that frame and size.
     pub fn annotated(&self, frame: usize, pixels: &Pixels) -> Result<Pixels, SurfaceError> {
         let eye = self.eye(frame)?;
-        let codes = match &pixels.codes {
-            Codes::U8(codes) => codes.clone(),
-            Codes::U16(codes) => codes.iter().map(|code| (code >> 8) as u8).collect(),
-        };
-        let (width, height) = (pixels.width, pixels.height);
+        let (width, height, codes) = (pixels.width, pixels.height, pixels.codes.to_eight_bit().into_owned());
         let Some(mut picture) = RgbImage::from_raw(width, height, codes) else { return Ok(pixels.clone()) };
         let unit = (f64::from(height) / 720.0).max(1.0);
         let mut labels = Vec::new();

@@ -196,7 +196,13 @@ fn of_image(error: image::ImageError) -> std::io::Error {
         let said = causes.filter_map(|cause| cause.downcast_ref::<std::io::Error>()).find_map(|e| e.raw_os_error());
         return said.map_or_else(|| std::io::Error::other(error), std::io::Error::from_raw_os_error);
     };
-    error
+    // In the middle of a picture it hands on the text alone.
+    let said = error.to_string();
+    let number = said.rsplit_once("(os error ").and_then(|(_, rest)| rest.strip_suffix(')')?.parse().ok());
+    match number.filter(|_| error.raw_os_error().is_none()) {
+        Some(number) => std::io::Error::from_raw_os_error(number),
+        None => error,
+    }
 }
 
 fn of_exr(error: ::exr::error::Error) -> std::io::Error {
@@ -253,5 +259,10 @@ mod tests {
             let error = picture::write(&full(name), &light, &Default::default(), true).unwrap_err().to_string();
             assert!(error.contains("cannot be written: the disk is full"), "{error}");
         }
+        // Too large for what the encoder keeps until its end.
+        let codes = (0..3 * 640 * 480_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let frame = Pixels::from_u8(640, 480, codes).unwrap();
+        let error = folder::write_frame(&full("large.png"), &frame, true).unwrap_err().to_string();
+        assert!(error.contains("cannot be written: the disk is full"), "{error}");
     }
 }

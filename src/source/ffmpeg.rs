@@ -8,9 +8,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use crate::unfinished::{Undo, Unfinished};
+use crate::words::reason;
 
 /// Number of message lines kept: the first ones name the cause.
 const KEPT_LINES: usize = 4;
+/// The C library's word for a full disk.
+const NO_SPACE: &str = "No space left on device";
 
 #[derive(Debug, thiserror::Error)]
 pub enum FfmpegError {
@@ -134,6 +137,7 @@ impl Running {
         match status {
             Ok(status) if status.success() => Ok(said),
             Ok(status) if said.is_empty() => failed(format!("it ended with {status}")),
+            Ok(_) if said.contains(NO_SPACE) => failed(reason(&std::io::ErrorKind::StorageFull.into())),
             Ok(_) => failed(said),
             Err(e) => failed(e.to_string()),
         }
@@ -181,6 +185,9 @@ mod tests {
     fn a_failure_is_told_in_the_programs_words() {
         let error = output("sh", &["-c".into(), "echo no such thing >&2; exit 3".into()]).unwrap_err();
         assert_eq!(error.to_string(), "sh failed: no such thing");
+        let full = "echo 'av_interleaved_write_frame(): No space left on device' >&2; exit 1";
+        let error = output("sh", &["-c".into(), full.into()]).unwrap_err();
+        assert_eq!(error.to_string(), "sh failed: the disk is full; make room, or write elsewhere");
     }
 
     #[test]

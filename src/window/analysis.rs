@@ -3,12 +3,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::background::Ticket;
 use crate::calibrate::sharpness::{self, SharpnessError};
 use crate::calibrate::{NoiseOptions, NoisePoint, drawn_noise, moving};
 use crate::compositor::{Composited, Compositor, Target};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::measure::histogram::{around, luma_histogram};
+use crate::measure::histogram::{around, histograms};
 use crate::measure::slanted::SlantedEdge;
 use crate::pixels::{Pixels, Rect};
 use crate::scene::Scene;
@@ -45,8 +46,8 @@ pub struct Analysis {
     pub drawn: Option<Result<[Vec<NoisePoint>; 3], String>>,
     /// In the plain places of the camera's picture.
     pub real: Option<Result<[Vec<NoisePoint>; 3], String>>,
-    /// Of the object and of what is around it.
-    pub histograms: Option<Result<[Vec<f64>; 2], String>>,
+    /// Of the object and of what is around it, by luma and by the channels.
+    pub histograms: Option<Result<[[Vec<f64>; 4]; 2], String>>,
     pub edges: [Option<Result<SlantedEdge, String>>; 2],
 }
 
@@ -64,8 +65,8 @@ pub fn moved_px(shot: &Shot, frame: &Frame, region: Rect) -> [f64; 2] {
     surface.and_then(|surface| shot.moved_px(frame, at, &surface)).unwrap_or_default().to_array()
 }
 
-/// Looks at a frame and its composite.
-pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wanted) -> Analysis {
+/// Looks at a frame and its composite. What comes of work that nobody waits for any more lacks parts.
+pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wanted, ticket: &Ticket) -> Analysis {
     let mut found = Analysis::default();
     let response = shot.camera().response;
     let of_edge = |pixels: &Pixels, region: Rect, moved: [f64; 2]| {
@@ -74,7 +75,7 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
     };
     // The camera's and the drawn edge are compared as they are seen: with the movement in both.
     found.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region, [0.0; 2]));
-    if wanted.noise {
+    if wanted.noise && !ticket.is_cancelled() {
         let options = NoiseOptions { min_independent: NEEDED, ..NoiseOptions::default() };
         let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
         found.real = Some(real.map(|real| real.points()).map_err(|error| error.to_string()));
@@ -82,14 +83,17 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
         return found;
     }
-    match composited(bench, gpu, shot, frame, wanted.noise) {
+    let composited = gpu.apart(|| composited(bench, gpu, shot, frame, wanted.noise, ticket));
+    let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
+    match composited {
+        Ok(None) => {}
         Err(error) => {
             let error = error.to_string();
             found.drawn = wanted.noise.then(|| Err(error.clone()));
             found.histograms = wanted.histograms.then(|| Err(error.clone()));
             found.edges[1] = wanted.edges[1].map(|_| Err(error));
         }
-        Ok((with, without)) => {
+        Ok(Some((with, without))) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();
             let objects: Vec<bool> = coverage.iter().map(|a| *a >= COVERED).collect();
             let touched: Vec<bool> = coverage.iter().map(|a| *a > 0.0).collect();
@@ -99,7 +103,7 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
             });
             found.histograms = wanted.histograms.then(|| {
                 let surroundings = around(&objects, &touched, with.pixels.width as usize, AROUND);
-                let of = |mask: &[bool]| luma_histogram(&with.pixels, mask, HISTOGRAM_BINS);
+                let of = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
                 let both = of(&objects).and_then(|object| Ok([object, of(&surroundings)?]));
                 both.map_err(|error| error.to_string())
             });
@@ -109,14 +113,18 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
     found
 }
 
-/// The composite with its layer, and if asked for the same without noise.
+/// The composite with its layer, and if asked for the same without noise; nothing where nobody waits for it.
 fn composited(
     bench: &Bench,
     gpu: &Gpu,
     shot: &Shot,
     frame: &Frame,
     twice: bool,
-) -> Result<(Composited, Option<Composited>), ShotError> {
+    ticket: &Ticket,
+) -> Result<Option<(Composited, Option<Composited>)>, ShotError> {
+    if ticket.is_cancelled() {
+        return Ok(None);
+    }
     let mut kept = bench.0.lock().unwrap_or_else(PoisonError::into_inner);
     let (scene, compositor) = kept.get_or_insert_with(|| (Arc::clone(&shot.scene), shot.compositor(gpu.clone())));
     if !Arc::ptr_eq(scene, &shot.scene) {
@@ -129,11 +137,14 @@ fn composited(
         compositor.collect(pending).map_err(|source| ShotError::Gpu { frame: frame.index, source })
     };
     let with = make(shot, true)?;
+    if ticket.is_cancelled() {
+        return Ok(None);
+    }
     let without = twice.then(|| {
         let mut smooth = shot.clone();
         // It is one of the effects.
         let _ = smooth.settings.switch(NOISE, false);
         make(&smooth, false)
     });
-    Ok((with, without.transpose()?))
+    Ok(Some((with, without.transpose()?)))
 }

@@ -7,6 +7,7 @@ use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
 use super::actions::{self, Action};
+use super::errand::let_go;
 use super::evidence::Evidence;
 use super::fit;
 use super::hand::Hand;
@@ -79,6 +80,11 @@ impl App {
     /// Shows the page that says what can be opened.
     pub fn show_start(&mut self, shows: bool) {
         self.keeper.shows_start = shows;
+    }
+
+    /// How the program starts anew where the graphics device is lost; `restart` says why it did not.
+    pub fn restarts_by(&mut self, restart: fn() -> String) {
+        self.keeper.restarts_by = Some(restart);
     }
 
     pub fn keeper(&self) -> &Keeper {
@@ -198,7 +204,7 @@ impl App {
             if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
                 self.evidence.drop(path);
             } else {
-                self.keeper.dropped(path, &mut self.session);
+                self.keeper.dropped(ctx, path, &mut self.session);
             }
         }
     }
@@ -406,7 +412,8 @@ impl App {
         let Some(Turn { project, frame }) = self.keeper.work(ctx, &mut self.session) else { return };
         match Session::new(self.window.clone(), ctx, project) {
             Ok(session) => {
-                self.session = session;
+                // Its threads end when what they decode and draw is done.
+                let_go(std::mem::replace(&mut self.session, session));
                 self.session.player.seek(frame);
                 (self.view, self.evidence, self.hand) = Default::default();
                 (self.handles, self.side) = Default::default();

@@ -169,7 +169,7 @@ enum Order {
     Remove(PathBuf),
 }
 
-/// Keeps a window's work. Dropped in an orderly end, it leaves nothing.
+/// Keeps a window's work. Dropped in an orderly end, it leaves nothing; where the window breaks off, all that it kept.
 #[derive(Debug)]
 pub struct Autosave {
     place: Place,
@@ -235,10 +235,10 @@ impl Autosave {
             Some(work) => Order::Write(path, Box::new(work)),
             None => Order::Remove(path),
         };
-        // A thread that is gone keeps nothing, and has said so.
-        let _ = self.orders.as_ref().map(|orders| orders.send(order));
+        let is_sent = self.orders.as_ref().is_some_and(|orders| orders.send(order).is_ok());
+        let ended = || "Your work is not kept for a crash: the thread that writes it has ended".to_owned();
         self.written = Some((version, now));
-        Kept { wait: None, problem }
+        Kept { wait: None, problem: problem.or_else(|| (!is_sent).then(ended)) }
     }
 
     /// Waits until all that was given is written.
@@ -248,9 +248,7 @@ impl Autosave {
             let _ = thread.join();
         }
     }
-}
 
-impl Autosave {
     /// Ends, and leaves the work for the next start.
     pub fn leave(mut self, work: Option<Work>) {
         if let (Some(work), Some(orders)) = (work, &self.orders) {
@@ -264,7 +262,7 @@ impl Autosave {
 impl Drop for Autosave {
     fn drop(&mut self) {
         self.finish_writing();
-        if !self.leaves {
+        if !self.leaves && !std::thread::panicking() {
             self.place.remove();
         }
     }
@@ -294,6 +292,22 @@ mod tests {
 
     fn names(folder: &Path) -> usize {
         fs::read_dir(folder).unwrap().count()
+    }
+
+    #[test]
+    fn a_window_that_breaks_off_leaves_its_work() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = temp.path().to_owned();
+        let broken = std::panic::catch_unwind(move || {
+            let mut autosave = Autosave::begin(&folder).unwrap();
+            let now = Instant::now();
+            autosave.keep(0, now, || None);
+            autosave.keep(1, now + EVERY, || Some(work(7)));
+            panic!("the window breaks off");
+        });
+        assert!(broken.is_err());
+        let found = Left::found(temp.path());
+        assert!(found.len() == 1 && found[0].work.edit.settings.seed == 7);
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use eframe::egui::Context;
+
+use super::errand::Errand;
 
 /// What work knows of whoever waits for it.
 #[derive(Clone, Debug, Default)]
@@ -30,7 +31,7 @@ impl Ticket {
 struct Running<K, T> {
     key: K,
     ticket: Ticket,
-    result: Receiver<T>,
+    errand: Errand<T>,
 }
 
 /// What is worked on, and what came of it last. A key says what was asked for.
@@ -38,16 +39,19 @@ struct Running<K, T> {
 pub struct Background<K, T> {
     running: Option<Running<K, T>>,
     last: Option<(K, T)>,
+    /// What was asked for when the work broke off, and why it did: it is not begun again for the same.
+    broken: Option<(K, String)>,
 }
 
 impl<K, T> Default for Background<K, T> {
     fn default() -> Self {
-        Self { running: None, last: None }
+        Self { running: None, last: None, broken: None }
     }
 }
 
 impl<K: PartialEq, T: Send + 'static> Background<K, T> {
-    /// Has work done, unless it is done or under way. Other work that is under way is cancelled, and is waited for.
+    /// Has work done, unless it is done or under way. Other work that is under way is cancelled, and is waited for. Work
+    /// that panics is not begun again until something else is asked for.
     pub fn want(&mut self, ctx: &Context, key: K, work: impl FnOnce(&Ticket) -> T + Send + 'static) {
         self.look();
         if let Some(running) = &self.running {
@@ -56,34 +60,39 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
             }
             return;
         }
-        if self.is_of(&key) {
+        if self.is_of(&key) || self.broken.as_ref().is_some_and(|(of, _)| *of == key) {
             return;
         }
-        let (ticket, ctx, (done, result)) = (Ticket::default(), ctx.clone(), channel());
+        self.broken = None;
+        let (ticket, ctx) = (Ticket::default(), ctx.clone());
         let of_work = ticket.clone();
-        let thread = std::thread::Builder::new().name("window work".to_owned()).spawn(move || {
-            // Whoever waited may be gone.
-            let _ = done.send(work(&of_work));
-            ctx.request_repaint();
-        });
-        if thread.is_ok() {
-            self.running = Some(Running { key, ticket, result });
+        match Errand::begin("window work", move || ctx.request_repaint(), move || work(&of_work)) {
+            Ok(errand) => self.running = Some(Running { key, ticket, errand }),
+            Err(error) => self.broken = Some((key, format!("no thread can be had for it: {error}"))),
+        }
+    }
+
+    /// Nothing is asked for now: what is under way is cancelled.
+    pub fn rest(&mut self) {
+        self.look();
+        if let Some(running) = &self.running {
+            running.ticket.cancelled.store(true, Ordering::Relaxed);
         }
     }
 
     fn look(&mut self) {
-        let Some(running) = &self.running else { return };
-        match running.result.try_recv() {
-            Ok(result) => {
-                if let Some(Running { key, ticket, .. }) = self.running.take()
-                    && !ticket.is_cancelled()
-                {
-                    self.last = Some((key, result));
-                }
-            }
-            Err(TryRecvError::Disconnected) => self.running = None,
-            Err(TryRecvError::Empty) => {}
+        let Some(result) = self.running.as_ref().and_then(|running| running.errand.take()) else { return };
+        let Some(Running { key, ticket, .. }) = self.running.take() else { return };
+        match result {
+            Ok(result) if !ticket.is_cancelled() => self.last = Some((key, result)),
+            Ok(_) => {}
+            Err(why) => self.broken = Some((key, why)),
         }
+    }
+
+    /// Why there is no answer to what was asked for last: the work broke off.
+    pub fn broken(&self) -> Option<&str> {
+        self.broken.as_ref().map(|(_, why)| why.as_str())
     }
 
     /// What came last, which may be of an earlier key.
@@ -111,7 +120,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         if let Some(running) = &self.running {
             running.ticket.cancelled.store(true, Ordering::Relaxed);
         }
-        self.last = None;
+        (self.last, self.broken) = (None, None);
     }
 }
 
@@ -126,6 +135,51 @@ impl<K, T> Drop for Background<K, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn work_that_panics_is_told_and_not_begun_again_until_something_else_is_asked_for() {
+        let ctx = Context::default();
+        let mut background: Background<u32, u32> = Background::default();
+        let begun = Arc::new(AtomicU32::new(0));
+        let ask = |background: &mut Background<u32, u32>, key: u32| {
+            let begun = Arc::clone(&begun);
+            background.want(&ctx, key, move |_| {
+                begun.fetch_add(1, Ordering::Relaxed);
+                assert_ne!(key, 1, "one is too few");
+                key
+            });
+            std::thread::yield_now();
+        };
+        while background.broken().is_none() {
+            ask(&mut background, 1);
+        }
+        (0..100).for_each(|_| ask(&mut background, 1));
+        assert!(background.broken().unwrap().contains("one is too few") && begun.load(Ordering::Relaxed) == 1);
+        while !background.is_of(&2) {
+            ask(&mut background, 2);
+        }
+        assert!(background.broken().is_none() && begun.load(Ordering::Relaxed) == 2);
+    }
+
+    #[test]
+    fn what_nobody_asks_for_is_cancelled() {
+        let ctx = Context::default();
+        let mut background: Background<u32, ()> = Background::default();
+        let (tell, ended) = channel();
+        background.want(&ctx, 1, move |ticket| {
+            while !ticket.is_cancelled() {
+                std::thread::yield_now();
+            }
+            tell.send(()).unwrap();
+        });
+        background.rest();
+        ended.recv().unwrap();
+        while background.progress().is_some() {
+            background.rest();
+        }
+        assert!(background.last().is_none());
+    }
 
     #[test]
     fn what_was_asked_for_last_counts() {

@@ -11,6 +11,7 @@ use self::noise::Noise;
 use self::sharpness::Sharpness;
 use super::hand::Hand;
 use super::session::Session;
+use crate::calibrate::NoisePoint;
 use crate::pixels::Rect;
 
 /// The tab.
@@ -24,6 +25,17 @@ impl Calibrating {
     /// The places that were picked, as far as they belong to a frame.
     pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
         self.noise.marks(frame).chain(self.sharpness.marks(frame))
+    }
+
+    /// The noise of the places that were picked, as it was measured last.
+    pub fn points(&self) -> Option<&[Vec<NoisePoint>; 3]> {
+        self.noise.points()
+    }
+
+    /// Nobody waits for what is being measured.
+    pub fn rest(&mut self) {
+        self.noise.rest();
+        self.sharpness.rest();
     }
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {

@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, channel};
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Key, Ui};
 
+use crate::photo::series_there;
 use crate::recording::Recording;
 use crate::words::reason;
 
@@ -21,19 +22,23 @@ pub enum Seeks {
     Recording,
     /// A file that may be new; the first ending is added where there is none.
     NewFile(&'static [&'static str]),
+    /// A name for a series of photographs, as [`NewFile`](Self::NewFile).
+    NewSeries(&'static [&'static str]),
     /// A folder that may be new.
     NewFolder,
 }
 
 impl Seeks {
     fn is_new(self) -> bool {
-        matches!(self, Self::NewFile(_) | Self::NewFolder)
+        matches!(self, Self::NewFile(_) | Self::NewSeries(_) | Self::NewFolder)
     }
 
     fn shows(self, path: &Path) -> bool {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match self {
-            Self::File(endings) | Self::NewFile(endings) => endings.contains(&ending.as_str()),
+            Self::File(endings) | Self::NewFile(endings) | Self::NewSeries(endings) => {
+                endings.contains(&ending.as_str())
+            }
             Self::Recording => matches!(ending.as_str(), "toml" | "json" | "txt"),
             Self::NewFolder => false,
         }
@@ -53,8 +58,18 @@ type Listing = (PathBuf, Result<Vec<Entry>, String>);
 /// How it ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Chosen {
-    Path(PathBuf),
+    Path {
+        path: PathBuf,
+        /// What is there may be replaced: it was asked.
+        replaces: bool,
+    },
     Nothing,
+}
+
+impl Chosen {
+    fn free(path: PathBuf) -> Self {
+        Self::Path { path, replaces: false }
+    }
 }
 
 #[derive(Debug)]
@@ -340,21 +355,25 @@ impl Chooser {
     fn take(&mut self, path: PathBuf) -> Option<Chosen> {
         match self.seeks {
             Seeks::Recording if path.is_dir() && !Recording::is_at(&path) => self.go_into(path),
-            Seeks::File(_) | Seeks::NewFile(_) if path.is_dir() => self.go_into(path),
-            Seeks::File(_) | Seeks::Recording => return Some(Chosen::Path(path)),
-            Seeks::NewFile(endings) => {
+            Seeks::File(_) | Seeks::NewFile(_) | Seeks::NewSeries(_) if path.is_dir() => self.go_into(path),
+            Seeks::File(_) | Seeks::Recording => return Some(Chosen::free(path)),
+            Seeks::NewFile(endings) | Seeks::NewSeries(endings) => {
                 let path = match path.extension() {
                     Some(_) => path,
                     None => path.with_extension(endings.first().unwrap_or(&"")),
                 };
-                if !path.exists() {
-                    return Some(Chosen::Path(path));
+                let is_there = match self.seeks {
+                    Seeks::NewSeries(_) => !series_there(&path).is_empty(),
+                    _ => path.exists(),
+                };
+                if !is_there {
+                    return Some(Chosen::free(path));
                 }
                 self.replaces = Some(path);
             }
             Seeks::NewFolder => {
                 if !std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
-                    return Some(Chosen::Path(path));
+                    return Some(Chosen::free(path));
                 }
                 self.replaces = Some(path);
             }
@@ -363,16 +382,31 @@ impl Chooser {
     }
 
     fn asks(&mut self, ui: &mut Ui, path: &Path) -> Option<Chosen> {
-        let is_folder = self.seeks == Seeks::NewFolder;
-        ui.label(match is_folder {
-            true => format!("There are files in {}. Those of the same names are replaced, no others.", path.display()),
-            false => format!("{} is there already.", path.display()),
-        });
+        let (text, does) = match self.seeks {
+            Seeks::NewFolder => (
+                format!("There are files in {}. Those of the same names are replaced, no others.", path.display()),
+                "Write there",
+            ),
+            Seeks::NewSeries(_) => {
+                let there = series_there(path);
+                let first = there.first().unwrap_or(&self.folder).display();
+                let are = match there.len() {
+                    0 | 1 => "is".to_owned(),
+                    many => format!("and {} more of its series are", many - 1),
+                };
+                (
+                    format!("{first} {are} there already. Those of the same names are replaced, no others."),
+                    "Replace them",
+                )
+            }
+            _ => (format!("{} is there already.", path.display()), "Replace it"),
+        };
+        ui.label(text);
         ui.add_space(8.0);
         let mut chosen = None;
         ui.horizontal(|ui| {
-            if ui.button(if is_folder { "Write there" } else { "Replace it" }).clicked() {
-                chosen = Some(Chosen::Path(path.to_owned()));
+            if ui.button(does).clicked() {
+                chosen = Some(Chosen::Path { path: path.to_owned(), replaces: true });
             }
             if ui.button("Choose another name").clicked() {
                 self.replaces = None;
@@ -436,7 +470,7 @@ mod tests {
             (open.enter(), open.folder.clone())
         };
         let (here, within) = (temp.path().to_owned(), temp.path().join("in"));
-        let at = |name: &str| Some(Chosen::Path(temp.path().join(name)));
+        let at = |name: &str| Some(Chosen::free(temp.path().join(name)));
         let whole = |name: &str| temp.path().join(name).display().to_string();
         assert_eq!(type_in("mine.toml"), (at("mine.toml"), here.clone()));
         assert_eq!(type_in("oth").0, at("other.toml"));
@@ -444,7 +478,7 @@ mod tests {
         assert_eq!(type_in(&whole("oth")).0, at("other.toml"), "a part of a name in another folder");
         assert_eq!((type_in("nothing").0, type_in("toml").0, type_in("").0), (None, None, None));
         assert_eq!(type_in("in"), (None, within.clone()));
-        assert_eq!(type_in("../mine.toml").0, Some(Chosen::Path(within.join("../mine.toml"))));
+        assert_eq!(type_in("../mine.toml").0, Some(Chosen::free(within.join("../mine.toml"))));
         assert_eq!(type_in(&whole("")), (None, PathBuf::from(whole(""))));
         assert!(open.told.is_none() && open.wants_keys && open.name.is_empty());
         (open.name, open.is_typed) = ("nothing".to_owned(), true);
@@ -457,5 +491,12 @@ mod tests {
         assert_eq!(save.replaces, Some(temp.path().join("mine.toml")), "it asks");
         save.name = "new".to_owned();
         assert_eq!(save.enter(), at("new.toml"));
+
+        // Of a series it is its own files that count, not the one that would be a single photograph.
+        let mut series = Chooser::new("Write", Seeks::NewSeries(&["jpg", "png"]), &temp.path().join("a.jpg"));
+        std::fs::write(temp.path().join("a.jpg"), "").unwrap();
+        assert_eq!(series.enter(), at("a.jpg"));
+        std::fs::write(temp.path().join("a-2.jpg"), "").unwrap();
+        assert_eq!((series.enter(), &series.replaces), (None, &Some(temp.path().join("a.jpg"))));
     }
 }

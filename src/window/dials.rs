@@ -62,11 +62,12 @@ impl Dials {
                 Some(Bracket::Focus) => "through the distances",
             };
             let all = [None, Some(Bracket::Aperture), Some(Bracket::Shutter), Some(Bracket::Iso), Some(Bracket::Focus)];
-            egui::ComboBox::from_id_salt("bracket").selected_text(name(self.bracket)).show_ui(ui, |ui| {
+            let series = egui::ComboBox::from_id_salt("bracket").selected_text(name(self.bracket)).show_ui(ui, |ui| {
                 for bracket in all {
                     ui.selectable_value(&mut self.bracket, bracket, name(bracket));
                 }
             });
+            series.response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Series"));
             ui.end_row();
         });
         let held = "The camera moves while the shutter is open, as the recording's did: its frames are summed";
@@ -141,7 +142,7 @@ fn number(text: &str, least: f64, most: f64) -> Result<f64, String> {
 
 /// Nothing where nothing is typed.
 fn read<T>(dial: &str, text: &str, parse: impl FnOnce(&str) -> Result<T, String>) -> Result<Option<T>, String> {
-    // A German comma stands between the digits of a number alone, and an aim has none that are numbers.
+    // A decimal comma. The aim, X,Y, is not read here.
     let text = text.trim().replace(',', ".");
     if text.is_empty() {
         return Ok(None);

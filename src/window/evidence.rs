@@ -32,6 +32,16 @@ pub struct Evidence {
     turned_deg: f64,
     /// In the list and in the picture.
     pub selected: Option<Entry>,
+    renaming: Option<Renaming>,
+}
+
+/// A name that is being typed: one step, as long as its field has the focus.
+struct Renaming {
+    /// The name before.
+    before: String,
+    /// What stands in the field, and the name that came of it: an empty field is no name.
+    typed: String,
+    given: String,
 }
 
 impl Evidence {
@@ -89,23 +99,41 @@ impl Evidence {
         self.selected = self.selected.filter(|selected| entries.contains(selected));
         told = list::show(ui, project, &self.wrongs, &mut self.selected).or(told);
         let scene = project.edit().scene.clone();
+        let renaming = self.renaming.take();
+        let was_typing = renaming.is_some();
         if let Some(entry) = self.selected {
             ui.separator();
-            told = self.selected(ui, project, &scene, entry).or(told);
+            told = self.selected(ui, project, &scene, entry, renaming).or(told);
+        }
+        if was_typing && self.renaming.is_none() {
+            project.close_step();
         }
         told
     }
 
     /// The name and the numbers of what is selected.
-    fn selected(&mut self, ui: &mut Ui, project: &mut Project, scene: &SceneFile, entry: Entry) -> Option<String> {
+    fn selected(
+        &mut self,
+        ui: &mut Ui,
+        project: &mut Project,
+        scene: &SceneFile,
+        entry: Entry,
+        renaming: Option<Renaming>,
+    ) -> Option<String> {
         let stance = scene.stance(entry)?;
         let (title, mut changed, mut done) = (scene.title(entry), stance, false);
         // What turns it may be its rotation.
         let faces_deg = scene.heading_deg(entry, project.up()).unwrap_or(stance.heading_deg);
         let shown_deg = (faces_deg * 10.0).round() / 10.0;
         let mut heading_deg = shown_deg;
-        let mut name = title.clone();
-        let is_renamed = ui.add(egui::TextEdit::singleline(&mut name).desired_width(180.0)).changed();
+        // Undone meanwhile, it has its old name.
+        let renaming = renaming.filter(|renaming| renaming.given == title);
+        let mut name = renaming.as_ref().map_or_else(|| title.clone(), |renaming| renaming.typed.clone());
+        let salt = ("name", entry.object, entry.instance);
+        let field = ui.add(egui::TextEdit::singleline(&mut name).id_salt(salt).desired_width(180.0));
+        field.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Name"));
+        let is_renamed = field.changed();
+        let title = renaming.filter(|_| is_renamed || field.has_focus()).map_or(title, |renaming| renaming.before);
         egui::Grid::new("stance").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {
             for (axis, value) in ["x", "y", "z"].into_iter().zip(changed.position_m.as_mut()) {
                 done |= row(ui, axis, &format!("position {axis}"), value, 0.002, " m");
@@ -138,6 +166,10 @@ impl Evidence {
                 }
             };
             wrong = project.change_scene(&format!("{title}: {verb}"), change).err().map(|e| e.to_string());
+        }
+        if field.has_focus() {
+            let given = project.edit().scene.title(entry);
+            self.renaming = Some(Renaming { before: title, typed: name, given });
         }
         if done {
             project.close_step();

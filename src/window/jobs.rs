@@ -271,7 +271,7 @@ fn exported(
         goes_on(drawn as f64 / all as f64)
     })?;
     done.notes().into_iter().for_each(|odd| note(odd.to_string()));
-    Ok(format!("{} in {:.1} s", count(done.frames.len(), "frame"), begun.elapsed().as_secs_f64()))
+    Ok(format!("{} in {:.1} s", count(done.frames(), "frame"), begun.elapsed().as_secs_f64()))
 }
 
 fn photographed(
@@ -282,16 +282,14 @@ fn photographed(
     note: &dyn Fn(String),
 ) -> Result<String, End> {
     let mut said = Vec::new();
-    wanted.take(shot.clone(), || opened(gpu), &mut |told| match told {
-        Told::Warning(text) => {
-            note(text);
-            true
+    let mut reached = 0.0;
+    wanted.take(shot.clone(), || opened(gpu), &mut |told| {
+        match told {
+            Told::Warning(text) => note(text),
+            Told::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
+            Told::Written { settings, .. } => said.extend((!settings.is_empty()).then_some(settings)),
         }
-        Told::Taking { number, of, share } => goes_on(((number - 1) as f64 + share) / of as f64),
-        Told::Written { settings, .. } => {
-            said.extend((!settings.is_empty()).then_some(settings));
-            true
-        }
+        goes_on(reached)
     })?;
     Ok(said.join("; "))
 }

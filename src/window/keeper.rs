@@ -12,14 +12,16 @@ use super::autosave::{Autosave, Left, Work};
 use super::chooser::{Chooser, Chosen, Seeks};
 use super::command;
 use super::dialogs;
+use super::errand::Errand;
 use super::habits::{Habits, Use};
 use super::jobs::{Jobs, State};
+use super::kind::Kind;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
-use super::project::Project;
+use super::project::{Project, SaveError, Written};
 use super::recent::{Opened, Recent};
 use super::restart;
-use super::saving::{self, Step, Written};
+use super::saving::{self, Saved, Step};
 use super::session::Session;
 use super::watch::{Change, Watch};
 
@@ -95,12 +97,13 @@ pub struct Keeper {
     pub message: Option<String>,
     chooser: Option<(Purpose, Chooser)>,
     opening: Option<Opening>,
-    /// What is being opened are the files that are open.
-    reads_again: bool,
+    /// What was dropped, and what it is.
+    looked_at: Vec<(PathBuf, Errand<Kind>)>,
+    writing: Option<Errand<Result<Written, SaveError>>>,
     /// Files that a person has agreed to be written; `None` while nothing is being saved.
     saving: Option<Vec<PathBuf>>,
     /// Written since it was begun to save.
-    written: Vec<Written>,
+    saved: Vec<Saved>,
     asks_whether: Option<PathBuf>,
     /// A profile that others use too is to be written for the first time.
     asks_first: Option<PathBuf>,
@@ -113,6 +116,8 @@ pub struct Keeper {
     may_close: bool,
     /// It has been told that the device is gone.
     has_lost: bool,
+    /// Starts the program anew, or says why not; `None`: as [`restart::again`].
+    pub restarts_by: Option<fn() -> String>,
     /// Files that are left as they are on the screen, though they were changed on disk.
     passed_over: Vec<PathBuf>,
 }
@@ -145,7 +150,7 @@ impl Keeper {
     fn watch_files(&mut self, project: &Project) {
         let Some(watch) = &mut self.watch else { return };
         let own = [project.profile.as_ref(), project.scene.as_ref()].into_iter().flatten();
-        own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path));
+        own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path, project.stamp(path)));
     }
 
     /// Light or dark, as it was chosen last.
@@ -262,7 +267,7 @@ impl Keeper {
     /// Begins to save what is changed.
     pub fn save(&mut self) {
         if self.saving.is_none() {
-            (self.saving, self.written) = (Some(Vec::new()), Vec::new());
+            (self.saving, self.saved) = (Some(Vec::new()), Vec::new());
         }
     }
 
@@ -286,7 +291,8 @@ impl Keeper {
         self.keep(ctx, session);
         self.closes(ctx, session);
         self.choosing(ctx, session);
-        self.saves(session);
+        self.saves(ctx, session);
+        self.opens_dropped(session);
         self.asks(ctx, session);
         self.out(ctx, session);
         if let Some(text) = &self.message
@@ -304,9 +310,11 @@ impl Keeper {
         if theme != self.habits.theme() {
             self.habits.set_theme(theme);
         }
+        #[cfg(debug_assertions)]
+        restart::try_it(session.viewer.gpu(), ctx);
         if session.is_lost() && !self.has_lost {
             self.has_lost = true;
-            return self.starts_again(session);
+            return self.starts_again(ctx, session);
         }
         if let Some(look) = self.look.take_if(|look| look.is_due(now)) {
             self.left = Left::found(&look.folder);
@@ -337,7 +345,7 @@ impl Keeper {
     }
 
     /// The graphics device is gone: the program starts anew, and takes up what is kept.
-    fn starts_again(&mut self, session: &mut Session) {
+    fn starts_again(&mut self, ctx: &egui::Context, session: &mut Session) {
         let is_kept = match self.autosave.take() {
             Some(autosave) => {
                 autosave.leave(work(session));
@@ -345,8 +353,16 @@ impl Keeper {
             }
             None => session.project.is_saved(),
         };
-        let why = if is_kept { restart::again() } else { "your work is not kept: save it first".to_owned() };
-        session.wrong(format!("The graphics device was lost: close the window, and start it again ({why})"));
+        let again = self.restarts_by.unwrap_or(restart::again);
+        let why = if is_kept { again() } else { "your work is not kept: save it first".to_owned() };
+        let told = format!("The graphics device was lost: start it again ({why})");
+        // The window may no longer show it: nothing draws.
+        eprintln!("locard: {told}");
+        session.wrong(told);
+        if is_kept {
+            self.may_close = true;
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
     }
 
     fn choosing(&mut self, ctx: &egui::Context, session: &mut Session) {
@@ -357,14 +373,14 @@ impl Keeper {
                 // What was to be done after saving is not done.
                 (self.saving, self.then) = (None, None);
             }
-            Some(Chosen::Path(path)) => self.chosen(ctx, purpose, path, session),
+            Some(Chosen::Path { path, replaces }) => self.chosen(ctx, purpose, path, replaces, session),
         }
     }
 
-    fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, session: &mut Session) {
+    fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, replaces: bool, session: &mut Session) {
         self.habits.used(purpose.of(), &path);
         match purpose {
-            Purpose::Open => self.dropped(path, session),
+            Purpose::Open => self.dropped(ctx, path, session),
             Purpose::OpenProfile => self.open_profile(path, session),
             Purpose::OpenScene => {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
@@ -372,9 +388,9 @@ impl Keeper {
             Purpose::SaveProfile => {
                 // It was named.
                 self.shared.push(path.clone());
-                self.write(session, &Step::WriteProfile(path));
+                self.write(ctx, session, &Step::WriteProfile(path), true);
             }
-            Purpose::SaveScene => self.write(session, &Step::WriteScene(path)),
+            Purpose::SaveScene => self.write(ctx, session, &Step::WriteScene(path), true),
             Purpose::Put(ask) => {
                 let name = path.display().to_string();
                 if self.jobs.is_none() {
@@ -382,7 +398,7 @@ impl Keeper {
                     self.jobs = Jobs::new(move || wake.request_repaint()).ok();
                 }
                 match &mut self.jobs {
-                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path)),
+                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path, replaces)),
                     None => session.wrong("no thread can be started that exports"),
                 }
                 self.shows_output = true;
@@ -396,6 +412,8 @@ impl Keeper {
             let Some(entry) = self.jobs.as_ref().and_then(|jobs| jobs.entries.get(over)) else { continue };
             match &entry.state {
                 State::Done(said) => session.say(format!("Written {}: {said}", entry.name)),
+                // It names the file already, or one in the folder.
+                State::Failed(why) if why.starts_with(&entry.name) => session.wrong(why.clone()),
                 State::Failed(why) => session.wrong(format!("{}: {why}", entry.name)),
                 _ => {}
             }
@@ -421,6 +439,9 @@ impl Keeper {
                 Ask::Folder(_) => ("Write pictures into a folder", Seeks::NewFolder),
                 Ask::Video { lossless: false, .. } => ("Write a video", Seeks::NewFile(&["mp4", "mkv"])),
                 Ask::Video { .. } => ("Write a video", Seeks::NewFile(&["mkv", "mp4"])),
+                Ask::Photograph(wanted) if wanted.bracket.is_some() => {
+                    ("Write a series of photographs", Seeks::NewSeries(&["jpg", "jpeg", "png"]))
+                }
                 Ask::Photograph(_) => ("Write a photograph", Seeks::NewFile(&["jpg", "jpeg", "png"])),
                 Ask::Snapshot(_) => ("Write the frame", Seeks::NewFile(&["png"])),
             };

@@ -184,7 +184,8 @@ impl Artist {
         Builder::new().name("window artist".to_owned()).spawn(move || {
             let mut renderer: Option<Renderer> = None;
             for model in to_draw {
-                let picture = draw(&gpu, &mut renderer, &model);
+                let picture = gpu.apart(|| draw(&gpu, &mut renderer, &model));
+                let picture = picture.map_err(|error| error.to_string()).and_then(|picture| picture);
                 if done.send((model, picture)).is_err() {
                     return;
                 }

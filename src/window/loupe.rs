@@ -1,4 +1,5 @@
-//! Code values: a loupe that follows the pointer, and numbers in pixels that are large enough.
+//! Code values: a loupe that follows the pointer, and numbers in pixels that are large enough. All have 8 bits, as the
+//! picture on the screen has; of a camera with 16 the loupe gives its own codes, too.
 
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 
@@ -25,7 +26,8 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
     let Some(pointed) = seen.pointed else { return };
     let (x, y) = (pointed.x.floor() as i32, pointed.y.floor() as i32);
     let square = ACROSS as f32 * CELL;
-    let size = vec2(sides.len() as f32 * (square + 8.0) + 8.0, square + 60.0);
+    let fine = sides.iter().any(|side| side.codes.is_some_and(|codes| codes.max_code() > 255));
+    let size = vec2(sides.len() as f32 * (square + 8.0) + 8.0, square + if fine { 75.0 } else { 60.0 });
     let at = seen.placed.screen(pointed);
     let panel = seen.painter.clip_rect();
     // Beside the pointer, where there is room.
@@ -56,8 +58,9 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
         let codes =
             side.codes.filter(|codes| x >= 0 && y >= 0 && (x as u32) < codes.width && (y as u32) < codes.height);
         let text = codes.map_or_else(String::new, |codes| {
-            let [r, g, b] = codes.at(x as u32, y as u32);
-            format!("{r} {g} {b}")
+            let [r, g, b] = codes.eight_bits_at(x as u32, y as u32);
+            let own = codes.at(x as u32, y as u32).map(|code| code.to_string()).join(" ");
+            if codes.max_code() > 255 { format!("{r} {g} {b}\n{own}") } else { format!("{r} {g} {b}") }
         });
         painter.text(
             rect.left_bottom() + vec2(0.0, 4.0),
@@ -68,10 +71,12 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
         );
     }
     let place = back.left_bottom() + vec2(8.0, -3.0);
-    painter.text(place, Align2::LEFT_BOTTOM, format!("{x}, {y}"), FontId::monospace(11.0), Color32::from_gray(170));
+    let bits = if fine { "codes of 8 bits, of 16 below" } else { "codes of 8 bits" };
+    let text = format!("{x}, {y}   {bits}");
+    painter.text(place, Align2::LEFT_BOTTOM, text, FontId::monospace(11.0), Color32::from_gray(170));
 }
 
-/// Writes code values into the pixels that lie in a part of the panel, if they are large enough.
+/// Writes code values of 8 bits into the pixels that lie in a part of the panel, if they are large enough.
 pub fn numbers(seen: &Seen, clip: Rect, codes: &Pixels, pixels_per_point: f32) {
     let scale = seen.placed.scale;
     if scale * pixels_per_point < NUMBERS_FROM {
@@ -86,9 +91,9 @@ pub fn numbers(seen: &Seen, clip: Rect, codes: &Pixels, pixels_per_point: f32) {
     let font = FontId::monospace(scale * 0.21);
     for y in min.y as u32..(max.y as u32).min(codes.height) {
         for x in min.x as u32..(max.x as u32).min(codes.width) {
-            let at = codes.at(x, y);
-            let luma: u32 = at.iter().zip([2, 5, 1]).map(|(code, weight)| code * weight).sum();
-            let ink = if luma * 2 > 8 * codes.max_code() { Color32::BLACK } else { Color32::WHITE };
+            let at = codes.eight_bits_at(x, y);
+            let luma: u32 = at.iter().zip([2, 5, 1]).map(|(code, weight)| u32::from(*code) * weight).sum();
+            let ink = if luma * 2 > 8 * 255 { Color32::BLACK } else { Color32::WHITE };
             let centre = seen.placed.screen(vec2(x as f32 + 0.5, y as f32 + 0.5));
             for (row, code) in [-1.0, 0.0, 1.0].into_iter().zip(at) {
                 let place = centre + vec2(0.0, row * scale * 0.27);

@@ -95,7 +95,7 @@ impl Maker {
         let maker = Builder::new().name("window maker".to_owned()).spawn(move || {
             let Ok(first) = to_make.recv() else { return };
             let mut scene = Arc::clone(&first.shot.scene);
-            let mut compositor = first.shot.compositor(of_maker);
+            let mut compositor = first.shot.compositor(of_maker.clone());
             let mut reader = Reader::new(Arc::clone(&first.shot.recording));
             // The frame of which many pictures are made one after another.
             let mut reduced: Option<(Arc<Frame>, Reduced)> = None;
@@ -112,13 +112,16 @@ impl Maker {
                 }
                 let (frame, pending) = match reader.frame(order.made.frame) {
                     Ok(frame) => {
-                        let pending = if order.made.by > 1 {
-                            of_reduced(&order, &frame, &mut reduced, &mut compositor, target)
-                        } else {
+                        let submit = || {
+                            if order.made.by > 1 {
+                                return of_reduced(&order, &frame, &mut reduced, &mut compositor, target);
+                            }
                             order.shot.geometry_at(frame.index).and_then(|geometry| {
                                 order.shot.submit(&mut compositor, Frame::clone(&frame), &geometry, target, false)
                             })
                         };
+                        let failed = |source| ShotError::Gpu { frame: order.made.frame, source };
+                        let pending = of_maker.apart(submit).map_err(failed).and_then(|pending| pending);
                         (Some(frame), pending)
                     }
                     Err(error) => (None, Err(error.into())),
@@ -133,7 +136,10 @@ impl Maker {
             for (order, taken_up, frame, pending) in to_await {
                 let picture = pending.and_then(|pending| {
                     let failed = |source| ShotError::Gpu { frame: order.made.frame, source };
-                    await_picture(&of_waiter, &order, &pending).map_err(failed)
+                    of_waiter
+                        .apart(|| await_picture(&of_waiter, &order, &pending))
+                        .and_then(|done| done)
+                        .map_err(failed)
                 });
                 let made = order.made;
                 let took = taken_up.elapsed();

@@ -12,16 +12,15 @@ use super::hand::{self, Hand, Purpose, Question};
 use super::picture::{Seen, plate};
 use super::plots::{self, Axes, Of};
 use super::pointer::Pointed;
+use super::progress;
 use super::session::Session;
 use super::times;
-use crate::calibrate::NoisePoint;
+use crate::calibrate::{NoisePoint, over_profile};
 use crate::camera::NoiseProfile;
 use crate::measure::slanted::{FEWEST_PX, SlantedEdge};
 use crate::pixels::{Pixels, Rect};
 use crate::recording::Recording;
 use crate::words::fixed;
-
-const CHANNELS: [&str; 3] = ["Red", "Green", "Blue"];
 
 /// A patch's mean code values, 8 bits, by frame.
 type Series = Result<Vec<[f64; 3]>, String>;
@@ -30,6 +29,8 @@ type Series = Result<Vec<[f64; 3]>, String>;
 #[derive(Debug)]
 pub struct Matching {
     channel: usize,
+    /// What histograms are of: luma, or one of the channels.
+    of: usize,
     /// Edges of the camera's picture and of the composite.
     edges: [Option<Rect>; 2],
     patch: Option<Rect>,
@@ -42,6 +43,7 @@ impl Default for Matching {
     fn default() -> Self {
         Self {
             channel: 1,
+            of: 0,
             edges: [None; 2],
             patch: None,
             analysis: Background::default(),
@@ -67,21 +69,28 @@ impl Matching {
         [(real, "edge"), (drawn, "virtual edge"), (self.patch, "patch")].into_iter().filter_map(|(r, n)| Some((r?, n)))
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand, pointed: Option<DVec2>) {
+    /// The plots. `picked`: noise of plain places that were picked to calibrate by.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        session: &mut Session,
+        hand: &mut Hand,
+        pointed: Option<DVec2>,
+        picked: Option<&[Vec<NoisePoint>; 3]>,
+    ) {
         self.answers(hand);
         let mut wanted = Wanted::default();
         ui.horizontal(|ui| {
-            for (channel, name) in CHANNELS.into_iter().enumerate() {
-                ui.selectable_value(&mut self.channel, channel, name);
-            }
+            plots::choose_channel(ui, &mut self.channel);
             if session.player.playing {
                 ui.weak("the plots wait while it plays");
             }
         });
         ui.separator();
+        progress::broken(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let good = "Good: the virtual dots lie on the profile's line, among the real ones.";
-            wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session));
+            wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
             let good = "Good: neither side has darker blacks or brighter whites than the light explains.";
             wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
             let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
@@ -91,11 +100,19 @@ impl Matching {
             let good = "Good: real edges near the pointer look as long and as soft as this says.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
             let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
-            section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, hand));
+            if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, hand)) {
+                self.brightness.rest();
+            }
             let good = "Good: no effect takes long that changes nothing you see.";
             section(ui, "Time by effect", false, good, |ui| times::show(ui, session));
         });
         self.look(ui, session, wanted);
+    }
+
+    /// Nobody looks at the plots: what is being computed for them is cancelled.
+    pub fn rest(&mut self) {
+        self.analysis.rest();
+        self.brightness.rest();
     }
 
     fn answers(&mut self, hand: &mut Hand) {
@@ -107,13 +124,15 @@ impl Matching {
 
     /// Has the picture looked at, if there is something new in it.
     fn look(&mut self, ui: &Ui, session: &Session, wanted: Wanted) {
-        let Some(frame) = session.frame().filter(|_| wanted.anything() && !session.player.playing) else { return };
+        let Some(frame) = session.frame().filter(|_| wanted.anything() && !session.player.playing) else {
+            return self.analysis.rest();
+        };
         let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
         let (bench, key) = (self.bench.clone(), (frame.index, session.project.version(), wanted.clone()));
-        self.analysis.want(ui.ctx(), key, move |_| analyse(&bench, &gpu, &shot, &frame, &wanted));
+        self.analysis.want(ui.ctx(), key, move |ticket| analyse(&bench, &gpu, &shot, &frame, &wanted, ticket));
     }
 
-    fn noise(&self, ui: &mut Ui, session: &Session) {
+    fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {
         let (c, analysis) = (self.channel, self.analysis.last());
         let profile = session.project.edit().rig.noise.clone();
         let part = |part: Option<&Result<[Vec<NoisePoint>; 3], String>>| match part {
@@ -130,18 +149,26 @@ impl Matching {
             x_range: Some([0.0, 255.0]),
             y_from: Some(0.0),
         };
+        let over = |points: &[NoisePoint]| over_profile(points, profile.as_ref()?, c);
+        let over = [("drawn", over(&drawn)), ("plain places", over(&real))];
         let curve = profile.as_ref().map(|profile| curve(profile, c));
+        let rings = picked.map_or_else(Vec::new, |picked| picked[c].clone());
+        let has_rings = !rings.is_empty();
         plots::show(ui, &axes, move |plot| {
             if let Some(curve) = curve {
                 plot.line(plots::line("profile", curve, of_profile));
             }
             plots::noise(plot, "real", &real, of_real);
             plots::noise(plot, "virtual", &drawn, of_virtual);
+            plots::noise_rings(plot, "picked", &rings, of_real);
         });
-        plots::legend(
-            ui,
-            &[(Of::Profile, "profile"), (Of::Real, "plain places of the picture"), (Of::Virtual, "drawn")],
-        );
+        let real = if has_rings { "plain places of the picture; rings: picked" } else { "plain places of the picture" };
+        plots::legend(ui, &[(Of::Profile, "profile"), (Of::Real, real), (Of::Virtual, "drawn")]);
+        let over: Vec<String> =
+            over.into_iter().filter_map(|(of, times)| Some(format!("{of} {}", fixed(times?, 2)))).collect();
+        if !over.is_empty() {
+            ui.label(RichText::new(format!("σ over the profile's: {}", over.join(", "))).small());
+        }
         if profile.is_none() {
             ui.label("The profile has no noise: virtual things are drawn without. The tab Calibrate measures it.");
         }
@@ -154,7 +181,9 @@ impl Matching {
         }
     }
 
-    fn histograms(&self, ui: &mut Ui) {
+    fn histograms(&mut self, ui: &mut Ui) {
+        ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.of));
+        let of = self.of;
         let (of_real, of_virtual) = (Of::Real.color(ui), Of::Virtual.color(ui));
         let found = self.analysis.last().and_then(|analysis| analysis.histograms.as_ref());
         let width = 256.0 / HISTOGRAM_BINS as f64;
@@ -162,13 +191,13 @@ impl Matching {
             shares.iter().enumerate().map(|(bin, share)| [(bin as f64 + 0.5) * width, 100.0 * share]).collect()
         };
         let [object, surroundings] = match found {
-            Some(Ok([object, surroundings])) => [curve(object), curve(surroundings)],
+            Some(Ok([object, surroundings])) => [curve(&object[of]), curve(&surroundings[of])],
             _ => Default::default(),
         };
         let is_empty = object.is_empty();
         let axes = Axes {
             name: "Brightness of object and surroundings",
-            x: "luma",
+            x: if of == 0 { "luma" } else { "code value" },
             y: "% of pixels",
             x_range: Some([0.0, 255.0]),
             y_from: Some(0.0),
@@ -228,10 +257,7 @@ impl Matching {
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.want(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
         let c = self.channel;
-        if let Some(progress) = self.brightness.progress() {
-            ui.add(egui::ProgressBar::new(progress).desired_height(6.0));
-            ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
-        }
+        progress::of(ui, "Brightness over the frames", &self.brightness);
         match self.brightness.last() {
             Some(Ok(series)) => {
                 let points: Vec<[f64; 2]> = series.iter().enumerate().map(|(i, mean)| [i as f64, mean[c]]).collect();

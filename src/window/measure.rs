@@ -1,5 +1,5 @@
-//! What the window costs, measured in the window itself: the first picture, playing, and from a changed parameter to the
-//! picture that shows it.
+//! What the window costs, measured in the window itself: the first picture, painting, playing, dragging, and the time from
+//! a changed parameter to the picture that shows it.
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;

@@ -2,19 +2,22 @@
 //!
 //! - `project`: what a person edits, as plain values; what is undone and saved. `history`: its past.
 //! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
-//!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into;
-//!   `canvas` shows them. `painter` paints the window again where `changes` says.
+//!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into; `canvas` shows them,
+//!   `placed` where they lie on the screen. `painter` paints the window again where `changes` says.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
-//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each with its verdict. `plots`: how plots look. `background`: work on other threads.
+//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
+//!   with its verdict. `plots`: how plots look.
+//! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
+//!   `progress`: how far it is. `fields`: numbers to drag and to type.
 //! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
-//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `saving`, `opening`,
-//!   `watch`, `recent`, `habits`); work that a crash leaves (`autosave`, in the folder of `state`); a
-//!   new start where the device is lost (`restart`). `output`: what leaves as files,
-//!   by the queue of `jobs`, with the camera's `dials`. `command`: the same by command line.
+//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
+//!   `opening`, `watch`, `recent`, `habits`); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
+//!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
+//!   `command`: the same by command line.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
@@ -31,6 +34,7 @@ mod command;
 mod controls;
 mod dialogs;
 mod dials;
+mod errand;
 mod evidence;
 mod fields;
 mod finder;
@@ -42,6 +46,7 @@ mod handles;
 mod history;
 mod jobs;
 mod keeper;
+mod kind;
 mod library;
 mod list;
 mod loupe;
@@ -56,6 +61,7 @@ mod placed;
 mod player;
 mod plots;
 mod pointer;
+mod progress;
 mod project;
 mod reader;
 mod recent;
@@ -71,7 +77,8 @@ mod viewer;
 mod watch;
 mod wrongs;
 
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::{Arc, OnceLock};
 
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
@@ -84,7 +91,7 @@ pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
-pub use project::{Edit, Origin, Other, Project, SaveError};
+pub use project::{Draft, Edit, Origin, Other, Project, SaveError, Written};
 pub use saving::{DEMO, DEMO_SCENE};
 
 use crate::gpu::Gpu;
@@ -108,10 +115,13 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
         ..Default::default()
     };
     options.wgpu_options.wgpu_setup = WgpuSetup::CreateNew(setup);
-    eframe::run_native(
-        "locard",
-        options,
-        Box::new(move |context| {
+    let device = Arc::new(OnceLock::new());
+    let of_window = Arc::clone(&device);
+    let run = move || {
+        let app = move |context: &eframe::CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
+            if let Some(state) = context.wgpu_render_state.clone() {
+                let _ = of_window.set(state);
+            }
             let mut app = App::new(context, project)?;
             if let Some(measure) = measure {
                 return Ok(Box::new(app.measured(measure)));
@@ -122,6 +132,12 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
             context.egui_ctx.set_theme(app.keeper().theme());
             app.show_start(start);
             Ok(Box::new(app))
-        }),
-    )
+        };
+        eframe::run_native("locard", options, Box::new(app))
+    };
+    // egui's own drawing panics where the device is lost in the middle of a frame.
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
+        device.get().into_iter().for_each(restart::where_lost);
+        resume_unwind(panic)
+    })
 }

@@ -1,9 +1,9 @@
 //! A recording that is being opened: on a thread of its own, since the headers of all its frames are read.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use super::autosave::Left;
+use super::errand::Errand;
 use super::project::Project;
 use super::recent::Opened;
 use crate::recording::OpenOptions;
@@ -16,6 +16,8 @@ pub struct Done {
     pub project: Result<Box<Project>, String>,
     /// Work that is taken up with it.
     pub left: Option<Left>,
+    /// They are the files that are open.
+    pub is_again: bool,
 }
 
 /// Something is being opened.
@@ -23,26 +25,27 @@ pub struct Done {
 pub struct Opening {
     opened: Opened,
     left: Option<Left>,
-    project: Receiver<Result<Box<Project>, String>>,
+    is_again: bool,
+    errand: Errand<Result<Box<Project>, String>>,
 }
 
 impl Opening {
-    /// `wake` is called from the thread when it is open. Work that was left goes into what is opened.
+    /// `wake` is called from the thread when it is over. Work that was left goes into what is opened.
     pub fn begin(opened: Opened, left: Option<Left>, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
-        let (send, project) = channel();
         let (wanted, edit) = (opened.clone(), left.as_ref().map(|left| left.work.edit.clone()));
-        std::thread::Builder::new().name("opening".to_owned()).spawn(move || {
-            let project = open(&wanted).and_then(|mut project| {
-                if let Some(edit) = edit {
-                    project.take_up(edit).map_err(|error| error.to_string())?;
-                }
-                Ok(Box::new(project))
-            });
-            // The window may be gone.
-            let _ = send.send(project);
-            wake();
+        let errand = Errand::begin("opening", wake, move || {
+            let mut project = open(&wanted)?;
+            if let Some(edit) = edit {
+                project.take_up(edit).map_err(|error| error.to_string())?;
+            }
+            Ok(Box::new(project))
         })?;
-        Ok(Self { opened, left, project })
+        Ok(Self { opened, left, is_again: false, errand })
+    }
+
+    /// Reads the files that are open again.
+    pub fn again(opened: Opened, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
+        Ok(Self { is_again: true, ..Self::begin(opened, None, wake)? })
     }
 
     pub fn what(&self) -> &Path {
@@ -51,12 +54,9 @@ impl Opening {
 
     /// What came of it, once it is there.
     pub fn take(self) -> Result<Done, Box<Self>> {
-        let project = match self.project.try_recv() {
-            Ok(project) => project,
-            Err(TryRecvError::Empty) => return Err(Box::new(self)),
-            Err(TryRecvError::Disconnected) => Err("it could not be opened".to_owned()),
-        };
-        Ok(Done { opened: self.opened, project, left: self.left })
+        let Some(project) = self.errand.take() else { return Err(Box::new(self)) };
+        let project = project.and_then(|project| project);
+        Ok(Done { opened: self.opened, project, left: self.left, is_again: self.is_again })
     }
 }
 

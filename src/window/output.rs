@@ -9,6 +9,7 @@ use eframe::egui::{self, RichText, Ui};
 use super::controls::parse_number;
 use super::dials::Dials;
 use super::jobs::{Jobs, State, Task, left};
+use super::progress;
 use crate::export::Export;
 use crate::photo::Wanted;
 use crate::sink::OutPath;
@@ -44,10 +45,8 @@ pub enum Ask {
 }
 
 impl Ask {
-    /// What is done, at the place that a person chose.
-    pub fn task(self, path: PathBuf) -> Task {
-        // The dialog has asked.
-        let force = path.exists();
+    /// What is done, at the place that a person chose. `force`: what is there may be replaced.
+    pub fn task(self, path: PathBuf, force: bool) -> Task {
         match self {
             Self::Folder(range) => Task::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
             Self::Video { range, lossless } => {
@@ -173,8 +172,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
             State::Waiting => _ = ui.weak("waits"),
             State::Cancelled => _ = ui.weak("cancelled"),
             State::Running { share, begun } => {
-                let bar = egui::ProgressBar::new(*share as f32).text(progress(*share, *begun));
-                ui.add(bar).widget_info(|| egui::WidgetInfo::labeled(egui::Role::ProgressIndicator, true, &entry.name));
+                progress::bar(ui, &entry.name, *share as f32, Some(percent(*share, *begun)));
             }
             State::Done(said) => _ = ui.label(format!("done: {said}")),
             State::Failed(why) => {
@@ -191,7 +189,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
     }
 }
 
-fn progress(share: f64, begun: Instant) -> String {
+fn percent(share: f64, begun: Instant) -> String {
     let rest = left(share, begun.elapsed()).map(|left| format!(", {} left", duration(left.as_secs_f64())));
     format!("{:.0} %{}", 100.0 * share, rest.unwrap_or_default())
 }

@@ -25,6 +25,22 @@ impl Of {
     }
 }
 
+const CHANNELS: [&str; 3] = ["Red", "Green", "Blue"];
+
+/// Chooses one of the camera's three channels.
+pub fn choose_channel(ui: &mut Ui, channel: &mut usize) {
+    for (n, name) in CHANNELS.into_iter().enumerate() {
+        ui.selectable_value(channel, n, name);
+    }
+}
+
+/// Chooses luma (0) or one of the three channels (1 to 3).
+pub fn choose_luma_or_channel(ui: &mut Ui, chosen: &mut usize) {
+    for (n, name) in ["Luma"].into_iter().chain(CHANNELS).enumerate() {
+        ui.selectable_value(chosen, n, name);
+    }
+}
+
 /// A plot's axes.
 #[derive(Clone, Copy, Debug)]
 pub struct Axes {
@@ -104,6 +120,12 @@ pub fn noise(plot: &mut PlotUi<'_>, name: &str, points: &[NoisePoint], color: Co
         plot.line(line(name, vec![[point.code, low], [point.code, high]], color.gamma_multiply(0.6)));
     }
     plot.points(dots(name, points.iter().map(|point| [point.code, point.sigma]).collect(), color));
+}
+
+/// Points of noise as rings, to tell them from dots of the same colour.
+pub fn noise_rings(plot: &mut PlotUi<'_>, name: &str, points: &[NoisePoint], color: Color32) {
+    let places = points.iter().map(|point| [point.code, point.sigma]).collect();
+    plot.points(dots(name, places, color).filled(false).radius(4.0));
 }
 
 /// What the colours mean here, in a line below a plot.

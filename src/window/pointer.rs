@@ -19,7 +19,8 @@ pub struct Pointed {
     pub moved_px: Result<DVec2, String>,
     /// Diameter of the circle of confusion, px; `None` for a pinhole.
     pub circle_px: Option<f64>,
-    pub codes: [u32; 3],
+    /// Of the camera's picture, 8 bits.
+    pub codes: [u8; 3],
 }
 
 impl Pointed {
@@ -37,11 +38,11 @@ impl Pointed {
             exposure_s: exposure_time_s(&camera, &shot.settings, frame, shot.interval_s(frame.index)),
             moved_px: shot.moved_px(frame, at_px, &surface).map_err(|error| told(&error)),
             circle_px: opening.map(|o| o.circle_px(geometry.intrinsics.fx_px, surface.depth_m).abs()),
-            codes: frame.pixels.at(at_px.x as u32, at_px.y as u32),
+            codes: frame.pixels.eight_bits_at(at_px.x as u32, at_px.y as u32),
         })
     }
 
-    /// The numbers, and both as they are: one pixel of the picture is three points.
+    /// The numbers, and way and circle drawn to one scale, with a pixel of the picture to compare them with.
     pub fn show(&self, ui: &mut Ui) {
         ui.horizontal(|ui| {
             let (rect, _) = ui.allocate_exact_size(vec2(72.0, 72.0), egui::Sense::hover());

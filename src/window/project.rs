@@ -1,21 +1,22 @@
 //! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
 
-mod written;
+mod save;
+mod scene;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use glam::DVec3;
-
-pub use self::written::SaveError;
 use super::History;
+use super::watch::{Stamp, stamp};
 use crate::camera::NoiseProfile;
 use crate::compositor::Settings;
 use crate::params::{ParamError, Params, Value, called, title};
 use crate::profile::Rig;
 use crate::recording::OpenOptions;
-use crate::scene::{self, Models, Scene, SceneError, SceneFile};
+use crate::scene::{self as scenes, Models, SceneFile};
 use crate::shot::{Given, Shot, ShotError};
+
+pub use save::{Draft, SaveError, Written};
 
 /// Everything that a change changes, and that undo brings back.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
@@ -66,7 +67,7 @@ pub struct Project {
     pub scene: Option<PathBuf>,
     /// Of the recording, as it was opened.
     pub metres_per_unit: f64,
-    scene_text: Option<scene::Document>,
+    scene_text: Option<scenes::Document>,
     /// What the shot's scene was loaded from.
     loaded: SceneFile,
     /// Of the scenes so far.
@@ -80,15 +81,21 @@ pub struct Project {
     /// The version at which what is compared with changed last, and what that is.
     other_version: u64,
     other: Option<Box<Other>>,
+    /// How the files were when they were read or written.
+    stamps: BTreeMap<PathBuf, Stamp>,
 }
 
 impl Project {
     /// Opens a recording and what is given with it, as [`Shot::open`].
     pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+        // Before they are read: what is changed in between is noticed.
+        let files = [Some(recording), given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
+        let mut stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
         let shot = Shot::open(recording, options, given)?;
+        stamps.extend(stamps.get(recording).map(|stamp| (shot.recording.path.clone(), *stamp)));
         // A model alone stands where its own coordinates put it, which no scene file can say.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let scene_text = given.scene.as_ref().filter(is_file).map(|path| scene::document::read(path)).transpose()?;
+        let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
         let scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
         let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene, other: None };
         Ok(Self {
@@ -113,7 +120,13 @@ impl Project {
             scene_version: 0,
             other_version: 0,
             other: None,
+            stamps,
         })
+    }
+
+    /// How a file was before it was read, or after it was written; `None` for one that was not there.
+    pub fn stamp(&self, path: &Path) -> Stamp {
+        self.stamps.get(path).copied().flatten()
     }
 
     /// What is composited now.
@@ -292,106 +305,6 @@ impl Project {
     pub fn go_to(&mut self, step: usize) {
         self.history.go_to(step);
         self.follow();
-    }
-
-    /// Where scene files are looked for and models named from: the scene's file, or where one would be made.
-    pub fn scene_path(&self) -> PathBuf {
-        self.scene.clone().unwrap_or_else(|| PathBuf::from("scene.toml"))
-    }
-
-    /// Whether objects can be placed: a model that is opened alone stands by its own coordinates.
-    pub fn can_place(&self) -> bool {
-        self.scene.is_none() || self.scene_text.is_some()
-    }
-
-    /// Changes what is put into the footage. What does not load is refused, and nothing changes.
-    pub fn change_scene(&mut self, what: &str, change: impl FnOnce(&mut SceneFile)) -> Result<(), SceneError> {
-        let mut edit = self.edit().clone();
-        change(&mut edit.scene);
-        let loaded = self.load(&edit.scene)?;
-        self.put(loaded, &edit.scene);
-        self.change(what, edit);
-        Ok(())
-    }
-
-    /// Shows another scene, which is no step of the history until it is kept. What does not load is refused, and what
-    /// was shown stays.
-    pub fn try_scene(&mut self, scene: SceneFile) -> Result<(), SceneError> {
-        if scene == self.edit().scene {
-            return Ok(());
-        }
-        let loaded = self.load(&scene)?;
-        self.put(loaded, &scene);
-        self.history.try_on(Edit { scene, ..self.edit().clone() });
-        self.follow();
-        Ok(())
-    }
-
-    /// Makes the scene that was tried a step. `false` where that changes nothing.
-    pub fn keep_tried(&mut self, what: &str) -> bool {
-        self.history.keep_tried(what)
-    }
-
-    /// Goes back to the scene before it was tried.
-    pub fn drop_tried(&mut self) {
-        self.history.drop_tried();
-        self.follow();
-    }
-
-    /// Goes on where a person was: one step, after what was opened. What does not load is refused, and nothing changes.
-    pub fn take_up(&mut self, edit: Edit) -> Result<(), SceneError> {
-        let loaded = self.load(&edit.scene)?;
-        self.put(loaded, &edit.scene);
-        self.change("taken up", edit);
-        self.close_step();
-        Ok(())
-    }
-
-    /// Takes what the files say now, as they were opened anew: one step, which can be taken back.
-    pub fn read_again(&mut self, fresh: Self) {
-        let edit = fresh.edit().clone();
-        (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
-        self.change("read again", edit);
-        self.close_step();
-    }
-
-    /// The world's up, for the scene as it is.
-    pub fn up(&self) -> DVec3 {
-        self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
-    }
-
-    fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
-        let path = self.scene_path();
-        scene::load_file_with(scene, &path, self.shot.recording.up, &mut self.models)
-    }
-
-    /// Has the shot show what was loaded from a scene file's contents. What follows has the next version.
-    fn put(&mut self, loaded: Scene, from: &SceneFile) {
-        self.shot.set_scene(Arc::new(loaded));
-        self.loaded = from.clone();
-        self.scene_version += 1;
-        self.other_version = self.version + 1;
-        self.problem = None;
-    }
-
-    /// Has the shot follow what is set.
-    fn follow(&mut self) {
-        if self.loaded != self.edit().scene {
-            let scene = self.edit().scene.clone();
-            // It was loaded when it was set; its files may be gone since.
-            match self.load(&scene) {
-                Ok(loaded) => self.put(loaded, &scene),
-                Err(error) => self.problem = Some(error.to_string()),
-            }
-        }
-        let edit = self.history.now();
-        self.shot.rig = edit.rig.clone();
-        self.shot.settings = edit.settings.clone();
-        self.version += 1;
-        if self.other != edit.other {
-            self.other = edit.other.clone();
-            self.other_version = self.version;
-        }
     }
 }
 

@@ -84,13 +84,13 @@ pub fn same(a: &Path, b: &Path) -> bool {
 
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Written {
+pub struct Saved {
     pub what: &'static str,
     pub path: PathBuf,
 }
 
 /// Says what was written, by name; the folder once where it is one.
-pub fn told(written: &[Written]) -> String {
+pub fn told(written: &[Saved]) -> String {
     let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let Some(first) = written.first() else { return "Nothing has changed since it was saved".to_owned() };
     let folder = whole(&first.path).parent().map(Path::to_owned).unwrap_or_default();
@@ -111,7 +111,7 @@ mod tests {
     fn what_was_written_is_named() {
         let [scene, profile, other] =
             [("scene", "/a/desk.toml"), ("profile", "/a/mine.toml"), ("profile", "/b/mine.toml")]
-                .map(|(what, path)| Written { what, path: path.into() });
+                .map(|(what, path)| Saved { what, path: path.into() });
         assert_eq!(told(&[scene.clone(), profile]), "Saved the scene desk.toml and the profile mine.toml, in /a");
         assert_eq!(told(&[scene, other.clone()]), "Saved the scene /a/desk.toml and the profile /b/mine.toml");
         assert_eq!(told(&[other]), "Saved the profile mine.toml, in /b");

@@ -15,7 +15,6 @@ use super::times::Times;
 use super::viewer::Viewer;
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
-use crate::gpu::GpuError;
 use crate::pixels::Pixels;
 use crate::shot::ShotError;
 use crate::words::without_options;
@@ -223,7 +222,10 @@ impl Session {
 
     pub fn problem(&self) -> Option<&str> {
         let told = self.message.as_ref().filter(|message| message.is_wrong).map(|message| message.text.as_str());
-        self.project.problem().or(self.picture_problem.as_deref()).or(told)
+        let picture = self.picture_problem.as_deref();
+        // What to do about a device that is gone says more than that a picture failed.
+        let own = if self.is_lost { told.or(picture) } else { picture.or(told) };
+        self.project.problem().or(own)
     }
 
     fn wanted(&self) -> Made {
@@ -254,6 +256,9 @@ impl Session {
     pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
         self.forget(ctx);
+        // A device says that it is lost when it is looked after; the window's own shapes would break off without it.
+        let gpu = self.viewer.gpu();
+        self.is_lost |= gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost());
         if let Some(thumbnails) = &mut self.thumbnails {
             thumbnails.work(ctx);
         }
@@ -298,11 +303,12 @@ impl Session {
                             (Some(picture.stats), picture.codes)
                         }
                         Err(error) => {
-                            self.is_lost |= matches!(error, ShotError::Gpu { source: GpuError::Lost(_), .. });
+                            self.is_lost |= matches!(&error, ShotError::Gpu { source, .. } if source.is_lost());
                             self.lacks_camera =
                                 matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
                             self.picture_problem = Some(without_options(&error.to_string()));
-                            let _ = self.viewer.gpu().take_failure();
+                            // What the window's own thread did wrong is over with this picture.
+                            self.is_lost |= self.viewer.gpu().take_failure().is_some_and(|failure| failure.is_lost());
                             (None, None)
                         }
                     };
@@ -353,7 +359,7 @@ impl Session {
         let begun = self.begun.filter(|begun| begun.shows_as(&wanted));
         let is_quiet = !self.player.playing && self.changed.is_none_or(|changed| changed.elapsed() >= QUIET);
         let lacks_size = begun.is_some_and(|begun| begun.by > 1) && is_quiet && self.viewer.under_way() == 0;
-        if self.ended || begun.is_some() && !lacks_codes && !lacks_size {
+        if self.ended || self.is_lost || begun.is_some() && !lacks_codes && !lacks_size {
             return false;
         }
         let by = if begun.is_some() { 1 } else { self.reduction() };
@@ -368,7 +374,9 @@ impl Session {
 
     /// Begins a picture of what is compared with, of the frame that was begun last.
     fn begin_other(&mut self) {
-        let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended) else { return };
+        let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended && !self.is_lost) else {
+            return;
+        };
         if self.begun_other == Some(wanted) {
             return;
         }

@@ -43,12 +43,21 @@ impl Side {
             // What another tab asks for goes with it.
             hand.cancel();
         }
+        if self.tab != Tab::Match {
+            self.matching.rest();
+        }
+        if self.tab != Tab::Calibrate {
+            self.calibrating.rest();
+        }
         match self.tab {
             Tab::Settings => {
                 let at_work = session.stats().map(|stats| stats.effects.clone());
                 return self.controls.show(ui, &mut session.project, at_work.as_deref());
             }
-            Tab::Match => self.matching.show(ui, session, hand, self.pointed),
+            Tab::Match => {
+                let picked = self.calibrating.points();
+                self.matching.show(ui, session, hand, self.pointed, picked);
+            }
             Tab::Calibrate => self.calibrating.show(ui, session, hand),
         }
         None

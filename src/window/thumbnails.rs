@@ -15,7 +15,7 @@ const HEIGHT: u32 = 72;
 /// How many at most.
 const MOST: usize = 40;
 
-/// Small pictures, the first, the last and the middle ones first.
+/// Small pictures: the first, then those that halve what lies between.
 pub struct Thumbnails {
     pictures: Vec<(usize, TextureHandle)>,
     decoded: Receiver<(usize, ColorImage)>,

@@ -9,7 +9,7 @@ use super::canvas;
 use super::maker::{FORMAT, Finished, Made, Maker, Order, Wants};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels, eight_bits};
 use crate::shot::Shot;
 
 /// A picture that the window can show.
@@ -167,8 +167,8 @@ fn rgba(pixels: &Pixels) -> Vec<u8> {
     match &pixels.codes {
         Codes::U8(codes) => codes.chunks_exact(3).for_each(|c| out.extend([c[0], c[1], c[2], 255])),
         Codes::U16(codes) => {
-            let eight = |code: u16| ((u32::from(code) + 128) / 257) as u8;
-            codes.chunks_exact(3).for_each(|c| out.extend([eight(c[0]), eight(c[1]), eight(c[2]), 255]));
+            let eight = |c: &[u16]| [eight_bits(c[0]), eight_bits(c[1]), eight_bits(c[2]), 255];
+            codes.chunks_exact(3).for_each(|c| out.extend(eight(c)));
         }
     }
     out

@@ -1,5 +1,5 @@
 //! Whether files that are open have been changed on disk by somebody else. They are looked at on a thread: a disk that
-//! does not answer does not hold the window up.
+//! does not answer does not hold the window up. What is read is looked at before, so that no change slips in between.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,9 +9,10 @@ use std::time::{Duration, Instant, SystemTime};
 const EVERY: Duration = Duration::from_secs(2);
 
 /// What tells a changed file: its time and its length; `None` where there is none.
-type Stamp = Option<(SystemTime, u64)>;
+pub type Stamp = Option<(SystemTime, u64)>;
 
-fn stamp(path: &Path) -> Stamp {
+/// Asks the disk, which may take its time.
+pub fn stamp(path: &Path) -> Stamp {
     let there = std::fs::metadata(path).ok()?;
     Some((there.modified().ok()?, if there.is_file() { there.len() } else { 0 }))
 }
@@ -62,9 +63,9 @@ impl Watch {
         })
     }
 
-    /// A file is as it is known to the window: it has just been read or written.
-    pub fn known(&mut self, path: &Path) {
-        self.known.insert(path.to_owned(), stamp(path));
+    /// A file has been read or written, and was like this: before it was read, or after it was written.
+    pub fn known(&mut self, path: &Path, stamp: Stamp) {
+        self.known.insert(path.to_owned(), stamp);
         self.changes.remove(path);
         self.is_stale = self.awaits;
     }
@@ -117,7 +118,7 @@ mod tests {
         std::fs::write(&path, "version = 1\n").unwrap();
         let (woken, wakes) = channel();
         let mut watch = Watch::begin(move || _ = woken.send(())).unwrap();
-        watch.known(&path);
+        watch.known(&path, stamp(&path));
         let mut now = Instant::now();
         let mut look = |watch: &mut Watch| {
             now += EVERY;
@@ -133,8 +134,13 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         assert_eq!(look(&mut watch), Some(Change::Gone));
         std::fs::write(&path, "version = 1\n# saved by us\n").unwrap();
-        watch.known(&path);
+        watch.known(&path, stamp(&path));
         assert_eq!(watch.change(&path), None);
         assert_eq!(look(&mut watch), None);
+        // Changed between the look at it and the end of reading it.
+        let before = stamp(&path);
+        std::fs::write(&path, "version = 1\n# by somebody else, while it was read\n").unwrap();
+        watch.known(&path, before);
+        assert_eq!(look(&mut watch), Some(Change::Changed));
     }
 }

@@ -33,7 +33,8 @@ impl Wrongs {
             match found.try_recv() {
                 Ok(wrongs) => self.found = Some((*of, wrongs)),
                 Err(TryRecvError::Empty) => return,
-                Err(TryRecvError::Disconnected) => {}
+                // It broke off, and would again: nothing is known of this one.
+                Err(TryRecvError::Disconnected) => self.found = Some((*of, Vec::new())),
             }
             self.looking = None;
         }

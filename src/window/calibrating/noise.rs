@@ -1,5 +1,6 @@
 //! Noise from plain places.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use eframe::egui::{self, DragValue, RichText, Ui};
@@ -8,18 +9,18 @@ use super::super::background::{Background, Ticket};
 use super::super::hand::{self, Hand, Purpose, Question};
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, Of};
+use super::super::progress;
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
-use crate::calibrate::{PickedError, PickedNoise, Place, SceneMotion, least_px, picked_noise};
+use crate::calibrate::{NoisePoint, PickedError, PickedNoise, Place, SceneMotion, least_px, picked_noise};
 use crate::camera::NoiseProfile;
 use crate::frame::Frame;
-use crate::pixels::{Pixels, Rect};
+use crate::pixels::Rect;
 use crate::shot::Shot;
 use crate::words::fixed;
 
 /// Frames at rest beyond this many tell little more.
 const MOST_FRAMES: usize = 30;
-const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 /// How noise is measured: where, and in which frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,6 +87,17 @@ impl Noise {
         if self.at_rest { SceneMotion::Resting } else { SceneMotion::Moving }
     }
 
+    /// What was measured last.
+    pub fn points(&self) -> Option<&[Vec<NoisePoint>; 3]> {
+        let found = self.measured.last().filter(|_| !self.places.is_empty())?;
+        found.noise.as_ref()?.as_ref().ok().map(|noise| &noise.points)
+    }
+
+    /// Nobody waits for what is being measured.
+    pub fn rest(&mut self) {
+        self.measured.rest();
+    }
+
     /// Takes what was picked.
     pub fn answers(&mut self, session: &Session, hand: &mut Hand) {
         if let (Some(at), Some(frame)) =
@@ -136,10 +148,10 @@ impl Noise {
             }
             None => {}
         }
-        parts::progress(ui, self.measured.progress());
+        progress::of(ui, "Noise", &self.measured);
         match found.noise {
             Some(Ok(noise)) => _ = ui.add_enabled_ui(is_current, |ui| self.found(ui, session, &noise, is_taken)),
-            Some(Err(why)) if is_same => parts::refused(ui, &why),
+            Some(Err(why)) if is_same => progress::refused(ui, &why),
             _ => {}
         }
     }
@@ -166,9 +178,7 @@ impl Noise {
     fn found(&mut self, ui: &mut Ui, session: &mut Session, found: &PickedNoise, is_taken: bool) {
         let present = session.project.edit().rig.noise.clone();
         ui.horizontal(|ui| {
-            for (channel, name) in CHANNELS.into_iter().enumerate() {
-                ui.selectable_value(&mut self.channel, channel, name);
-            }
+            plots::choose_channel(ui, &mut self.channel);
         });
         let (c, colors) = (self.channel, [Of::Profile, Of::Real, Of::Virtual].map(|of| of.color(ui)));
         let (before, points, after) =
@@ -227,23 +237,10 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Fo
         verdicts: vec![Verdict::Waits; of.places.len()],
         noise: Some(Err(why)).filter(|_| !ticket.is_cancelled()),
     };
-    let frames = match read(shot, shown, of, ticket) {
-        Ok(frames) => frames,
+    let places = match read(shot, shown, of, ticket) {
+        Ok(places) => places,
         Err(why) => return failed(why),
     };
-    let all: Vec<&Pixels> = frames.iter().map(|(_, pixels)| pixels).collect();
-    let places: Vec<Place<'_>> = of
-        .places
-        .iter()
-        .map(|place| {
-            let own = frames.iter().position(|(frame, _)| *frame == place.frame);
-            let frames = match (of.motion, own) {
-                (SceneMotion::Moving, Some(own)) => &all[own..=own],
-                _ => &all[..],
-            };
-            Place { frames, at: place.at }
-        })
-        .collect();
     let found = picked_noise(&places, of.motion, of.present.as_ref());
     let verdict = |n: usize| match found.places.get(n) {
         Some(Ok(code)) => Verdict::Good(format!("used, code {}", fixed(*code, 0))),
@@ -257,29 +254,28 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Fo
     Found { verdicts: (0..of.places.len()).map(verdict).collect(), noise }
 }
 
-/// The frames that are looked at, each once.
-fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec<(usize, Pixels)>, String> {
+/// The places with what their frames show. Each frame is decoded once, and of its pixels no others are held.
+fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec<Place>, String> {
     let [first, last] = of.frames;
-    let wanted: Vec<usize> = match of.motion {
+    let wanted: BTreeSet<usize> = match of.motion {
         SceneMotion::Resting => {
             (first..(last.max(first) + 1).min(shot.recording.frame_count()).min(first + MOST_FRAMES)).collect()
         }
-        SceneMotion::Moving => {
-            let frames: std::collections::BTreeSet<usize> = of.places.iter().map(|place| place.frame).collect();
-            frames.into_iter().collect()
-        }
+        SceneMotion::Moving => of.places.iter().map(|place| place.frame).collect(),
     };
-    let mut frames = Vec::new();
-    for frame in &wanted {
+    let mut places: Vec<Place> = of.places.iter().map(|place| Place::new(place.at)).collect();
+    for (n, frame) in wanted.iter().enumerate() {
         if ticket.is_cancelled() {
             return Err(String::new());
         }
-        let pixels = match shown.index == *frame {
-            true => shown.pixels.clone(),
-            false => shot.read(*frame).map_err(|error| error.to_string())?.pixels,
-        };
-        frames.push((*frame, pixels));
-        ticket.done(frames.len() as f64 / wanted.len() as f64);
+        let read = if shown.index == *frame { None } else { Some(shot.read(*frame).map_err(|e| e.to_string())?) };
+        let pixels = &read.as_ref().unwrap_or(shown).pixels;
+        for (place, picked) in places.iter_mut().zip(&of.places) {
+            if of.motion == SceneMotion::Resting || picked.frame == *frame {
+                place.add(pixels).map_err(|error| error.to_string())?;
+            }
+        }
+        ticket.done((n + 1) as f64 / wanted.len() as f64);
     }
-    Ok(frames)
+    Ok(places)
 }

@@ -1,4 +1,4 @@
-//! What measuring noise and measuring sharpness have in common: the list of places, progress, what is taken or left.
+//! What measuring noise and measuring sharpness have in common: the list of places, what is taken or left.
 
 use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
@@ -70,18 +70,6 @@ pub fn marks<'a>(
         let end = if matches!(verdicts.get(n), Some(Verdict::Bad(_))) { ": left out" } else { "" };
         (place.frame, place.at, format!("{what} {}{end}", n + 1))
     })
-}
-
-pub fn progress(ui: &mut Ui, progress: Option<f32>) {
-    if let Some(progress) = progress {
-        ui.add(egui::ProgressBar::new(progress).desired_height(6.0));
-        ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
-    }
-}
-
-/// Says why nothing was measured.
-pub fn refused(ui: &mut Ui, why: &str) {
-    ui.label(RichText::new(why).color(ui.visuals().warn_fg_color));
 }
 
 /// Small and not in the way.

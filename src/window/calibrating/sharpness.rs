@@ -7,6 +7,7 @@ use super::super::background::{Background, Ticket};
 use super::super::hand::{self, Hand, Purpose, Question};
 use super::super::matching::{draw_edge, width_of};
 use super::super::plots::{self, Axes, Of};
+use super::super::progress;
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
 use crate::calibrate::sharpness::{self, PARAMETER, together};
@@ -35,6 +36,11 @@ impl Sharpness {
     pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
         let all = parts::marks("edge", &self.edges, &self.verdicts);
         all.filter(move |(of, ..)| *of == frame).map(|(_, at, name)| (at, name))
+    }
+
+    /// Nobody waits for what is being measured.
+    pub fn rest(&mut self) {
+        self.measured.rest();
     }
 
     /// Takes what was picked.
@@ -72,7 +78,7 @@ impl Sharpness {
             }
             None => {}
         }
-        parts::progress(ui, self.measured.progress());
+        progress::of(ui, "Sharpness", &self.measured);
         let good: Vec<_> = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
         for (n, (edge, moved)) in &good {
             for note in sharpness::notes(edge, *moved) {
@@ -141,5 +147,5 @@ fn measure(shot: &Shot, edges: &[Picked], ticket: &Ticket) -> Edges {
         ticket.done((n + 1) as f64 / edges.len() as f64);
         Ok((edge, moved))
     };
-    edges.iter().enumerate().map(edge).collect()
+    edges.iter().enumerate().take_while(|_| !ticket.is_cancelled()).map(edge).collect()
 }

@@ -6,40 +6,44 @@ use eframe::egui;
 
 use super::super::autosave::Left;
 use super::super::dialogs::{self, Answer};
+use super::super::errand::Errand;
 use super::super::jobs::Jobs;
+use super::super::kind::Kind;
 use super::super::opening::Opening;
+use super::super::project::SaveError;
 use super::super::recent::Opened;
-use super::super::saving::{self, Agreed, Step, Written};
+use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
 use super::super::watch::Change;
 use super::{Keeper, Then, Turn};
-use crate::profile;
-use crate::recording::Recording;
-use crate::scene;
-use crate::source::file::{self, MOST_DOCUMENT};
 
 impl Keeper {
     /// A file that was dropped into the window, or chosen: what it is tells what becomes of it.
-    pub fn dropped(&mut self, path: PathBuf, session: &mut Session) {
-        let text = file::read_text(&path, MOST_DOCUMENT).map_err(|error| error.to_string());
-        let of_profile = text.and_then(|text| {
-            let read = profile::Document::parse(&text, &path).map_err(|error| error.to_string());
-            read.map(drop)
-        });
-        match (of_profile, scene::document::read(&path)) {
-            (Ok(()), _) => self.open_profile(path, session),
-            (_, Ok(_)) => {
+    pub fn dropped(&mut self, ctx: &egui::Context, path: PathBuf, session: &mut Session) {
+        let (wake, looked_at) = (ctx.clone(), path.clone());
+        match Errand::begin("looking", move || wake.request_repaint(), move || Kind::of(&looked_at)) {
+            Ok(looking) => self.looked_at.push((path, looking)),
+            Err(error) => session.wrong(format!("no thread can be started that opens it: {error}")),
+        }
+    }
+
+    /// Begins to open what was dropped, once it is known what it is.
+    pub(super) fn opens_dropped(&mut self, session: &mut Session) {
+        if self.then.is_some() || self.opening.is_some() {
+            return;
+        }
+        let Some(kind) = self.looked_at.first().and_then(|(_, looking)| looking.take()) else { return };
+        let (path, _) = self.looked_at.remove(0);
+        match kind {
+            Ok(Kind::Profile) => self.open_profile(path, session),
+            Ok(Kind::Scene) => {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None))
             }
-            // Recordings too are described by such files.
-            _ if Recording::is_at(&path) => {
+            Ok(Kind::Recording) => {
                 let opened = Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0 };
                 self.then = Some(Then::Open(opened, None));
             }
-            (Err(no_profile), Err(no_scene)) => session.wrong(format!(
-                "{}: neither a recording's folder, nor a model, nor a profile ({no_profile}), nor a scene ({no_scene})",
-                path.display()
-            )),
+            Ok(Kind::Neither(why)) | Err(why) => session.wrong(why),
         }
     }
 
@@ -49,47 +53,78 @@ impl Keeper {
         self.then = Some(Then::Open(Opened { profile: Some(path), ..opened }, None));
     }
 
-    pub(super) fn write(&mut self, session: &mut Session, step: &Step) {
+    /// Begins to write a file as all is set now. `chosen`: a person has just chosen it by name, and agreed that it is
+    /// replaced.
+    pub(super) fn write(&mut self, ctx: &egui::Context, session: &mut Session, step: &Step, chosen: bool) {
         let project = &mut session.project;
-        let (path, done) = match step {
-            Step::WriteScene(path) => (path, project.save_scene(path)),
-            Step::WriteProfile(path) => (path, project.save_profile(path)),
+        let (path, draft) = match step {
+            Step::WriteScene(path) => (path, project.scene_draft(path)),
+            Step::WriteProfile(path) => (path, Ok(project.profile_draft(path))),
             _ => return,
         };
-        match done {
-            Ok(()) => {
-                let what = if matches!(step, Step::WriteScene(_)) { "scene" } else { "profile" };
-                self.written.retain(|written| written.what != what);
-                self.written.push(Written { what, path: path.clone() });
-                session.say(saving::told(&self.written));
-                self.recent.add(Opened::of(&session.project));
-                self.passed_over.retain(|passed| passed != path);
-                if let Some(watch) = &mut self.watch {
-                    watch.known(path);
-                }
-            }
-            Err(error) => {
-                session.wrong(format!("Not saved: {error}"));
-                (self.saving, self.then) = (None, None);
-            }
+        let is_agreed = chosen || self.saving.as_ref().is_some_and(|agreed| agreed.contains(path));
+        let (known, wake) = (project.stamp(path), ctx.clone());
+        let begun = draft.map_err(|error| error.to_string()).and_then(|draft| {
+            let draft = if is_agreed { draft } else { draft.unless_changed(known) };
+            let begun = Errand::begin("saving", move || wake.request_repaint(), move || draft.write());
+            begun.map_err(|error| format!("no thread can be started that writes it: {error}"))
+        });
+        match begun {
+            Ok(writing) => self.writing = Some(writing),
+            Err(why) => self.not_saved(session, &why),
         }
     }
 
-    /// Goes on with what is being saved, until something has to be asked.
-    pub(super) fn saves(&mut self, session: &mut Session) {
-        while self.chooser.is_none() && self.asks_whether.is_none() && self.asks_first.is_none() {
+    fn not_saved(&mut self, session: &mut Session, why: &str) {
+        session.wrong(format!("Not saved: {why}"));
+        (self.saving, self.then) = (None, None);
+    }
+
+    /// Takes what has been written; whether something is still being written.
+    fn is_writing(&mut self, session: &mut Session) -> bool {
+        let Some(done) = self.writing.as_ref().map(Errand::take) else { return false };
+        let Some(done) = done else { return true };
+        self.writing = None;
+        match done {
+            Ok(Ok(written)) => {
+                let path = written.path.clone();
+                let what = written.what();
+                session.project.written(written);
+                self.saved.retain(|saved| saved.what != what);
+                self.saved.push(Saved { what, path: path.clone() });
+                session.say(saving::told(&self.saved));
+                self.recent.add(Opened::of(&session.project));
+                self.passed_over.retain(|passed| *passed != path);
+                if let Some(watch) = &mut self.watch {
+                    watch.known(&path, session.project.stamp(&path));
+                }
+            }
+            Ok(Err(SaveError::Changed(path))) => self.asks_whether = Some(path),
+            Ok(Err(error)) => self.not_saved(session, &error.to_string()),
+            Err(why) => self.not_saved(session, &why),
+        }
+        false
+    }
+
+    /// Goes on with what is being saved, until something has to be asked or waited for.
+    pub(super) fn saves(&mut self, ctx: &egui::Context, session: &mut Session) {
+        while !self.is_writing(session)
+            && self.chooser.is_none()
+            && self.asks_whether.is_none()
+            && self.asks_first.is_none()
+        {
             let Some(replaced) = &self.saving else { return };
             let project = &session.project;
             match saving::next(project, self.watch.as_ref(), Agreed { replaced, shared: &self.shared }) {
                 Step::Saved => {
                     self.saving = None;
-                    session.say(saving::told(&self.written));
+                    session.say(saving::told(&self.saved));
                 }
                 Step::NameScene => self.name_scene(project),
                 Step::NameProfile => self.name_profile(project),
                 Step::AskFirst(path) => self.asks_first = Some(path),
                 Step::AskWhether(path) => self.asks_whether = Some(path),
-                step => self.write(session, &step),
+                step => self.write(ctx, session, &step, false),
             }
         }
     }
@@ -125,7 +160,7 @@ impl Keeper {
             self.asks_first = None;
             return;
         }
-        if self.saving.is_some() {
+        if self.saving.is_some() || self.writing.is_some() {
             return;
         }
         self.goes_on(ctx, session);
@@ -202,13 +237,17 @@ impl Keeper {
     }
 
     fn read_again(&mut self, ctx: &egui::Context, session: &mut Session) {
-        self.reads_again = true;
-        self.begin(ctx, session, Opened::of(&session.project), None);
+        let wake = ctx.clone();
+        self.begun(session, Opening::again(Opened::of(&session.project), move || wake.request_repaint()));
     }
 
     fn begin(&mut self, ctx: &egui::Context, session: &mut Session, opened: Opened, left: Option<Left>) {
         let wake = ctx.clone();
-        match Opening::begin(opened, left, move || wake.request_repaint()) {
+        self.begun(session, Opening::begin(opened, left, move || wake.request_repaint()));
+    }
+
+    fn begun(&mut self, session: &mut Session, opening: std::io::Result<Opening>) {
+        match opening {
             Ok(opening) => self.opening = Some(opening),
             Err(error) => session.wrong(format!("no thread can be started that opens it: {error}")),
         }
@@ -224,9 +263,8 @@ impl Keeper {
                 return None;
             }
         };
-        let again = std::mem::take(&mut self.reads_again);
         match done.project {
-            Ok(fresh) if again => {
+            Ok(fresh) if done.is_again => {
                 session.project.read_again(*fresh);
                 session.say("Read again from the files; undo brings back what you had");
                 self.passed_over.clear();

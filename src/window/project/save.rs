@@ -1,0 +1,204 @@
+//! The files that keep a project. What is to be written is put together as plain values, so that another thread reads and
+//! writes it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::super::watch::{Stamp, stamp};
+use super::{Edit, Project, tables};
+use crate::compositor::Settings;
+use crate::profile::{self, ProfileError, Rig};
+use crate::recording::Recording;
+use crate::scene::{self, SceneError, SceneFile};
+use crate::sink::SinkError;
+use crate::sink::atomic::write_atomically;
+use crate::source::file::{self, MOST_DOCUMENT};
+
+/// Why something was not saved.
+#[derive(Debug, thiserror::Error)]
+pub enum SaveError {
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error("{}: {reason}", path.display())]
+    Text { path: PathBuf, reason: String },
+    #[error("{}: another program has changed it meanwhile", .0.display())]
+    Changed(PathBuf),
+}
+
+/// A file that is to be written, as all is set at this moment.
+#[derive(Debug)]
+pub struct Draft {
+    path: PathBuf,
+    /// The file must still be so; `None`: it is written over whatever is there.
+    known: Option<Stamp>,
+    what: What,
+}
+
+#[derive(Debug)]
+enum What {
+    Profile { recording: Arc<Recording>, edit: Box<Edit> },
+    Scene { text: String, scene: Box<SceneFile>, from: PathBuf },
+}
+
+/// A file that has been written.
+#[derive(Debug)]
+pub struct Written {
+    pub path: PathBuf,
+    stamp: Stamp,
+    what: What,
+}
+
+impl Written {
+    /// What it is, in words.
+    pub fn what(&self) -> &'static str {
+        match self.what {
+            What::Profile { .. } => "profile",
+            What::Scene { .. } => "scene",
+        }
+    }
+}
+
+impl Draft {
+    /// Refuses to be written over what another program has written since a file was looked at.
+    pub fn unless_changed(self, known: Stamp) -> Self {
+        Self { known: Some(known), ..self }
+    }
+
+    /// Writes the file: it is whole, or as it was.
+    pub fn write(self) -> Result<Written, SaveError> {
+        let Self { path, known, what } = self;
+        if known.is_some_and(|known| stamp(&path) != known) {
+            return Err(SaveError::Changed(path));
+        }
+        let text = match &what {
+            What::Profile { recording, edit } => profile_text(recording, edit, &path)?,
+            What::Scene { text, .. } => text.clone(),
+        };
+        write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        Ok(Written { stamp: stamp(&path), path, what })
+    }
+}
+
+/// What differs from the recording's own camera and from the profile's text is set in that text.
+fn profile_text(recording: &Recording, edit: &Edit, path: &Path) -> Result<String, SaveError> {
+    let (mut rig, mut settings) = (Rig::default(), Settings::default());
+    if let Some(own) = &recording.camera_profile {
+        rig.read(own, &mut settings)?;
+    }
+    if let Some(geometry) = &recording.geometry {
+        rig.lay_over(geometry);
+    }
+    let mut document = match path.exists() {
+        true => {
+            let failed = |source| ProfileError::Read { path: path.to_owned(), source };
+            let bytes = file::read(path, MOST_DOCUMENT).map_err(failed)?;
+            let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
+                path: path.to_owned(),
+                reason: "the file is no text, so no profile: nothing was saved".to_owned(),
+            })?;
+            rig.read_text(&text, path, &mut settings)?;
+            profile::Document::parse(&text, path)?
+        }
+        false => profile::Document::new(""),
+    };
+    let [before, now] = [(&rig, &settings), (&edit.rig, &edit.settings)].map(|(rig, settings)| tables(rig, settings));
+    for (before, now) in before.into_iter().zip(now) {
+        for spec in now.specs() {
+            if before.get(spec.name) != now.get(spec.name) {
+                document.set_param(now, spec.name);
+            }
+        }
+    }
+    for effect in edit.settings.effects().map(|effect| effect.table()) {
+        let on = edit.settings.is_on(effect);
+        if settings.is_on(effect) != on {
+            document.switch(effect, on);
+        }
+    }
+    match &edit.rig.noise {
+        Some(noise) if rig.noise.as_ref() != Some(noise) => {
+            document.set_noise(noise, "`'s method, from places picked in the window.");
+        }
+        None => document.remove_noise(),
+        Some(_) => {}
+    }
+    Ok(document.to_string())
+}
+
+impl Project {
+    /// What differs from the recording's own camera and from a profile's text, to be written into that profile, whose
+    /// comments and other keys stay. A new file is made where there is none.
+    pub fn profile_draft(&self, path: &Path) -> Draft {
+        let what = What::Profile { recording: Arc::clone(&self.shot.recording), edit: Box::new(self.edit().clone()) };
+        Draft { path: path.to_owned(), known: None, what }
+    }
+
+    /// The scene file, whose comments and order stay. In another folder it names the same models.
+    pub fn scene_draft(&mut self, path: &Path) -> Result<Draft, SaveError> {
+        let from = self.scene_path();
+        let scene = moved(&self.edit().scene, &from, path);
+        let failed =
+            |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
+        let text = match &mut self.scene_text {
+            Some(text) => {
+                text.set(scene.clone()).map_err(|e| failed(&e))?;
+                text.to_string()
+            }
+            None => {
+                let made = scene::Document::new(scene.clone()).map_err(|e| failed(&e))?;
+                self.scene_text.insert(made).to_string()
+            }
+        };
+        Ok(Draft { path: path.to_owned(), known: None, what: What::Scene { text, scene: Box::new(scene), from } })
+    }
+
+    /// A draft has been written: from now on this is what is saved.
+    pub fn written(&mut self, written: Written) {
+        let Written { path, stamp, what } = written;
+        self.stamps.insert(path.clone(), stamp);
+        match what {
+            What::Profile { edit, .. } => {
+                self.saved.rig = edit.rig;
+                self.saved.settings = edit.settings;
+                self.profile = Some(path);
+            }
+            What::Scene { scene, from, .. } => {
+                self.history.each(|edit| edit.scene = moved(&edit.scene, &from, &path));
+                self.opened.scene = moved(&self.opened.scene, &from, &path);
+                self.loaded = moved(&self.loaded, &from, &path);
+                self.saved.scene = *scene;
+                self.scene = Some(path);
+            }
+        }
+    }
+
+    /// Writes the profile, and waits for it.
+    pub fn save_profile(&mut self, path: &Path) -> Result<(), SaveError> {
+        let written = self.profile_draft(path).write()?;
+        self.written(written);
+        Ok(())
+    }
+
+    /// Writes the scene file, and waits for it.
+    pub fn save_scene(&mut self, path: &Path) -> Result<(), SaveError> {
+        let written = self.scene_draft(path)?.write()?;
+        self.written(written);
+        Ok(())
+    }
+}
+
+/// A scene whose file moves: its models and its panorama are the same files.
+fn moved(scene: &SceneFile, from: &Path, to: &Path) -> SceneFile {
+    let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| Some(path.parent()?.to_owned()));
+    let mut scene = scene.clone();
+    let (Some(old), Some(new)) = (folder(from), folder(to)) else { return scene };
+    if old != new {
+        let names = scene.objects.iter_mut().map(|object| &mut object.model).chain(&mut scene.light.environment);
+        names.for_each(|name| *name = scene::relative(&old.join(&*name), to));
+    }
+    scene
+}

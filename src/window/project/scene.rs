@@ -1,0 +1,112 @@
+//! What is put into the footage: the scene as it is edited, tried and loaded.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::{Edit, Project};
+use crate::scene::{self, Scene, SceneError, SceneFile};
+
+impl Project {
+    /// Where scene files are looked for and models named from: the scene's file, or where one would be made.
+    pub fn scene_path(&self) -> PathBuf {
+        self.scene.clone().unwrap_or_else(|| PathBuf::from("scene.toml"))
+    }
+
+    /// Whether objects can be placed: a model that is opened alone stands by its own coordinates.
+    pub fn can_place(&self) -> bool {
+        self.scene.is_none() || self.scene_text.is_some()
+    }
+
+    /// Changes what is put into the footage. What does not load is refused, and nothing changes.
+    pub fn change_scene(&mut self, what: &str, change: impl FnOnce(&mut SceneFile)) -> Result<(), SceneError> {
+        let mut edit = self.edit().clone();
+        change(&mut edit.scene);
+        let loaded = self.load(&edit.scene)?;
+        self.put(loaded, &edit.scene);
+        self.change(what, edit);
+        Ok(())
+    }
+
+    /// Shows another scene, which is no step of the history until it is kept. What does not load is refused, and what
+    /// was shown stays.
+    pub fn try_scene(&mut self, scene: SceneFile) -> Result<(), SceneError> {
+        if scene == self.edit().scene {
+            return Ok(());
+        }
+        let loaded = self.load(&scene)?;
+        self.put(loaded, &scene);
+        self.history.try_on(Edit { scene, ..self.edit().clone() });
+        self.follow();
+        Ok(())
+    }
+
+    /// Makes the scene that was tried a step. `false` where that changes nothing.
+    pub fn keep_tried(&mut self, what: &str) -> bool {
+        self.history.keep_tried(what)
+    }
+
+    /// Goes back to the scene before it was tried.
+    pub fn drop_tried(&mut self) {
+        self.history.drop_tried();
+        self.follow();
+    }
+
+    /// Goes on where a person was: one step, after what was opened. What does not load is refused, and nothing changes.
+    pub fn take_up(&mut self, edit: Edit) -> Result<(), SceneError> {
+        let loaded = self.load(&edit.scene)?;
+        self.put(loaded, &edit.scene);
+        self.change("taken up", edit);
+        self.close_step();
+        Ok(())
+    }
+
+    /// Takes what the files say now, as they were opened anew: one step, which can be taken back.
+    pub fn read_again(&mut self, fresh: Self) {
+        let edit = fresh.edit().clone();
+        (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
+        self.stamps = fresh.stamps;
+        self.change("read again", edit);
+        self.close_step();
+    }
+
+    /// The world's up, for the scene as it is.
+    pub fn up(&self) -> DVec3 {
+        self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
+    }
+
+    fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
+        let path = self.scene_path();
+        scene::load_file_with(scene, &path, self.shot.recording.up, &mut self.models)
+    }
+
+    /// Has the shot show what was loaded from a scene file's contents. What follows has the next version.
+    fn put(&mut self, loaded: Scene, from: &SceneFile) {
+        self.shot.set_scene(Arc::new(loaded));
+        self.loaded = from.clone();
+        self.scene_version += 1;
+        self.other_version = self.version + 1;
+        self.problem = None;
+    }
+
+    /// Has the shot follow what is set.
+    pub(super) fn follow(&mut self) {
+        if self.loaded != self.edit().scene {
+            let scene = self.edit().scene.clone();
+            // It was loaded when it was set; its files may be gone since.
+            match self.load(&scene) {
+                Ok(loaded) => self.put(loaded, &scene),
+                Err(error) => self.problem = Some(error.to_string()),
+            }
+        }
+        let edit = self.history.now();
+        self.shot.rig = edit.rig.clone();
+        self.shot.settings = edit.settings.clone();
+        self.version += 1;
+        if self.other != edit.other {
+            self.other = edit.other.clone();
+            self.other_version = self.version;
+        }
+    }
+}
