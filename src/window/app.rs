@@ -387,15 +387,9 @@ impl App {
     /// What stands beside the picture.
     fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
         egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(350.0..=700.0).show(ui, |ui| {
-            // What is too wide for it is cut: it does not grow.
-            let room = ui.available_rect_before_wrap();
-            let mut inner = ui.new_child(egui::UiBuilder::new().max_rect(room));
-            inner.shrink_clip_rect(room);
-            inner.add_space(4.0);
-            if let Some(refused) = self.side.show(&mut inner, &mut self.session, &mut self.hand) {
+            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
                 self.session.say(refused);
             }
-            ui.advance_cursor_after_rect(room);
         });
         egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
             ui.add_space(4.0);

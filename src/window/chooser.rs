@@ -134,9 +134,8 @@ impl Chooser {
 
     /// What a name or a path means that was typed.
     fn meant(&self, typed: &str) -> PathBuf {
-        let home = || std::env::home_dir();
         match typed.strip_prefix('~').filter(|rest| rest.is_empty() || rest.starts_with('/')) {
-            Some(rest) => home().map_or_else(|| typed.into(), |home| home.join(rest.trim_start_matches('/'))),
+            Some(rest) => std::env::home_dir().unwrap_or_default().join(rest.trim_start_matches('/')),
             None => self.folder.join(typed),
         }
     }
@@ -476,14 +475,13 @@ mod tests {
         assert_eq!(type_in("oth").0, at("other.toml"));
         assert_eq!(type_in(&whole("mine.toml")).0, at("mine.toml"));
         assert_eq!(type_in(&whole("oth")).0, at("other.toml"), "a part of a name in another folder");
-        assert_eq!((type_in("nothing").0, type_in("toml").0, type_in("").0), (None, None, None));
+        assert_eq!([type_in("nothing").0, type_in("toml").0, type_in("").0], [None, None, None]);
         assert_eq!(type_in("in"), (None, within.clone()));
         assert_eq!(type_in("../mine.toml").0, Some(Chosen::free(within.join("../mine.toml"))));
         assert_eq!(type_in(&whole("")), (None, PathBuf::from(whole(""))));
         assert!(open.told.is_none() && open.wants_keys && open.name.is_empty());
         (open.name, open.is_typed) = ("nothing".to_owned(), true);
-        assert_eq!(open.enter(), None);
-        assert!(open.told.is_some());
+        assert!(open.enter().is_none() && open.told.is_some());
 
         let mut save = Chooser::new("Save", Seeks::NewFile(endings), &temp.path().join("mine.toml"));
         assert_eq!(save.name, "mine.toml");

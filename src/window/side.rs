@@ -1,6 +1,6 @@
 //! What stands at the right of the picture: settings, plots that say whether it matches, and calibration.
 
-use eframe::egui::Ui;
+use eframe::egui::{Ui, UiBuilder};
 use glam::DVec2;
 
 use super::calibrating::Calibrating;
@@ -32,6 +32,17 @@ pub struct Side {
 impl Side {
     /// Shows the tab that is chosen. Values that are refused are given back as text.
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+        // What is too wide for the panel is cut: it does not grow.
+        let room = ui.available_rect_before_wrap();
+        let mut inner = ui.new_child(UiBuilder::new().max_rect(room));
+        inner.shrink_clip_rect(room);
+        inner.add_space(4.0);
+        let refused = self.within(&mut inner, session, hand);
+        ui.advance_cursor_after_rect(room);
+        refused
+    }
+
+    fn within(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
         let before = self.tab;
         ui.horizontal(|ui| {
             for (tab, name) in [(Tab::Settings, "Settings"), (Tab::Match, "Match"), (Tab::Calibrate, "Calibrate")] {
