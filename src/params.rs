@@ -90,6 +90,8 @@ impl fmt::Display for Kind {
 #[derive(Clone, Debug)]
 pub struct Spec {
     pub name: &'static str,
+    /// What a person reads, where the name alone reads badly; see [`Spec::words`].
+    pub called: Option<&'static str>,
     /// Empty for switches and choices.
     pub unit: &'static str,
     pub kind: Kind,
@@ -99,6 +101,36 @@ pub struct Spec {
     pub help: &'static str,
     /// Whether it is felt by its ratio: a slider of it goes by decades.
     pub by_ratio: bool,
+}
+
+/// The ends of names that say a unit.
+const UNITS: [(&str, &str); 7] =
+    [("px", "_px"), ("s", "_s"), ("m", "_m"), ("mm", "_mm"), ("deg", "_deg"), ("EV", "_ev"), ("1/s", "_per_s")];
+
+impl Spec {
+    /// The name as a person reads it: as it is declared, or else its words, without the unit, which stands with the value.
+    pub fn words(&self) -> String {
+        let end = UNITS.iter().find(|(unit, _)| *unit == self.unit).map_or("", |(_, end)| end);
+        let stem = self.name.strip_suffix(end).filter(|stem| !stem.is_empty()).unwrap_or(self.name);
+        self.called.map_or_else(|| sentence(&stem.replace('_', " ")), str::to_owned)
+    }
+}
+
+/// A table's name as a person reads it: `camera.lens` is "Camera: lens".
+pub fn title(table: &str) -> String {
+    sentence(&table.replace('_', " ").replace('.', ": "))
+}
+
+/// A parameter as a person reads it, with its table: "Camera: lens: focus distance" is `camera.lens.focus_distance_m`.
+pub fn called(params: &dyn Params, name: &str) -> String {
+    let spec = params.specs().into_iter().find(|spec| spec.name == name);
+    format!("{}: {}", title(params.table()), spec.map_or_else(|| name.to_owned(), |spec| spec.words()))
+}
+
+/// Beginning with a capital.
+fn sentence(words: &str) -> String {
+    let mut chars = words.chars();
+    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
 }
 
 /// Why a value was refused.
@@ -232,7 +264,7 @@ macro_rules! choices {
     };
 }
 
-/// Declares a table of parameters.
+/// Declares a table of parameters. `as` gives a name that people read where the field's own words read badly.
 ///
 /// ```
 /// locard::params! {
@@ -253,7 +285,7 @@ macro_rules! choices {
 #[macro_export]
 macro_rules! params {
     ($(#[$meta:meta])* pub struct $name:ident in $table:literal {
-        $($help:literal $field:ident : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)? ;)*
+        $($help:literal $field:ident $(as $called:literal)? : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)? ;)*
     }) => {
         $(#[$meta])*
         #[derive(Clone, Debug, PartialEq)]
@@ -282,10 +314,14 @@ macro_rules! params {
                     let mut unit = "";
                     #[allow(unused_mut, unused_assignments)]
                     let mut by_ratio = false;
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut called = None;
+                    $(called = Some($called);)?
                     $($(by_ratio = $crate::by_ratio!($scale);)?)?
                     $(range = Some({ let r: std::ops::RangeInclusive<f64> = $range; (*r.start(), *r.end()) }); unit = $unit;)?
                     $crate::params::Spec {
                         name: stringify!($field),
+                        called,
                         unit,
                         kind: <$type as $crate::params::Field>::kind(range),
                         default: $crate::params::Field::to_value(&default.$field),
@@ -354,7 +390,7 @@ mod tests {
     crate::params! {
         /// Test.
         pub struct Demo in "demo" {
-            "how much" amount: f32 = 0.5, "px", 0.0..=2.0;
+            "how much" amount as "How much": f32 = 0.5, "px", 0.0..=2.0;
             "how many" count: u32 = 3, "1", 1.0..=9.0;
             "which way" method: Method = Method::Good;
             "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0, by_ratio;
@@ -390,6 +426,24 @@ mod tests {
         for wrong in ["on", "3", "none", "slow"] {
             assert!(demo.set("method", &Value::parse(wrong)).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn names_are_read_as_words_without_their_unit() {
+        let spec = |name, unit, called| Spec { name, unit, called, ..Demo::default().specs()[0].clone() };
+        for (name, unit, words) in [
+            ("focus_distance_m", "m", "Focus distance"),
+            ("frames_per_s", "1/s", "Frames"),
+            ("iso", "1", "Iso"),
+            ("ev", "EV", "Ev"),
+            ("threshold_px", "mm", "Threshold px"),
+        ] {
+            assert_eq!(spec(name, unit, None).words(), words);
+        }
+        assert_eq!(spec("iso", "1", Some("ISO")).words(), "ISO");
+        let demo = Demo::default();
+        assert_eq!([called(&demo, "amount"), called(&demo, "count")], ["Demo: How much", "Demo: Count"]);
+        assert_eq!(title("camera.lens"), "Camera: lens");
     }
 
     #[test]

@@ -66,6 +66,23 @@ fn cut(text: &str, most: usize) -> String {
     out
 }
 
+/// A message where there is no command line: what it says of one stands in parentheses, as in " (--force)", and is left out.
+pub fn without_options(text: &str) -> String {
+    let mut out = String::new();
+    let mut rest = text;
+    while let Some(start) = rest.find(" (") {
+        let (before, from) = rest.split_at(start);
+        let Some(end) = from.find(')') else { break };
+        let (aside, after) = from.split_at(end + 1);
+        out += before;
+        if !aside.contains("--") && !aside.contains("`locard ") {
+            out += aside;
+        }
+        rest = after;
+    }
+    out + rest
+}
+
 /// With this many decimals. Numbers too large to read that way get six significant digits.
 pub fn fixed(number: f64, digits: usize) -> String {
     if number.is_finite() && number.abs() >= 1e15 {
@@ -123,6 +140,16 @@ pub fn short(number: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn what_is_said_of_the_command_line_is_left_out() {
+        let plain = super::without_options;
+        assert_eq!(
+            plain("a.png: exists already, and is kept (--force replaces it)"),
+            "a.png: exists already, and is kept"
+        );
+        assert_eq!(plain("a (b) c (`locard inspect SCENE`; --x) d (e"), "a (b) c d (e");
+    }
+
     #[test]
     fn one_is_not_many() {
         assert_eq!([0, 1, 2].map(|n| super::count(n, "sun")), ["0 suns", "1 sun", "2 suns"]);

@@ -12,7 +12,7 @@ mod random;
 use std::path::PathBuf;
 
 use locard::calibrate::sharpness::{SharpnessError, edge, together};
-use locard::calibrate::{PickedError, SceneMotion, picked_noise};
+use locard::calibrate::{Picked, PickedError, PickedNoise, Place, SceneMotion, Unfit, Warning, picked_noise};
 use locard::camera::{NoiseBin, NoiseProfile, Response};
 use locard::measure::Grey;
 use locard::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
@@ -240,6 +240,19 @@ fn patches(frames: usize, codes: &[f64], slope: f64) -> Vec<Pixels> {
     (0..frames).map(frame).collect()
 }
 
+/// A place in frames.
+fn place(frames: &[&Pixels], at: Rect) -> Place {
+    let mut place = Place::new(at);
+    frames.iter().for_each(|frame| place.add(frame).unwrap());
+    place
+}
+
+/// Measures places that are all in the same frames.
+fn pick(frames: &[&Pixels], places: &[Rect], motion: SceneMotion, present: Option<&NoiseProfile>) -> Picked {
+    let places: Vec<Place> = places.iter().map(|at| place(frames, *at)).collect();
+    picked_noise(&places, motion, present)
+}
+
 fn places(count: i32) -> Vec<Rect> {
     (0..count).map(|n| Rect::new(64 * n, 0, 64 * n + 64, 72)).collect()
 }
@@ -249,7 +262,13 @@ fn noise_of_picked_places_comes_back_at_rest_and_in_single_frames() {
     let codes = [40.0, 120.0, 200.0];
     for (motion, frames) in [(SceneMotion::Resting, 10), (SceneMotion::Moving, 1)] {
         let frames = patches(frames, &codes, 0.05);
-        let found = picked_noise(&frames.iter().collect::<Vec<_>>(), &places(3), motion, None).unwrap();
+        let picked = pick(&frames.iter().collect::<Vec<_>>(), &places(3), motion, None);
+        for (place, code) in picked.places.iter().zip(codes) {
+            assert!((place.as_ref().unwrap() - code).abs() < 1.0, "{motion:?}: {:?}", picked.places);
+        }
+        let found = picked.noise.unwrap();
+        // The range that was measured says it.
+        assert!(!found.warnings.iter().any(|warning| matches!(warning, Warning::Filled { .. })), "{found:?}");
         for points in &found.points {
             assert!(points.len() >= 3, "{motion:?}: {points:?}");
             for point in points {
@@ -273,28 +292,62 @@ fn noise_of_picked_places_comes_back_at_rest_and_in_single_frames() {
 fn places_that_tell_nothing_say_why() {
     let frames = patches(4, &[40.0, 120.0, 200.0], 0.0);
     let all: Vec<&Pixels> = frames.iter().collect();
-    let ask = |frames: &[&Pixels], places: &[Rect], motion| picked_noise(frames, places, motion, None).unwrap_err();
-    assert!(matches!(ask(&all, &[], SceneMotion::Moving), PickedError::NoPlace));
-    assert!(matches!(ask(&all[..1], &places(1), SceneMotion::Resting), PickedError::OneFrame));
-    let small = ask(&all, &[Rect::new(0, 0, 8, 40)], SceneMotion::Moving);
-    assert!(small.to_string().contains("place 1: 8x40 px"), "{small}");
+    let ask = |frames: &[&Pixels], places: &[Rect], motion| pick(frames, places, motion, None);
+    let verdict = |picked: Picked| {
+        assert!(matches!(picked.noise, Err(PickedError::NoneFit)), "{picked:?}");
+        picked.places.into_iter().next().unwrap().unwrap_err()
+    };
+    assert!(matches!(ask(&all, &[], SceneMotion::Moving).noise, Err(PickedError::NoPlace)));
+    assert!(matches!(ask(&all[..1], &places(1), SceneMotion::Resting).noise, Err(PickedError::OneFrame)));
+    for (motion, least) in [(SceneMotion::Moving, 24), (SceneMotion::Resting, 12)] {
+        let small = verdict(ask(&all[..2], &[Rect::new(0, 0, 8, 40)], motion));
+        assert_eq!(small, Unfit::Small { width: 8, height: 40, least });
+    }
     // Half of it is another patch.
-    let textured = ask(&all[..1], &[Rect::new(4, 0, 60, 60), Rect::new(40, 0, 88, 60)], SceneMotion::Moving);
-    assert!(matches!(textured, PickedError::Textured { place: 2, .. }), "{textured}");
-    let bright = patches(2, &[254.9], 0.0);
-    assert!(matches!(
-        ask(&bright.iter().collect::<Vec<_>>(), &places(1), SceneMotion::Moving),
-        PickedError::Few { .. }
-    ));
+    let textured = verdict(ask(&all[..1], &[Rect::new(40, 0, 88, 60)], SceneMotion::Moving));
+    assert!(matches!(textured, Unfit::Textured { times } if times > 3.0), "{textured}");
+    let (bright, flat) = (patches(2, &[254.9], 0.0), Pixels::from_u8(64, 64, vec![90; 64 * 64 * 3]).unwrap());
+    for motion in [SceneMotion::Moving, SceneMotion::Resting] {
+        assert_eq!(verdict(ask(&bright.iter().collect::<Vec<_>>(), &places(1), motion)), Unfit::Clipped, "{motion:?}");
+    }
+    assert_eq!(verdict(ask(&[&flat], &places(1), SceneMotion::Moving)), Unfit::Quiet);
     // A step that wanders.
-    let moving: Vec<Pixels> = (0..4)
+    let moves = verdict(ask(&wandering().iter().collect::<Vec<_>>(), &places(1), SceneMotion::Resting));
+    assert_eq!(moves, Unfit::Changes);
+}
+
+/// A step that goes on by 9 px from frame to frame.
+fn wandering() -> Vec<Pixels> {
+    (0..4)
         .map(|n| {
             let code = |i: usize| if (i / 3 % 64 + 9 * n) % 32 < 16 { 60 } else { 160 };
-            Pixels::from_u8(64, 64, (0..64 * 64 * 3).map(code).collect()).unwrap()
+            Pixels::from_u8(64, 72, (0..64 * 72 * 3).map(code).collect()).unwrap()
         })
-        .collect();
-    let moves = ask(&moving.iter().collect::<Vec<_>>(), &[Rect::new(0, 0, 64, 64)], SceneMotion::Resting);
-    assert!(matches!(moves, PickedError::Moves { place: 1 } | PickedError::Calibrate(_)), "{moves}");
+        .collect()
+}
+
+/// Whatever else is picked, the good places say what they say alone.
+#[test]
+fn bad_places_do_not_keep_good_ones_from_being_used() {
+    let alike = |a: &PickedNoise, b: &PickedNoise| a.profile == b.profile && a.points == b.points;
+    let frames = patches(4, &[40.0, 120.0, 200.0], 0.0);
+    let all: Vec<&Pixels> = frames.iter().collect();
+    let (good, small) = ([Rect::new(4, 0, 60, 60), Rect::new(132, 0, 188, 60)], Rect::new(0, 0, 8, 40));
+    // Two across the border of two patches.
+    let bad = [Rect::new(40, 0, 88, 60), Rect::new(104, 0, 152, 70), small];
+    let alone = pick(&all[..1], &good, SceneMotion::Moving, None).noise.unwrap();
+    let mixed = pick(&all[..1], &[bad[0], good[0], bad[1], bad[2], good[1]], SceneMotion::Moving, None);
+    let is_good: Vec<bool> = mixed.places.iter().map(Result::is_ok).collect();
+    assert_eq!(is_good, [false, true, false, false, true], "{:?}", mixed.places);
+    assert!(alike(&alone, &mixed.noise.unwrap()));
+
+    let moving = wandering();
+    let moving: Vec<&Pixels> = moving.iter().collect();
+    let alone = picked_noise(&[place(&all[..], good[0])], SceneMotion::Resting, None).noise.unwrap();
+    let both = [place(&moving[..], Rect::new(0, 0, 64, 64)), place(&all[..], good[0])];
+    let mixed = picked_noise(&both, SceneMotion::Resting, None);
+    assert!(matches!(mixed.places[..], [Err(Unfit::Changes), Ok(_)]), "{:?}", mixed.places);
+    assert!(alike(&alone, &mixed.noise.unwrap()));
 }
 
 #[test]
@@ -306,7 +359,7 @@ fn the_present_profile_goes_on_where_nothing_was_picked() {
         neighbour_correlation: [0.0; 2],
     };
     let frames = patches(1, &[120.0], 0.0);
-    let found = picked_noise(&[&frames[0]], &places(1), SceneMotion::Moving, Some(&present)).unwrap();
+    let found = pick(&[&frames[0]], &places(1), SceneMotion::Moving, Some(&present)).noise.unwrap();
     // The patch has what the profile says: 1 + 120/100.
     for c in 0..3 {
         assert!((found.profile.sigma(c, 250.0) / 3.5 - 1.0).abs() < 0.1, "{:?}", found.profile);

@@ -46,6 +46,20 @@ fn things_come_to_rest_on_the_floor_and_the_file_keeps_its_comments() {
 }
 
 #[test]
+fn without_a_heading_the_front_faces_the_camera() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    said(&place(file.to_str().unwrap(), &["--at", "320,300", "--model", "scenes/marker-1.glb"]));
+    let placed = document::read(&file).unwrap().value().objects[0].clone();
+    // From above: the front looks along −y, turned by the heading counter-clockwise.
+    let (sin, cos) = placed.heading_deg.unwrap().to_radians().sin_cos();
+    let [x, y, _] = placed.position_m.unwrap();
+    let to_camera = shot::demo("scenes/demo.toml").eye(30).unwrap().position_m() - glam::DVec3::new(x, y, 0.0);
+    let off = (sin * to_camera.x - cos * to_camera.y) / to_camera.truncate().length();
+    assert!(off > 0.99999, "{placed:?} {to_camera}");
+}
+
+#[test]
 fn on_a_real_desk_the_surface_is_the_desks() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let temp = tempfile::tempdir().unwrap();

@@ -20,7 +20,7 @@ use locard::params::{Kind, Params, Value};
 use locard::recording::OpenOptions;
 use locard::shot::{Given, Shot};
 use locard::window::{App, Origin, Project};
-use worked::{codes, settle, shown, until, window};
+use worked::{called, codes, settle, shown, until, window};
 
 fn given(profile: Option<&Path>) -> Given {
     Given { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..Given::default() }
@@ -66,7 +66,7 @@ fn it_shows_what_composite_writes() {
     assert!(before == written(&[], 31));
 
     search(&mut window, "noise scale");
-    window.get_by_role_and_label(Role::Slider, "noise.scale").set_value_accesskit(0.0);
+    window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.0);
     settle(&mut window);
     assert_eq!(value(&window, "noise", "scale"), Value::Number(0.0));
     let quiet = shown(&window);
@@ -94,10 +94,11 @@ fn every_parameter_has_one_control() {
     search(&mut window, " ");
     let edit = window.state().project().edit().clone();
     let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
-    let mut seen = 0;
+    let mut names = std::collections::BTreeSet::new();
     for table in tables {
         for spec in table.specs() {
-            let full = format!("{}.{}", table.table(), spec.name);
+            let full = called(&window, table.table(), spec.name);
+            assert!(!full.contains('_') && names.insert(full.clone()), "{full}");
             let role = match spec.kind {
                 Kind::Bool => Role::CheckBox,
                 Kind::Choice(_) => Role::ComboBox,
@@ -108,10 +109,65 @@ fn every_parameter_has_one_control() {
             assert_eq!(controls, usize::from(given), "{full}");
             let boxes = window.query_all_by_role_and_label(Role::CheckBox, &format!("{full} is given")).count();
             assert_eq!(boxes, usize::from(spec.optional), "{full}");
-            seen += 1;
         }
     }
-    assert!(seen > 50, "{seen}");
+    assert!(names.len() > 50, "{}", names.len());
+    // They are found by what is read as by their keys.
+    for (words, key) in [("f-number", "camera.lens.f_number"), ("focal length", "fx_px"), ("iso noise", "noise.iso")] {
+        let (table, name) = match key.rsplit_once('.') {
+            Some((table, name)) => (table, name),
+            None => ("camera", key),
+        };
+        let name = called(&window, table, name);
+        for looked_for in [words, key] {
+            search(&mut window, looked_for);
+            let found = window.query_all_by_label_contains(&name).count();
+            assert!(found > 0, "{looked_for}: {name}");
+        }
+        assert_eq!(window.query_all_by_label_contains("Vignetting").count(), 0);
+    }
+    search(&mut window, "zebra");
+    assert_eq!(window.query_all_by_label("Nothing is called “zebra”.").count(), 1);
+}
+
+#[test]
+fn the_panel_stays_as_wide_as_it_is() {
+    let mut window = open(None);
+    let picture = |window: &Harness<'_, App>| window.get_by_role_and_label(Role::Image, "picture").rect();
+    let before = picture(&window);
+    for (table, name) in [("camera.lens", "f_number"), ("camera.exposure", "time_s"), ("camera.exposure", "iso")] {
+        search(&mut window, &format!("{table}.{name}"));
+        let name = called(&window, table, name);
+        if window.query_by_role_and_label(Role::Button, &format!("{name}: stops")).is_none() {
+            window.get_by_label(&format!("{name} is given")).click();
+            window.run_steps(3);
+        }
+        // With its stops within the window.
+        let stops = window.get_by_role_and_label(Role::Button, &format!("{name}: stops")).rect();
+        assert!(stops.right() <= 1400.0 && stops.width() > 40.0, "{name}: {stops:?}");
+    }
+    assert_eq!(picture(&window), before);
+}
+
+#[test]
+fn a_message_goes_when_something_else_is_done_and_it_could_be_read() {
+    let mut window = open(None);
+    let set = |window: &mut Harness<'_, App>, scale: f64| {
+        window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
+        window.state_mut().project_mut().close_step();
+        window.run_steps(2);
+    };
+    set(&mut window, 0.5);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(2);
+    let told = "Undone: Noise: Scale";
+    let is_told = |window: &Harness<'_, App>| window.query_all_by_label(told).count() == 1;
+    assert!(is_told(&window));
+    // However long, as long as nothing is done.
+    window.run_steps(60);
+    assert!(is_told(&window));
+    set(&mut window, 0.75);
+    assert!(!is_told(&window));
 }
 
 #[test]
@@ -125,16 +181,15 @@ fn what_is_saved_opens_again_and_comments_stay() {
     assert_eq!(window.state().project().origin("noise", "magnification"), Origin::Default);
 
     search(&mut window, "noise scale");
-    window.get_by_role_and_label(Role::Slider, "noise.scale").set_value_accesskit(0.75);
+    window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.75);
     window.run_steps(2);
     search(&mut window, "focus_distance");
-    window.get_by_role_and_label(Role::CheckBox, "camera.lens.focus_distance_m is given").click();
+    window.get_by_role_and_label(Role::CheckBox, "Camera: lens: Focus distance is given").click();
     settle(&mut window);
     let project = window.state().project();
     assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::Person);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    window.run_steps(2);
-    assert!(window.state().project().is_saved());
+    until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&profile).unwrap();
     let expected = text.replace("0.5 #", "0.75 #") + "\n[camera.lens]\nfocus_distance_m = 1.0\n";
     assert_eq!(saved, expected);
@@ -229,7 +284,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     // It is saved into the scene file, whose comment stays, and undone.
     window.key_press(Key::Escape);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    window.run_steps(2);
+    until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&scene).unwrap();
     assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
     let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();

@@ -88,6 +88,16 @@ fn has(window: &Harness<'_, App>, label: &str) -> bool {
     window.query_all_by_label(label).count() > 0
 }
 
+/// Until it is shown: files are listed and written on threads of their own.
+fn shows(window: &mut Harness<'_, App>, label: &str) {
+    let begun = Instant::now();
+    while !has(window, label) {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{label} is not shown");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
 fn press(window: &mut Harness<'_, App>, label: &str) {
     window.get_by_label(label).click();
     window.run_steps(3);
@@ -270,22 +280,8 @@ fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
 fn a_profile_is_opened_for_a_recording_without_a_camera() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("rec");
-    std::fs::create_dir(&recording).unwrap();
-    for entry in std::fs::read_dir(DEMO).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_file() && path.file_name().unwrap() != "camera.toml" {
-            std::fs::copy(&path, recording.join(path.file_name().unwrap())).unwrap();
-        }
-    }
-    for folder in ["rgb", "depth"] {
-        if Path::new(DEMO).join(folder).is_dir() {
-            std::fs::create_dir(recording.join(folder)).unwrap();
-            for entry in std::fs::read_dir(Path::new(DEMO).join(folder)).unwrap() {
-                let path = entry.unwrap().path();
-                std::fs::copy(&path, recording.join(folder).join(path.file_name().unwrap())).unwrap();
-            }
-        }
-    }
+    program::copied(Path::new(DEMO), &recording);
+    std::fs::remove_file(recording.join("camera.toml")).unwrap();
     let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
     std::fs::write(recording.join("recording.toml"), text.split("[camera]").next().unwrap()).unwrap();
     let profile = temp.path().join("camera.toml");
@@ -294,8 +290,9 @@ fn a_profile_is_opened_for_a_recording_without_a_camera() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     answer(&mut window, &recording, "Open");
     until(&mut window, |app| app.problem().is_some());
-    assert!(window.state().problem().unwrap().contains("camera"), "{:?}", window.state().problem());
-    press(&mut window, "File");
+    let problem = window.state().problem().unwrap().to_owned();
+    assert!(problem.contains("camera") && !problem.contains("--"), "{problem}");
+    // A button stands beside it.
     press(&mut window, "Open a profile…");
     answer(&mut window, &profile, "Open");
     until(&mut window, |app| app.project().profile.as_deref() == Some(profile.as_path()));
@@ -318,6 +315,104 @@ fn after_the_first_save_of_a_new_scene_placing_goes_on() {
     assert!(window.state().project().can_place());
     window.run_steps(3);
     assert!(has(&window, "Place…"));
+}
+
+#[test]
+fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
+    let temp = tempfile::tempdir().unwrap();
+    let (recording, scene) = (temp.path().join("rec"), temp.path().join("case.toml"));
+    program::copied(Path::new(DEMO), &recording);
+    std::fs::write(&scene, "version = 1\nup = \"z\"\n").unwrap();
+    let own = recording.join("mine.toml");
+    std::fs::write(&own, "version = 1\n").unwrap();
+    let given = Given { profile: Some(own.clone()), scene: Some(scene.clone()), ..Given::default() };
+    let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    window.state_mut().keep_in(&temp.path().join("state"));
+    let save = |window: &mut Harness<'_, App>| {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+        window.run_steps(3);
+    };
+    let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
+    let change = |window: &mut Harness<'_, App>, scale: f64| {
+        set(window, "noise", "scale", scale);
+        let placed = PlacedModel { model: model.clone(), ..PlacedModel::default() };
+        window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
+    };
+    change(&mut window, 0.5);
+    save(&mut window);
+    // It lies in the recording's folder, and was never named here.
+    shows(&mut window, "Write into it");
+    assert!(std::fs::read_to_string(&own).unwrap() == "version = 1\n" && !window.state().project().is_saved());
+    press(&mut window, "Write into it");
+    let folder = temp.path().display();
+    shows(&mut window, &format!("Saved the scene {folder}/case.toml and the profile {folder}/rec/mine.toml"));
+    // The second time it is not asked.
+    change(&mut window, 0.25);
+    save(&mut window);
+    until(&mut window, |app| app.project().is_saved());
+    assert!(std::fs::read_to_string(&own).unwrap().contains("scale = 0.25"));
+    save(&mut window);
+    shows(&mut window, "Nothing has changed since it was saved");
+
+    // A scene that is saved elsewhere is what was opened lately.
+    press(&mut window, "File");
+    press(&mut window, "Save the scene as…");
+    choose(&mut window, &temp.path().join("other"));
+    window.state_mut().show_start(true);
+    shows(&mut window, "rec   other.toml");
+}
+
+#[test]
+fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("cases/desk");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("mine.toml"), "version = 1\n[noise]\nscale = 0.5\n").unwrap();
+    let mut window = demo();
+    window.state_mut().keep_in(&temp.path().join("state"));
+    let begin = |window: &mut Harness<'_, App>| {
+        press(window, "File");
+        press(window, "Open a profile…");
+        window.run_steps(3);
+    };
+    let types = |window: &mut Harness<'_, App>, text: &str| {
+        window.event(egui::Event::Text(text.to_owned()));
+        window.run_steps(3);
+    };
+    // Esc closes a menu.
+    press(&mut window, "File");
+    window.key_press(Key::Escape);
+    window.run_steps(3);
+    assert!(!has(&window, "Open a profile…"));
+    begin(&mut window);
+    // A path leads to its folder while it is typed, and Enter goes into it; what is typed next is a name there.
+    types(&mut window, temp.path().join("cases").to_str().unwrap());
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    types(&mut window, "des");
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    shows(&mut window, "mine.toml");
+    types(&mut window, "mi");
+    window.key_press(Key::Enter);
+    until(&mut window, |app| app.project().profile.as_deref() == Some(&folder.join("mine.toml")));
+    settle(&mut window);
+
+    // The next window begins there, in the theme that was chosen.
+    window.key_press(Key::T);
+    window.run_steps(2);
+    let theme = window.ctx.options(|options| options.theme_preference);
+    assert!(theme != egui::ThemePreference::System);
+    drop(window);
+    let mut window = demo();
+    window.state_mut().keep_in(&temp.path().join("state"));
+    assert_eq!(window.state().keeper().theme(), theme);
+    begin(&mut window);
+    shows(&mut window, "mine.toml");
+    // Those of the program are one click away.
+    press(&mut window, "Locard's profiles");
+    shows(&mut window, "tum-fr1.toml");
 }
 
 #[test]

@@ -13,13 +13,13 @@ mod window;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use eframe::egui::{Pos2, accesskit::Role, vec2};
+use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use locard::calibrate::sharpness::{edge, together};
-use locard::calibrate::{SceneMotion, picked_noise};
+use locard::calibrate::{Place, SceneMotion, picked_noise};
 use locard::params::Value;
-use locard::pixels::Rect;
+use locard::pixels::{Pixels, Rect};
 use locard::recording::OpenOptions;
 use locard::shot::Given;
 use locard::window::{App, Project};
@@ -142,6 +142,23 @@ fn await_text(window: &mut Harness<'_, App>, words: &str) {
     }
 }
 
+/// The wall in a picture.
+fn place(pixels: &Pixels) -> Place {
+    let mut place = Place::new(WALL);
+    place.add(pixels).unwrap();
+    place
+}
+
+/// Until nothing with these words is shown.
+fn await_no_text(window: &mut Harness<'_, App>, words: &str) {
+    let begun = Instant::now();
+    while window.query_all_by_label(words).next().is_some() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "it still says {words}");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
 fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Option<Value> {
     window.state().project().value(table, name)
 }
@@ -151,7 +168,7 @@ fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
     let mut window = open();
     window.get_by_label("Calibrate").click();
     window.run_steps(2);
-    window.get_by_label("Pick an edge").click();
+    window.get_by_label("Pick edges").click();
     window.run_steps(2);
     drag(&mut window, EDGE);
     // What the window shows is what the engine gives.
@@ -160,7 +177,7 @@ fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
     let at = glam::DVec2::new(f64::from(EDGE.x0 + EDGE.x1), f64::from(EDGE.y0 + EDGE.y1)) / 2.0;
     let moved = shot.moved_px(&frame, at, &shot.surface_at(&frame, at).unwrap()).unwrap();
     let found = edge(&frame.pixels, &shot.camera().response, EDGE, moved.to_array()).unwrap();
-    await_text(&mut window, &format!("edge 1: σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
+    await_text(&mut window, &format!("σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
     assert!(window.query_by_role_and_label(Role::Image, "Measured edges").is_some());
     let before = value(&window, "point_spread", "sigma_px");
     window.get_by_label("Take the sharpness").click();
@@ -175,10 +192,10 @@ fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
     // What is no edge is told in words, and nothing can be taken.
     window.get_by_label("Leave the sharpness").click();
     window.run_steps(2);
-    window.get_by_label("Pick an edge").click();
-    window.run_steps(2);
+    // It is still asked for edges.
     drag(&mut window, WALL);
-    await_text(&mut window, "edge 1: ");
+    window.get_by_label("edge 1");
+    await_no_text(&mut window, "…");
     assert!(window.query_by_label("Take the sharpness").is_none());
 }
 
@@ -187,12 +204,13 @@ fn a_plain_place_gives_the_noise_which_is_taken_and_undone() {
     let mut window = open();
     window.get_by_label("Calibrate").click();
     window.run_steps(2);
-    window.get_by_label("Pick a plain place").click();
+    window.get_by_label("Pick plain places").click();
     window.run_steps(2);
     drag(&mut window, WALL);
     let before = window.state().project().edit().rig.noise.clone();
     let frame = window.state().project().shot().read(0).unwrap();
-    let found = picked_noise(&[&frame.pixels], &[WALL], SceneMotion::Moving, before.as_ref()).unwrap();
+    let place = place(&frame.pixels);
+    let found = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
     await_text(&mut window, "Measured from code");
     assert!(window.query_by_role_and_label(Role::Image, "Measured noise").is_some());
     // The demonstration's camera is known: it was simulated.
@@ -215,6 +233,61 @@ fn a_plain_place_gives_the_noise_which_is_taken_and_undone() {
     window.get_by_label("Undo").click();
     window.run_steps(3);
     assert_eq!(window.state().project().edit().rig.noise, before);
+}
+
+#[test]
+fn bad_places_say_why_and_the_good_ones_are_used() {
+    let mut window = open();
+    window.get_by_label("Calibrate").click();
+    window.run_steps(2);
+    window.get_by_label("Pick plain places").click();
+    window.run_steps(2);
+    // Three in a row, and one in another frame, without pressing the button again: one too small, one over the box's edges.
+    drag(&mut window, Rect::new(400, 10, 430, 20));
+    drag(&mut window, Rect::new(60, 90, 200, 200));
+    drag(&mut window, WALL);
+    window.state_mut().player_mut().seek(2);
+    window::settle(&mut window);
+    drag(&mut window, WALL);
+    await_text(&mut window, "too small: 30 × 10 px; 24 × 24 px and more are needed");
+    await_text(&mut window, "not plain: ");
+    await_text(&mut window, "Measured from code");
+    let shot = window.state().project().shot().clone();
+    let (first, third) = (shot.read(0).unwrap(), shot.read(2).unwrap());
+    let places = [&first, &third].map(|frame| place(&frame.pixels));
+    let present = window.state().project().edit().rig.noise.clone();
+    let found = picked_noise(&places, SceneMotion::Moving, present.as_ref());
+    for code in &found.places {
+        await_text(&mut window, &format!("used, code {:.0}", code.as_ref().unwrap()));
+    }
+    // Each is dropped by itself; what is left says the same.
+    for _ in 0..2 {
+        window.get_by_label("Drop plain 1").click();
+        window.run_steps(3);
+    }
+    assert!(window.query_by_label("Drop plain 3").is_none() && window.query_by_label("Drop plain 2").is_some());
+    await_no_text(&mut window, "…");
+    assert!(window.query_all_by_label_contains("too small").next().is_none());
+    // Esc ends the picking: a drag moves nothing and picks nothing.
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    drag(&mut window, WALL);
+    assert!(window.query_by_label("Drop plain 3").is_none());
+    let take = "Take the noise";
+    until_enabled(&mut window, take);
+    window.get_by_label(take).click();
+    window.run_steps(3);
+    assert_eq!(window.state().project().edit().rig.noise, Some(found.noise.unwrap().profile));
+}
+
+/// Until a button can be pressed.
+fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
+    let begun = Instant::now();
+    while window.query_by_label(label).is_none_or(|node| node.accesskit_node().is_disabled()) {
+        assert!(begun.elapsed() < Duration::from_secs(120), "{label} cannot be pressed");
+        window.step();
+        std::thread::yield_now();
+    }
 }
 
 #[test]

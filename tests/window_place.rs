@@ -12,7 +12,8 @@ use std::path::Path;
 
 use eframe::egui::{self, accesskit::Role};
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
+use glam::{DVec2, DVec3};
 use locard::recording::OpenOptions;
 use locard::scene::Entry;
 use locard::shot::Given;
@@ -100,6 +101,44 @@ fn three_points_make_a_plane_and_things_come_to_rest_on_it() {
     let position_m = objects[before].position_m.unwrap();
     for (found, expected) in position_m.into_iter().zip([0.1, -0.2, 0.0]) {
         assert!((found - expected).abs() < 4e-3, "{position_m:?}");
+    }
+    settle(&mut window);
+}
+
+/// From above: a marker's front looks along −y, turned by its heading counter-clockwise.
+fn faces(window: &Harness<'_, App>, entry: Entry) -> DVec2 {
+    let heading_deg = window.state().project().edit().scene.heading_deg(entry, DVec3::Z).unwrap();
+    DVec2::from_angle((heading_deg - 90.0).to_radians())
+}
+
+#[test]
+fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
+    let mut window = open();
+    // The first marker is turned by its rotation: its heading says so, and is changed from there.
+    let marker = Entry { object: 0, instance: None };
+    window.get_by_label("marker 1").click();
+    window.run_steps(3);
+    let heading = |window: &Harness<'_, App>| {
+        window.get_by_role_and_label(Role::Slider, "heading").accesskit_node().numeric_value().unwrap()
+    };
+    assert!((heading(&window) - 12.0).abs() < 1e-9, "{}", heading(&window));
+    window.get_by_role_and_label(Role::Slider, "heading").set_value_accesskit(40.0);
+    window.run_steps(3);
+    let placed = window.state().project().edit().scene.objects[0].clone();
+    assert_eq!((placed.rotation_deg, placed.heading_deg), (Some([0.0, 0.0, 12.0]), Some(28.0)));
+    assert!(faces(&window, marker).abs_diff_eq(DVec2::from_angle((-50.0f64).to_radians()), 1e-9));
+
+    window.get_by_label("Place…").click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "marker-3").click();
+    window.run_steps(2);
+    for point_m in [[0.1, -0.2, 0.0], [-0.3, -0.3, 0.0]] {
+        click(&mut window, point_m);
+        let entry = window.state().selected().unwrap();
+        let to_camera = window.state().project().shot().eye(FRAME).unwrap().position_m() - DVec3::from(point_m);
+        let off = faces(&window, entry).dot(to_camera.truncate().normalize());
+        // The depth is noisy, and a tenth of a degree is written.
+        assert!(off > 0.9999, "{point_m:?}: {off}");
     }
     settle(&mut window);
 }

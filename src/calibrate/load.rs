@@ -2,6 +2,7 @@
 
 use super::moving::MovingCalibrator;
 use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions};
+use super::warning::Warning;
 use crate::pixels::Pixels;
 use crate::recording::{OpenOptions, Recording};
 use crate::source::still;
@@ -47,7 +48,7 @@ pub fn noise_from_paths(
         calibrator.end_scene().map_err(in_file(folder.unwrap_or(first)))?;
     }
     let mut calibration = calibrator.finish()?;
-    calibration.warnings.extend(jpeg.then(|| JPEG.to_owned()));
+    calibration.warnings.extend(jpeg.then_some(Warning::Jpeg));
     Ok(calibration)
 }
 
@@ -99,11 +100,9 @@ pub fn moving_noise_from_paths(
         }
     }
     let mut calibration = calibrator.finish()?;
-    calibration.warnings.extend(jpeg.then(|| JPEG.to_owned()));
+    calibration.warnings.extend(jpeg.then_some(Warning::Jpeg));
     Ok(calibration)
 }
-
-const JPEG: &str = "some frames are JPEG: compression has changed their noise; use lossless frames where you can";
 
 /// Whether a file's name says that it is a picture.
 pub fn is_picture(path: &Path) -> bool {

@@ -17,6 +17,7 @@ use super::noise::{
 };
 use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE, WHITE};
 use super::rounding::{Rounding, UNIT};
+use super::warning::Warning;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::{Codes, Pixels};
 
@@ -190,11 +191,8 @@ impl MovingCalibrator {
         for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
             check(channel, bins, self.options.min_independent, &mut warnings).map_err(|error| self.cause(error))?;
         }
-        warnings.push(
-            "the intervals are those of chance; texture that is everywhere counts as noise, so sigma may be too large"
-                .to_owned(),
-        );
-        let mut told = |value, name: &str, low| told_correlation(value, name, low, &mut warnings);
+        warnings.push(Warning::Texture);
+        let mut told = |value, name, low| told_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = found.channel;
         let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
         let [right, below] = found.neighbour;

@@ -12,6 +12,7 @@ use super::blocks::judge;
 use super::rounding::{Rounding, UNIT};
 use super::scene_sums::{MAX_FRAMES, MAX_PIXELS, SceneSums};
 use super::unsteady::{Unsteady, unsteady};
+use super::warning::Warning;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::Pixels;
 use crate::source::SourceError;
@@ -58,7 +59,7 @@ pub struct NoiseCalibration {
     /// because of texture, clipping or too little noise.
     pub excluded_share: f64,
     /// Things a person should know before trusting the table.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 /// Why there is no calibration.
@@ -145,7 +146,7 @@ pub struct NoiseCalibrator {
     pixels: u64,
     moving: u64,
     drifting: u64,
-    warnings: Vec<String>,
+    warnings: Vec<Warning>,
 }
 
 fn bits(pixels: &Pixels) -> u32 {
@@ -247,11 +248,10 @@ impl NoiseCalibrator {
             Some(Unsteady::Patches(share)) => {
                 return Err(CalibrateError::SceneChanges { scene: number, percent: 100.0 * share });
             }
-            Some(Unsteady::Doubtful(share)) => self.warnings.push(format!(
-                "scene {number}: the whole picture moves a little from frame to frame ({:.0} % of what changes); sigma is too large: is the camera fixed{}?",
-                100.0 * share,
-                if scene.known_mean { ", and the mean taken from the same place" } else { "" }
-            )),
+            Some(Unsteady::Doubtful(share)) => {
+                let known_mean = scene.known_mean;
+                self.warnings.push(Warning::Unsteady { scene: number, percent: 100.0 * share, known_mean });
+            }
             None => {}
         }
         let rounding = self.rounding();
@@ -266,22 +266,14 @@ impl NoiseCalibrator {
         self.drifting += verdict.drifting_pixels;
         let out = (verdict.moving_pixels + verdict.drifting_pixels) as f64 / all as f64;
         if out > 0.25 {
-            self.warnings.push(format!(
-                "scene {number}: {:.0} % of the pixels move or drift; is the camera fixed?",
-                100.0 * out
-            ));
+            self.warnings.push(Warning::Moving { scene: number, percent: 100.0 * out });
         }
         if verdict.median_drift > 0.05 {
-            self.warnings.push(format!(
-                "scene {number}: consecutive frames hang together ({:.0} % of the variance in half the picture): the camera filters over time, or the light creeps; sigma is that of the whole",
-                100.0 * verdict.median_drift
-            ));
+            self.warnings.push(Warning::Filtered { scene: number, percent: 100.0 * verdict.median_drift });
         }
         let flicker = scene.flicker();
         if flicker > 0.1 {
-            self.warnings.push(format!(
-                "scene {number}: the whole picture's brightness varies by {flicker:.2} codes from frame to frame (flicker or auto-exposure); it is counted as noise"
-            ));
+            self.warnings.push(Warning::Flicker { scene: number, codes: flicker });
         }
         self.pools.push(Pool::new(&scene, &verdict.still, &verdict.scales, &rounding));
         Ok(())
@@ -294,7 +286,7 @@ impl NoiseCalibrator {
         }
         self.end_scene()?;
         let (rounding, mut warnings) = (self.rounding(), std::mem::take(&mut self.warnings));
-        let mut told = |value, name: &str, low| told_correlation(value, name, low, &mut warnings);
+        let mut told = |value, name, low| told_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
         let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
         let [right, below] = Pool::neighbour_correlation(&self.pools);
@@ -323,7 +315,7 @@ pub(super) fn check(
     channel: &'static str,
     bins: &[BinReport],
     needed: f64,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<(), CalibrateError> {
     let filled = bins.iter().filter(|b| b.filled_from_neighbours).count();
     if filled == bins.len() {
@@ -331,28 +323,22 @@ pub(super) fn check(
         return Err(CalibrateError::TooFew { channel, needed, best });
     }
     if filled > 0 {
-        warnings.push(format!(
-            "{channel}: fewer than {needed} independent samples in {filled} of {}; filled from the neighbours",
-            count(bins.len(), "bin")
-        ));
+        warnings.push(Warning::Filled { channel, needed, filled, bins: bins.len() });
     }
     if let Some(bin) = bins.iter().find(|b| !b.filled_from_neighbours && b.mu.abs() > 0.5 && b.mu.abs() > 0.2 * b.sigma)
     {
-        warnings.push(format!(
-            "{channel}: at code {:.0} the frames lie {:.1} from the mean given; is it of the same scene and exposure?",
-            bin.code, bin.mu
-        ));
+        warnings.push(Warning::OffMean { channel, code: bin.code, off: bin.mu });
     }
     Ok(())
 }
 
 /// A correlation as it is written: 0 if it could not be measured, and at least `low`. Either case adds a warning.
-pub(crate) fn told_correlation(measured: Option<f64>, name: &str, low: f64, warnings: &mut Vec<String>) -> f64 {
+pub(crate) fn told_correlation(measured: Option<f64>, of: &'static str, low: f64, warnings: &mut Vec<Warning>) -> f64 {
     let value = measured.unwrap_or(0.0);
     if measured.is_none() {
-        warnings.push(format!("correlation {name} could not be measured (too quiet or clipped); 0 is written"));
+        warnings.push(Warning::NoCorrelation(of));
     } else if value < low - 0.02 {
-        warnings.push(format!("correlation {name} is {value:.2}; {low} is written (sharpening in the camera?)"));
+        warnings.push(Warning::LowCorrelation { of, found: value, written: low });
     }
     round4(value.clamp(low, 1.0))
 }

@@ -10,7 +10,7 @@ crate::params! {
         "diameter of the opening; instead of f_number; 0 is a pinhole"
         aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0, by_ratio;
         "focal length over diameter; instead of aperture_diameter_mm"
-        f_number: Option<f64> = None, "1", 0.5..=256.0, by_ratio;
+        f_number as "f-number": Option<f64> = None, "1", 0.5..=256.0, by_ratio;
         "distance that is sharp; none: infinity"
         focus_distance_m: Option<f64> = None, "m", 0.01..=100000.0, by_ratio;
         "number of aperture blades: 0 for a circle, or 3 to 32"

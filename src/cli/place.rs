@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::pick::{Known, Pick, Picker, numbers};
 use crate::export::Inputs;
 use crate::recording::OpenOptions;
-use crate::scene::{self, Document, Posture, SceneFile};
+use crate::scene::{self, Document, Heading, Posture, SceneFile};
 use crate::shot::{Given, Shot};
 use crate::sink::{self, atomic::write_atomically};
 use crate::words::{fixed, number, shown};
@@ -31,9 +31,9 @@ pub struct Args {
     /// The scene file that gets it; a new file is made if there is none
     #[arg(long)]
     scene: PathBuf,
-    /// How far it is turned, counter-clockwise seen from above
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
-    heading: f64,
+    /// How far it is turned, counter-clockwise seen from above; without it its front faces the camera
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    heading: Option<f64>,
     /// Its flattest side lies on the surface
     #[arg(long, conflicts_with = "upright")]
     flat: bool,
@@ -55,8 +55,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    if !(-360.0..=360.0).contains(&args.heading) {
-        bail!("--heading {}: accepted is -360 to 360 degrees", number(args.heading));
+    if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
+        bail!("--heading {}: accepted is -360 to 360 degrees", number(odd));
     }
     if args.name.as_deref().is_some_and(|name| name.trim().is_empty()) {
         bail!("--name: a name of nothing tells nothing; leave it out, and the model's file names it");
@@ -88,7 +88,9 @@ pub fn run(args: &Args) -> Result<()> {
     let support = picked.support(up);
     let model = scene::relative(&args.model, &args.scene);
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
-    let mut placed = scene::lay(&model, &args.scene, &support, posture, args.heading, up)?;
+    let facing = || shot.facing(args.frame, support.point_m, up, 0.0);
+    let heading = args.heading.map_or_else(facing, Heading::Deg);
+    let mut placed = scene::lay(&model, &args.scene, &support, posture, heading, up)?;
     placed.name.clone_from(&args.name);
     let position = placed.position_m.unwrap_or_default();
     file.objects.push(placed);

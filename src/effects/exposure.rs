@@ -28,7 +28,7 @@ crate::params! {
     /// Parameters of the exposure.
     pub struct Exposure in "exposure" {
         "how much brighter objects are, in stops: 1 is twice the light; 0 is as lit"
-        ev: f64 = 0.0, "EV", -10.0..=10.0;
+        ev as "Brighter by": f64 = 0.0, "EV", -10.0..=10.0;
         "photographic: factor on light; additive: the paper's step on display values"
         method: Method = Method::Photographic;
         "exposure at which the scene's lights are right: time x gain (x ISO/100 / f-number^2 where frames tell them); none: at every one; with all else, 30 stops at most"

@@ -41,7 +41,7 @@ crate::params! {
         "for how many frames a pattern stays"
         animation_delay: u32 = 1, "frames", 1.0..=1000.0, by_ratio;
         "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as recorded"
-        iso: Option<f64> = None, "1", 100.0..=25600.0, by_ratio;
+        iso as "ISO": Option<f64> = None, "1", 100.0..=25600.0, by_ratio;
         "film width for the grain's size; none: the camera's"
         film_width_mm: Option<f64> = None, "mm", 0.1..=1000.0, by_ratio;
     }

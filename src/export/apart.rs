@@ -26,7 +26,7 @@ impl Export {
             }
             let mut there = self.range.clone().map(|frame| folder.join(layer_name(frame))).filter(|file| file.exists());
             if let Some(file) = there.next().filter(|_| !self.force) {
-                return Err(ExportError::refused(&file, "exists already; it is kept unless --force is given"));
+                return Err(ExportError::refused(&file, "exists already, and is kept (--force replaces it)"));
             }
         }
         let Some(report) = &self.report else { return self.check_apart() };

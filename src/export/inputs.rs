@@ -74,7 +74,7 @@ impl Inputs {
     }
 }
 
-const NEVER: &str = "which is not written to, with --force neither; choose another place";
+const NEVER: &str = "which is not written to (with --force neither); choose another place";
 
 /// Whether two paths are the same place.
 pub fn same(a: &Path, b: &Path) -> bool {

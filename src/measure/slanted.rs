@@ -16,7 +16,7 @@ use super::{Grey, MeasureError, edge};
 use crate::pixels::Rect;
 
 /// Fewer pixels across or along an edge tell nothing, px.
-const FEWEST: usize = 10;
+pub const FEWEST_PX: u32 = 10;
 /// The edge spread function's bins, px.
 const BIN_PX: f64 = 0.25;
 /// The widest blur that is looked for, px.
@@ -72,7 +72,9 @@ pub struct SlantedEdge {
 /// Why an edge could not be measured.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum EdgeError {
-    #[error("the rectangle is {width}x{height} px within the picture; an edge needs {FEWEST} px across and along it")]
+    #[error(
+        "the rectangle is {width}x{height} px within the picture; an edge needs {FEWEST_PX} px across and along it"
+    )]
     Small { width: u32, height: u32 },
     #[error("there is no edge: brightness differs by {times:.1} times the noise; {FAINTEST} and more are needed")]
     Faint { times: f64 },
@@ -108,7 +110,7 @@ pub enum EdgeError {
 pub fn slanted_edge(light: &Grey, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge, EdgeError> {
     let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
     let small = EdgeError::Small { width: region.width(), height: region.height() };
-    if region.width().min(region.height()) < FEWEST as u32 {
+    if region.width().min(region.height()) < FEWEST_PX {
         return Err(small);
     }
     if let Some(odd) = moved_px.into_iter().find(|way| !way.is_finite()) {
@@ -241,8 +243,8 @@ impl Seen {
                 })
                 .count();
             let agreeing = points.iter().filter(|p| p.2 <= 1.6).count();
-            let enough = within.max(FEWEST) as f64;
-            if (agreeing as f64) < AGREEING * enough || agreeing < FEWEST {
+            let enough = within.max(FEWEST_PX as usize) as f64;
+            if (agreeing as f64) < AGREEING * enough || agreeing < FEWEST_PX as usize {
                 return Err(EdgeError::NoLine { percent: 100.0 * agreeing as f64 / enough });
             }
             points.retain(|p| p.2 <= 1.6);

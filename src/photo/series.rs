@@ -99,7 +99,7 @@ impl Wanted {
         let mut warn = |text: String| say(Told::Warning(text));
         if lux.is_none() {
             warn(format!(
-                "nothing says how bright the scene is (EXIF, a profile or --lux): {INDOORS_LX} lx are taken"
+                "nothing says how bright the scene is in EXIF or a profile (--lux does): {INDOORS_LX} lx are taken"
             ))?;
         }
         left_out.into_iter().try_for_each(&mut warn)?;
@@ -120,8 +120,8 @@ impl Wanted {
         }
         if camera.noise.is_none() {
             let text = "nothing says how noisy this camera is: the photograph has the recording's grain and no other; \
-                        `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the \
-                        recording itself";
+                        calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the \
+                        recording itself)";
             warn(text.to_owned())?;
         }
         let acts_on_real = shot.settings.acts_on_real();

@@ -62,7 +62,7 @@ impl Shoot<'_> {
         );
         Ok(match distance_m(&layer, self.frame.depth.as_ref(), seen) {
             Some(found_m) => (found_m, None),
-            None => (f64::INFINITY, Some("there is nothing to focus on: infinity is sharp; --focus sets a distance")),
+            None => (f64::INFINITY, Some("there is nothing to focus on: infinity is sharp; set a distance (--focus)")),
         })
     }
 

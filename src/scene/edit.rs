@@ -3,6 +3,7 @@
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::document::{Entry, Instance, PlacedModel, Scale, SceneFile};
+use super::heading::within_a_turn;
 use super::place::Size;
 
 /// Where a thing stands, as its entry says or as it takes it from its object.
@@ -27,9 +28,7 @@ impl Stance {
     pub fn turned(&self, axis: DVec3, degrees: f64, up: DVec3) -> Self {
         if axis.dot(up).abs() > 1.0 - 1e-9 {
             let heading_deg = self.heading_deg + degrees * axis.dot(up).signum();
-            // Above −180°, up to 180°, as people give it.
-            let heading_deg =
-                if degrees == 0.0 { self.heading_deg } else { 180.0 - (180.0 - heading_deg).rem_euclid(360.0) };
+            let heading_deg = if degrees == 0.0 { self.heading_deg } else { within_a_turn(heading_deg) };
             return Self { heading_deg, ..*self };
         }
         let heading = DQuat::from_axis_angle(up, self.heading_deg.to_radians());

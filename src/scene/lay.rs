@@ -1,10 +1,11 @@
 //! How a piece of evidence comes to rest on a surface.
 
-use std::path::Path;
+use std::path::{Component, Path};
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::document::{Axis, PlacedModel, Up};
+use super::heading::Heading;
 use super::place::{bounds, lowest, turn_up};
 use super::{Scene, SceneError, load};
 
@@ -30,15 +31,14 @@ const LEVEL_DEG: f64 = 2.0;
 /// Of a number that is written, m and 1.
 const DIGITS: f64 = 1e4;
 
-/// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it,
-/// `heading_deg` how far it is turned about the world's up (flat on a slope: about the slope's normal), counter-clockwise seen
-/// from above.
+/// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it.
+/// It is turned about the world's up; flat on a slope about the slope's normal.
 pub fn lay(
     model: &str,
     file: &Path,
     support: &Support,
     posture: Posture,
-    heading_deg: f64,
+    heading: Heading,
     world_up: DVec3,
 ) -> Result<PlacedModel, SceneError> {
     let scene = load(&file.parent().unwrap_or(Path::new("")).join(model), None)?;
@@ -46,7 +46,14 @@ pub fn lay(
         Posture::Upright => Axis::Y,
         Posture::Flat => flattest(&scene),
     };
-    let heading_deg = round(heading_deg);
+    let axis = if up == Axis::Z {
+        DVec3::Z
+    } else if up == Axis::X {
+        DVec3::X
+    } else {
+        DVec3::Y
+    };
+    let heading_deg = round(heading.degrees(axis, world_up));
     let laid = PlacedModel {
         model: model.to_owned(),
         up: (up != Axis::Y).then_some(Up::Named(up)),
@@ -61,13 +68,6 @@ pub fn lay(
     }
     // Turned on the level, then tilted with it onto the slope.
     let turn = turn_up(world_up, support.normal) * DQuat::from_axis_angle(world_up, heading_deg.to_radians());
-    let axis = if up == Axis::Z {
-        DVec3::Z
-    } else if up == Axis::X {
-        DVec3::X
-    } else {
-        DVec3::Y
-    };
     let linear = DMat3::from_quat(turn * turn_up(axis, world_up));
     let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
     let below = lowest(&scene, parts, linear.transpose() * support.normal).unwrap_or(0.0);
@@ -82,20 +82,27 @@ pub fn lay(
     })
 }
 
-/// A model's path as a scene file names it: relative to the file where they share a folder's beginning, with slashes.
+/// A model's path as a scene file names it: relative to the file where they share a folder's beginning, with slashes; else
+/// absolute.
 pub fn relative(model: &Path, file: &Path) -> String {
     let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let (model, file) = (whole(model), whole(file));
+    let (mut model, file) = (whole(model), whole(file));
+    if model.components().any(|part| part == Component::ParentDir) {
+        model = model.canonicalize().unwrap_or(model);
+    }
     let folder = file.parent().unwrap_or(Path::new(""));
     let (from, to): (Vec<_>, Vec<_>) = (folder.components().collect(), model.components().collect());
     let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
-    // The root alone is nothing in common.
-    if shared < 2 {
-        return model.to_string_lossy().into_owned();
-    }
     let up = std::iter::repeat_n("..".to_owned(), from.len() - shared);
     let down = to[shared..].iter().map(|part| part.as_os_str().to_string_lossy().into_owned());
-    up.chain(down).collect::<Vec<_>>().join("/")
+    let relative = up.chain(down).collect::<Vec<_>>().join("/");
+    // A folder's link leads up from where it points to.
+    let is_elsewhere = match (folder.join(&relative).canonicalize(), model.canonicalize()) {
+        (Ok(named), Ok(model)) => named != model,
+        (named, model) => folder.is_dir() && named.is_ok() != model.is_ok(),
+    };
+    // The root alone is nothing in common.
+    if shared < 2 || is_elsewhere { model.to_string_lossy().into_owned() } else { relative }
 }
 
 fn round(n: f64) -> f64 {
@@ -126,7 +133,7 @@ mod tests {
     /// The corners of the box of what was laid, and its transform.
     fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
-        let placed = lay(model, &file, support, posture, heading_deg, DVec3::Z).unwrap();
+        let placed = lay(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z).unwrap();
         let scene = SceneFile { objects: vec![placed.clone()], ..SceneFile::default() };
         let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
         let (low, high) = bounds(&scene, &scene.objects[0].parts, DAffine3::IDENTITY).unwrap();
@@ -140,6 +147,41 @@ mod tests {
         assert_eq!(relative("/a/models/m.glb", "/a/b/c/scene.toml"), "../../models/m.glb");
         assert_eq!(relative("/x/m.glb", "/a/scene.toml"), "/x/m.glb");
         assert_eq!(relative("scenes/m.glb", "out/scene.toml"), "../scenes/m.glb");
+        let temp = tempfile::tempdir().unwrap();
+        let at = |name: &str| temp.path().canonicalize().unwrap().join(name);
+        for folder in ["case/models", "far/away/desk"] {
+            std::fs::create_dir_all(at(folder)).unwrap();
+        }
+        std::fs::write(at("case/models/m.glb"), "").unwrap();
+        let named = |model: &str, file: &str| super::relative(&at(model), &at(file));
+        assert_eq!(named("far/../case/models/m.glb", "case/scene.toml"), "models/m.glb");
+        #[cfg(unix)]
+        {
+            // `..` would lead to far/away.
+            std::os::unix::fs::symlink(at("far/away/desk"), at("case/desk")).unwrap();
+            assert_eq!(named("case/models/m.glb", "case/desk/scene.toml"), at("case/models/m.glb").to_str().unwrap());
+        }
+    }
+
+    #[test]
+    fn what_is_laid_faces_whoever_looks() {
+        let (file, level) =
+            (Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE), Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let looks = DVec3::new(-3.0, 4.0, 1.0);
+        for (model, posture, front) in [
+            ("marker-1.glb", Posture::Upright, DVec3::Z),
+            ("l-scale.glb", Posture::Flat, DVec3::Z),
+            // It lies with its z up: its foot, −y, is towards whoever looks.
+            ("cartridge-case-9mm.glb", Posture::Flat, DVec3::NEG_Y),
+        ] {
+            let heading = Heading::Towards { direction: looks, turned_deg: 0.0 };
+            let placed = lay(model, &file, &level, posture, heading, DVec3::Z).unwrap();
+            let scene = SceneFile { objects: vec![placed], ..SceneFile::default() };
+            let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
+            let front = scene.objects[0].world_from_model.transform_vector3(front).normalize();
+            // Within the tenth of a degree that is written.
+            assert!(front.dot(looks.reject_from(DVec3::Z).normalize()) > 0.1f64.to_radians().cos(), "{model}: {front}");
+        }
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod edit;
 mod error;
 mod geometry;
 mod gltf;
+mod heading;
 mod keep;
 mod lay;
 mod light;
@@ -35,6 +36,7 @@ pub use describe::{Description, ObjectDescription, TextureDescription, describe}
 pub use document::{Document, Entry, SceneFile};
 pub use edit::Stance;
 pub use error::SceneError;
+pub use heading::Heading;
 pub use lay::{Posture, Support, lay, relative};
 pub use load::{load, load_file, load_file_with};
 pub use models::Models;

@@ -32,14 +32,14 @@ pub enum ShotError {
     #[error("frame {frame}: {source}")]
     Gpu { frame: usize, source: GpuError },
     #[error(
-        "nothing says what camera took {}: give --profile with a table [camera] (focal length, principal point); \
-         profiles/ has examples",
+        "nothing says what camera took {}: give a profile whose table [camera] has its focal length and principal point \
+         (--profile; profiles/ has examples)",
         path.display()
     )]
     NoCamera { path: PathBuf },
     #[error(
-        "what is given makes no camera, and {} has none of its own that it could lie over: {} must be given too, by \
-         --profile or --set",
+        "what is given makes no camera, and {} has none of its own that it could lie over: {} must be given too \
+         (--profile, --set)",
         path.display(), missing.iter().map(|key| format!("camera.{key}")).collect::<Vec<_>>().join(", ")
     )]
     PartOfCamera { path: PathBuf, missing: Vec<&'static str> },
@@ -68,12 +68,13 @@ pub enum ShotError {
     #[error("none of the recording's {} has a pose; its first one: {source}", count(*frames, "frame"))]
     NoPoses { frames: usize, source: NoPose },
     #[error(
-        "nothing says how bright the scene is: {} of frame {frame} {} not known (EXIF, a profile or --set \
-         camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…); give that, or the light by --lux",
+        "nothing says how bright the scene is: {} of frame {frame} {} not known, neither by EXIF nor by a \
+         profile; give that (--set camera.lens.f_number=…, camera.exposure.time_s=…, camera.exposure.iso=…), or the light \
+         (--lux)",
         missing.join(" and "), if missing.len() == 1 { "is" } else { "are" }
     )]
     NoLight { frame: usize, missing: Vec<&'static str> },
-    #[error("frame {frame} is black: it does not tell how bright the scene is; give the light by --lux")]
+    #[error("frame {frame} is black: it does not tell how bright the scene is; give the light (--lux)")]
     Black { frame: usize },
 }
 

@@ -8,6 +8,7 @@ use glam::{DVec2, DVec3};
 use super::{Shot, SurfaceError};
 use crate::camera::Geometry;
 use crate::render::{Shutter, ViewKeys};
+use crate::scene::Heading;
 
 /// A frame's camera with the poses of its rows.
 #[derive(Clone, Debug)]
@@ -47,7 +48,31 @@ impl Shot {
     }
 }
 
+/// Seen more steeply than this from above, a thing faces the picture's lower edge: degrees from the vertical.
+const STEEP_DEG: f64 = 10.0;
+
+impl Shot {
+    /// The heading by which something at a point of the world faces whoever looks at a frame, turned further by degrees. Where
+    /// the frame has no camera it stands as it comes.
+    pub fn facing(&self, frame: usize, point_m: DVec3, up: DVec3, turned_deg: f64) -> Heading {
+        let direction = self.eye(frame).ok().and_then(|eye| eye.level_to_viewer(point_m, up));
+        direction.map_or(Heading::Deg(turned_deg), |direction| Heading::Towards { direction, turned_deg })
+    }
+}
+
 impl Eye {
+    /// The level direction from a point to whoever looks, unit length.
+    fn level_to_viewer(&self, point_m: DVec3, up: DVec3) -> Option<DVec3> {
+        let to_camera = (self.position_m() - point_m).normalize_or_zero();
+        let level = to_camera.reject_from_normalized(up);
+        if level.length() > STEEP_DEG.to_radians().sin() {
+            return level.try_normalize();
+        }
+        let px = self.project(point_m)?;
+        let (here, below) = (self.ray(px)?, self.ray(px + DVec2::Y)?);
+        (below.direction - here.direction).reject_from_normalized(up).try_normalize()
+    }
+
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
@@ -123,5 +148,23 @@ mod tests {
         let (top, middle) = (DVec2::new(320.0, 4.0), DVec2::new(320.0, 240.0));
         let moved = |at: DVec2| rigid.project(eye.ray(at).unwrap().at(1.0)).unwrap().distance(at);
         assert!(moved(top) > 0.5 && moved(middle) < 1e-6, "{} {}", moved(top), moved(middle));
+    }
+
+    #[test]
+    fn things_face_whoever_looks_and_from_right_above_the_lower_edge() {
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let eye = shot.eye(30).unwrap();
+        let point = DVec3::new(0.1, -0.1, 0.0);
+        let Heading::Towards { direction, turned_deg: 5.0 } = shot.facing(30, point, DVec3::Z, 5.0) else { panic!() };
+        let to_camera = eye.position_m() - point;
+        assert!(direction.z.abs() < 1e-12 && (direction.length() - 1.0).abs() < 1e-12);
+        assert!((direction.dot(to_camera) - to_camera.truncate().length()).abs() < 1e-9);
+        // "Up" is towards the camera: it is right above.
+        let up = to_camera.normalize();
+        let down = eye.level_to_viewer(point, up).unwrap();
+        let (here, there) = (eye.project(point).unwrap(), eye.project(point + 0.01 * down).unwrap());
+        let way = (there - here).normalize();
+        assert!(down.dot(up).abs() < 1e-9 && way.y > 0.99, "{way}");
+        assert_eq!(shot.facing(9999, point, DVec3::Z, 7.0), Heading::Deg(7.0));
     }
 }

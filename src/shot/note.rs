@@ -72,7 +72,7 @@ impl fmt::Display for Note {
                     true => "nothing says how long the frames were exposed: half the frame interval is taken",
                     false => "the pictures bear no times, so that nothing is blurred by motion",
                 })?;
-                f.write_str("; --set camera.exposure.time_s=SECONDS sets an exposure")
+                f.write_str("; the camera's exposure time says otherwise (--set camera.exposure.time_s=SECONDS)")
             }
             Self::OtherUnit { of_scene, holds } => {
                 let (of_scene, holds) = (number(*of_scene), number(*holds));
@@ -80,8 +80,8 @@ impl fmt::Display for Note {
             }
             Self::UnknownNoise => f.write_str(
                 "nothing says how noisy this camera is: objects are drawn without noise, and look too clean beside it; \
-                 `locard calibrate noise` measures it from pictures of a scene at rest, with --moving from the recording \
-                 itself",
+                 calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the recording \
+                 itself)",
             ),
             Self::NothingHides { number, frames, first, because } => {
                 let of = format!("{number} of {}", count(*frames, "frame"));
@@ -97,8 +97,8 @@ impl fmt::Display for Note {
                 write!(f, "{name} {how} {far} {whence} the surface that the depth of frame {frame} shows")
             }
             Self::NothingSeen => f.write_str(
-                "no object of the scene is in the picture: `locard inspect RECORDING --frame N` says where the camera is \
-                 and looks, `locard inspect SCENE` where the objects are",
+                "no object of the scene is in the picture (`locard inspect RECORDING --frame N` says where the camera is \
+                 and looks, `locard inspect SCENE` where the objects are)",
             ),
         }
     }

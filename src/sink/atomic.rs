@@ -163,7 +163,7 @@ mod tests {
         let path = folder.path().join("a.json");
         let slow = |w: &mut BufWriter<&mut File>| std::fs::write(&path, "mine").and_then(|()| w.write_all(b"ours"));
         let error = write_atomically(&path, false, slow).unwrap_err().to_string();
-        assert!(error.ends_with("a.json: exists already; it is kept unless --force is given"), "{error}");
+        assert!(error.ends_with("a.json: exists already, and is kept (--force replaces it)"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), b"mine");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         write_atomically(&path, true, slow).unwrap();
@@ -231,7 +231,7 @@ mod tests {
         symlink("mine", at("far/near")).unwrap();
         symlink("far/near", at("link")).unwrap();
         let error = write_atomically(&at("link"), false, |w| w.write_all(b"x")).unwrap_err().to_string();
-        assert!(error.ends_with("link: exists already; it is kept unless --force is given"), "{error}");
+        assert!(error.ends_with("link: exists already, and is kept (--force replaces it)"), "{error}");
         write_atomically(&at("link"), true, |w| w.write_all(b"ours")).unwrap();
         assert!(at("link").is_symlink() && at("far/near").is_symlink());
         assert_eq!(std::fs::read_to_string(at("far/mine")).unwrap(), "ours");

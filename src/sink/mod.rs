@@ -112,7 +112,7 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
 pub enum SinkError {
     #[error("{}: {problem}", path.display())]
     Refused { path: PathBuf, problem: String },
-    #[error("{}: exists already; it is kept unless --force is given", path.display())]
+    #[error("{}: exists already, and is kept (--force replaces it)", path.display())]
     Exists { path: PathBuf },
     #[error("{}: cannot be written: {}", path.display(), reason(source))]
     Write { path: PathBuf, source: std::io::Error },

@@ -1,6 +1,6 @@
 //! What keys do: one table, which the window's page of keys shows too.
 
-use eframe::egui::{Context, Key, Modifiers};
+use eframe::egui::{Context, Key, Modifiers, Popup};
 
 use super::handles::Begin;
 
@@ -115,7 +115,10 @@ const HELD: &[(&str, &str)] = &[
 /// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count.
 pub fn pressed(ctx: &Context) -> Vec<Action> {
     let typing = ctx.egui_wants_keyboard_input();
+    // Esc is the menu's that is open.
+    let in_menu = Popup::is_any_open(ctx);
     let usable = BINDINGS.iter().filter(|binding| !typing || binding.modifiers.command);
+    let usable = usable.filter(|binding| !in_menu || binding.key != Key::Escape);
     let times = |binding: &Binding| ctx.input_mut(|i| i.count_and_consume_key(binding.modifiers, binding.key));
     usable.flat_map(|binding| std::iter::repeat_n(binding.action, times(binding))).collect()
 }
@@ -146,6 +149,7 @@ fn named(modifiers: Modifiers, key: Key) -> String {
         Key::Minus => "-",
         Key::Questionmark => "?",
         Key::Escape => "Esc",
+        Key::Delete => "Del",
         other => other.name(),
     };
     let before = [(modifiers.command, "Ctrl+"), (modifiers.alt, "Alt+"), (modifiers.shift, "Shift+")];

@@ -9,6 +9,7 @@ use glam::DVec2;
 use super::actions::{self, Action};
 use super::errand::let_go;
 use super::evidence::Evidence;
+use super::fit;
 use super::hand::Hand;
 use super::handles::{Handles, Over};
 use super::keeper::{Keeper, Turn};
@@ -279,6 +280,9 @@ impl App {
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                if self.session.lacks_camera() && ui.button("Open a profile…").clicked() {
+                    self.keeper.choose_profile(&self.session.project);
+                }
                 let visuals = ui.visuals();
                 let (wrong, odd, weak) = (visuals.error_fg_color, visuals.warn_fg_color, visuals.weak_text_color());
                 let no_pose = || self.session.stats().and_then(|stats| stats.no_pose.clone());
@@ -317,7 +321,7 @@ impl App {
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
         self.codes(&seen, &frame);
-        self.side.over_picture(&seen);
+        self.side.over_picture(&seen, frame.index, self.session.player.playing);
         self.hand.work(&seen);
         let over = Over {
             seen: &seen,
@@ -382,8 +386,7 @@ impl App {
 
     /// What stands beside the picture.
     fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
-        egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(320.0..=700.0).show(ui, |ui| {
-            ui.add_space(4.0);
+        egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(350.0..=700.0).show(ui, |ui| {
             if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
                 self.session.say(refused);
             }
@@ -457,6 +460,7 @@ impl eframe::App for App {
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
+        fit::to_screen(&ctx);
         self.input(&ctx);
         self.session.take(&ctx);
         if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {

@@ -6,7 +6,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
-use eframe::egui::{self, Key, RichText, Ui};
+use eframe::egui::text::{CCursor, CCursorRange};
+use eframe::egui::{self, Key, Ui};
 
 use crate::photo::series_there;
 use crate::recording::Recording;
@@ -51,6 +52,7 @@ struct Entry {
     is_recording: bool,
 }
 
+/// A folder, and what is in it.
 type Listing = (PathBuf, Result<Vec<Entry>, String>);
 
 /// How it ended.
@@ -79,13 +81,17 @@ pub struct Chooser {
     name: String,
     /// It was typed, and leaves in the list what holds it.
     is_typed: bool,
-    /// `None` while the folder is being listed.
-    entries: Option<Result<Vec<Entry>, String>>,
-    listing: Option<Receiver<Listing>>,
+    listed: Option<Listing>,
+    /// The folder that is being listed.
+    listing: Option<(PathBuf, Receiver<Listing>)>,
     /// A file that is there, for which it has been asked whether it may be replaced.
     replaces: Option<PathBuf>,
-    wrong: Option<String>,
-    is_new: bool,
+    /// What there is to say of what was entered.
+    told: Option<String>,
+    /// The field is to have the keyboard.
+    wants_keys: bool,
+    /// Where else to begin: what a folder is called, and where it is.
+    places: Vec<(&'static str, PathBuf)>,
 }
 
 impl Chooser {
@@ -99,38 +105,77 @@ impl Chooser {
         let file = at.file_name().filter(|_| !is_folder && seeks.is_new());
         let name = file.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let title = title.to_owned();
-        let (entries, listing, replaces, wrong) = (None, None, None, None);
-        Self { title, seeks, folder, name, is_typed: false, entries, listing, replaces, wrong, is_new: true }
+        let (listed, listing, replaces, told) = (None, None, None, None);
+        let places = std::env::home_dir().map(|home| ("Home", home)).into_iter().collect();
+        Self { title, seeks, folder, name, is_typed: false, listed, listing, replaces, told, wants_keys: true, places }
     }
 
+    /// Offers another folder to begin in, if it is there.
+    pub fn with(mut self, called: &'static str, folder: &Path) -> Self {
+        if let Some(folder) = folder.canonicalize().ok().filter(|folder| folder.is_dir()) {
+            self.places.push((called, folder));
+        }
+        self
+    }
+
+    /// Shows another folder. The name of a new file stays.
     fn go(&mut self, folder: PathBuf) {
-        self.folder = folder;
-        (self.entries, self.listing, self.wrong) = (None, None, None);
-        if !self.seeks.is_new() {
-            self.name.clear();
+        let is_kept = self.seeks.is_new() && !self.name.ends_with(std::path::is_separator);
+        let name = Path::new(&self.name).file_name().filter(|_| is_kept);
+        self.name = name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        (self.folder, self.is_typed, self.told, self.wants_keys) = (folder, false, None, true);
+    }
+
+    /// Shows a folder that was named.
+    fn go_into(&mut self, folder: PathBuf) {
+        self.name.clear();
+        self.go(folder);
+    }
+
+    /// What a name or a path means that was typed.
+    fn meant(&self, typed: &str) -> PathBuf {
+        match typed.strip_prefix('~').filter(|rest| rest.is_empty() || rest.starts_with('/')) {
+            Some(rest) => std::env::home_dir().unwrap_or_default().join(rest.trim_start_matches('/')),
+            None => self.folder.join(typed),
         }
     }
 
-    /// Lists the folder, if that has not been begun, and takes what was listed.
-    fn list(&mut self, ctx: &egui::Context) {
-        if self.entries.is_none() && self.listing.is_none() {
-            let (send, receive) = channel();
-            let (folder, seeks, wake) = (self.folder.clone(), self.seeks, ctx.clone());
-            let begun = std::thread::Builder::new().name("chooser".to_owned()).spawn(move || {
-                let listed = listed(&folder, seeks);
-                // The dialog may be closed.
-                let _ = send.send((folder, listed));
-                wake.request_repaint();
-            });
-            match begun {
-                Ok(_) => self.listing = Some(receive),
-                Err(error) => self.entries = Some(Err(reason(&error))),
-            }
+    /// The folder that is shown, and what its entries' names must hold: a path that is typed leads to its own.
+    fn looks_in(&self) -> (PathBuf, String) {
+        let typed = if self.is_typed { self.name.trim() } else { "" };
+        let part = |text: &str| if self.seeks.is_new() { String::new() } else { text.to_lowercase() };
+        if !typed.contains(std::path::is_separator) && typed != "~" {
+            return (self.folder.clone(), part(typed));
         }
-        if let Some((folder, listed)) = self.listing.as_ref().and_then(|listing| listing.try_recv().ok())
-            && folder == self.folder
-        {
-            (self.entries, self.listing) = (Some(listed), None);
+        let meant = self.meant(typed);
+        if typed.ends_with(std::path::is_separator) || typed == "~" {
+            return (meant, String::new());
+        }
+        let name = meant.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        (meant.parent().map_or_else(|| meant.clone(), Path::to_owned), part(&name))
+    }
+
+    /// Lists the folder that is shown, if that has not been begun, and takes what was listed.
+    fn list(&mut self, ctx: &egui::Context) {
+        let (folder, _) = self.looks_in();
+        if let Some(listing) = self.listing.as_ref().and_then(|(_, listing)| listing.try_recv().ok()) {
+            (self.listed, self.listing) = (Some(listing), None);
+        }
+        let is_listed = self.listed.as_ref().is_some_and(|(listed, _)| *listed == folder);
+        if is_listed || self.listing.as_ref().is_some_and(|(listing, _)| *listing == folder) {
+            return;
+        }
+        let (send, receive) = channel();
+        let (wanted, seeks, wake) = (folder.clone(), self.seeks, ctx.clone());
+        let begun = std::thread::Builder::new().name("chooser".to_owned()).spawn(move || {
+            let listed = listed(&wanted, seeks);
+            // The dialog may be closed.
+            let _ = send.send((wanted, listed));
+            wake.request_repaint();
+        });
+        match begun {
+            Ok(_) => self.listing = Some((folder, receive)),
+            Err(error) => self.listed = Some((folder, Err(reason(&error)))),
         }
     }
 
@@ -147,12 +192,7 @@ impl Chooser {
             }
             self.way(ui);
             ui.separator();
-            let height = (ctx.content_rect().height() - 260.0).clamp(120.0, 320.0);
-            egui::ScrollArea::vertical()
-                .max_height(height)
-                .min_scrolled_height(height)
-                .auto_shrink(false)
-                .show(ui, |ui| chosen = self.entries(ui));
+            chosen = self.entries(ui);
             ui.separator();
             if chosen.is_none() {
                 chosen = self.foot(ui);
@@ -167,8 +207,9 @@ impl Chooser {
     /// The folders above, and where else to begin.
     fn way(&mut self, ui: &mut Ui) {
         let mut to = None;
+        let (shown, _) = self.looks_in();
         ui.horizontal_wrapped(|ui| {
-            let mut above: Vec<&Path> = self.folder.ancestors().collect();
+            let mut above: Vec<&Path> = shown.ancestors().collect();
             above.reverse();
             for folder in above {
                 let name =
@@ -178,10 +219,10 @@ impl Chooser {
                 }
             }
             ui.separator();
-            if let Some(home) = std::env::home_dir()
-                && ui.small_button("Home").clicked()
-            {
-                to = Some(home);
+            for (called, folder) in &self.places {
+                if ui.small_button(*called).clicked() {
+                    to = Some(folder.clone());
+                }
             }
         });
         if let Some(folder) = to {
@@ -189,65 +230,87 @@ impl Chooser {
         }
     }
 
+    /// The list, as high as whole rows are.
     fn entries(&mut self, ui: &mut Ui) -> Option<Chosen> {
-        let entries = match &self.entries {
-            None => {
-                ui.weak("Listing…");
+        let text = ui.text_style_height(&egui::TextStyle::Button) + 2.0 * ui.spacing().button_padding.y;
+        let (row, gap) = (text.max(ui.spacing().interact_size.y), ui.spacing().item_spacing.y);
+        let most = (ui.ctx().content_rect().height() - 260.0).clamp(120.0, 320.0);
+        let height = (most / (row + gap)).floor() * (row + gap) - gap;
+        let area = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false);
+        let (folder, part) = self.looks_in();
+        let entries = match &self.listed {
+            Some((listed, Ok(entries))) if *listed == folder => {
+                entries.iter().filter(|entry| entry.name.to_lowercase().contains(&part)).cloned().collect::<Vec<_>>()
+            }
+            other => {
+                let text = match other {
+                    Some((listed, Err(why))) if *listed == folder => format!("{}: {why}", folder.display()),
+                    _ => "Listing…".to_owned(),
+                };
+                area.show(ui, |ui| ui.weak(text));
                 return None;
             }
-            Some(Err(why)) => {
-                ui.label(RichText::new(why).color(ui.visuals().error_fg_color));
-                return None;
-            }
-            Some(Ok(entries)) => entries.clone(),
         };
-        // Of what is looked for, what is typed leaves what holds it.
-        let typed = if self.is_typed && !self.seeks.is_new() { self.name.to_lowercase() } else { String::new() };
-        let fits = |entry: &&Entry| typed.is_empty() || entry.name.to_lowercase().contains(&typed);
-        let shown: Vec<&Entry> = entries.iter().filter(fits).collect();
-        if shown.is_empty() {
-            ui.weak(if entries.is_empty() { "Nothing here that can be opened" } else { "Nothing here is called that" });
+        if entries.is_empty() {
+            let text = if part.is_empty() { "Nothing here that can be opened" } else { "Nothing here is called that" };
+            let text = if self.seeks.is_new() { "Nothing is here yet" } else { text };
+            area.show(ui, |ui| ui.weak(text));
+            return None;
         }
         let mut chosen = None;
-        for entry in shown {
-            let sign = if entry.is_recording { "   recording" } else { "" };
-            let slash = if entry.is_folder { "/" } else { "" };
-            let response = ui.selectable_label(self.name == entry.name, format!("{}{slash}{sign}", entry.name));
-            let path = self.folder.join(&entry.name);
-            match () {
-                () if entry.is_folder && response.clicked() && !entry.is_recording => self.go(path),
-                () if response.double_clicked() => chosen = self.take(path),
-                () if response.clicked() => {
-                    // The list stays as it is: a second click means the same entry.
-                    (self.name, self.is_typed) = (entry.name.clone(), false);
-                }
-                () => {}
+        area.show_rows(ui, row, entries.len(), |ui, rows| {
+            for entry in &entries[rows] {
+                chosen = self.entry(ui, &folder, entry).or(chosen.take());
             }
-        }
+        });
         chosen
+    }
+
+    fn entry(&mut self, ui: &mut Ui, folder: &Path, entry: &Entry) -> Option<Chosen> {
+        let sign = if entry.is_recording { "   recording" } else { "" };
+        let slash = if entry.is_folder { "/" } else { "" };
+        let response = ui.selectable_label(self.name == entry.name, format!("{}{slash}{sign}", entry.name));
+        let path = folder.join(&entry.name);
+        match () {
+            () if entry.is_folder && response.clicked() && !entry.is_recording => self.go(path),
+            () if response.double_clicked() => return self.take(path),
+            () if response.clicked() => {
+                // The list stays as it is: a second click means the same entry.
+                (self.folder, self.told, self.wants_keys) = (folder.to_owned(), None, true);
+                (self.name, self.is_typed) = (entry.name.clone(), false);
+            }
+            () => {}
+        }
+        None
     }
 
     fn foot(&mut self, ui: &mut Ui) -> Option<Chosen> {
         let mut chosen = None;
-        if let Some(wrong) = &self.wrong {
-            ui.label(RichText::new(wrong).color(ui.visuals().error_fg_color));
+        if let Some(told) = &self.told {
+            ui.label(told);
         }
         ui.horizontal(|ui| {
             let hint = if self.seeks.is_new() { "Name, or a path" } else { "Part of a name, or a path" };
             let field = egui::TextEdit::singleline(&mut self.name).desired_width(380.0).hint_text(hint);
             let response = ui.add(field);
             response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "File name"));
-            if std::mem::take(&mut self.is_new) {
+            if std::mem::take(&mut self.wants_keys) {
                 response.request_focus();
+                // What is typed next takes the place of what stands there.
+                let mut state = egui::text_edit::TextEditState::load(ui.ctx(), response.id).unwrap_or_default();
+                let all = CCursorRange::two(CCursor::new(0), CCursor::new(self.name.chars().count()));
+                state.cursor.set_char_range(Some(all));
+                state.store(ui.ctx(), response.id);
             }
             if response.changed() {
-                (self.wrong, self.is_typed) = (None, true);
+                (self.told, self.is_typed) = (None, true);
             }
             let entered = response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
             let does = if self.seeks.is_new() { "Save here" } else { "Open" };
             if (ui.button(does).clicked() || entered) && chosen.is_none() {
                 chosen = self.enter();
-                self.is_new = chosen.is_none();
+                self.wants_keys = chosen.is_none();
+                ui.ctx().request_repaint();
             }
             if ui.button("Cancel").clicked() {
                 chosen = Some(Chosen::Nothing);
@@ -260,26 +323,29 @@ impl Chooser {
     fn enter(&mut self) -> Option<Chosen> {
         let typed = self.name.trim().to_owned();
         if typed.is_empty() {
-            if self.seeks == Seeks::Recording || self.seeks == Seeks::NewFolder {
-                return self.take(self.folder.clone());
+            match self.seeks {
+                Seeks::NewFolder => return self.take(self.folder.clone()),
+                Seeks::Recording if Recording::is_at(&self.folder) => return self.take(self.folder.clone()),
+                Seeks::Recording => {
+                    self.told = Some("There is no recording in this folder: go to one that is marked".to_owned());
+                }
+                _ => self.told = Some("Choose a file, or type its name".to_owned()),
             }
-            self.wrong = Some("Choose a file, or type its name".to_owned());
             return None;
         }
-        let path = match typed.strip_prefix("~/").and_then(|rest| Some(std::env::home_dir()?.join(rest))) {
-            Some(path) => path,
-            None => self.folder.join(&typed),
-        };
+        let path = self.meant(&typed);
         if path.exists() || self.seeks.is_new() {
             return self.take(path);
         }
-        let entries = self.entries.as_ref().and_then(|entries| entries.as_ref().ok());
-        let mut like =
-            entries.into_iter().flatten().filter(|entry| entry.name.to_lowercase().contains(&typed.to_lowercase()));
-        match (like.next().map(|entry| self.folder.join(&entry.name)), like.next()) {
+        let (folder, part) = self.looks_in();
+        let part = if self.is_typed { part } else { typed.to_lowercase() };
+        let listed = self.listed.iter().filter(|(listed, _)| *listed == folder);
+        let entries = listed.flat_map(|(_, entries)| entries.iter().flatten());
+        let mut like = entries.filter(|entry| entry.name.to_lowercase().contains(&part));
+        match (like.next().map(|entry| folder.join(&entry.name)), like.next()) {
             (Some(only), None) => self.take(only),
             _ => {
-                self.wrong = Some(format!("There is no {}", path.display()));
+                self.told = Some(format!("There is no {}", path.display()));
                 None
             }
         }
@@ -287,22 +353,9 @@ impl Chooser {
 
     fn take(&mut self, path: PathBuf) -> Option<Chosen> {
         match self.seeks {
-            Seeks::File(_) if path.is_dir() => {
-                self.go(path);
-                None
-            }
-            Seeks::File(_) => Some(Chosen::free(path)),
-            Seeks::Recording if path.is_dir() && !Recording::is_at(&path) => {
-                self.go(path);
-                self.wrong = Some("There is no recording in this folder".to_owned());
-                None
-            }
-            Seeks::Recording => Some(Chosen::free(path)),
-            Seeks::NewFile(_) | Seeks::NewSeries(_) if path.is_dir() => {
-                self.go(path);
-                self.name.clear();
-                None
-            }
+            Seeks::Recording if path.is_dir() && !Recording::is_at(&path) => self.go_into(path),
+            Seeks::File(_) | Seeks::NewFile(_) | Seeks::NewSeries(_) if path.is_dir() => self.go_into(path),
+            Seeks::File(_) | Seeks::Recording => return Some(Chosen::free(path)),
             Seeks::NewFile(endings) | Seeks::NewSeries(endings) => {
                 let path = match path.extension() {
                     Some(_) => path,
@@ -312,20 +365,19 @@ impl Chooser {
                     Seeks::NewSeries(_) => !series_there(&path).is_empty(),
                     _ => path.exists(),
                 };
-                if is_there {
-                    self.replaces = Some(path);
-                    return None;
+                if !is_there {
+                    return Some(Chosen::free(path));
                 }
-                Some(Chosen::free(path))
+                self.replaces = Some(path);
             }
             Seeks::NewFolder => {
-                if std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
-                    self.replaces = Some(path);
-                    return None;
+                if !std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
+                    return Some(Chosen::free(path));
                 }
-                Some(Chosen::free(path))
+                self.replaces = Some(path);
             }
         }
+        None
     }
 
     fn asks(&mut self, ui: &mut Ui, path: &Path) -> Option<Chosen> {
@@ -410,19 +462,26 @@ mod tests {
         }
         let endings: &[&str] = &["toml"];
         let mut open = Chooser::new("Open", Seeks::File(endings), temp.path());
-        open.entries = Some(listed(temp.path(), open.seeks));
         let mut type_in = |text: &str| {
-            open.name = text.to_owned();
-            open.enter()
+            (open.name, open.is_typed) = (text.to_owned(), true);
+            let (folder, _) = open.looks_in();
+            open.listed = Some((folder.clone(), listed(&folder, open.seeks)));
+            (open.enter(), open.folder.clone())
         };
+        let (here, within) = (temp.path().to_owned(), temp.path().join("in"));
         let at = |name: &str| Some(Chosen::free(temp.path().join(name)));
-        assert_eq!(type_in("mine.toml"), at("mine.toml"));
-        assert_eq!(type_in("oth"), at("other.toml"));
-        assert_eq!(type_in(&temp.path().join("mine.toml").display().to_string()), at("mine.toml"));
-        assert_eq!((type_in("nothing"), type_in("toml"), type_in("")), (None, None, None));
-        assert!(open.wrong.is_some());
-        open.name = "in".to_owned();
-        assert_eq!((open.enter(), &open.folder), (None, &temp.path().join("in")));
+        let whole = |name: &str| temp.path().join(name).display().to_string();
+        assert_eq!(type_in("mine.toml"), (at("mine.toml"), here.clone()));
+        assert_eq!(type_in("oth").0, at("other.toml"));
+        assert_eq!(type_in(&whole("mine.toml")).0, at("mine.toml"));
+        assert_eq!(type_in(&whole("oth")).0, at("other.toml"), "a part of a name in another folder");
+        assert_eq!([type_in("nothing").0, type_in("toml").0, type_in("").0], [None, None, None]);
+        assert_eq!(type_in("in"), (None, within.clone()));
+        assert_eq!(type_in("../mine.toml").0, Some(Chosen::free(within.join("../mine.toml"))));
+        assert_eq!(type_in(&whole("")), (None, PathBuf::from(whole(""))));
+        assert!(open.told.is_none() && open.wants_keys && open.name.is_empty());
+        (open.name, open.is_typed) = ("nothing".to_owned(), true);
+        assert!(open.enter().is_none() && open.told.is_some());
 
         let mut save = Chooser::new("Save", Seeks::NewFile(endings), &temp.path().join("mine.toml"));
         assert_eq!(save.name, "mine.toml");

@@ -1,11 +1,12 @@
 //! A control for every parameter, from its declaration alone.
 
+use eframe::egui::containers::menu::MenuButton;
 use eframe::egui::{self, Color32, RichText, Ui};
 
 use super::Project;
 use super::project::{Origin, tables};
 use crate::camera::stops::{self, Step, Stop};
-use crate::params::{Kind, Spec, Value};
+use crate::params::{Kind, Spec, Value, title};
 use crate::words::number;
 
 /// What is looked for, and which groups are open.
@@ -37,30 +38,38 @@ impl Controls {
         ui.separator();
         let mut refused = None;
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            let groups = groups(project);
-            for (table, title, summary) in groups {
+            let mut is_empty = true;
+            for (table, summary) in groups(project) {
                 let is_idle = summary.is_some() && at_work.is_some_and(|effects| !effects.contains(&table));
-                refused = self.group(ui, project, table, &title, summary, is_idle).or(refused.take());
+                let Some(group) = self.group(ui, project, table, summary, is_idle) else { continue };
+                (is_empty, refused) = (false, group.or(refused.take()));
+            }
+            if is_empty {
+                ui.weak(match self.search.trim() {
+                    "" => "You have changed nothing.".to_owned(),
+                    words => format!("Nothing is called “{words}”."),
+                });
             }
         });
         refused
     }
 
+    /// A table's controls, if any are looked for; a value that is refused is given back.
     fn group(
         &self,
         ui: &mut Ui,
         project: &mut Project,
         table: &'static str,
-        title: &str,
         summary: Option<&'static str>,
         is_idle: bool,
-    ) -> Option<String> {
+    ) -> Option<Option<String>> {
+        let title = title(table);
         let specs: Vec<(Spec, Value, Origin)> = {
             let edit = project.edit();
             let all = tables(&edit.rig, &edit.settings);
             let params = all.into_iter().find(|params| params.table() == table)?;
             let wanted = |spec: &Spec| {
-                let text = format!("{table}.{} {}", spec.name, spec.help).to_lowercase();
+                let text = format!("{table}.{} {title} {} {}", spec.name, spec.words(), spec.help).to_lowercase();
                 self.search.to_lowercase().split_whitespace().all(|word| text.contains(word))
             };
             let with_value = |spec: Spec| {
@@ -86,7 +95,7 @@ impl Controls {
             .show_header(ui, |ui| {
                 if is_effect {
                     let mut on = project.edit().settings.is_on(table);
-                    if ui.checkbox(&mut on, RichText::new(title).strong()).changed() {
+                    if ui.checkbox(&mut on, RichText::new(&title).strong()).changed() {
                         project.switch(table, on);
                     }
                     if on && is_idle {
@@ -95,7 +104,7 @@ impl Controls {
                         );
                     }
                 } else {
-                    let heading = egui::Label::new(RichText::new(title).strong()).sense(egui::Sense::click());
+                    let heading = egui::Label::new(RichText::new(&title).strong()).sense(egui::Sense::click());
                     is_clicked = ui.add(heading).clicked();
                 }
             })
@@ -117,26 +126,25 @@ impl Controls {
             state.toggle(ui);
             state.store(ui.ctx());
         }
-        refused
+        Some(refused)
     }
 }
 
-/// Every table with its title, in the order of the light; an effect's with what it does.
-fn groups(project: &Project) -> Vec<(&'static str, String, Option<&'static str>)> {
+/// Every table, in the order of the light; an effect's with what it does.
+fn groups(project: &Project) -> Vec<(&'static str, Option<&'static str>)> {
     let edit = project.edit();
     let summary = |table: &str| edit.settings.effects().find(|effect| effect.table() == table).map(|e| e.summary());
-    tables(&edit.rig, &edit.settings)
-        .into_iter()
-        .map(|params| (params.table(), title(params.table()), summary(params.table())))
-        .collect()
+    tables(&edit.rig, &edit.settings).into_iter().map(|params| (params.table(), summary(params.table()))).collect()
 }
 
-/// A table's name as a heading: `camera.lens` is "Camera: lens".
-fn title(table: &str) -> String {
-    let words = table.replace('_', " ").replace('.', ": ");
-    let mut chars = words.chars();
-    chars.next().map_or_else(String::new, |first| first.to_uppercase().chain(chars).collect())
-}
+/// Widths within a row, points: of the name, of the value and of the stops. The slider has what is left, so that nothing
+/// moves when something comes or goes.
+const NAME: f32 = 120.0;
+const VALUE: f32 = 78.0;
+const STOPS: f32 = 62.0;
+/// Of the bar that scrolls.
+const BAR: f32 = 8.0;
+const SLIDER: std::ops::RangeInclusive<f32> = 20.0..=180.0;
 
 /// One parameter.
 fn control(
@@ -148,18 +156,19 @@ fn control(
     opened: Option<Value>,
 ) -> Option<Asked> {
     let full = format!("{table}.{}", spec.name);
+    let called = format!("{}: {}", title(table), spec.words());
     let mut asked = None;
     ui.horizontal(|ui| {
         mark(ui, origin);
-        let text = RichText::new(spec.name);
+        let text = RichText::new(spec.words());
         let text = if origin == Origin::Person { text.strong() } else { text };
         let left = egui::Layout::left_to_right(egui::Align::Center);
-        let label = ui.allocate_ui_with_layout(egui::vec2(136.0, 18.0), left, |ui| {
-            ui.set_min_width(136.0);
+        let label = ui.allocate_ui_with_layout(egui::vec2(NAME, 18.0), left, |ui| {
+            ui.set_min_width(NAME);
             ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()))
         });
         let label = label.inner;
-        let label = label.on_hover_ui(|ui| help(ui, &full, spec, opened.as_ref()));
+        let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, opened.as_ref()));
         if label.double_clicked() {
             asked = Some(Asked::Set(spec.default.clone()));
         }
@@ -180,7 +189,7 @@ fn control(
             let mut given = *value != Value::None;
             let given_box = ui.checkbox(&mut given, "");
             given_box.widget_info(|| {
-                egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{full} is given"))
+                egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{called} is given"))
             });
             if given_box.changed() {
                 asked = Some(Asked::Set(if given { first_value(&full, &spec.kind) } else { Value::None }));
@@ -190,11 +199,17 @@ fn control(
                 return;
             }
         }
-        if let Some(done) = field(ui, &full, spec, &mut shown) {
+        let dial = dial(&full);
+        let beside = ui.spacing().item_spacing.x;
+        let stops = if dial.is_some() { STOPS + beside } else { 0.0 };
+        let slider = ui.available_width() - VALUE - beside - stops - BAR;
+        ui.spacing_mut().slider_width = slider.clamp(*SLIDER.start(), *SLIDER.end());
+        ui.spacing_mut().interact_size.x = VALUE;
+        if let Some(done) = field(ui, &called, spec, &mut shown) {
             asked = Some(done);
         }
-        if let (Some(dial), Value::Number(now)) = (dial(&full), value)
-            && let Some(stop) = dial.show(ui, &full, *now)
+        if let (Some(dial), Value::Number(now)) = (dial, value)
+            && let Some(stop) = dial.show(ui, &called, *now)
         {
             asked = Some(Asked::Set(Value::Number(stop)));
         }
@@ -221,10 +236,11 @@ fn dial(full: &str) -> Option<Dial> {
 
 impl Dial {
     /// Shows the value as a camera does. Gives the exact value of the stop that is chosen.
-    fn show(&self, ui: &mut Ui, full: &str, now: f64) -> Option<f64> {
+    fn show(&self, ui: &mut Ui, called: &str, now: f64) -> Option<f64> {
         let mut chosen = None;
         let text = if now > 0.0 { (self.format)(now) } else { "stops".to_owned() };
-        let menu = ui.menu_button(text, |ui| {
+        let button = egui::Button::new(text).min_size(egui::vec2(STOPS, 0.0));
+        let (button, _) = MenuButton::from_button(button).ui(ui, |ui| {
             egui::ScrollArea::vertical().max_height(360.0).show(ui, |ui| {
                 for stop in &self.stops {
                     let is_now = (stop.exact / now).log2().abs() < 1.0 / 12.0;
@@ -235,9 +251,9 @@ impl Dial {
                 }
             });
         });
-        let info = || egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{full}: stops"));
-        menu.response.widget_info(info);
-        menu.response.on_hover_text("A camera's stops, in thirds");
+        let info = || egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{called}: stops"));
+        button.widget_info(info);
+        button.on_hover_text("A camera's stops, in thirds");
         chosen
     }
 }
@@ -259,28 +275,28 @@ fn first_value(full: &str, kind: &Kind) -> Value {
     }
 }
 
-/// The control itself; it bears the parameter's full name.
-fn field(ui: &mut Ui, full: &str, spec: &Spec, value: &mut Value) -> Option<Asked> {
+/// The control itself; it is called as the parameter.
+fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value) -> Option<Asked> {
     match (&spec.kind, value) {
         (Kind::Bool, Value::Bool(on)) => {
             let response = ui.checkbox(on, "");
-            response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, *on, full));
+            response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, *on, called));
             response.changed().then_some(Asked::Set(Value::Bool(*on)))
         }
         (Kind::Choice(names), Value::Text(chosen)) => {
             let before = chosen.clone();
-            let combo = egui::ComboBox::from_id_salt(full).selected_text(chosen.as_str());
+            let combo = egui::ComboBox::from_id_salt(called).selected_text(chosen.as_str());
             let response = combo.show_ui(ui, |ui| {
                 for name in *names {
                     ui.selectable_value(chosen, (*name).to_owned(), *name);
                 }
             });
-            let info = || egui::WidgetInfo::labeled(egui::Role::ComboBox, true, full);
+            let info = || egui::WidgetInfo::labeled(egui::Role::ComboBox, true, called);
             response.response.widget_info(info);
             (*chosen != before).then(|| Asked::Set(Value::Text(chosen.clone())))
         }
-        (Kind::Number { min, max }, Value::Number(n)) => numeric(ui, full, spec, n, [*min, *max], false),
-        (Kind::Integer { min, max }, Value::Number(n)) => numeric(ui, full, spec, n, [*min, *max], true),
+        (Kind::Number { min, max }, Value::Number(n)) => numeric(ui, called, spec, n, [*min, *max], false),
+        (Kind::Integer { min, max }, Value::Number(n)) => numeric(ui, called, spec, n, [*min, *max], true),
         _ => None,
     }
 }
@@ -288,7 +304,7 @@ fn field(ui: &mut Ui, full: &str, spec: &Spec, value: &mut Value) -> Option<Aske
 /// Wider ranges than this have no slider unless they go by decades.
 const WIDEST_SLIDER: f64 = 1e4;
 
-fn numeric(ui: &mut Ui, full: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 2], whole: bool) -> Option<Asked> {
+fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 2], whole: bool) -> Option<Asked> {
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     let parse = |text: &str| parse_number(text);
     let response = if max - min <= WIDEST_SLIDER || spec.by_ratio {
@@ -309,7 +325,7 @@ fn numeric(ui: &mut Ui, full: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 
         let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(parse);
         ui.add(drag.custom_formatter(|n, _| short(n)))
     };
-    let info = || egui::WidgetInfo::slider(true, *n, full);
+    let info = || egui::WidgetInfo::slider(true, *n, called);
     response.widget_info(info);
     if response.double_clicked() {
         return Some(Asked::Set(spec.default.clone()));
@@ -366,9 +382,9 @@ fn mark(ui: &mut Ui, origin: Origin) {
     response.on_hover_text(says);
 }
 
-fn help(ui: &mut Ui, full: &str, spec: &Spec, opened: Option<&Value>) {
+fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, opened: Option<&Value>) {
     ui.set_max_width(320.0);
-    ui.strong(full);
+    ui.strong(called);
     ui.label(spec.help);
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));
@@ -376,6 +392,7 @@ fn help(ui: &mut Ui, full: &str, spec: &Spec, opened: Option<&Value>) {
         ui.weak(format!("opened with {opened}"));
     }
     ui.weak("Double-click: default. Click the number to type one.");
+    ui.weak(format!("In files and for --set: {full}"));
 }
 
 #[cfg(test)]
@@ -400,6 +417,5 @@ mod tests {
             assert_eq!(parse_number(text), number, "{text}");
         }
         assert_eq!((short(0.1 + 0.2), short(1234567.0)), ("0.3".to_owned(), "1234600".to_owned()));
-        assert_eq!(title("camera.lens"), "Camera: lens");
     }
 }

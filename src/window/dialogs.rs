@@ -67,6 +67,16 @@ pub fn whether_to_replace(ctx: &Context, path: &Path) -> Option<Answer> {
     })
 }
 
+/// A profile is about to be written for the first time that others use too.
+pub fn whether_to_write(ctx: &Context, path: &Path, whose: &str) -> Option<Answer> {
+    question(ctx, "Write into this profile?", ["Write into it", "Save as…", "Stay"], |ui| {
+        ui.label(format!(
+            "{} belongs to {whose}. What you have changed would hold wherever it is used.",
+            path.display()
+        ));
+    })
+}
+
 /// A file that is open was changed by somebody else.
 pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
     question(ctx, "A file was changed on disk", ["Read it again", "Keep what is here", ""], |ui| {

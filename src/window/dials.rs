@@ -8,6 +8,7 @@ use super::controls::parse_number;
 use crate::camera::Film;
 use crate::camera::stops::{self, Step, Stop, StopError};
 use crate::photo::{Bracket, Focus, Wanted};
+use crate::words::without_options;
 
 /// As they are typed; empty for what the camera chooses.
 #[derive(Clone, Debug, Default)]
@@ -107,6 +108,28 @@ impl Dials {
     }
 }
 
+/// The dials by the options of the command line, as messages name them.
+const OPTIONS: [(&str, &str); 13] = [
+    ("--aperture", "Aperture"),
+    ("--shutter", "Shutter"),
+    ("--iso", "ISO"),
+    ("--focal", "Focal length"),
+    ("--focus", "Focus"),
+    ("--film", "Film"),
+    ("--aim", "In the middle"),
+    ("--width", "Width"),
+    ("--lux", "Light"),
+    ("--compensation", "Compensation"),
+    ("--bracket", "Series"),
+    ("--hand-held", "hand-held"),
+    ("--mode", "mode"),
+];
+
+/// A message with the dials' names instead of options.
+pub fn by_dials(text: &str) -> String {
+    OPTIONS.iter().fold(without_options(text), |text, (option, dial)| text.replace(option, dial))
+}
+
 fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
     read.map_err(|error| error.to_string())
 }
@@ -159,6 +182,12 @@ fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl Fn
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn messages_name_dials_and_no_options() {
+        let text = by_dials("--aim 9,9 lies outside of the picture, 4x4 px (--force); a smaller --iso helps");
+        assert_eq!(text, "In the middle 9,9 lies outside of the picture, 4x4 px; a smaller ISO helps");
+    }
 
     #[test]
     fn dials_are_read_as_people_set_them() {

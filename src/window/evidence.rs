@@ -28,7 +28,8 @@ pub struct Evidence {
     /// The model that the next click places.
     placing: Option<PathBuf>,
     lies_flat: bool,
-    heading_deg: f64,
+    /// From facing whoever looks.
+    turned_deg: f64,
     /// In the list and in the picture.
     pub selected: Option<Entry>,
     renaming: Option<Renaming>,
@@ -83,7 +84,8 @@ impl Evidence {
             ui.horizontal(|ui| {
                 ui.selectable_value(&mut self.lies_flat, false, "upright");
                 ui.selectable_value(&mut self.lies_flat, true, "flat");
-                numeric(ui, "heading of what is placed", &mut self.heading_deg, 1.0, " °");
+                let turned = numeric(ui, "turned from facing you", &mut self.turned_deg, 1.0, " °");
+                turned.on_hover_text("0: its front faces you. Positive turns counter-clockwise, seen from above.");
             });
             ui.label(RichText::new("Click in the picture; Esc ends it.").weak());
         }
@@ -120,6 +122,10 @@ impl Evidence {
     ) -> Option<String> {
         let stance = scene.stance(entry)?;
         let (title, mut changed, mut done) = (scene.title(entry), stance, false);
+        // What turns it may be its rotation.
+        let faces_deg = scene.heading_deg(entry, project.up()).unwrap_or(stance.heading_deg);
+        let shown_deg = (faces_deg * 10.0).round() / 10.0;
+        let mut heading_deg = shown_deg;
         // Undone meanwhile, it has its old name.
         let renaming = renaming.filter(|renaming| renaming.given == title);
         let mut name = renaming.as_ref().map_or_else(|| title.clone(), |renaming| renaming.typed.clone());
@@ -132,7 +138,7 @@ impl Evidence {
             for (axis, value) in ["x", "y", "z"].into_iter().zip(changed.position_m.as_mut()) {
                 done |= row(ui, axis, &format!("position {axis}"), value, 0.002, " m");
             }
-            done |= row(ui, "heading", "heading", &mut changed.heading_deg, 0.5, " °");
+            done |= row(ui, "heading", "heading", &mut heading_deg, 0.5, " °");
             done |= size(ui, &stance, &mut changed);
         });
         // To a tenth of a millimetre and of a degree, but only what was touched.
@@ -141,8 +147,9 @@ impl Evidence {
         for i in 0..3 {
             changed.position_m[i] = rounded(changed.position_m[i], stance.position_m[i]);
         }
-        if changed.heading_deg != stance.heading_deg {
-            changed.heading_deg = (changed.heading_deg * 10.0).round() / 10.0;
+        if heading_deg != shown_deg {
+            let up = project.up();
+            changed = changed.turned(up, (heading_deg * 10.0).round() / 10.0 - faces_deg, up);
         }
         let mut wrong = None;
         if is_renamed || changed != stance {
@@ -229,7 +236,8 @@ impl Evidence {
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
         let (file, up): (PathBuf, DVec3) = (project.scene_path(), project.up());
         let model = relative(model, &file);
-        let placed = lay(&model, &file, &support, posture, self.heading_deg, up).map_err(|e| e.to_string())?;
+        let heading = project.shot().facing(frame.index, support.point_m, up, self.turned_deg);
+        let placed = lay(&model, &file, &support, posture, heading, up).map_err(|e| e.to_string())?;
         let what = format!("{}: placed", placed.title());
         project.change_scene(&what, |scene| scene.objects.push(placed)).map_err(|e| e.to_string())?;
         project.close_step();

@@ -1,10 +1,10 @@
 //! Points of the world that a person clicks in the picture: one click each where the frame has depth or a plane is known,
 //! else one click in each of two frames.
 
-use eframe::egui::{Align2, Color32, FontId, Pos2, Shape, Stroke, vec2};
+use eframe::egui::{Align2, Color32, Pos2, Shape, Stroke, vec2};
 use glam::{DVec2, DVec3};
 
-use super::picture::Seen;
+use super::picture::{Seen, plate};
 use crate::frame::Frame;
 use crate::scene::Support;
 use crate::shot::{FittedPlane, Shot, SurfaceError, View};
@@ -113,8 +113,9 @@ pub fn mark(seen: &Seen, at: Pos2, text: &str) {
     for (width, ink) in [(3.5, Color32::from_black_alpha(120)), (1.5, Color32::WHITE)] {
         seen.painter.circle_stroke(at, 5.0, Stroke::new(width, ink));
     }
-    let font = FontId::proportional(12.0);
-    seen.painter.text(at + vec2(8.0, -8.0), Align2::LEFT_BOTTOM, text, font, Color32::WHITE);
+    if !text.is_empty() {
+        plate(&seen.painter, at + vec2(12.0, -10.0), Align2::LEFT_BOTTOM, text, 12.0);
+    }
 }
 
 fn again() -> String {

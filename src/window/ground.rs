@@ -182,7 +182,8 @@ fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Resu
     project.close_step();
     if project.shot().recording.metres_per_unit != unit {
         return Err(
-            "The recording was opened with a scale of its own, which holds: leave --metres-per-unit out".to_owned()
+            "The recording was opened with a scale of its own, which holds: open it again, and the scene's does"
+                .to_owned(),
         );
     }
     Ok(format!("1 unit of the recording is {unit} m; the scene file keeps it."))

@@ -1,9 +1,9 @@
-//! What a drag in the picture is for, where a part of the window asks for a rectangle.
+//! What the pointer in the picture is for, where a part of the window asks for a rectangle.
 
-use eframe::egui::{self, Color32, Key, Stroke, vec2};
+use eframe::egui::{self, Align2, Color32, Key, Stroke, Ui, vec2};
 use glam::DVec2;
 
-use super::picture::Seen;
+use super::picture::{Seen, plate};
 use crate::pixels::Rect;
 
 /// Who asked for places in the picture.
@@ -19,6 +19,18 @@ pub enum Purpose {
     Edge,
 }
 
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Question {
+    pub purpose: Purpose,
+    /// What a person is told to do.
+    pub hint: &'static str,
+    /// The side of a square that is large enough, px; told while a rectangle is dragged.
+    pub least_px: u32,
+    /// One after another, until Esc.
+    pub repeats: bool,
+}
+
 /// The whole pixels of a rectangle that was picked; `None` if there are none.
 pub fn rect(places: &[DVec2]) -> Option<Rect> {
     let [from, to] = places else { return None };
@@ -28,9 +40,7 @@ pub fn rect(places: &[DVec2]) -> Option<Rect> {
 
 #[derive(Clone, Debug)]
 struct Asking {
-    purpose: Purpose,
-    /// What a person is told to do.
-    hint: String,
+    question: Question,
     /// From corner to corner so far, px of the picture.
     so_far: Option<[DVec2; 2]>,
 }
@@ -44,15 +54,18 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// Asks; an earlier question is dropped. The hint says what to pick.
-    pub fn ask(&mut self, purpose: Purpose, hint: impl Into<String>) {
-        self.asking = Some(Asking { purpose, hint: hint.into(), so_far: None });
-        self.answered = None;
+    /// A button that asks. It is lit as long as the question stands, and ends it when it is pressed again.
+    pub fn button(&mut self, ui: &mut Ui, text: &str, question: Question) {
+        let asks = self.asks_for() == Some(question.purpose);
+        if ui.add(egui::Button::selectable(asks, text).frame_when_inactive(true)).clicked() {
+            self.asking = (!asks).then_some(Asking { question, so_far: None });
+            self.answered = None;
+        }
     }
 
     /// What is being asked for.
     pub fn asks_for(&self) -> Option<Purpose> {
-        self.asking.as_ref().map(|asking| asking.purpose)
+        self.asking.as_ref().map(|asking| asking.question.purpose)
     }
 
     /// The upper left and the lower right of what was picked, px of the picture, once.
@@ -79,8 +92,11 @@ impl Hand {
         }
         paint(asking, seen);
         if let Some([a, b]) = asking.so_far.filter(|_| response.drag_stopped()) {
-            self.answered = Some((asking.purpose, vec![a.min(b), a.max(b)]));
-            self.asking = None;
+            self.answered = Some((asking.question.purpose, vec![a.min(b), a.max(b)]));
+            asking.so_far = None;
+            if !asking.question.repeats {
+                self.asking = None;
+            }
         } else if seen.response.ctx.input(|i| i.key_pressed(Key::Escape)) {
             self.asking = None;
         }
@@ -91,13 +107,39 @@ fn paint(asking: &Asking, seen: &Seen) {
     let (line, shadow) = (Stroke::new(1.5, Color32::WHITE), Stroke::new(3.5, Color32::from_black_alpha(120)));
     let screen = |px: &DVec2| seen.placed.screen(vec2(px.x as f32, px.y as f32));
     if let Some([a, b]) = &asking.so_far {
-        let rect = egui::Rect::from_two_pos(screen(a), screen(b));
+        let on_screen = egui::Rect::from_two_pos(screen(a), screen(b));
         for stroke in [shadow, line] {
-            seen.painter.rect_stroke(rect, 0.0, stroke, egui::StrokeKind::Middle);
+            seen.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Middle);
         }
+        let at = on_screen.right_bottom() + vec2(12.0, 10.0);
+        plate(&seen.painter, at, Align2::LEFT_TOP, &told(&asking.question, [a.min(*b), a.max(*b)]), 12.0);
     }
-    seen.tell(&asking.hint);
+    let end = if asking.question.repeats { ". Esc ends it" } else { "" };
+    seen.tell(&format!("{}{end}", asking.question.hint));
     if seen.pointed.is_some() {
         seen.response.ctx.set_cursor_icon(egui::CursorIcon::Crosshair);
+    }
+}
+
+/// How large a rectangle is, and how large it has to be.
+fn told(question: &Question, corners: [DVec2; 2]) -> String {
+    let (width, height) = rect(&corners).map_or((0, 0), |rect| (rect.width(), rect.height()));
+    match question.least_px {
+        0 | 1 => format!("{width} × {height} px"),
+        least => format!("{width} × {height} px; {least} × {least} and more are needed"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_that_is_needed_is_told() {
+        let question = |least_px| Question { purpose: Purpose::Patch, hint: "", least_px, repeats: false };
+        let corners = [DVec2::new(10.2, 20.0), DVec2::new(40.4, 31.0)];
+        assert_eq!(told(&question(24), corners), "30 × 11 px; 24 × 24 and more are needed");
+        assert_eq!(told(&question(0), corners), "30 × 11 px");
+        assert_eq!(told(&question(0), [corners[0]; 2]), "0 × 0 px");
     }
 }

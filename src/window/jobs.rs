@@ -8,13 +8,14 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::dials::by_dials;
 use crate::compositor::Target;
 use crate::export::{Export, ExportError, Inputs};
 use crate::gpu::{Gpu, GpuError};
 use crate::photo::{PhotoError, TakeError, Told, Wanted};
 use crate::shot::{Shot, ShotError};
 use crate::sink::folder::write_frame;
-use crate::words::count;
+use crate::words::{count, without_options};
 
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]
@@ -195,7 +196,11 @@ enum End {
 
 impl From<ExportError> for End {
     fn from(error: ExportError) -> Self {
-        if matches!(error, ExportError::Cancelled) { Self::Cancelled } else { Self::Failed(error.to_string()) }
+        if matches!(error, ExportError::Cancelled) {
+            Self::Cancelled
+        } else {
+            Self::Failed(without_options(&error.to_string()))
+        }
     }
 }
 
@@ -203,15 +208,14 @@ impl From<PhotoError> for End {
     fn from(error: PhotoError) -> Self {
         match error {
             PhotoError::Take(TakeError::Cancelled) => Self::Cancelled,
-            // Named as on the command line, whose options have the dials' names.
-            error => Self::Failed(error.to_string().replace("--", "")),
+            error => Self::Failed(by_dials(&error.to_string())),
         }
     }
 }
 
 impl From<ShotError> for End {
     fn from(error: ShotError) -> Self {
-        Self::Failed(error.to_string())
+        Self::Failed(without_options(&error.to_string()))
     }
 }
 
@@ -222,7 +226,7 @@ fn done(job: &Job, gpu: &mut Option<Gpu>, tell: &dyn Fn(News)) -> State {
         tell(News::State(State::Running { share, begun }));
         !job.cancelled.load(Ordering::Acquire)
     };
-    let note = |text: String| tell(News::Note(text));
+    let note = |text: String| tell(News::Note(by_dials(&text)));
     let done = match &job.task {
         Task::Export(export) => exported(&job.shot, export, gpu, &goes_on, &note),
         Task::Photograph(wanted) => photographed(&job.shot, wanted, gpu, &goes_on, &note),
@@ -281,7 +285,7 @@ fn photographed(
     let mut reached = 0.0;
     wanted.take(shot.clone(), || opened(gpu), &mut |told| {
         match told {
-            Told::Warning(text) => note(text.replace("--", "")),
+            Told::Warning(text) => note(text),
             Told::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
             Told::Written { settings, .. } => said.extend((!settings.is_empty()).then_some(settings)),
         }
@@ -297,7 +301,7 @@ fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option
     let mut compositor = shot.compositor(opened(gpu).map_err(failed)?);
     let pending = shot.clone().picture(&mut compositor, frame, Target::Pixels)?;
     let done = compositor.collect(pending).map_err(failed)?;
-    write_frame(path, &done.pixels, force).map_err(|error| End::Failed(error.to_string()))?;
+    write_frame(path, &done.pixels, force).map_err(|error| End::Failed(without_options(&error.to_string())))?;
     Ok(format!("frame {frame}"))
 }
 

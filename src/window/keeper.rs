@@ -13,6 +13,7 @@ use super::chooser::{Chooser, Chosen, Seeks};
 use super::command;
 use super::dialogs;
 use super::errand::Errand;
+use super::habits::{Habits, Use};
 use super::jobs::{Jobs, State};
 use super::kind::Kind;
 use super::opening::Opening;
@@ -20,7 +21,7 @@ use super::output::{Ask, Output, Situation, proposed};
 use super::project::{Project, SaveError, Written};
 use super::recent::{Opened, Recent};
 use super::restart;
-use super::saving::Step;
+use super::saving::{self, Saved, Step};
 use super::session::Session;
 use super::watch::{Change, Watch};
 
@@ -33,6 +34,17 @@ enum Purpose {
     SaveProfile,
     SaveScene,
     Put(Ask),
+}
+
+impl Purpose {
+    fn of(&self) -> Use {
+        match self {
+            Self::Open => Use::Recording,
+            Self::OpenProfile | Self::SaveProfile => Use::Profile,
+            Self::OpenScene | Self::SaveScene => Use::Scene,
+            Self::Put(_) => Use::Output,
+        }
+    }
 }
 
 /// What is done once nothing is lost by it.
@@ -74,6 +86,7 @@ pub struct Keeper {
     left: Vec<Left>,
     look: Option<Look>,
     recent: Recent,
+    habits: Habits,
     watch: Option<Watch>,
     jobs: Option<Jobs>,
     output: Output,
@@ -89,7 +102,13 @@ pub struct Keeper {
     writing: Option<Errand<Result<Written, SaveError>>>,
     /// Files that a person has agreed to be written; `None` while nothing is being saved.
     saving: Option<Vec<PathBuf>>,
+    /// Written since it was begun to save.
+    saved: Vec<Saved>,
     asks_whether: Option<PathBuf>,
+    /// A profile that others use too is to be written for the first time.
+    asks_first: Option<PathBuf>,
+    /// Such profiles that may be written from now on.
+    shared: Vec<PathBuf>,
     /// Waits for an answer, or for what is being saved.
     then: Option<Then>,
     /// A recording that was not opened: a profile may be what it lacks.
@@ -107,6 +126,7 @@ impl Keeper {
     /// Keeps work in the user's folder for it, and offers what was left there.
     pub fn keep_in(&mut self, folder: &Path, session: &mut Session) {
         self.recent = Recent::read(folder.join("recent.json"));
+        self.habits = Habits::read(folder.join("habits.json"));
         let work = folder.join("work");
         match Autosave::begin(&work) {
             Ok(autosave) => self.autosave = Some(autosave),
@@ -119,10 +139,7 @@ impl Keeper {
     /// A recording is open: from now on its files are watched.
     fn opened(&mut self, session: &Session) {
         let project = &session.project;
-        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let (scene, profile) = (project.scene.as_deref().map(absolute), project.profile.as_deref().map(absolute));
-        let recording = absolute(&project.shot().recording.path);
-        self.recent.add(Opened { recording, scene, profile, metres_per_unit: project.metres_per_unit });
+        self.recent.add(Opened::of(project));
         self.passed_over.clear();
         if let Some(watch) = &mut self.watch {
             watch.forget();
@@ -136,21 +153,45 @@ impl Keeper {
         own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path, project.stamp(path)));
     }
 
-    pub fn open(&mut self, project: &Project) {
-        let at = project.shot().recording.path.clone();
-        let at = at.parent().map(Path::to_owned).unwrap_or(at);
-        self.choose(Purpose::Open, "Open a recording", Seeks::Recording, &at);
+    /// Light or dark, as it was chosen last.
+    pub fn theme(&self) -> egui::ThemePreference {
+        self.habits.theme()
     }
 
-    fn choose(&mut self, purpose: Purpose, title: &str, seeks: Seeks, at: &Path) {
-        self.chooser = Some((purpose, Chooser::new(title, seeks, at)));
+    pub fn open(&mut self, project: &Project) {
+        self.choose(project, Purpose::Open, "Open a recording", Seeks::Recording, None);
+    }
+
+    /// Asks for a path, beginning at the file that is open for it, or in the folder that was used last, or beside the
+    /// recording; there with a name that is proposed.
+    fn choose(&mut self, project: &Project, purpose: Purpose, title: &str, seeks: Seeks, proposed: Option<&str>) {
+        let own = match purpose {
+            Purpose::OpenProfile | Purpose::SaveProfile => project.profile.clone(),
+            Purpose::OpenScene | Purpose::SaveScene => project.scene.clone().filter(|scene| !saving::is_demo(scene)),
+            Purpose::Open | Purpose::Put(_) => None,
+        };
+        let recording = std::path::absolute(&project.shot().recording.path).unwrap_or_default();
+        let is_demo = saving::same(&recording, Path::new(saving::DEMO));
+        let beside = recording.parent().filter(|_| !is_demo).map(Path::to_owned);
+        let last = self.habits.folder(purpose.of()).map(Path::to_owned);
+        // What belongs to a recording lies beside it; the demonstration's folder is the program's.
+        let folder = match purpose {
+            Purpose::Open => beside.or(last).or_else(|| recording.parent().map(Path::to_owned)),
+            _ => last.or(beside).or_else(std::env::home_dir),
+        };
+        let folder = folder.unwrap_or_default();
+        let at = own.unwrap_or_else(|| proposed.map_or_else(|| folder.clone(), |name| folder.join(name)));
+        let chooser = Chooser::new(title, seeks, &at);
+        let chooser = match purpose {
+            Purpose::OpenProfile => chooser.with("Locard's profiles", Path::new(saving::PROFILES)),
+            _ => chooser,
+        };
+        self.chooser = Some((purpose, chooser));
     }
 
     /// The menu of files.
     pub fn menu(&mut self, ui: &mut egui::Ui, session: &mut Session) {
         let project = &session.project;
-        let scene = project.scene.clone().unwrap_or_else(|| "scene.toml".into());
-        let profile = project.profile.clone().unwrap_or_else(|| "profile.toml".into());
         let mut chosen = None;
         ui.menu_button("File", |ui| {
             let mut item = |ui: &mut egui::Ui, enabled: bool, text: &str| {
@@ -172,21 +213,34 @@ impl Keeper {
             item(ui, true, "Copy as a command");
             ui.separator();
             item(ui, true, "Start page");
+            ui.menu_button("Light or dark", |ui| {
+                let mut theme = ui.ctx().options(|options| options.theme_preference);
+                for (one, name) in [
+                    (egui::ThemePreference::System, "as the system"),
+                    (egui::ThemePreference::Light, "light"),
+                    (egui::ThemePreference::Dark, "dark"),
+                ] {
+                    if ui.radio_value(&mut theme, one, name).clicked() {
+                        ui.ctx().set_theme(theme);
+                        ui.close();
+                    }
+                }
+            });
         });
+        let project = &session.project;
         match chosen.as_deref() {
-            Some("Open a recording…") => self.open(&session.project),
+            Some("Open a recording…") => self.open(project),
             Some("Open a scene…") => {
-                self.choose(Purpose::OpenScene, "Open a scene", Seeks::File(&["toml", "glb", "gltf"]), &scene);
+                let seeks = Seeks::File(&["toml", "glb", "gltf"]);
+                self.choose(project, Purpose::OpenScene, "Open a scene", seeks, None);
             }
-            Some("Open a profile…") => {
-                self.choose(Purpose::OpenProfile, "Open a profile", Seeks::File(&["toml"]), &profile);
-            }
+            Some("Open a profile…") => self.choose_profile(project),
             Some("Save") => self.save(),
             Some("Save the scene as…") => {
-                self.choose(Purpose::SaveScene, "Save the scene as", Seeks::NewFile(&["toml"]), &scene);
+                self.name_scene(project);
             }
             Some("Save the profile as…") => {
-                self.choose(Purpose::SaveProfile, "Save the profile as", Seeks::NewFile(&["toml"]), &profile);
+                self.name_profile(project);
             }
             Some("Export and photograph…") => self.shows_output = true,
             Some("Copy as a command") => copy_command(ui.ctx(), session),
@@ -195,9 +249,26 @@ impl Keeper {
         }
     }
 
+    /// Asks for a profile for what is open.
+    pub fn choose_profile(&mut self, project: &Project) {
+        self.choose(project, Purpose::OpenProfile, "Open a profile", Seeks::File(&["toml"]), None);
+    }
+
+    fn name_scene(&mut self, project: &Project) {
+        let seeks = Seeks::NewFile(&["toml"]);
+        self.choose(project, Purpose::SaveScene, "Save the scene as", seeks, Some("scene.toml"));
+    }
+
+    fn name_profile(&mut self, project: &Project) {
+        let seeks = Seeks::NewFile(&["toml"]);
+        self.choose(project, Purpose::SaveProfile, "Save the profile as", seeks, Some("profile.toml"));
+    }
+
     /// Begins to save what is changed.
     pub fn save(&mut self) {
-        self.saving.get_or_insert_default();
+        if self.saving.is_none() {
+            (self.saving, self.saved) = (Some(Vec::new()), Vec::new());
+        }
     }
 
     /// Whether a click on the window's cross has to be answered first.
@@ -235,6 +306,10 @@ impl Keeper {
     /// Has unsaved work written, and looks at the files.
     fn keep(&mut self, ctx: &egui::Context, session: &mut Session) {
         let now = Instant::now();
+        let theme = ctx.options(|options| options.theme_preference);
+        if theme != self.habits.theme() {
+            self.habits.set_theme(theme);
+        }
         #[cfg(debug_assertions)]
         restart::try_it(session.viewer.gpu(), ctx);
         if session.is_lost() && !self.has_lost {
@@ -303,13 +378,18 @@ impl Keeper {
     }
 
     fn chosen(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf, replaces: bool, session: &mut Session) {
+        self.habits.used(purpose.of(), &path);
         match purpose {
             Purpose::Open => self.dropped(ctx, path, session),
             Purpose::OpenProfile => self.open_profile(path, session),
             Purpose::OpenScene => {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
             }
-            Purpose::SaveProfile => self.write(ctx, session, &Step::WriteProfile(path), true),
+            Purpose::SaveProfile => {
+                // It was named.
+                self.shared.push(path.clone());
+                self.write(ctx, session, &Step::WriteProfile(path), true);
+            }
             Purpose::SaveScene => self.write(ctx, session, &Step::WriteScene(path), true),
             Purpose::Put(ask) => {
                 let name = path.display().to_string();
@@ -365,8 +445,8 @@ impl Keeper {
                 Ask::Photograph(_) => ("Write a photograph", Seeks::NewFile(&["jpg", "jpeg", "png"])),
                 Ask::Snapshot(_) => ("Write the frame", Seeks::NewFile(&["png"])),
             };
-            let at = proposed(&ask, &session.project.shot().recording.path);
-            self.choose(Purpose::Put(ask), title, seeks, &at);
+            let name = proposed(&ask, &session.project.shot().recording.path);
+            self.choose(&session.project, Purpose::Put(ask), title, seeks, Some(&name));
         }
     }
 
@@ -379,6 +459,7 @@ impl Keeper {
     pub fn is_asking(&self) -> bool {
         let asks =
             self.chooser.is_some() || self.asks_whether.is_some() || self.then.is_some() || self.opening.is_some();
+        let asks = asks || self.asks_first.is_some();
         asks || !self.left.is_empty() || self.message.is_some()
     }
 

@@ -19,6 +19,7 @@ use crate::scene::{self, Scene};
 const DRAWN_PX: u32 = 160;
 const SHOWN: f32 = 80.0;
 const COLUMNS: usize = 3;
+const GAP: f32 = 6.0;
 /// From the front, one side and above, in a model's axes.
 const FROM: DVec3 = DVec3::new(0.5, 0.6, 1.0);
 /// How many of its radii away a model is seen.
@@ -84,8 +85,10 @@ impl Library {
         }
         let mut chosen = None;
         let models = self.models.clone();
-        egui::ScrollArea::vertical().max_height(4.0 * (SHOWN + 24.0)).show(ui, |ui| {
-            egui::Grid::new("library").spacing([6.0, 6.0]).show(ui, |ui| {
+        // Whole rows.
+        let row = SHOWN + ui.text_style_height(&egui::TextStyle::Small) + 10.0 + GAP;
+        egui::ScrollArea::vertical().max_height(4.0 * row - GAP).show(ui, |ui| {
+            egui::Grid::new("library").spacing([GAP, GAP]).show(ui, |ui| {
                 for (n, model) in models.iter().enumerate() {
                     if self.entry(ui, gpu, model) {
                         chosen = Some(model.clone());

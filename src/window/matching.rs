@@ -8,8 +8,8 @@ use glam::DVec2;
 
 use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Wanted, analyse};
 use super::background::{Background, Ticket};
-use super::hand::{self, Hand, Purpose};
-use super::picture::Seen;
+use super::hand::{self, Hand, Purpose, Question};
+use super::picture::{Seen, plate};
 use super::plots::{self, Axes, Of};
 use super::pointer::Pointed;
 use super::progress;
@@ -17,7 +17,7 @@ use super::session::Session;
 use super::times;
 use crate::calibrate::{NoisePoint, over_profile};
 use crate::camera::NoiseProfile;
-use crate::measure::slanted::SlantedEdge;
+use crate::measure::slanted::{FEWEST_PX, SlantedEdge};
 use crate::pixels::{Pixels, Rect};
 use crate::recording::Recording;
 use crate::words::fixed;
@@ -223,13 +223,11 @@ impl Matching {
 
     fn edges(&mut self, ui: &mut Ui, hand: &mut Hand) {
         ui.horizontal(|ui| {
+            let edge = |purpose, hint| Question { purpose, hint, least_px: FEWEST_PX, repeats: false };
             let hint = "Drag a rectangle that one straight edge crosses from side to side";
-            if ui.button("Pick a real edge").clicked() {
-                hand.ask(Purpose::RealEdge, hint);
-            }
-            if ui.button("Pick a virtual edge").clicked() {
-                hand.ask(Purpose::VirtualEdge, format!("{hint}, of something virtual"));
-            }
+            hand.button(ui, "Pick a real edge", edge(Purpose::RealEdge, hint));
+            let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side";
+            hand.button(ui, "Pick a virtual edge", edge(Purpose::VirtualEdge, hint));
         });
         let found = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
         let colors = [Of::Real, Of::Virtual].map(|of| of.color(ui));
@@ -260,9 +258,8 @@ impl Matching {
     }
 
     fn patch(&mut self, ui: &mut Ui, session: &Session, hand: &mut Hand) {
-        if ui.button("Pick a patch").clicked() {
-            hand.ask(Purpose::Patch, "Drag a rectangle: its mean brightness is followed through the frames");
-        }
+        let hint = "Drag a rectangle: its mean brightness is followed through the frames";
+        hand.button(ui, "Pick a patch", Question { purpose: Purpose::Patch, hint, least_px: 1, repeats: false });
         let Some(patch) = self.patch else { return };
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.want(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
@@ -358,8 +355,8 @@ pub fn paint(seen: &Seen, marks: impl Iterator<Item = (Rect, String)>) {
         for stroke in [stroke(3.0, egui::Color32::from_black_alpha(120)), stroke(1.0, egui::Color32::WHITE)] {
             seen.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Outside);
         }
-        let font = egui::FontId::proportional(11.0);
-        let place = on_screen.left_top() - egui::vec2(0.0, 3.0);
-        seen.painter.text(place, egui::Align2::LEFT_BOTTOM, name, font, egui::Color32::WHITE);
+        // Above it, and where the picture's panel ends in it.
+        let top = (on_screen.top() - 6.0).max(seen.painter.clip_rect().top() + 20.0);
+        plate(&seen.painter, egui::pos2(on_screen.left() + 6.0, top), egui::Align2::LEFT_BOTTOM, &name, 11.0);
     }
 }

@@ -5,16 +5,17 @@
 //!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into; `canvas` shows them,
 //!   `placed` where they lie on the screen. `painter` paints the window again where `changes` says.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
-//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places. `plots`: how plots look.
+//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
+//!   with its verdict. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
 //!   `progress`: how far it is. `fields`: numbers to drag and to type.
-//! - `measure`: what the window costs. `app`: the window. `actions`: what keys do. `picture` with its `loupe`, `controls`,
+//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
-//!   `opening`, `watch`, `recent`); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
+//!   `opening`, `watch`, `recent`, `habits`); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
 //!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
@@ -37,7 +38,9 @@ mod errand;
 mod evidence;
 mod fields;
 mod finder;
+mod fit;
 mod ground;
+mod habits;
 mod hand;
 mod handles;
 mod history;
@@ -126,6 +129,7 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
             if let Some(folder) = state::folder() {
                 app.keep_in(&folder);
             }
+            context.egui_ctx.set_theme(app.keeper().theme());
             app.show_start(start);
             Ok(Box::new(app))
         };

@@ -205,16 +205,14 @@ fn duration(seconds: f64) -> String {
 }
 
 /// The name that is proposed for what comes of a recording.
-pub fn proposed(ask: &Ask, recording: &Path) -> PathBuf {
+pub fn proposed(ask: &Ask, recording: &Path) -> String {
     let name = recording.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let name = match ask {
+    match ask {
         Ask::Folder(_) => format!("{name}-composited"),
         Ask::Video { lossless, .. } => format!("{name}.{}", if *lossless { "mkv" } else { "mp4" }),
         Ask::Photograph(wanted) => format!("{name}-{:06}.jpg", wanted.frame),
         Ask::Snapshot(frame) => format!("{name}-{frame:06}.png"),
-    };
-    // Never into the recording's own folder.
-    std::env::current_dir().unwrap_or_default().join(name)
+    }
 }
 
 #[cfg(test)]

@@ -88,12 +88,16 @@ impl Seen {
     /// Tells a person what to do now, at the lower edge of the picture.
     pub fn tell(&self, text: &str) {
         let at = self.painter.clip_rect().center_bottom() - vec2(0.0, 16.0);
-        let font = egui::FontId::proportional(14.0);
-        let galley = self.painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
-        let rect = egui::Align2::CENTER_BOTTOM.anchor_size(at, galley.size());
-        self.painter.rect_filled(rect.expand2(vec2(10.0, 5.0)), 6.0, Color32::from_black_alpha(190));
-        self.painter.galley(rect.min, galley, Color32::WHITE);
+        plate(&self.painter, at, egui::Align2::CENTER_BOTTOM, text, 14.0);
     }
+}
+
+/// Writes on a dark plate, to be read on whatever the picture shows.
+pub fn plate(painter: &Painter, at: Pos2, align: egui::Align2, text: &str, size: f32) {
+    let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(size), Color32::WHITE);
+    let rect = align.anchor_size(at, galley.size());
+    painter.rect_filled(rect.expand2(vec2(0.5 * size, 0.25 * size)), 4.0, Color32::from_black_alpha(180));
+    painter.galley(rect.min, galley, Color32::WHITE);
 }
 
 /// What the pointer does in the picture besides moving it.
@@ -181,16 +185,10 @@ pub fn show(
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
         line(0.0, Color32::WHITE);
         line(1.0, Color32::from_black_alpha(160));
-        let label = |at: Pos2, align: egui::Align2, text: &str| {
-            let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(12.0), Color32::WHITE);
-            let rect = align.anchor_size(at, galley.size());
-            painter.rect_filled(rect.expand2(vec2(6.0, 3.0)), 4.0, Color32::from_black_alpha(150));
-            painter.galley(rect.min, galley, Color32::WHITE);
-        };
         let y = placed.rect.intersect(panel).min.y + 8.0;
         let names = if compared.is_some() { ["A", "B"] } else { ["camera", "with evidence"] };
-        label(pos2(x - 12.0, y), egui::Align2::RIGHT_TOP, names[0]);
-        label(pos2(x + 12.0, y), egui::Align2::LEFT_TOP, names[1]);
+        plate(&painter, pos2(x - 12.0, y), egui::Align2::RIGHT_TOP, names[0], 12.0);
+        plate(&painter, pos2(x + 12.0, y), egui::Align2::LEFT_TOP, names[1], 12.0);
     }
     let camera = if is_camera { others } else { Rect::NOTHING };
     let inside =

@@ -2,7 +2,7 @@
 //! accent.
 
 use eframe::egui::{self, Color32, Response, RichText, Ui, WidgetInfo};
-use egui_plot::{Line, Plot, PlotPoints, PlotUi, Points};
+use egui_plot::{AxisHints, GridInput, GridMark, Line, Plot, PlotPoints, PlotUi, Points};
 
 use crate::calibrate::NoisePoint;
 
@@ -63,10 +63,13 @@ pub fn show<'a>(ui: &mut Ui, axes: &Axes, add: impl FnOnce(&mut PlotUi<'a>) + 'a
         .allow_boxed_zoom(false)
         .allow_axis_zoom_drag(false)
         .allow_double_click_reset(false)
-        .x_axis_label(RichText::new(axes.x).small())
-        .y_axis_label(RichText::new(axes.y).small())
-        .y_axis_min_width(34.0)
-        .grid_spacing(egui::Rangef::new(24.0, 90.0));
+        .custom_x_axes(vec![AxisHints::new_x().label(RichText::new(axes.x).small()).label_spacing(LABELS)])
+        .custom_y_axes(vec![
+            AxisHints::new_y().label(RichText::new(axes.y).small()).label_spacing(LABELS).min_thickness(34.0),
+        ])
+        .x_grid_spacer(marks)
+        .y_grid_spacer(marks)
+        .grid_spacing(GRID);
     for x in axes.x_range.into_iter().flatten() {
         plot = plot.include_x(x);
     }
@@ -76,6 +79,29 @@ pub fn show<'a>(ui: &mut Ui, axes: &Axes, add: impl FnOnce(&mut PlotUi<'a>) + 'a
     let response = plot.show(ui, add).response;
     response.widget_info(|| WidgetInfo::labeled(egui::Role::Image, true, axes.name));
     response
+}
+
+/// Between an axis' numbers, points: closer ones are left out, and those further apart are plain.
+const LABELS: egui::Rangef = egui::Rangef { min: 20.0, max: 32.0 };
+/// Between the lines of the grid, points: at least, and from where on they are plain.
+const GRID: egui::Rangef = egui::Rangef { min: 36.0, max: 360.0 };
+
+/// Marks at whole multiples of 1, 2 or 5, each with its number. Powers of ten alone would often leave the 0.
+fn marks(input: GridInput) -> Vec<GridMark> {
+    let (step_size, (low, high)) = (step(input.base_step_size), input.bounds);
+    let (first, last) = ((low / step_size).ceil(), (high / step_size).floor());
+    // No plot has more.
+    if !(last - first).is_finite() || last - first > 1e3 {
+        return Vec::new();
+    }
+    (first as i64..=last as i64).map(|n| GridMark { value: n as f64 * step_size, step_size }).collect()
+}
+
+/// 1, 2 or 5 times a power of ten, at least that large.
+fn step(least: f64) -> f64 {
+    let power = 10f64.powf(least.log10().floor());
+    let times = [1.0, 2.0, 5.0].into_iter().find(|times| times * power >= least * (1.0 - 1e-9));
+    times.unwrap_or(10.0) * power
 }
 
 /// A line through points.
@@ -111,4 +137,23 @@ pub fn legend(ui: &mut Ui, entries: &[(Of, &str)]) {
             ui.label(RichText::new(*text).small());
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_has_more_than_its_zero() {
+        let steps = [0.7, 1.0, 1.3, 2.1, 5.5, 0.03, 40.0].map(step);
+        for (found, expected) in steps.into_iter().zip([1.0, 1.0, 2.0, 5.0, 10.0, 0.05, 50.0]) {
+            assert!((found / expected - 1.0).abs() < 1e-12, "{steps:?}");
+        }
+        let values = |low, high, base_step_size| -> Vec<f64> {
+            marks(GridInput { bounds: (low, high), base_step_size }).into_iter().map(|mark| mark.value).collect()
+        };
+        assert_eq!(values(-8.2, 8.2, 1.9), [-8.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0]);
+        assert_eq!(values(0.0, 255.0, 40.0), [0.0, 50.0, 100.0, 150.0, 200.0, 250.0]);
+        assert!(values(0.0, f64::INFINITY, 1.0).is_empty() && values(0.0, 1.0, 0.0).is_empty());
+    }
 }

@@ -7,7 +7,7 @@ use glam::DVec2;
 use super::plots::Of;
 use crate::compositor::exposure_time_s;
 use crate::frame::Frame;
-use crate::shot::Shot;
+use crate::shot::{Shot, SurfaceError};
 use crate::words::fixed;
 
 /// A place of the picture, as far as it is known.
@@ -26,7 +26,10 @@ pub struct Pointed {
 impl Pointed {
     /// Of the camera's picture and its surface.
     pub fn at(shot: &Shot, frame: &Frame, at_px: DVec2) -> Result<Self, String> {
-        let surface = shot.surface_at(frame, at_px).map_err(|error| error.to_string())?;
+        let surface = shot.surface_at(frame, at_px).map_err(|error| match error {
+            SurfaceError::NoDepth { .. } => "This frame has no depth, which says how far away the point is.".to_owned(),
+            error => error.to_string(),
+        })?;
         let (camera, told) = (shot.camera(), |error: &dyn std::fmt::Display| error.to_string());
         let geometry = shot.geometry_at(frame.index).map_err(|error| told(&error))?;
         let opening = camera.lens.opening(&geometry).map_err(|error| told(&error))?;

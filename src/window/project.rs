@@ -10,7 +10,7 @@ use super::History;
 use super::watch::{Stamp, stamp};
 use crate::camera::NoiseProfile;
 use crate::compositor::Settings;
-use crate::params::{ParamError, Params, Value};
+use crate::params::{ParamError, Params, Value, called, title};
 use crate::profile::Rig;
 use crate::recording::OpenOptions;
 use crate::scene::{self as scenes, Models, SceneFile};
@@ -199,7 +199,9 @@ impl Project {
             edit.settings.overrule_recorded_exposure =
                 self.opened.settings.overrule_recorded_exposure || edit.rig.exposure != self.opened.rig.exposure;
         }
-        self.change(&format!("{table}.{name}"), edit);
+        let changed = tables(&edit.rig, &edit.settings).into_iter().find(|params| params.table() == table);
+        let what = changed.map_or_else(|| name.to_owned(), |params| called(params, name));
+        self.change(&what, edit);
         Ok(())
     }
 
@@ -207,7 +209,7 @@ impl Project {
     pub fn set_noise(&mut self, noise: NoiseProfile) {
         let mut edit = self.edit().clone();
         edit.rig.noise = Some(noise);
-        self.change("camera.noise", edit);
+        self.change("Camera: noise", edit);
         self.close_step();
     }
 
@@ -220,7 +222,7 @@ impl Project {
     pub fn switch(&mut self, effect: &str, on: bool) {
         let mut edit = self.edit().clone();
         if edit.settings.switch(effect, on).is_ok() {
-            self.change(&format!("{effect} {}", if on { "on" } else { "off" }), edit);
+            self.change(&format!("{}: {}", title(effect), if on { "on" } else { "off" }), edit);
             self.close_step();
         }
     }

@@ -1,14 +1,11 @@
 //! What was opened lately, the last one first.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use super::project::Project;
-use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_DOCUMENT};
+use super::state;
 
 const MOST: usize = 12;
 
@@ -24,10 +21,11 @@ pub struct Opened {
 impl Opened {
     /// What is open.
     pub fn of(project: &Project) -> Self {
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         Self {
-            recording: project.shot().recording.path.clone(),
-            scene: project.scene.clone(),
-            profile: project.profile.clone(),
+            recording: whole(&project.shot().recording.path),
+            scene: project.scene.as_deref().map(whole),
+            profile: project.profile.as_deref().map(whole),
             metres_per_unit: project.metres_per_unit,
         }
     }
@@ -42,7 +40,7 @@ pub struct Recent {
 
 impl Recent {
     pub fn read(file: PathBuf) -> Self {
-        let list = read(&file);
+        let list = state::read(&file);
         Self { file: Some(file), list }
     }
 
@@ -50,20 +48,15 @@ impl Recent {
     pub fn add(&mut self, opened: Opened) {
         // Another window may have added to it.
         if let Some(file) = &self.file {
-            self.list = read(file);
+            self.list = state::read(file);
         }
         self.list.retain(|other| other.recording != opened.recording);
         self.list.insert(0, opened);
         self.list.truncate(MOST);
-        if let (Some(file), Ok(text)) = (&self.file, serde_json::to_string_pretty(&self.list)) {
-            let _ = file.parent().map(std::fs::create_dir_all);
-            let _ = write_atomically(file, true, |to: &mut BufWriter<&mut File>| to.write_all(text.as_bytes()));
+        if let Some(file) = &self.file {
+            state::keep(file, &self.list);
         }
     }
-}
-
-fn read(file: &Path) -> Vec<Opened> {
-    file::read_text(file, MOST_DOCUMENT).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -8,6 +8,8 @@ use super::watch::{Change, Watch};
 /// The demonstration, which opens without a recording. It is not written to by a mere Save.
 pub const DEMO: &str = "recordings/demo";
 pub const DEMO_SCENE: &str = "scenes/demo.toml";
+/// The profiles that come with the program.
+pub const PROFILES: &str = "profiles";
 
 /// What comes next.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,6 +17,8 @@ pub enum Step {
     /// A name is needed.
     NameScene,
     NameProfile,
+    /// A profile was opened that is others' too, and is not yet agreed to be written.
+    AskFirst(PathBuf),
     /// A file was changed by somebody else since it was read.
     AskWhether(PathBuf),
     WriteScene(PathBuf),
@@ -22,15 +26,24 @@ pub enum Step {
     Saved,
 }
 
-/// The next step. `agreed`: files that a person has chosen by name, or allowed to be replaced.
-pub fn next(project: &Project, watch: Option<&Watch>, agreed: &[PathBuf]) -> Step {
+/// What a person has agreed to.
+#[derive(Clone, Copy, Debug)]
+pub struct Agreed<'a> {
+    /// Files that were chosen by name, or are allowed to be replaced.
+    pub replaced: &'a [PathBuf],
+    /// Profiles of others that may be written.
+    pub shared: &'a [PathBuf],
+}
+
+/// The next step.
+pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Step {
+    let has = |paths: &[PathBuf], path: &Path| paths.iter().any(|agreed| agreed == path);
     let changed = |path: &Path| {
         let change = watch.and_then(|watch| watch.change(path));
-        change == Some(Change::Changed) && !agreed.iter().any(|agreed| agreed == path)
+        change == Some(Change::Changed) && !has(agreed.replaced, path)
     };
     if project.scene_is_changed() {
-        let is_demo = |path: &PathBuf| same(path, Path::new(DEMO_SCENE)) && !agreed.contains(path);
-        return match project.scene.clone().filter(|path| !is_demo(path)) {
+        return match project.scene.clone().filter(|path| !is_demo(path) || has(agreed.replaced, path)) {
             None => Step::NameScene,
             Some(path) if changed(&path) => Step::AskWhether(path),
             Some(path) => Step::WriteScene(path),
@@ -39,6 +52,7 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: &[PathBuf]) -> Ste
     if project.profile_is_changed() {
         return match project.profile.clone() {
             None => Step::NameProfile,
+            Some(path) if whose(project, &path).is_some() && !has(agreed.shared, &path) => Step::AskFirst(path),
             Some(path) if changed(&path) => Step::AskWhether(path),
             Some(path) => Step::WriteProfile(path),
         };
@@ -46,6 +60,61 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: &[PathBuf]) -> Ste
     Step::Saved
 }
 
-fn same(a: &Path, b: &Path) -> bool {
+/// Whether that is the scene file of the demonstration.
+pub fn is_demo(scene: &Path) -> bool {
+    same(scene, Path::new(DEMO_SCENE))
+}
+
+/// Who uses a profile besides the person: nobody, or what it belongs to.
+pub fn whose(project: &Project, profile: &Path) -> Option<&'static str> {
+    let profile = profile.canonicalize().ok()?;
+    let lies_in = |folder: &Path| folder.canonicalize().is_ok_and(|folder| profile.starts_with(folder));
+    let recording = &project.shot().recording.path;
+    match () {
+        () if lies_in(recording) => Some("the recording"),
+        () if lies_in(Path::new(PROFILES)) => Some("the program"),
+        () => None,
+    }
+}
+
+/// Whether two paths are the same, which is there.
+pub fn same(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// A file that was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Saved {
+    pub what: &'static str,
+    pub path: PathBuf,
+}
+
+/// Says what was written, by name; the folder once where it is one.
+pub fn told(written: &[Saved]) -> String {
+    let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let Some(first) = written.first() else { return "Nothing has changed since it was saved".to_owned() };
+    let folder = whole(&first.path).parent().map(Path::to_owned).unwrap_or_default();
+    let is_one = written.iter().all(|file| whole(&file.path).parent() == Some(&folder));
+    let named = written.iter().map(|file| {
+        let name = file.path.file_name().filter(|_| is_one).map_or_else(|| whole(&file.path), PathBuf::from);
+        format!("the {} {}", file.what, name.display())
+    });
+    let end = if is_one { format!(", in {}", folder.display()) } else { String::new() };
+    format!("Saved {}{end}", named.collect::<Vec<_>>().join(" and "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_written_is_named() {
+        let [scene, profile, other] =
+            [("scene", "/a/desk.toml"), ("profile", "/a/mine.toml"), ("profile", "/b/mine.toml")]
+                .map(|(what, path)| Saved { what, path: path.into() });
+        assert_eq!(told(&[scene.clone(), profile]), "Saved the scene desk.toml and the profile mine.toml, in /a");
+        assert_eq!(told(&[scene, other.clone()]), "Saved the scene /a/desk.toml and the profile /b/mine.toml");
+        assert_eq!(told(&[other]), "Saved the profile mine.toml, in /b");
+        assert_eq!(told(&[]), "Nothing has changed since it was saved");
+    }
 }

@@ -17,6 +17,7 @@ use crate::compositor::FrameStats;
 use crate::frame::Frame;
 use crate::pixels::Pixels;
 use crate::shot::ShotError;
+use crate::words::without_options;
 
 /// A picture that takes longer than this at full size is made smaller while something changes, so that it takes about
 /// so long as the second; but not so small that its longer side has fewer pixels.
@@ -75,11 +76,25 @@ pub struct Session {
     is_lost: bool,
     /// Why the picture that was made last is none.
     picture_problem: Option<String>,
-    /// What else went wrong last; stays until something is done.
-    problem: Option<String>,
-    /// What was done last.
-    said: Option<String>,
+    /// Nothing says what camera took the recording.
+    lacks_camera: bool,
+    /// What was told last.
+    message: Option<Message>,
 }
+
+/// What was done, or went wrong.
+#[derive(Debug)]
+struct Message {
+    text: String,
+    is_wrong: bool,
+    /// The project's version and the frame when it was told: it goes when something else is done.
+    told_at: (u64, usize),
+    /// By the window's clock, once it was shown.
+    since_s: Option<f64>,
+}
+
+/// As long as this a message can be read, whatever is done.
+const READ_S: f64 = 4.0;
 
 impl Session {
     pub fn new(window: RenderState, ctx: &egui::Context, project: Project) -> Result<Self, String> {
@@ -107,8 +122,8 @@ impl Session {
             times: Times::default(),
             is_lost: false,
             picture_problem: None,
-            problem: None,
-            said: None,
+            lacks_camera: false,
+            message: None,
         })
     }
 
@@ -163,6 +178,11 @@ impl Session {
         self.is_lost
     }
 
+    /// Whether nothing is composited because nobody says what the camera was: a profile does.
+    pub fn lacks_camera(&self) -> bool {
+        self.lacks_camera
+    }
+
     /// Pictures that were finished in the last second.
     pub fn pictures_per_s(&self) -> f64 {
         self.finished.len() as f64
@@ -170,23 +190,41 @@ impl Session {
 
     /// Tells what was done.
     pub fn say(&mut self, text: impl Into<String>) {
-        self.said = Some(text.into());
-        self.problem = None;
+        self.tell(&text.into(), false);
     }
 
     pub fn said(&self) -> Option<&str> {
-        self.said.as_deref()
+        self.message.as_ref().filter(|message| !message.is_wrong).map(|message| message.text.as_str())
     }
 
-    /// Tells what is wrong, until something is done.
+    /// Tells what is wrong.
     pub fn wrong(&mut self, text: impl Into<String>) {
-        self.problem = Some(text.into());
+        self.tell(&text.into(), true);
+    }
+
+    fn tell(&mut self, text: &str, is_wrong: bool) {
+        let told_at = (self.project.version(), self.player.frame());
+        self.message = Some(Message { text: without_options(text), is_wrong, told_at, since_s: None });
+    }
+
+    /// Takes away a message that has been read, once something else is done.
+    fn forget(&mut self, ctx: &egui::Context) {
+        let (now_s, done) = (ctx.input(|i| i.time), (self.project.version(), self.player.frame()));
+        let Some(message) = &mut self.message else { return };
+        let since_s = *message.since_s.get_or_insert(now_s);
+        if message.told_at != done {
+            match READ_S - (now_s - since_s) {
+                left_s if left_s > 0.0 => ctx.request_repaint_after(Duration::from_secs_f64(left_s)),
+                _ => self.message = None,
+            }
+        }
     }
 
     pub fn problem(&self) -> Option<&str> {
-        let (picture, other) = (self.picture_problem.as_deref(), self.problem.as_deref());
+        let told = self.message.as_ref().filter(|message| message.is_wrong).map(|message| message.text.as_str());
+        let picture = self.picture_problem.as_deref();
         // What to do about a device that is gone says more than that a picture failed.
-        let own = if self.is_lost { other.or(picture) } else { picture.or(other) };
+        let own = if self.is_lost { told.or(picture) } else { picture.or(told) };
         self.project.problem().or(own)
     }
 
@@ -217,6 +255,7 @@ impl Session {
     /// Takes what was made. To be called first in a frame of the window; never waits.
     pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
+        self.forget(ctx);
         // A device says that it is lost when it is looked after; the window's own shapes would break off without it.
         let gpu = self.viewer.gpu();
         self.is_lost |= gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost());
@@ -258,14 +297,16 @@ impl Session {
                     let (stats, codes) = match picture {
                         Ok(picture) => {
                             if !made.is_other {
-                                self.picture_problem = None;
+                                (self.picture_problem, self.lacks_camera) = (None, false);
                                 self.times.add(made.by, picture.times);
                             }
                             (Some(picture.stats), picture.codes)
                         }
                         Err(error) => {
                             self.is_lost |= matches!(&error, ShotError::Gpu { source, .. } if source.is_lost());
-                            self.picture_problem = Some(error.to_string());
+                            self.lacks_camera =
+                                matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
+                            self.picture_problem = Some(without_options(&error.to_string()));
                             // What the window's own thread did wrong is over with this picture.
                             self.is_lost |= self.viewer.gpu().take_failure().is_some_and(|failure| failure.is_lost());
                             (None, None)
@@ -296,7 +337,7 @@ impl Session {
 
     fn end(&mut self, why: &str) {
         self.ended = true;
-        self.problem.get_or_insert_with(|| format!("{why}: save your work and open it again"));
+        self.picture_problem.get_or_insert_with(|| format!("{why}: save your work and open it again"));
     }
 
     fn keep_time(&mut self) {

@@ -1,6 +1,6 @@
 //! What stands at the right of the picture: settings, plots that say whether it matches, and calibration.
 
-use eframe::egui::Ui;
+use eframe::egui::{Ui, UiBuilder};
 use glam::DVec2;
 
 use super::calibrating::Calibrating;
@@ -32,12 +32,28 @@ pub struct Side {
 impl Side {
     /// Shows the tab that is chosen. Values that are refused are given back as text.
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+        // What is too wide for the panel is cut: it does not grow.
+        let room = ui.available_rect_before_wrap();
+        let mut inner = ui.new_child(UiBuilder::new().max_rect(room));
+        inner.shrink_clip_rect(room);
+        inner.add_space(4.0);
+        let refused = self.within(&mut inner, session, hand);
+        ui.advance_cursor_after_rect(room);
+        refused
+    }
+
+    fn within(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+        let before = self.tab;
         ui.horizontal(|ui| {
             for (tab, name) in [(Tab::Settings, "Settings"), (Tab::Match, "Match"), (Tab::Calibrate, "Calibrate")] {
                 ui.selectable_value(&mut self.tab, tab, name);
             }
         });
         ui.separator();
+        if self.tab != before {
+            // What another tab asks for goes with it.
+            hand.cancel();
+        }
         if self.tab != Tab::Match {
             self.matching.rest();
         }
@@ -58,17 +74,18 @@ impl Side {
         None
     }
 
-    /// Marks in the picture what the tab is about, and keeps where the pointer is.
-    pub fn over_picture(&mut self, seen: &Seen) {
+    /// Marks in the picture of a frame what the tab is about, unless it plays, and keeps where the pointer is.
+    pub fn over_picture(&mut self, seen: &Seen, frame: usize, plays: bool) {
         let pointed = seen.pointed.map(|at| DVec2::new(at.x.into(), at.y.into()));
         if self.tab == Tab::Match && pointed != self.pointed && pointed.is_some() {
             seen.response.ctx.request_repaint();
         }
         self.pointed = pointed.or(self.pointed);
         match self.tab {
+            _ if plays => {}
             Tab::Settings => {}
             Tab::Match => matching::paint(seen, self.matching.marks().map(|(rect, name)| (rect, name.to_owned()))),
-            Tab::Calibrate => matching::paint(seen, self.calibrating.marks()),
+            Tab::Calibrate => matching::paint(seen, self.calibrating.marks(frame)),
         }
     }
 }

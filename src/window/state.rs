@@ -3,7 +3,15 @@
 //! The folders are those that the systems name for it. Three variables do not make up for a library.
 
 use std::env;
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::sink::atomic::write_atomically;
+use crate::source::file::{self, MOST_DOCUMENT};
 
 /// The user's folder for the program's state: by the XDG base directories, or what macOS and Windows have for it. `None`
 /// where the environment names no home.
@@ -18,4 +26,17 @@ pub fn folder() -> Option<PathBuf> {
     }
     // A relative path in it is to be ignored, says the specification.
     named("XDG_STATE_HOME").or_else(|| home().map(|home| home.join(".local/state"))).map(|state| state.join("locard"))
+}
+
+/// What a file of that folder keeps; nothing where it cannot be read.
+pub fn read<T: DeserializeOwned + Default>(file: &Path) -> T {
+    file::read_text(file, MOST_DOCUMENT).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
+}
+
+/// Keeps something in a file of that folder. That it cannot be kept is no reason to stop.
+pub fn keep(file: &Path, value: &impl Serialize) {
+    if let Ok(text) = serde_json::to_string_pretty(value) {
+        let _ = file.parent().map(std::fs::create_dir_all);
+        let _ = write_atomically(file, true, |to: &mut BufWriter<&mut File>| to.write_all(text.as_bytes()));
+    }
 }

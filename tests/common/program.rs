@@ -47,3 +47,17 @@ pub fn with_a_truncated_frame(folder: &Path) {
     let text = "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 2.0\n";
     std::fs::write(folder.join("recording.toml"), text).unwrap();
 }
+
+/// Copies a folder with all that is in it.
+pub fn copied(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let to = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copied(&path, &to);
+        } else {
+            std::fs::copy(&path, &to).unwrap();
+        }
+    }
+}

@@ -69,6 +69,13 @@ pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
     }
 }
 
+/// What the control of a parameter is called.
+pub fn called(window: &Harness<'_, App>, table: &str, name: &str) -> String {
+    let edit = window.state().project().edit();
+    let mut tables = edit.rig.tables().into_iter().chain(edit.settings.tables());
+    locard::params::called(tables.find(|params| params.table() == table).unwrap(), name)
+}
+
 /// The codes that the window shows.
 pub fn shown(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
     let viewer = window.state().viewer();

@@ -30,7 +30,7 @@ crate::params! {
         "diffusion: how much brighter the rim is drawn, for each px of radius (lambda)"
         rim: f32 = 0.02, "1/px", 0.0..=1.0;
         "diffusion: standard deviation of the Gaussian that smooths the shape"
-        gaussian_px: f32 = 0.5, "px", 0.0..=4.0;
+        gaussian_px as "Gaussian σ": f32 = 0.5, "px", 0.0..=4.0;
         "diffusion: no shape is drawn larger (R_K)"
         largest_radius_px: f32 = 36.0, "px", 1.0..=64.0;
         "diffusion: conserving keeps light; printed: as in the paper"

@@ -1,11 +1,10 @@
 //! Opening and saving, with what is asked before anything is lost.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use eframe::egui;
 
 use super::super::autosave::Left;
-use super::super::chooser::Seeks;
 use super::super::dialogs::{self, Answer};
 use super::super::errand::Errand;
 use super::super::jobs::Jobs;
@@ -13,10 +12,10 @@ use super::super::kind::Kind;
 use super::super::opening::Opening;
 use super::super::project::SaveError;
 use super::super::recent::Opened;
-use super::super::saving::{self, Step};
+use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
 use super::super::watch::Change;
-use super::{Keeper, Purpose, Then, Turn};
+use super::{Keeper, Then, Turn};
 
 impl Keeper {
     /// A file that was dropped into the window, or chosen: what it is tells what becomes of it.
@@ -89,8 +88,12 @@ impl Keeper {
         match done {
             Ok(Ok(written)) => {
                 let path = written.path.clone();
+                let what = written.what();
                 session.project.written(written);
-                session.say(format!("Saved {}", path.display()));
+                self.saved.retain(|saved| saved.what != what);
+                self.saved.push(Saved { what, path: path.clone() });
+                session.say(saving::told(&self.saved));
+                self.recent.add(Opened::of(&session.project));
                 self.passed_over.retain(|passed| *passed != path);
                 if let Some(watch) = &mut self.watch {
                     watch.known(&path, session.project.stamp(&path));
@@ -105,19 +108,21 @@ impl Keeper {
 
     /// Goes on with what is being saved, until something has to be asked or waited for.
     pub(super) fn saves(&mut self, ctx: &egui::Context, session: &mut Session) {
-        while !self.is_writing(session) && self.chooser.is_none() && self.asks_whether.is_none() {
-            let Some(agreed) = &self.saving else { return };
+        while !self.is_writing(session)
+            && self.chooser.is_none()
+            && self.asks_whether.is_none()
+            && self.asks_first.is_none()
+        {
+            let Some(replaced) = &self.saving else { return };
             let project = &session.project;
-            match saving::next(project, self.watch.as_ref(), agreed) {
-                Step::Saved => self.saving = None,
-                Step::NameScene => {
-                    let at = PathBuf::from("scene.toml");
-                    self.choose(Purpose::SaveScene, "Save the scene as", Seeks::NewFile(&["toml"]), &at);
+            match saving::next(project, self.watch.as_ref(), Agreed { replaced, shared: &self.shared }) {
+                Step::Saved => {
+                    self.saving = None;
+                    session.say(saving::told(&self.saved));
                 }
-                Step::NameProfile => {
-                    let at = Path::new("profile.toml");
-                    self.choose(Purpose::SaveProfile, "Save the profile as", Seeks::NewFile(&["toml"]), at);
-                }
+                Step::NameScene => self.name_scene(project),
+                Step::NameProfile => self.name_profile(project),
+                Step::AskFirst(path) => self.asks_first = Some(path),
                 Step::AskWhether(path) => self.asks_whether = Some(path),
                 step => self.write(ctx, session, &step, false),
             }
@@ -141,6 +146,18 @@ impl Keeper {
                 Some(Answer::Stay) => (self.asks_whether, self.saving, self.then) = (None, None, None),
                 None => {}
             }
+            return;
+        }
+        if let Some(path) = self.asks_first.clone() {
+            let whose = saving::whose(&session.project, &path).unwrap_or("others");
+            let answer = dialogs::whether_to_write(ctx, &path, whose);
+            match answer {
+                Some(Answer::Yes) => self.shared.push(path),
+                Some(Answer::No) => self.name_profile(&session.project),
+                Some(Answer::Stay) => (self.saving, self.then) = (None, None),
+                None => return,
+            }
+            self.asks_first = None;
             return;
         }
         if self.saving.is_some() || self.writing.is_some() {

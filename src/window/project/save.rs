@@ -52,6 +52,16 @@ pub struct Written {
     what: What,
 }
 
+impl Written {
+    /// What it is, in words.
+    pub fn what(&self) -> &'static str {
+        match self.what {
+            What::Profile { .. } => "profile",
+            What::Scene { .. } => "scene",
+        }
+    }
+}
+
 impl Draft {
     /// Refuses to be written over what another program has written since a file was looked at.
     pub fn unless_changed(self, known: Stamp) -> Self {

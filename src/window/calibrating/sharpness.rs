@@ -1,0 +1,151 @@
+//! Sharpness from edges.
+
+use eframe::egui::{RichText, Ui};
+
+use super::super::analysis::moved_px;
+use super::super::background::{Background, Ticket};
+use super::super::hand::{self, Hand, Purpose, Question};
+use super::super::matching::{draw_edge, width_of};
+use super::super::plots::{self, Axes, Of};
+use super::super::progress;
+use super::super::session::Session;
+use super::parts::{self, Asked, Picked, Verdict};
+use crate::calibrate::sharpness::{self, PARAMETER, together};
+use crate::measure::slanted::{FEWEST_PX, SlantedEdge};
+use crate::params::Value;
+use crate::pixels::Rect;
+use crate::shot::Shot;
+use crate::words::fixed;
+
+/// Each edge with the way that it moved, px.
+type Edges = Vec<Result<(SlantedEdge, [f64; 2]), String>>;
+
+/// What a person is told to do.
+const HINT: &str = "Drag a rectangle over each edge, so that the edge crosses it from side to side";
+
+/// The section.
+#[derive(Debug, Default)]
+pub struct Sharpness {
+    edges: Vec<Picked>,
+    verdicts: Vec<Verdict>,
+    /// The camera's response and motion count, and they are settings: by the project's version.
+    measured: Background<(Vec<Picked>, u64), Edges>,
+}
+
+impl Sharpness {
+    pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
+        let all = parts::marks("edge", &self.edges, &self.verdicts);
+        all.filter(move |(of, ..)| *of == frame).map(|(_, at, name)| (at, name))
+    }
+
+    /// Nobody waits for what is being measured.
+    pub fn rest(&mut self) {
+        self.measured.rest();
+    }
+
+    /// Takes what was picked.
+    pub fn answers(&mut self, session: &Session, hand: &mut Hand) {
+        if let (Some(at), Some(frame)) =
+            (hand.answer(Purpose::Edge).and_then(|places| hand::rect(&places)), session.frame())
+        {
+            self.edges.push(Picked { frame: frame.index, at });
+            self.verdicts.push(Verdict::Waits);
+        }
+    }
+
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {
+        parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
+        let wanted = Question { purpose: Purpose::Edge, hint: HINT, least_px: FEWEST_PX, repeats: true };
+        hand.button(ui, "Pick edges", wanted);
+        if self.edges.is_empty() {
+            return;
+        }
+        if !session.player.playing {
+            let (shot, edges) = (session.project.shot().clone(), self.edges.clone());
+            let key = (edges.clone(), session.project.version());
+            self.measured.want(ui.ctx(), key, move |ticket| measure(&shot, &edges, ticket));
+        }
+        let found = self.measured.last_key().filter(|(edges, _)| *edges == self.edges);
+        let found = found.and_then(|_| self.measured.last().cloned()).unwrap_or_default();
+        if !found.is_empty() {
+            self.verdicts = found.iter().map(verdict).collect();
+        }
+        match parts::list(ui, "edge", &self.verdicts) {
+            Some(Asked::Show(n)) => session.player.seek(self.edges[n].frame),
+            Some(Asked::Drop(n)) => {
+                self.edges.remove(n);
+                self.verdicts.remove(n);
+            }
+            None => {}
+        }
+        progress::of(ui, "Sharpness", &self.measured);
+        let good: Vec<_> = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
+        for (n, (edge, moved)) in &good {
+            for note in sharpness::notes(edge, *moved) {
+                parts::aside(ui, format!("edge {}: {note}", n + 1));
+            }
+        }
+        let good: Vec<SlantedEdge> = good.into_iter().map(|(_, (edge, _))| edge.clone()).collect();
+        self.found(ui, session, good);
+    }
+
+    fn found(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<SlantedEdge>) {
+        let Some(all) = together(&good) else { return };
+        let color = Of::Real.color(ui);
+        let axes = Axes {
+            name: "Measured edges",
+            x: "distance, px",
+            y: "% of the step",
+            x_range: Some([-3.0, 3.0]),
+            y_from: Some(0.0),
+        };
+        plots::show(ui, &axes, move |plot| good.iter().for_each(|edge| draw_edge(plot, "edge", edge, color)));
+        let (table, name) = PARAMETER;
+        let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
+        let present = session.project.value(table, name);
+        let of_present = present.as_ref().map_or(String::new(), ToString::to_string);
+        ui.label(format!(
+            "measured {} ± {} px, present {of_present} px",
+            fixed(all.sigma_px, 3),
+            fixed(all.uncertainty_px, 3)
+        ));
+        if all.between_px > 0.0 {
+            let text = "The edges differ by more than chance: what is round, out of focus or moves is softer. The sharpest tell most.";
+            ui.label(RichText::new(text).small().weak());
+        }
+        match parts::take_or_leave(ui, "sharpness", present.as_ref() == Some(&taken)) {
+            Some(true) => match session.project.set(table, name, &taken) {
+                Ok(()) => {
+                    session.project.close_step();
+                    session.say("Taken: the sharpness that was measured");
+                }
+                Err(error) => session.say(error.to_string()),
+            },
+            Some(false) => {
+                self.edges.clear();
+                self.verdicts.clear();
+                self.measured.clear();
+            }
+            None => {}
+        }
+    }
+}
+
+fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), String>) -> Verdict {
+    match edge {
+        Ok((edge, _)) => Verdict::Good(width_of(edge)),
+        Err(why) => Verdict::Bad(why.clone()),
+    }
+}
+
+fn measure(shot: &Shot, edges: &[Picked], ticket: &Ticket) -> Edges {
+    let response = shot.camera().response;
+    let edge = |(n, Picked { frame, at }): (usize, &Picked)| {
+        let frame = shot.read(*frame).map_err(|error| error.to_string())?;
+        let moved = moved_px(shot, &frame, *at);
+        let edge = sharpness::edge(&frame.pixels, &response, *at, moved).map_err(|error| error.to_string())?;
+        ticket.done((n + 1) as f64 / edges.len() as f64);
+        Ok((edge, moved))
+    };
+    edges.iter().enumerate().take_while(|_| !ticket.is_cancelled()).map(edge).collect()
+}
