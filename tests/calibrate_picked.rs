@@ -366,3 +366,20 @@ fn the_present_profile_goes_on_where_nothing_was_picked() {
         assert!((found.profile.sigma(c, 5.0) / 1.05 - 1.0).abs() < 0.1);
     }
 }
+
+/// As a yellow marker before white paper: the luminance hardly changes.
+#[test]
+fn an_edge_of_one_channel_is_an_edge() {
+    let sigma_px = 0.8;
+    let shares = Made { slant_deg: 15.0, sigma_px, moved_px: 0.0 }.shares();
+    let (response, mut random) = (Response::default(), Random::new(9));
+    let codes = shares.iter().flat_map(|share| {
+        // Texture on both sides of the blue channel's edge; at the end's light of all is the same.
+        let lights = [0.62 + 0.1 * random.normal().tanh(), 0.55 + 0.1 * random.normal().tanh(), DARK + 0.5 * share];
+        lights.map(|light| (255.0 * response.encode(light)).round() as u8)
+    });
+    let picture = Pixels::from_u8(SIDE as u32, SIDE as u32, codes.collect()).unwrap();
+    let found = edge(&picture, &response, WHOLE, [0.0; 2]).unwrap();
+    assert!((found.sigma_px - sigma_px).abs() < 0.03, "{found:?}");
+    assert!((found.bright - found.dark - 0.5).abs() < 0.02, "{found:?}");
+}

@@ -401,3 +401,32 @@ fn the_time_line_goes_anywhere_and_its_loop_is_played() {
     window.step();
     assert_eq!(window.state_mut().player_mut().range(), 0..72);
 }
+
+#[test]
+fn a_number_counts_when_it_is_typed_whole() {
+    let mut window = open(None);
+    search(&mut window, "noise scale");
+    let scale = |window: &Harness<'_, App>| {
+        let settings = &window.state().project().edit().settings;
+        settings.effects().find(|effect| effect.table() == "noise").unwrap().get("scale").unwrap()
+    };
+    let before = scale(&window);
+    let field = |window: &Harness<'_, App>| {
+        let all: Vec<_> = window.query_all_by_role(Role::SpinButton).map(|node| node.rect()).collect();
+        assert_eq!(all.len(), 1, "one field beside one slider");
+        all[0].center()
+    };
+    let at = field(&window);
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.drop_at(at);
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text("0.25".to_owned()));
+    window.run_steps(3);
+    assert_eq!(scale(&window), before, "half a number is none");
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    assert_eq!(scale(&window), Value::Number(0.25));
+}

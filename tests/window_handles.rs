@@ -332,3 +332,24 @@ fn small_steps_copies_and_deleting_by_keys() {
     assert_eq!(names[1..4], named);
     assert_eq!(names[4..], ["marker 1 copy: duplicated, moved 20 cm", "marker 1 copy: deleted"]);
 }
+
+#[test]
+fn a_hand_that_moves_on_as_it_presses_holds_what_it_pressed() {
+    let mut window = with_marker(0);
+    let before = stance(&window, MARKER).position_m;
+    let from = at(&window, 0, MARKER_AT);
+    let to = from + egui::vec2(60.0, 12.0);
+    window.hover_at(from);
+    window.step();
+    // Both in one frame of the window.
+    let button = egui::PointerButton::Primary;
+    window.event(Event::PointerButton { pos: from, button, pressed: true, modifiers: Modifiers::NONE });
+    window.hover_at(from + egui::vec2(40.0, 40.0));
+    window.step();
+    window.hover_at(to);
+    window.step();
+    window.drop_at(to);
+    window.run_steps(2);
+    let moved = stance(&window, MARKER).position_m - before;
+    assert!(moved.length() > 0.02, "{moved}");
+}

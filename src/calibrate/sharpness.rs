@@ -39,12 +39,29 @@ pub enum SharpnessError {
 }
 
 /// Measures the edge that crosses a region of a picture. `moved_px`: its way while the shutter was open. Light is a share of
-/// the camera's full scale.
+/// the camera's full scale: the luminance, or, where that shows no edge, the channel that shows it best. Yellow before white
+/// is an edge of blue alone. Behind a mosaic of colour filters a channel is less sharp than the luminance.
 pub fn edge(
     picture: &Pixels,
     response: &Response,
     region: Rect,
     moved_px: [f64; 2],
+) -> Result<SlantedEdge, SharpnessError> {
+    let of = |light| edge_of(picture, response, region, moved_px, light);
+    of(LUMINANCE).or_else(|error| {
+        let channels = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].into_iter();
+        let best = channels.filter_map(|channel| of(channel).ok());
+        best.min_by(|a, b| a.uncertainty_px.total_cmp(&b.uncertainty_px)).ok_or(error)
+    })
+}
+
+/// Of the light that R, G and B give with these weights.
+fn edge_of(
+    picture: &Pixels,
+    response: &Response,
+    region: Rect,
+    moved_px: [f64; 2],
+    weights: [f64; 3],
 ) -> Result<SlantedEdge, SharpnessError> {
     let region = region.intersection(&Rect::full(picture.width, picture.height));
     let (width, height) = (region.width() as usize, region.height() as usize);
@@ -53,7 +70,7 @@ pub fn edge(
     for (y, x) in (region.y0..region.y1).flat_map(|y| (region.x0..region.x1).map(move |x| (y, x))) {
         let codes = picture.at(x as u32, y as u32);
         clipped += usize::from(codes.contains(&full));
-        values.push((0..3).map(|c| LUMINANCE[c] * light[codes[c] as usize]).sum());
+        values.push((0..3).map(|c| weights[c] * light[codes[c] as usize]).sum());
     }
     let percent = 100.0 * clipped as f64 / values.len().max(1) as f64;
     if percent > 100.0 * CLIPPED {

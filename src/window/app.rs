@@ -21,7 +21,7 @@ use super::placed::Placed;
 use super::player::Player;
 use super::project::Project;
 use super::session::Session;
-use super::side::Side;
+use super::side::{Side, fixed};
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
 use crate::frame::Frame;
@@ -392,10 +392,12 @@ impl App {
             }
         });
         egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
-            ui.add_space(4.0);
             let session = &mut self.session;
             let frame = session.frame().cloned();
-            if let Some(wrong) = self.evidence.show(ui, &mut session.project, session.viewer.gpu(), frame.as_ref()) {
+            let gpu = session.viewer.gpu();
+            let evidence = &mut self.evidence;
+            let wrong = fixed(ui, |ui| evidence.show(ui, &mut session.project, gpu, frame.as_ref()));
+            if let Some(wrong) = wrong {
                 self.session.say(wrong);
             }
         });

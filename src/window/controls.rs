@@ -313,7 +313,8 @@ fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64
             .smart_aim(false)
             .suffix(unit)
             .custom_parser(parse)
-            .custom_formatter(|n, _| short(n));
+            .custom_formatter(|n, _| short(n))
+            .update_while_editing(false);
         if whole {
             slider = slider.integer();
         } else if spec.by_ratio && min <= 0.0 {
@@ -323,7 +324,7 @@ fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64
     } else {
         let speed = if whole { 1.0 } else { (0.002 * n.abs()).max(1e-4) };
         let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(parse);
-        ui.add(drag.custom_formatter(|n, _| short(n)))
+        ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false))
     };
     let info = || egui::WidgetInfo::slider(true, *n, called);
     response.widget_info(info);

@@ -49,7 +49,11 @@ impl Dials {
             dial(ui, "Width, px", "as recorded", &mut self.width, Vec::new);
             dial(ui, "Light, lx", "from the picture", &mut self.lux, Vec::new);
             ui.label("Compensation");
-            let drag = egui::DragValue::new(&mut self.compensation_ev).range(-5.0..=5.0).speed(0.05).suffix(" EV");
+            let drag = egui::DragValue::new(&mut self.compensation_ev)
+                .range(-5.0..=5.0)
+                .speed(0.05)
+                .suffix(" EV")
+                .update_while_editing(false);
             ui.add(drag.custom_parser(parse_number))
                 .widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Compensation"));
             ui.end_row();

@@ -32,14 +32,7 @@ pub struct Side {
 impl Side {
     /// Shows the tab that is chosen. Values that are refused are given back as text.
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
-        // What is too wide for the panel is cut: it does not grow.
-        let room = ui.available_rect_before_wrap();
-        let mut inner = ui.new_child(UiBuilder::new().max_rect(room));
-        inner.shrink_clip_rect(room);
-        inner.add_space(4.0);
-        let refused = self.within(&mut inner, session, hand);
-        ui.advance_cursor_after_rect(room);
-        refused
+        fixed(ui, |ui| self.within(ui, session, hand))
     }
 
     fn within(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
@@ -88,4 +81,15 @@ impl Side {
             Tab::Calibrate => matching::paint(seen, self.calibrating.marks(frame)),
         }
     }
+}
+
+/// Shows what a panel holds. What is too wide for the panel is cut: it does not grow, and the picture beside it stays.
+pub fn fixed<R>(ui: &mut Ui, show: impl FnOnce(&mut Ui) -> R) -> R {
+    let room = ui.available_rect_before_wrap();
+    let mut inner = ui.new_child(UiBuilder::new().max_rect(room));
+    inner.shrink_clip_rect(room);
+    inner.add_space(4.0);
+    let shown = show(&mut inner);
+    ui.advance_cursor_after_rect(room);
+    shown
 }

@@ -70,8 +70,9 @@ pub fn show(ui: &mut Ui, times: &Times) {
             ui.end_row();
         }
     });
-    let gpu =
-        RichText::new(format!("{} ms in all on the GPU, median of pictures", fixed(1e3 * all_s, 1))).small().weak();
+    let gpu = RichText::new(format!("{} ms on the GPU in all; medians of the last pictures", fixed(1e3 * all_s, 1)))
+        .small()
+        .weak();
     ui.label(gpu).on_hover_text(
         "Noise, edges, exposure and vignetting act while objects are mixed into the picture, in one pass. A software driver \
          shares its processors with the rest of the machine.",

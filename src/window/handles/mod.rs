@@ -293,14 +293,16 @@ impl Handles {
     /// Nothing is being changed: what is under the pointer, and what is pressed.
     fn point(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: &mut Option<Entry>) {
         let response = &over.seen.response;
-        let (pressed, down, latest) = response.ctx.input(|i| {
+        let (pressed, down, latest, origin) = response.ctx.input(|i| {
             let pointer = &i.pointer;
-            (pointer.primary_pressed(), pointer.primary_down(), pointer.latest_pos())
+            (pointer.primary_pressed(), pointer.primary_down(), pointer.latest_pos(), pointer.press_origin())
         });
         let line_x = over.view.wipe.map(|share| over.seen.placed.rect.min.x + share * over.seen.placed.rect.width());
         let on_line = |at: Pos2| line_x.is_some_and(|x| (at.x - x).abs() <= GRIP);
         let usable = over.is_free && !over.is_hidden && response.contains_pointer();
-        let pointer = latest.filter(|at| usable && !on_line(*at) && !over.seen.camera.contains(*at));
+        // A quick hand has moved on since it pressed.
+        let at = if pressed { origin.or(latest) } else { latest };
+        let pointer = at.filter(|at| usable && !on_line(*at) && !over.seen.camera.contains(*at));
         if self.pressed.is_none() {
             self.hot = pointer.zip(*selected).and_then(|(at, entry)| self.handle_at(over, project, eye, entry, at));
         }
