@@ -2,6 +2,7 @@
 
 use locard::recording::{OpenOptions, Recording};
 use locard::scene::{self, SceneError};
+use locard::stream::{Encoding, Listen, Receiver, packets};
 
 /// The bytes as a model.
 #[allow(dead_code, reason = "each target uses one")]
@@ -68,4 +69,40 @@ pub fn recording(bytes: &[u8]) -> usize {
         let _ = (recording.pose_at_frame(frame), recording.geometry_at_frame(frame));
     }
     recording.frames(0..count).map_or(0, |frames| frames.filter(Result::is_ok).count())
+}
+
+/// The bytes as datagrams, one after another: a byte that says what it is, its length in two bytes, its content. 0 is a
+/// datagram of OpenTrackIO as it is, 1 and 2 are samples in JSON and CBOR, which get their packets here, 3 is a message of
+/// FreeD. The upper bits say who sends, and when. How many poses came out, of which each is told, as is the report.
+#[allow(dead_code, reason = "each target uses one")]
+pub fn stream(mut bytes: &[u8]) -> usize {
+    let open = |url| Receiver::new(Listen::parse(url).expect("a good address"));
+    let (mut tracker, mut head) = (open("opentrackio://"), open("freed://"));
+    let (mut now_s, mut poses) = (0.0, 0);
+    while let Some((&[kind, upper, lower], rest)) = bytes.split_first_chunk() {
+        let (content, rest) = rest.split_at(rest.len().min(usize::from(u16::from_be_bytes([upper, lower]))));
+        bytes = rest;
+        now_s += [0.001, 0.02, 0.7, 3.0][usize::from(kind >> 6)];
+        let from = ([10, 0, 0, kind >> 4 & 3], 5000).into();
+        let all = match kind & 3 {
+            1 => packets(Encoding::Json, lower.into(), content),
+            2 => packets(Encoding::Cbor, lower.into(), content),
+            _ => vec![content.to_vec()],
+        };
+        for datagram in all {
+            let receiver = if kind & 3 == 3 { &mut head } else { &mut tracker };
+            receiver.take(&datagram, from, now_s);
+        }
+        for receiver in [&mut tracker, &mut head] {
+            while let Some(tracked) = receiver.next(now_s) {
+                assert!(tracked.pose.rotation.is_finite() && tracked.pose.translation_m.is_finite());
+                poses += 1;
+            }
+        }
+    }
+    for receiver in [&mut tracker, &mut head] {
+        poses += std::iter::from_fn(|| receiver.next(now_s + 1.0)).count();
+        let _ = (receiver.lens().geometry(64, 48), receiver.lens().to_string(), format!("{:?}", receiver.report()));
+    }
+    poses
 }

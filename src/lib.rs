@@ -17,12 +17,13 @@ pub mod words;
 // 1: physics without GPU or files
 pub mod camera;
 
-// 2: input and output, recordings and their depth; the GPU
+// 2: input and output, recordings and their depth, streams of poses; the GPU
 pub mod depth;
 pub mod gpu;
 pub mod recording;
 pub mod sink;
 pub mod source;
+pub mod stream;
 pub mod tracking;
 
 // 3: the scene, and the virtual layer drawn from it

@@ -41,3 +41,18 @@ fn recordings() {
         }
     }
 }
+
+#[test]
+fn streams() {
+    let seeds = seeds("stream");
+    assert!(!seeds.is_empty());
+    for seed in seeds {
+        assert_eq!(bodies::stream(&seed), 3, "each holds three poses");
+        for i in 0..seed.len() {
+            bodies::stream(&seed[..i]);
+            let mut damaged = seed.clone();
+            damaged[i] ^= 1 << (i % 8);
+            bodies::stream(&damaged);
+        }
+    }
+}

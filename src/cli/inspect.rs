@@ -8,6 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::listen;
 use super::pick::{self, Asked, Pick, Picker, numbers};
 use crate::camera::Geometry;
 use crate::compositor::Settings;
@@ -17,11 +18,12 @@ use crate::profile::Rig;
 use crate::recording::OpenOptions;
 use crate::shot::{Given, Shot, ShotError};
 use crate::source::file::{self, MOST_DOCUMENT};
+use crate::stream::Protocol;
 use crate::words::{count, fixed, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A recording, a scene (.glb, .gltf, scene.toml) or a profile
+    /// A recording, a scene (.glb, .gltf, scene.toml), a profile, or a stream: opentrackio://HOST:PORT, freed://HOST:PORT
     what: PathBuf,
     /// A frame of the recording
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = super::frame_number)]
@@ -42,6 +44,14 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
+    /// How long a stream is listened to, from its first pose on
+    #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = seconds)]
+    seconds: f64,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|seconds| (0.1..=86400.0).contains(seconds));
+    number.ok_or_else(|| format!("{text} is refused: accepted is a number of seconds from 0.1 to 86400"))
 }
 
 /// Beyond this number, damaged pictures are only counted.
@@ -84,6 +94,12 @@ fn kind(path: &Path) -> Result<Found> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
+    if let Some(url) = args.what.to_str().filter(|text| Protocol::of(text).is_some()) {
+        if args.frame.is_some() {
+            bail!("{url}: --frame asks for a recording, and this is a stream");
+        }
+        return listen::run(url, args.seconds);
+    }
     let found = kind(&args.what)?;
     if args.frame.is_some() && !matches!(found, Found::Recording) {
         bail!("{}: --frame asks for a recording, and this is none", args.what.display());

@@ -8,12 +8,14 @@ mod doctor;
 mod ending;
 mod inspect;
 mod light;
+mod listen;
 mod meter;
 mod params;
 mod photo;
 mod pick;
 mod place;
 mod render;
+mod send;
 mod simulate;
 mod start;
 #[cfg(feature = "window")]
@@ -43,7 +45,7 @@ enum Command {
     Composite(composite::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
-    /// Say what is in a recording, a scene or a profile, and what is odd about it
+    /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about it
     Inspect(inspect::Args),
     /// Say how bright a frame's scene is and which settings would expose it correctly
     Meter(meter::Args),
@@ -53,6 +55,8 @@ enum Command {
     Place(place::Args),
     /// Take a picture of a scene alone, through any camera
     Render(render::Args),
+    /// Send a recording's poses as a stream: OpenTrackIO or FreeD
+    Send(send::Args),
     /// List every parameter: unit, range, default, help
     Params(params::Args),
     /// Say what this machine has, what is missing and how to get it
@@ -85,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Photo(args) => photo::run(&args),
         Command::Place(args) => place::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Send(args) => send::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),

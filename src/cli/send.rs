@@ -1,0 +1,129 @@
+//! `locard send`.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use glam::DVec3;
+
+use super::{progress_of, tell, warn};
+use crate::camera::LensModel;
+use crate::pose::Pose;
+use crate::recording::OpenOptions;
+use crate::shot::{Given, Shot};
+use crate::stream::{LensState, Protocol, Sender};
+use crate::words::{count, fixed};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording whose poses are sent
+    recording: PathBuf,
+    /// Where to: opentrackio://HOST:PORT or freed://HOST:PORT; without a host to this machine
+    #[arg(long, value_name = "URL")]
+    to: String,
+    /// So many times as fast as it was recorded
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed)]
+    speed: f64,
+    /// Begin again at the end, until it is ended; the clock goes on
+    #[arg(long = "loop")]
+    repeat: bool,
+    /// The camera whose lens is sent, where the recording does not know it
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, value_name = "M")]
+    metres_per_unit: Option<f64>,
+    /// No progress bar and no warnings
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|speed| (1e-3..=1e4).contains(speed));
+    number.ok_or_else(|| format!("{text} is refused: accepted is a number from 0.001 to 10000"))
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let options = OpenOptions { metres_per_unit: args.metres_per_unit.unwrap_or(1.0), ..OpenOptions::default() };
+    let shot = Shot::open(&args.recording, &options, &Given { profile: args.profile.clone(), ..Given::default() })?;
+    let recording = &shot.recording;
+    let poses = on_the_frames_clock(&shot);
+    let (Some(&(first_s, _)), Some(&(last_s, _))) = (poses.first(), poses.last()) else {
+        bail!("{}: the recording has no poses to send", args.recording.display());
+    };
+    let interval_s = if poses.len() > 1 { (last_s - first_s) / (poses.len() - 1) as f64 } else { 1.0 };
+    let lens = lens(&shot, args.quiet);
+    let mut sender = Sender::open(&args.to, &recording.name, 1.0 / interval_s, lens)?;
+    for (time_s, pose) in &poses {
+        sender.check(*time_s, pose)?;
+    }
+    notes(&shot, args);
+
+    let length = if args.repeat { 0 } else { poses.len() };
+    let bar = progress_of(args.quiet || args.repeat, length, "{wide_bar} {pos}/{len} poses, {eta} left");
+    let began = Instant::now();
+    let round_s = last_s - first_s + interval_s;
+    for round in 0u32.. {
+        for (time_s, pose) in &poses {
+            let time_s = time_s + f64::from(round) * round_s;
+            let due = began + Duration::from_secs_f64((time_s - first_s) / args.speed);
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+            sender.send(time_s, pose)?;
+            bar.inc(1);
+        }
+        if !args.repeat {
+            break;
+        }
+    }
+    bar.finish_and_clear();
+    let took = fixed(began.elapsed().as_secs_f64(), 1);
+    tell(args.quiet, &format!("{} sent to {} in {took} s", count(poses.len(), "pose"), sender.target().at));
+    Ok(())
+}
+
+/// The poses by the frames' times, which a stream's poses are looked up by. None is before 0, which streams cannot say.
+fn on_the_frames_clock(shot: &Shot) -> Vec<(f64, Pose)> {
+    let recording = &shot.recording;
+    let first_s = recording.track.poses().first().map_or(0.0, |pose| pose.0 - recording.time_offset_s);
+    let shift_s = if first_s < 0.0 { -first_s.floor() } else { 0.0 };
+    let moved = |(time_s, pose): &(f64, Pose)| (time_s - recording.time_offset_s + shift_s, *pose);
+    recording.track.poses().iter().map(moved).collect()
+}
+
+/// What is sent of the lens. `None` if nothing is known, or if it is not one lens.
+fn lens(shot: &Shot, quiet: bool) -> Option<LensState> {
+    let geometry = shot.given_geometry_at(0)?;
+    let camera = shot.camera();
+    let frames = 0..shot.recording.frame_count();
+    if frames.into_iter().any(|frame| shot.given_geometry_at(frame).is_some_and(|other| other != geometry)) {
+        warn(quiet, "the camera is not the same in all frames: no lens is sent");
+        return None;
+    }
+    let distortion = &geometry.distortion;
+    if distortion.model == LensModel::OpencvFisheye {
+        warn(quiet, "OpenTrackIO has no fisheye: the lens is sent without its distortion");
+    }
+    Some(LensState::of(&geometry, &camera.lens, &camera.exposure, 1.0 / shot.recording.frame_interval_s))
+}
+
+fn notes(shot: &Shot, args: &Args) {
+    let recording = &shot.recording;
+    if !recording.kind.is_metric() && recording.metres_per_unit == 1.0 {
+        warn(args.quiet, "the recording's unit is taken for a metre; --metres-per-unit says how long it is");
+    }
+    if let Some(up) = recording.up.filter(|up| up.distance(DVec3::Z) > 1e-3) {
+        let protocol = match Protocol::of(&args.to) {
+            Some(Protocol::FreeD) => "FreeD",
+            _ => "OpenTrackIO",
+        };
+        let [x, y, z] = up.to_array().map(|v| fixed(v, 2));
+        let text = format!("up is {x} {y} {z} in the recording and z in {protocol}: the places are sent as they are");
+        warn(args.quiet, &text);
+    }
+    if recording.track.poses().first().is_some_and(|pose| pose.0 - recording.time_offset_s < 0.0) {
+        warn(
+            args.quiet,
+            "the recording begins before 0, where no stream's clock does: its times are moved by whole seconds",
+        );
+    }
+}

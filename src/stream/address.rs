@@ -1,0 +1,248 @@
+//! `opentrackio://HOST:PORT?…` and `freed://HOST:PORT?…`: where a stream is heard, or goes.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
+use std::ops::RangeInclusive;
+
+use super::error::StreamError;
+use super::packet::Encoding;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    OpenTrackIo,
+    FreeD,
+}
+
+impl Protocol {
+    const ALL: [(&'static str, Self); 2] = [("opentrackio://", Self::OpenTrackIo), ("freed://", Self::FreeD)];
+
+    /// The protocol that a text names as a URL does; `None` for any other text.
+    pub fn of(url: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|(scheme, _)| url.starts_with(scheme)).map(|(_, protocol)| protocol)
+    }
+
+    /// The port that its senders use where nobody says another.
+    pub fn usual_port(self) -> u16 {
+        match self {
+            Self::OpenTrackIo => 55555,
+            Self::FreeD => 40000,
+        }
+    }
+}
+
+/// Where a stream is heard, and which.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listen {
+    pub protocol: Protocol,
+    /// An address of this machine, or a multicast group.
+    pub at: SocketAddr,
+    /// The network of a group, by this machine's address in it; none: the system's choice.
+    pub interface: Option<Ipv4Addr>,
+    /// Only datagrams from there.
+    pub from: Option<IpAddr>,
+    /// Only this source: OpenTrackIO's `sourceId` or `sourceNumber`, FreeD's camera.
+    pub source: Option<String>,
+    /// Added to the time of every pose, seconds.
+    pub delay_s: f64,
+    /// How long a pose waits for those before it, seconds.
+    pub wait_s: f64,
+}
+
+/// Where a stream goes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    pub protocol: Protocol,
+    pub at: SocketAddr,
+    /// The network of a group, by this machine's address in it; none: the system's choice.
+    pub interface: Option<Ipv4Addr>,
+    pub encoding: Encoding,
+    /// OpenTrackIO's `sourceNumber`, FreeD's camera.
+    pub number: u8,
+    /// Routers that a group's datagrams may pass, and one.
+    pub ttl: u8,
+}
+
+const LONGEST_DELAY_S: f64 = 60.0;
+const LONGEST_WAIT_S: f64 = 1.0;
+const WAIT_S: f64 = 0.02;
+
+impl Listen {
+    pub fn parse(url: &str) -> Result<Self, StreamError> {
+        let parts = Parts::of(url)?;
+        let mut listen = Self {
+            protocol: parts.protocol,
+            at: parts.at,
+            interface: None,
+            from: None,
+            source: None,
+            delay_s: 0.0,
+            wait_s: WAIT_S,
+        };
+        for (key, value) in &parts.options {
+            match *key {
+                "interface" => listen.interface = Some(parts.interface(value)?),
+                "from" => listen.from = Some(parts.value(key, value, "an address, as in from=192.168.0.5")?),
+                "source" => listen.source = Some((*value).to_owned()).filter(|name| !name.is_empty()),
+                "delay_s" => listen.delay_s = parts.seconds(key, value, -LONGEST_DELAY_S..=LONGEST_DELAY_S)?,
+                "wait_s" => listen.wait_s = parts.seconds(key, value, 0.0..=LONGEST_WAIT_S)?,
+                _ => return Err(parts.unknown(key, "interface, from, source, delay_s, wait_s")),
+            }
+        }
+        Ok(listen)
+    }
+}
+
+impl Target {
+    pub fn parse(url: &str) -> Result<Self, StreamError> {
+        let parts = Parts::of(url)?;
+        let mut target = Self {
+            protocol: parts.protocol,
+            at: parts.at,
+            interface: None,
+            encoding: Encoding::Json,
+            number: 1,
+            ttl: 1,
+        };
+        if parts.at.ip().is_unspecified() || parts.at.port() == 0 {
+            return Err(parts.problem("that is where to listen; to send takes one address and port".to_owned()));
+        }
+        for (key, value) in &parts.options {
+            match (*key, *value) {
+                ("interface", _) => target.interface = Some(parts.interface(value)?),
+                ("encoding", "json") => target.encoding = Encoding::Json,
+                ("encoding", "cbor") => target.encoding = Encoding::Cbor,
+                ("encoding", _) => return Err(parts.refused(key, value, "json or cbor")),
+                ("number", _) => target.number = parts.value(key, value, "a number from 0 to 255")?,
+                ("ttl", _) => target.ttl = parts.value(key, value, "a number from 0 to 255")?,
+                _ => return Err(parts.unknown(key, "interface, encoding, number, ttl")),
+            }
+        }
+        Ok(target)
+    }
+}
+
+struct Parts<'a> {
+    url: &'a str,
+    protocol: Protocol,
+    at: SocketAddr,
+    options: Vec<(&'a str, &'a str)>,
+}
+
+impl<'a> Parts<'a> {
+    fn of(url: &'a str) -> Result<Self, StreamError> {
+        let problem = |problem: String| StreamError::Address { url: url.to_owned(), problem };
+        let accepted = "opentrackio://HOST:PORT or freed://HOST:PORT, as in opentrackio://127.0.0.1:55555";
+        let found = Protocol::ALL.into_iter().find_map(|(scheme, p)| Some((p, url.strip_prefix(scheme)?)));
+        let (protocol, rest) = found.ok_or_else(|| problem(format!("is no stream: accepted is {accepted}")))?;
+        let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
+        let at = address(place.trim_end_matches('/'), protocol.usual_port())
+            .map_err(|found| problem(format!("{found}; accepted is {accepted}")))?;
+        if at.is_ipv6() && at.ip().is_multicast() {
+            return Err(problem("groups are IPv4's, as in opentrackio://235.135.1.1:55555".to_owned()));
+        }
+        let options = query.split('&').filter(|option| !option.is_empty());
+        let options = options.map(|option| option.split_once('=').unwrap_or((option, ""))).collect();
+        Ok(Self { url, protocol, at, options })
+    }
+
+    fn problem(&self, problem: String) -> StreamError {
+        StreamError::Address { url: self.url.to_owned(), problem }
+    }
+
+    fn refused(&self, key: &str, value: &str, accepted: &str) -> StreamError {
+        self.problem(format!("{key}={value} is refused: accepted is {accepted}"))
+    }
+
+    fn unknown(&self, key: &str, known: &str) -> StreamError {
+        self.problem(format!("there is no option {key}; there are: {known}"))
+    }
+
+    fn value<T: std::str::FromStr>(&self, key: &str, value: &str, accepted: &str) -> Result<T, StreamError> {
+        value.parse().map_err(|_| self.refused(key, value, accepted))
+    }
+
+    fn seconds(&self, key: &str, value: &str, range: RangeInclusive<f64>) -> Result<f64, StreamError> {
+        let accepted = format!("a number of seconds from {} to {}", range.start(), range.end());
+        let seconds: f64 = self.value(key, value, &accepted)?;
+        range.contains(&seconds).then_some(seconds).ok_or_else(|| self.refused(key, value, &accepted))
+    }
+
+    fn interface(&self, value: &str) -> Result<Ipv4Addr, StreamError> {
+        if !self.at.ip().is_multicast() {
+            return Err(self.problem("interface is for groups, as in opentrackio://235.135.1.1:55555".to_owned()));
+        }
+        self.value("interface", value, "an address of this machine, as in interface=192.168.0.5")
+    }
+}
+
+/// An address from `HOST:PORT`, `HOST` or `:PORT`. Without a host it is this machine's own, which no network reaches;
+/// `*` is all of its networks.
+fn address(place: &str, usual_port: u16) -> Result<SocketAddr, String> {
+    let bare_v6 = place.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let (host, port) = match place.rsplit_once(':') {
+        Some((host, port)) if bare_v6.is_none() => {
+            (host, port.parse().map_err(|_| format!("the port {port} is refused: it is a number from 0 to 65535"))?)
+        }
+        _ => (place, usual_port),
+    };
+    match host {
+        "" => return Ok(SocketAddr::from((Ipv4Addr::LOCALHOST, port))),
+        "*" => return Ok(SocketAddr::from((Ipv4Addr::UNSPECIFIED, port))),
+        _ => {}
+    }
+    let bare = host.trim_start_matches('[').trim_end_matches(']');
+    if let Ok(ip) = bare.parse::<IpAddr>() {
+        return Ok((ip, port).into());
+    }
+    let found = (bare, port).to_socket_addrs().map_err(|_| format!("no machine is called {host}"))?;
+    // Names often have an IPv6 address first, and trackers know IPv4.
+    let found: Vec<SocketAddr> = found.collect();
+    let v4 = found.iter().find(|at| at.is_ipv4());
+    v4.or(found.first()).copied().ok_or_else(|| format!("{host} has no address"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_and_what_is_meant_without_them() {
+        let at = |url| Listen::parse(url).unwrap().at.to_string();
+        assert_eq!(at("opentrackio://"), "127.0.0.1:55555");
+        assert_eq!(at("freed://"), "127.0.0.1:40000");
+        assert_eq!(at("freed://:5001/"), "127.0.0.1:5001");
+        assert_eq!(at("freed://*"), "0.0.0.0:40000");
+        assert_eq!(at("opentrackio://235.135.1.7:1234"), "235.135.1.7:1234");
+        assert_eq!(at("opentrackio://[::1]"), "[::1]:55555");
+        assert_eq!(at("opentrackio://[::1]:9"), "[::1]:9");
+        let all = "opentrackio://239.1.1.1?interface=127.0.0.1&from=10.0.0.2&source=3&delay_s=-0.1&wait_s=0";
+        let listen = Listen::parse(all).unwrap();
+        assert_eq!(listen.interface, Some(Ipv4Addr::LOCALHOST));
+        assert_eq!((listen.from, listen.source.as_deref()), (Some([10, 0, 0, 2].into()), Some("3")));
+        assert_eq!((listen.delay_s, listen.wait_s), (-0.1, 0.0));
+        let target = Target::parse("opentrackio://10.0.0.9?encoding=cbor&number=7").unwrap();
+        assert_eq!((target.encoding, target.number, target.ttl), (Encoding::Cbor, 7, 1));
+        assert_eq!((Protocol::of("freed://x"), Protocol::of("recordings/demo")), (Some(Protocol::FreeD), None));
+    }
+
+    #[test]
+    fn what_is_refused_says_what_is_accepted() {
+        let cases = [
+            ("http://x", "opentrackio://HOST:PORT"),
+            ("freed://1.2.3.4:99999", "0 to 65535"),
+            ("freed://?wait_s=-1", "from 0 to 1"),
+            ("freed://?delay_s=NaN", "from -60 to 60"),
+            ("freed://?form=1.2.3.4", "from, source"),
+            ("freed://?from=me", "from=192.168.0.5"),
+            ("freed://?interface=1.2.3.4", "groups"),
+            ("freed://[ff02::1]", "IPv4"),
+        ];
+        for (url, accepted) in cases {
+            let error = Listen::parse(url).unwrap_err().to_string();
+            assert!(error.contains(accepted), "{error}");
+        }
+        for (url, accepted) in [("freed://*", "one address"), ("opentrackio://?encoding=xml", "json or cbor")] {
+            let error = Target::parse(url).unwrap_err().to_string();
+            assert!(error.contains(accepted), "{error}");
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! What came over the network, in the order of its own clock.
+//!
+//! Datagrams overtake each other. Each item waits a little for those before it, unless its number says that there are
+//! none. What comes after a later one was given out is late. A clock is believed as long as it goes on as time does; when
+//! it jumps, the second item in a row on the new clock proves it, and a new epoch begins. A single one is only odd.
+
+use std::collections::VecDeque;
+
+/// A clock may be off from arrivals by this between two items, seconds: streams stutter, and poses may be sent faster
+/// than they were recorded.
+const JUMP_S: f64 = 1.0;
+/// Items that wait at once: a second of the fastest tracker. Beyond it the first goes out early. With samples of 64 KiB
+/// this is 16 MiB.
+const MOST: usize = 256;
+/// More numbers than this are not lost but counted anew.
+const MOST_LOST: u32 = 1000;
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Held<T> {
+    /// By its own clock, seconds.
+    pub time_s: f64,
+    /// By ours, seconds.
+    pub arrived_s: f64,
+    /// Rises by 1 from item to item, if its sender counts.
+    pub sequence: Option<u32>,
+    pub item: T,
+}
+
+/// What became of an item.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taken {
+    Waits,
+    /// After a later one was given out: dropped.
+    Late,
+    /// At the time of another: dropped.
+    Repeated,
+    /// Its clock is elsewhere; the next item will tell.
+    Odd,
+    /// The clock has jumped: this item and the odd one before it begin a new epoch.
+    Jumped,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Released<T> {
+    /// How often the clock had jumped. Times ascend within an epoch.
+    pub epoch: u32,
+    /// Items that never came before this one, by their numbers.
+    pub lost: u32,
+    pub held: Held<T>,
+}
+
+#[derive(Debug)]
+pub struct Buffer<T> {
+    wait_s: f64,
+    /// Ascending by epoch, then time.
+    held: VecDeque<(u32, Held<T>)>,
+    /// Own time, arrival of the newest item on the clock as it goes.
+    newest: Option<(f64, f64)>,
+    epoch: u32,
+    odd: Option<Held<T>>,
+    /// Epoch, own time, number.
+    last: Option<(u32, f64, Option<u32>)>,
+}
+
+impl<T> Buffer<T> {
+    /// Items wait at most so long for those before them, seconds.
+    pub fn new(wait_s: f64) -> Self {
+        Self { wait_s, held: VecDeque::new(), newest: None, epoch: 0, odd: None, last: None }
+    }
+
+    pub fn push(&mut self, item: Held<T>) -> Taken {
+        let continues = |(time_s, arrived_s): (f64, f64)| {
+            let off_s = (item.time_s - time_s) - (item.arrived_s - arrived_s);
+            off_s.abs() <= JUMP_S
+        };
+        if self.newest.is_none_or(continues) {
+            self.odd = None;
+            return self.insert(item);
+        }
+        let proven = self.odd.take().filter(|odd| continues((odd.time_s, odd.arrived_s)));
+        let Some(first) = proven else {
+            self.odd = Some(item);
+            return Taken::Odd;
+        };
+        self.epoch = self.epoch.wrapping_add(1);
+        self.newest = None;
+        self.insert(first);
+        match self.insert(item) {
+            Taken::Waits => Taken::Jumped,
+            other => other,
+        }
+    }
+
+    fn insert(&mut self, item: Held<T>) -> Taken {
+        if let Some((epoch, time_s, _)) = self.last
+            && epoch == self.epoch
+            && item.time_s <= time_s
+        {
+            return if item.time_s == time_s { Taken::Repeated } else { Taken::Late };
+        }
+        if self.newest.is_none_or(|(time_s, _)| item.time_s > time_s) {
+            self.newest = Some((item.time_s, item.arrived_s));
+        }
+        let at = self.held.partition_point(|(epoch, held)| (*epoch, held.time_s) < (self.epoch, item.time_s));
+        if self.held.get(at).is_some_and(|(epoch, held)| (*epoch, held.time_s) == (self.epoch, item.time_s)) {
+            return Taken::Repeated;
+        }
+        self.held.insert(at, (self.epoch, item));
+        Taken::Waits
+    }
+
+    /// The next item in order, once nothing can come before it or it has waited.
+    pub fn pop(&mut self, now_s: f64) -> Option<Released<T>> {
+        let (epoch, first) = self.held.front()?;
+        let follows = self.last.is_some_and(|last| is_next(last, *epoch, first.sequence));
+        let waited = self.due_s().is_some_and(|due_s| now_s >= due_s);
+        if !(follows || waited || *epoch != self.epoch || self.held.len() > MOST) {
+            return None;
+        }
+        let (epoch, held) = self.held.pop_front()?;
+        let before = self.last.filter(|last| last.0 == epoch).and_then(|last| last.2);
+        let gap = before.zip(held.sequence).map_or(0, |(before, this)| this.wrapping_sub(before).wrapping_sub(1));
+        self.last = Some((epoch, held.time_s, held.sequence));
+        Some(Released { epoch, lost: if gap <= MOST_LOST { gap } else { 0 }, held })
+    }
+
+    /// When one of them will have waited, by our clock, seconds. It goes out then, after those before it.
+    pub fn due_s(&self) -> Option<f64> {
+        self.held.iter().map(|(_, held)| held.arrived_s + self.wait_s).reduce(f64::min)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.held.is_empty()
+    }
+}
+
+fn is_next((epoch, _, before): (u32, f64, Option<u32>), this_epoch: u32, this: Option<u32>) -> bool {
+    epoch == this_epoch && before.zip(this).is_some_and(|(before, this)| before.wrapping_add(1) == this)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn held(time_s: f64, arrived_s: f64, sequence: Option<u32>) -> Held<()> {
+        Held { time_s, arrived_s, sequence, item: () }
+    }
+
+    fn out(buffer: &mut Buffer<()>, now_s: f64) -> Vec<(u32, f64, u32)> {
+        std::iter::from_fn(|| buffer.pop(now_s)).map(|r| (r.epoch, r.held.time_s, r.lost)).collect()
+    }
+
+    #[test]
+    fn what_is_in_order_does_not_wait_and_what_was_overtaken_is_put_back() {
+        let mut b = Buffer::new(0.02);
+        assert_eq!(b.push(held(5.00, 0.00, Some(1))), Taken::Waits);
+        // The first of all waits: nobody knows whether it is the first.
+        assert_eq!(out(&mut b, 0.00), []);
+        assert_eq!(b.due_s(), Some(0.02));
+        assert_eq!(out(&mut b, 0.02), [(0, 5.00, 0)]);
+        assert_eq!(b.push(held(5.01, 0.03, Some(2))), Taken::Waits);
+        assert_eq!(out(&mut b, 0.03), [(0, 5.01, 0)]);
+        // 4 overtakes 3.
+        b.push(held(5.03, 0.04, Some(4)));
+        assert_eq!(out(&mut b, 0.045), []);
+        b.push(held(5.02, 0.05, Some(3)));
+        assert_eq!(out(&mut b, 0.05), [(0, 5.02, 0), (0, 5.03, 0)]);
+        // 5 is lost: 6 waits for it, and then goes.
+        b.push(held(5.05, 0.06, Some(6)));
+        assert_eq!(out(&mut b, 0.07), []);
+        assert_eq!(out(&mut b, 0.08), [(0, 5.05, 1)]);
+        // 5 comes after all; 6 comes twice.
+        assert_eq!(b.push(held(5.04, 0.09, Some(5))), Taken::Late);
+        assert_eq!(b.push(held(5.05, 0.09, Some(6))), Taken::Repeated);
+        assert!(b.is_empty());
+    }
+
+    #[test]
+    fn a_clock_that_jumps_begins_an_epoch_and_a_single_odd_time_does_not() {
+        let mut b = Buffer::new(0.0);
+        b.push(held(100.0, 0.0, None));
+        assert_eq!(b.push(held(7.0, 0.1, None)), Taken::Odd);
+        assert_eq!(b.push(held(100.2, 0.2, None)), Taken::Waits);
+        assert_eq!(out(&mut b, 0.2), [(0, 100.0, 0), (0, 100.2, 0)]);
+        // Back by 90 s, and on from there.
+        assert_eq!(b.push(held(10.0, 0.3, None)), Taken::Odd);
+        assert_eq!(b.push(held(10.1, 0.4, None)), Taken::Jumped);
+        assert_eq!(out(&mut b, 0.4), [(1, 10.0, 0), (1, 10.1, 0)]);
+        // Silence for an hour, on both clocks: no jump.
+        assert_eq!(b.push(held(3610.5, 3600.8, None)), Taken::Waits);
+    }
+
+    proptest! {
+        /// Whatever comes: within an epoch times ascend, and little is held.
+        #[test]
+        fn times_ascend(items in prop::collection::vec((0u8..40, any::<bool>(), 0u32..30), 0..400)) {
+            let mut b = Buffer::new(0.02);
+            let mut last = (0, f64::NEG_INFINITY);
+            for (i, (step, jumps, sequence)) in items.into_iter().enumerate() {
+                let now_s = 0.01 * i as f64;
+                let time_s = now_s + 0.01 * f64::from(step) + if jumps { 50.0 } else { 0.0 };
+                b.push(held(time_s, now_s, (sequence > 3).then_some(sequence)));
+                for released in std::iter::from_fn(|| b.pop(now_s)) {
+                    let next = (released.epoch, released.held.time_s);
+                    prop_assert!(next > last, "{next:?} after {last:?}");
+                    last = next;
+                }
+                prop_assert!(b.held.len() <= 4, "{}", b.held.len());
+            }
+        }
+    }
+
+    #[test]
+    fn no_more_is_held_than_may_be() {
+        let mut b = Buffer::new(1e9);
+        for i in 0..5000 {
+            b.push(held(1e-4 * f64::from(i), 1e-4 * f64::from(i), None));
+            while b.pop(0.0).is_some() {}
+            assert!(b.held.len() <= MOST);
+        }
+        assert_eq!(b.held.len(), MOST);
+    }
+}

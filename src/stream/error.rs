@@ -1,0 +1,75 @@
+//! What is wrong with a datagram, a sample, an address or a socket.
+
+use std::net::SocketAddr;
+
+use crate::words::{quoted, reason};
+
+/// A datagram that is no OpenTrackIO packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, thiserror::Error)]
+pub enum PacketError {
+    #[error("shorter than the packet header of 16 bytes")]
+    Short,
+    #[error("does not begin with OTrk")]
+    Identifier,
+    #[error("of another length than its header says")]
+    Length,
+    #[error("the checksum is wrong")]
+    Checksum,
+    #[error("encoded as neither JSON (1) nor CBOR (2)")]
+    Encoding,
+}
+
+/// A payload that is no sample, or a FreeD message that is none.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SampleError {
+    #[error("is no JSON: {0}")]
+    Json(String),
+    #[error("is no CBOR: {0}")]
+    Cbor(String),
+    #[error("{0} bytes follow the CBOR")]
+    Rest(usize),
+    #[error("is no map of names to values")]
+    NoMap,
+    #[error("is of the protocol {}, not of OpenTrackIO", quoted(.0))]
+    OtherProtocol(String),
+    /// A value that cannot be; the path of its keys, and what is accepted.
+    #[error("{key} is not {accepted}")]
+    Value { key: String, accepted: &'static str },
+    #[error("a FreeD D1 message has 29 bytes, this has {0}")]
+    FreedLength(usize),
+    #[error("a FreeD message of type {0:02X}, not D1")]
+    FreedType(u8),
+    #[error("the checksum of a FreeD message is wrong")]
+    FreedChecksum,
+    #[error("{what} of {value} does not fit FreeD, which reaches from -{most} to {most}")]
+    FreedRange { what: &'static str, value: String, most: &'static str },
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum StreamError {
+    #[error("{}: {problem}", quoted(url))]
+    Address { url: String, problem: String },
+    #[error("{at}: cannot be listened at: {}", reason_of(source))]
+    Bind { at: SocketAddr, source: std::io::Error },
+    #[error("{at}: cannot be sent to: {}", reason_of(source))]
+    Send { at: SocketAddr, source: std::io::Error },
+    #[error("{at}: receiving failed: {}", reason_of(source))]
+    Receive { at: SocketAddr, source: std::io::Error },
+    #[error("the pose at {time_s} s cannot be sent: {source}")]
+    Pose { time_s: f64, source: SampleError },
+}
+
+fn reason_of(error: &std::io::Error) -> String {
+    use std::io::ErrorKind;
+    match error.kind() {
+        ErrorKind::AddrInUse => "the port is in use; end the other program, or take another port".to_owned(),
+        ErrorKind::AddrNotAvailable => {
+            "this machine has no such address; 127.0.0.1 is this machine alone, 0.0.0.0 all its networks".to_owned()
+        }
+        ErrorKind::PermissionDenied => "it is not permitted; take a port from 1024 on".to_owned(),
+        ErrorKind::NetworkUnreachable | ErrorKind::HostUnreachable => {
+            "no network leads there; check the address, or name this machine's own by ?interface=ADDRESS".to_owned()
+        }
+        _ => reason(error),
+    }
+}
