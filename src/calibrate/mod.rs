@@ -8,6 +8,7 @@ pub mod board;
 mod censoring;
 mod common_motion;
 mod drawn;
+pub mod geometry;
 mod load;
 pub mod moving;
 pub mod noise;
