@@ -1,12 +1,14 @@
-//! Calibration of a camera from its own pictures: its noise, and how sharp it is.
+//! Calibration of a camera from its own pictures: its noise, how sharp it is, and how it maps rays to places.
 //!
 //! docs/calibration.md has the derivations.
 
 mod bins;
 mod blocks;
+pub mod board;
 mod censoring;
 mod common_motion;
 mod drawn;
+pub mod geometry;
 mod load;
 pub mod moving;
 pub mod noise;

@@ -1,5 +1,6 @@
 //! `locard calibrate`.
 
+mod camera;
 mod existing;
 mod sharpness;
 
@@ -9,11 +10,9 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use existing::existing;
+use existing::{existing, pictures_beside};
 
-use crate::calibrate::{
-    NoiseCalibration, NoiseOptions, SceneMotion, is_picture, moving_noise_from_paths, noise_from_paths,
-};
+use crate::calibrate::{NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths};
 use crate::export::Inputs;
 use crate::sink::atomic::write_atomically;
 use crate::words::count;
@@ -26,6 +25,8 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum What {
+    /// Focal length, principal point and distortion, from photographs of a chessboard
+    Camera(camera::Args),
     /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless places
     Noise(NoiseArgs),
     /// The blur of lens and sensor, from straight edges in a picture
@@ -53,6 +54,7 @@ struct NoiseArgs {
 
 pub fn run(args: Args) -> Result<()> {
     match args.what {
+        What::Camera(args) => camera::run(&args),
         What::Noise(args) => noise(args),
         What::Sharpness(args) => sharpness::run(&args),
     }
@@ -85,12 +87,6 @@ fn noise(args: NoiseArgs) -> Result<()> {
     write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
     write!(std::io::stdout().lock(), "{calibration}")?;
     Ok(())
-}
-
-/// The pictures in those inputs that are folders. Anything else there, such as a recording's profile, is not read.
-fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
-    let entries = inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
-    entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()
 }
 
 /// The method by which the noise was found.

@@ -6,13 +6,19 @@ use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, TableLike};
 
 use super::{ProfileError, Rig, noise};
-use crate::camera::NoiseProfile;
+use crate::camera::{Geometry, NoiseProfile};
 use crate::compositor::{ON, Settings};
 use crate::document::{self, Problem, merge, table_of};
 use crate::params::Params;
 
 /// Start of the comment above a noise table that says where it came from.
-const SIGNATURE: &str = "# By `locard calibrate noise";
+const NOISE: &str = "# By `locard calibrate noise";
+/// The same above a camera's intrinsics.
+const LENS: &str = "# By `locard calibrate camera";
+/// Start of such a comment's further lines.
+const GOES_ON: &str = "#    ";
+/// The keys of `[camera]` that a calibration of the lens replaces.
+const GEOMETRY: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
 /// A profile, with the comments, spacing and order of its text.
 #[derive(Clone, Debug)]
@@ -48,12 +54,34 @@ impl Document {
     /// frames", and replaces an earlier such comment. Empty for none.
     pub fn set_noise(&mut self, profile: &NoiseProfile, origin: &str) {
         self.put("camera.noise", &noise::to_toml(profile));
-        let noise = self.text.get_mut("camera").and_then(|camera| camera.get_mut("noise"));
-        let Some(decor) = noise.and_then(Item::as_table_mut).map(Table::decor_mut) else { return };
+        self.sign("camera.noise", NOISE, origin);
+    }
+
+    /// Replaces size, focal lengths, principal point and distortion; the camera's other keys stay. `origin` as for
+    /// [`Document::set_noise`], above the camera's table; its further lines are comments too.
+    pub fn set_geometry(&mut self, geometry: &Geometry, origin: &str) {
+        for name in GEOMETRY {
+            self.set_param(&geometry.intrinsics, name);
+        }
+        self.set_params(&geometry.distortion);
+        self.sign("camera", LENS, origin);
+    }
+
+    /// Puts a comment above a table, in place of the one that begins alike.
+    fn sign(&mut self, name: &str, signature: &str, origin: &str) {
+        let Some(decor) = table_at(&mut self.text, name).map(Table::decor_mut) else { return };
         let before = decor.prefix().and_then(|prefix| prefix.as_str()).unwrap_or("\n");
-        let kept: String = before.split_inclusive('\n').filter(|line| !line.starts_with(SIGNATURE)).collect();
-        let says = if origin.is_empty() { String::new() } else { format!("{SIGNATURE}{origin}\n") };
-        decor.set_prefix(kept + &says);
+        let mut kept = String::new();
+        let mut is_ours = false;
+        for line in before.split_inclusive('\n') {
+            // What goes on from our comment is indented.
+            is_ours = line.starts_with(signature) || (is_ours && line.starts_with(GOES_ON));
+            kept += if is_ours { "" } else { line };
+        }
+        let mut lines = origin.lines();
+        kept.extend(lines.next().map(|first| format!("{signature}{first}\n")));
+        kept.extend(lines.map(|line| format!("{GOES_ON}{line}\n")));
+        decor.set_prefix(kept);
     }
 
     /// Takes the camera's noise out.

@@ -100,6 +100,12 @@ impl Rig {
         asked.filter(|name| !self.given.contains(&(table, name))).collect()
     }
 
+    /// Whether focal lengths, principal point or distortion were given.
+    pub fn gives_lens(&self) -> bool {
+        let beside = ["width_px", "height_px", "film_width_mm", "readout_time_s"];
+        self.given.iter().any(|(_, name)| !beside.contains(name))
+    }
+
     /// Whether any key of a camera's geometry was given.
     pub fn gives_geometry(&self) -> bool {
         !self.given.is_empty()

@@ -1,9 +1,10 @@
-//! The profile that a calibration goes into.
+//! The profile that a calibration goes into, and what it must not be written over.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
+use crate::calibrate::is_picture;
 use crate::profile::Document;
 use crate::sink;
 use crate::source::file::{self, MOST_DOCUMENT};
@@ -20,4 +21,10 @@ pub fn existing(path: &Path) -> Result<(bool, Document)> {
             Ok((true, read.context("the file is no profile that could be added to")?))
         }
     }
+}
+
+/// The pictures in those inputs that are folders. Anything else there, such as a recording's profile, is not read.
+pub fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
+    let entries = inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+    entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()
 }

@@ -1,0 +1,273 @@
+//! Views from files: photographs, folders of them, videos.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+
+use super::calibrated::{NamedView, Refused};
+use crate::calibrate::board::{self, Board, Plane, Seen};
+use crate::calibrate::is_picture;
+use crate::pixels::{Codes, Pixels};
+use crate::rows::{over_rows, processors};
+use crate::source::video::{Overrides, Video, probe};
+use crate::source::{SourceError, still};
+use crate::words::reason;
+
+/// About this many frames of a video are searched, evenly spaced.
+const MOST_SEARCHED: usize = 180;
+/// Of those as many are used at most.
+const MOST_USED: usize = 40;
+/// Photographs a processor reads between two words on progress.
+const BATCH: usize = 2;
+/// Two views of a video differ by this share of the picture's diagonal.
+const DIFFER: f64 = 0.04;
+/// A board that moves by more than this share of it from frame to frame is blurred, and bent by a rolling shutter.
+const FAST: f64 = 0.005;
+
+/// Called with (pictures done, all of them). If it breaks, the search stops.
+pub type LensProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
+
+/// Why there are no pictures to search.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    #[error("{}: the folder cannot be read: {}", folder.display(), reason(source))]
+    Folder { folder: PathBuf, source: std::io::Error },
+    #[error("no photographs: give PNG or JPEG files of a chessboard, folders of them, or a video")]
+    Nothing,
+    #[error("stopped")]
+    Stopped,
+}
+
+/// What was found in the files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Views {
+    /// Of all pictures that are used, px.
+    pub size: (u32, u32),
+    pub views: Vec<NamedView>,
+    pub refused: Vec<Refused>,
+}
+
+/// Looks for a chessboard in photographs, folders of them and videos. Pictures of another size than most are refused: they
+/// were cropped or scaled.
+pub fn views_from_paths(
+    paths: &[PathBuf],
+    board: Option<Board>,
+    progress: LensProgress<'_>,
+) -> Result<Views, LoadError> {
+    let (mut photos, mut videos) = (Vec::new(), Vec::new());
+    for path in paths {
+        if path.is_dir() {
+            photos.extend(pictures_in(path)?);
+        } else if is_picture(path) || !path.exists() {
+            photos.push(path.clone());
+        } else {
+            videos.push(probe(path, &Overrides::default())?);
+        }
+    }
+    let every = |video: &Video| video.timestamps_s.len().div_ceil(MOST_SEARCHED).max(1);
+    let all = photos.len() + videos.iter().map(|video| video.timestamps_s.len().div_ceil(every(video))).sum::<usize>();
+    if all == 0 {
+        return Err(LoadError::Nothing);
+    }
+    let mut found = from_photos(&photos, board, all, progress)?;
+    for video in &videos {
+        let done = found.len();
+        found.extend(from_video(video, every(video), board, &mut |n| progress(done + n, all))?);
+    }
+    Ok(sorted(found))
+}
+
+/// A folder's PNG and JPEG files, in order of name.
+fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, LoadError> {
+    let failed = |source| LoadError::Folder { folder: folder.to_owned(), source };
+    let entries = std::fs::read_dir(folder).map_err(failed)?;
+    let mut files: Vec<PathBuf> = entries.map(|entry| Ok(entry?.path())).collect::<Result<_, _>>().map_err(failed)?;
+    files.retain(|file| is_picture(file));
+    files.sort();
+    Ok(files)
+}
+
+/// A picture's name, size, and what was found in it.
+struct Searched {
+    name: String,
+    size: (u32, u32),
+    found: Result<Seen, String>,
+}
+
+fn sorted(found: Vec<Searched>) -> Views {
+    let sizes = || found.iter().filter(|searched| searched.found.is_ok()).map(|searched| searched.size);
+    let often = |size: (u32, u32)| sizes().filter(|own| *own == size).count();
+    // Of two that are as frequent the larger one.
+    let size = sizes().max_by_key(|size| (often(*size), *size)).unwrap_or_default();
+    let (mut views, mut refused) = (Vec::new(), Vec::new());
+    for Searched { name, size: own, found } in found {
+        match found {
+            Ok(_) if own != size => {
+                let reason =
+                    format!("is {}x{} px where most are {}x{}: cropped or scaled?", own.0, own.1, size.0, size.1);
+                refused.push(Refused { name, reason });
+            }
+            Ok(seen) => views.push(NamedView { name, seen }),
+            Err(reason) => refused.push(Refused { name, reason }),
+        }
+    }
+    Views { size, views, refused }
+}
+
+/// Codes of 8 bits, BT.709 luma.
+fn grey(pixels: &Pixels) -> Plane {
+    let (width, height) = (pixels.width as usize, pixels.height as usize);
+    let luma = |rgb: [f32; 3]| 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+    Plane::new(width, height, |x, y| {
+        let i = 3 * (y * width + x);
+        match &pixels.codes {
+            Codes::U8(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]))),
+            Codes::U16(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]) / 257.0)),
+        }
+    })
+}
+
+fn search(pixels: &Pixels, board: Option<Board>) -> Result<Seen, String> {
+    board::find(&grey(pixels), board).map_err(|error| error.to_string())
+}
+
+/// Photographs are read on all processors; the order stays.
+fn from_photos(
+    files: &[PathBuf],
+    board: Option<Board>,
+    all: usize,
+    progress: LensProgress<'_>,
+) -> Result<Vec<Searched>, LoadError> {
+    let read = |file: &Path| {
+        let name = file.display().to_string();
+        match still::read_pixels(file) {
+            Ok(pixels) => Ok(Searched { name, size: (pixels.width, pixels.height), found: search(&pixels, board) }),
+            // One that is damaged is one fewer; one that is not there was meant.
+            Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), found: Err(problem) }),
+            Err(error) => Err(error),
+        }
+    };
+    let mut found = Vec::new();
+    for batch in files.chunks(BATCH * processors()) {
+        if progress(found.len(), all).is_break() {
+            return Err(LoadError::Stopped);
+        }
+        let mut searched: Vec<Option<Result<Searched, SourceError>>> = batch.iter().map(|_| None).collect();
+        over_rows(&mut searched, 1, processors(), |n, slot| slot[0] = batch.get(n).map(|file| read(file)));
+        for searched in searched.into_iter().flatten() {
+            found.push(searched?);
+        }
+    }
+    Ok(found)
+}
+
+/// Frames of a video: the stillest first, as long as they differ from those before.
+fn from_video(
+    video: &Video,
+    every: usize,
+    board: Option<Board>,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Result<Vec<Searched>, LoadError> {
+    let count = video.timestamps_s.len();
+    let mut seen: Vec<(usize, Seen)> = Vec::new();
+    for (n, pixels) in video.read(0..count)?.enumerate() {
+        let pixels = pixels?;
+        if n % every == 0 {
+            if progress(n / every).is_break() {
+                return Err(LoadError::Stopped);
+            }
+            seen.extend(search(&pixels, board).ok().map(|found| (n, found)));
+        }
+    }
+    let size = (video.width, video.height);
+    let name = |frame: usize| format!("{} frame {frame}", video.file.display());
+    let chosen = stillest(&seen, f64::from(size.0).hypot(f64::from(size.1)));
+    if chosen.is_empty() {
+        let what = if seen.is_empty() {
+            "no chessboard is seen in any frame"
+        } else {
+            "the chessboard moves too fast in all frames"
+        };
+        return Ok(vec![Searched { name: video.file.display().to_string(), size, found: Err(what.to_owned()) }]);
+    }
+    Ok(chosen.into_iter().map(|i| Searched { name: name(seen[i].0), size, found: Ok(seen[i].1.clone()) }).collect())
+}
+
+/// Where a board is in the picture, how large and how turned: places that move as it does, px.
+fn mark(seen: &Seen) -> [DVec2; 3] {
+    let count = seen.at_px.len().max(1) as f64;
+    let middle = seen.at_px.iter().sum::<DVec2>() / count;
+    let from_middle = || seen.at_px.iter().map(|at| *at - middle);
+    let wide = (from_middle().map(|p| p * p).sum::<DVec2>() / count).map(f64::sqrt);
+    let skew = from_middle().map(|p| p.x * p.y).sum::<f64>() / count / (wide.x + wide.y).max(1e-9);
+    [middle, wide, DVec2::new(skew, 0.0)]
+}
+
+fn apart_px(a: &Seen, b: &Seen) -> f64 {
+    mark(a).iter().zip(mark(b)).map(|(a, b)| a.distance(b)).fold(0.0, f64::max)
+}
+
+/// The numbers of those to use, in order: those that move least, each different from the others. `diagonal_px` is the
+/// picture's.
+fn stillest(seen: &[(usize, Seen)], diagonal_px: f64) -> Vec<usize> {
+    // Since the frame before; the first one until the next.
+    let moved = |i: usize| match (seen.get(i.max(1) - 1), seen.get(i.max(1))) {
+        (Some(before), Some(own)) => apart_px(&own.1, &before.1) / (own.0 - before.0).max(1) as f64,
+        _ => 0.0,
+    };
+    let mut order: Vec<(f64, usize)> = (0..seen.len()).map(|i| (moved(i), i)).collect();
+    order.retain(|(moved, _)| *moved <= FAST * diagonal_px);
+    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let differ = DIFFER * diagonal_px;
+    let mut chosen: Vec<usize> = Vec::new();
+    for (_, i) in order {
+        if chosen.len() < MOST_USED && chosen.iter().all(|other| apart_px(&seen[i].1, &seen[*other].1) > differ) {
+            chosen.push(i);
+        }
+    }
+    chosen.sort_unstable();
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A board whose corners are a grid `side` px wide, from a place on.
+    fn seen(x: f64, y: f64, side: f64) -> Seen {
+        let board: Vec<DVec2> = (0..20).map(|i| DVec2::new(f64::from(i % 5), f64::from(i / 5))).collect();
+        let at_px = board.iter().map(|place| DVec2::new(x, y) + side * *place).collect();
+        Seen { board, at_px, extent: Board::new(5, 4) }
+    }
+
+    #[test]
+    fn of_a_video_still_frames_that_differ_are_taken() {
+        // It rests, moves fast, rests elsewhere, comes nearer, rests.
+        let places =
+            [(0.0, 30.0), (0.5, 30.0), (80.0, 30.0), (160.0, 30.0), (160.2, 30.0), (160.2, 45.0), (160.3, 45.0)];
+        let views: Vec<(usize, Seen)> =
+            places.iter().enumerate().map(|(i, (x, side))| (3 * i, seen(*x, 40.0, *side))).collect();
+        assert_eq!(stillest(&views, 750.0), [0, 4, 6]);
+        assert_eq!(stillest(&views[..1], 750.0), [0]);
+        assert_eq!(stillest(&[], 750.0), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn pictures_of_another_size_than_most_are_refused_with_both_sizes() {
+        let one = |name: &str, size, found| Searched { name: name.to_owned(), size, found };
+        let good = || Ok(seen(0.0, 0.0, 20.0));
+        let views = sorted(vec![
+            one("a", (640, 480), good()),
+            one("b", (1281, 721), good()),
+            one("c", (640, 480), good()),
+            one("d", (1281, 721), Err("nothing there".to_owned())),
+        ]);
+        assert_eq!(views.size, (640, 480));
+        assert_eq!(views.views.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["a", "c"]);
+        let reasons: Vec<&str> = views.refused.iter().map(|refused| refused.reason.as_str()).collect();
+        assert_eq!(reasons, ["is 1281x721 px where most are 640x480: cropped or scaled?", "nothing there"]);
+    }
+}

@@ -1,0 +1,21 @@
+//! Photographs of a chessboard in, a camera's intrinsics and distortion out.
+//!
+//! `board` finds the corners; here are the projection with its derivatives (`model`), where to begin (`start`), the fit
+//! (`solve`), which model, coefficients and views count (`choose`), what views are wanted (`missing`), and the files that
+//! views come from (`load`). docs/calibrate-camera.md says more.
+
+mod calibrated;
+mod choose;
+mod load;
+mod missing;
+mod model;
+mod picture;
+mod report;
+mod solve;
+mod start;
+
+pub use calibrated::{Calibrated, LensOptions, NamedView, Parameter, Refused};
+pub use choose::{LensError, calibrate};
+pub use load::{LensProgress, LoadError, Views, views_from_paths};
+pub use model::Stand;
+pub use picture::residuals;

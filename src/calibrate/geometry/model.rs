@@ -1,0 +1,245 @@
+//! The projection of `camera::Distortion` with its derivatives, for a solver.
+//!
+//! Unlike there the polynomial is not continued along its tangent where it folds: what is fitted lies in the picture.
+
+use glam::{DMat3, DVec2, DVec3};
+use nalgebra::SMatrix;
+
+use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
+
+/// As many parameters as a model has at most.
+pub const MOST: usize = 9;
+/// Those that both models begin with.
+pub const FOCAL: [&str; 4] = ["fx_px", "fy_px", "cx_px", "cy_px"];
+
+/// A camera as a row of numbers: fx, fy, cx, cy (px) and the coefficients of its model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    pub model: LensModel,
+    /// As many as [`Lens::names`] has; the others are 0.
+    pub values: [f64; MOST],
+}
+
+/// How a place in the picture follows the camera's parameters.
+pub type ByLens = SMatrix<f64, 2, MOST>;
+/// How it follows a point in the camera's axes.
+pub type ByPoint = SMatrix<f64, 2, 3>;
+
+impl Lens {
+    /// Without distortion; a model other than the fisheye's is Brown and Conrady's.
+    pub fn plain(model: LensModel, focal_px: f64, centre_px: DVec2) -> Self {
+        let mut values = [0.0; MOST];
+        values[..4].copy_from_slice(&[focal_px, focal_px, centre_px.x, centre_px.y]);
+        Self { model, values }
+    }
+
+    fn is_fisheye(&self) -> bool {
+        self.model == LensModel::OpencvFisheye
+    }
+
+    /// The parameters in order, as a profile names them.
+    pub fn names(&self) -> Vec<&'static str> {
+        let distortion: &[_] =
+            if self.is_fisheye() { &["k1", "k2", "k3", "k4"] } else { &["k1", "k2", "p1", "p2", "k3"] };
+        FOCAL.iter().chain(distortion).copied().collect()
+    }
+
+    /// The number of parameters.
+    pub fn count(&self) -> usize {
+        if self.is_fisheye() { 8 } else { 9 }
+    }
+
+    /// The camera of a picture of this size.
+    pub fn geometry(&self, width_px: u32, height_px: u32) -> Geometry {
+        let [fx_px, fy_px, cx_px, cy_px, a, b, c, d, e] = self.values;
+        let intrinsics = Intrinsics { width_px, height_px, fx_px, fy_px, cx_px, cy_px, ..Intrinsics::default() };
+        let distortion = match self.model {
+            LensModel::OpencvFisheye => {
+                Distortion { model: self.model, k1: a, k2: b, k3: c, k4: d, ..Distortion::default() }
+            }
+            _ => Distortion { k1: a, k2: b, p1: c, p2: d, k3: e, ..Distortion::default() },
+        };
+        Geometry::new(intrinsics, distortion)
+    }
+
+    /// Where a point in the camera's axes lands, px, and how that follows the parameters and the point. `None` where the
+    /// model sees nothing.
+    pub fn project(&self, point: DVec3) -> Option<(DVec2, ByLens, ByPoint)> {
+        let (at, by_coefficient, by_point) = if self.is_fisheye() { self.fisheye(point)? } else { self.brown(point)? };
+        let [fx, fy, cx, cy, ..] = self.values;
+        let (mut by_lens, mut by_place) = (ByLens::zeros(), ByPoint::zeros());
+        (by_lens[(0, 0)], by_lens[(1, 1)], by_lens[(0, 2)], by_lens[(1, 3)]) = (at.x, at.y, 1.0, 1.0);
+        for (i, by) in by_coefficient.into_iter().enumerate() {
+            (by_lens[(0, 4 + i)], by_lens[(1, 4 + i)]) = (fx * by.x, fy * by.y);
+        }
+        for (i, by) in by_point.into_iter().enumerate() {
+            (by_place[(0, i)], by_place[(1, i)]) = (fx * by.x, fy * by.y);
+        }
+        Some((DVec2::new(fx * at.x + cx, fy * at.y + cy), by_lens, by_place))
+    }
+
+    /// Normalised place, and its derivatives by the coefficients and the point. Brown (1971), as OpenCV's projectPoints:
+    /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 xy + p2 (r² + 2x²), y' = y(…) + p1 (r² + 2y²) + 2 p2 xy.
+    fn brown(&self, point: DVec3) -> Option<(DVec2, [DVec2; 5], [DVec2; 3])> {
+        if point.z <= 1e-9 {
+            return None;
+        }
+        let [_, _, _, _, k1, k2, p1, p2, k3] = self.values;
+        let p = point.truncate() / point.z;
+        let (x, y, r2) = (p.x, p.y, p.length_squared());
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let at = p * radial
+            + DVec2::new(2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y);
+        let mixed = 2.0 * (x * y * slope + p1 * x + p2 * y);
+        let by_x = DVec2::new(radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x, mixed);
+        let by_y = DVec2::new(mixed, radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x);
+        let by_coefficient = [
+            p * r2,
+            p * (r2 * r2),
+            DVec2::new(2.0 * x * y, r2 + 2.0 * y * y),
+            DVec2::new(r2 + 2.0 * x * x, 2.0 * x * y),
+            p * (r2 * r2 * r2),
+        ];
+        Some((at, by_coefficient, [by_x / point.z, by_y / point.z, -(by_x * x + by_y * y) / point.z]))
+    }
+
+    /// The same for Kannala and Brandt (2006), as OpenCV's fisheye: θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the
+    /// axis, in the point's direction across it.
+    fn fisheye(&self, point: DVec3) -> Option<(DVec2, [DVec2; 5], [DVec2; 3])> {
+        let [_, _, _, _, k1, k2, k3, k4, _] = self.values;
+        let (across, z) = (point.truncate(), point.z);
+        let rho = across.length();
+        if rho < 1e-9 * z {
+            let at = across / z;
+            return Some((at, [DVec2::ZERO; 5], [DVec2::X / z, DVec2::Y / z, -at / z]));
+        }
+        if rho.is_nan() || rho <= 0.0 {
+            return None;
+        }
+        let theta = rho.atan2(z);
+        let t2 = theta * theta;
+        let distorted = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))));
+        let slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)));
+        let towards = across / rho;
+        // Along `towards` the place moves with θ, across it with θ_d/ρ.
+        let (length2, scale) = (rho * rho + z * z, distorted / rho);
+        let along = slope * z / length2;
+        let by = |axis: DVec2| towards * (along * towards.dot(axis)) + (axis - towards * towards.dot(axis)) * scale;
+        let by_point = [by(DVec2::X), by(DVec2::Y), towards * (-slope * rho / length2)];
+        let power = |n: i32| towards * theta.powi(n);
+        Some((towards * distorted, [power(3), power(5), power(7), power(9), DVec2::ZERO], by_point))
+    }
+}
+
+/// Where a board stands: from its axes (squares, x right and y down, z away from whoever looks at it) to the camera's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stand {
+    pub rotation: DMat3,
+    /// Squares.
+    pub translation: DVec3,
+}
+
+impl Stand {
+    pub fn point(&self, board: DVec2) -> DVec3 {
+        self.rotation * board.extend(0.0) + self.translation
+    }
+
+    /// Turned by a rotation vector (rad) about the camera's axes and moved.
+    pub fn stepped(&self, turn: DVec3, by: DVec3) -> Self {
+        let rotation = DMat3::from_quat(glam::DQuat::from_scaled_axis(turn)) * self.rotation;
+        Self { rotation, translation: self.translation + by }
+    }
+}
+
+/// How a board's corner follows its stand's turn and way: six columns, of the place in the picture.
+pub fn by_stand(stand: &Stand, board: DVec2, by_point: &ByPoint) -> SMatrix<f64, 2, 6> {
+    let arm = stand.rotation * board.extend(0.0);
+    // d(ω × arm)/dω = −[arm]×.
+    let turned = [DVec3::new(0.0, -arm.z, arm.y), DVec3::new(arm.z, 0.0, -arm.x), DVec3::new(-arm.y, arm.x, 0.0)];
+    let mut by = SMatrix::<f64, 2, 6>::zeros();
+    for (i, turn) in turned.into_iter().enumerate() {
+        let column = by_point * nalgebra::Vector3::from(turn.to_array());
+        by.set_column(i, &column);
+        by.set_column(i + 3, &by_point.column(i));
+    }
+    by
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lenses() -> [Lens; 2] {
+        let brown = [1159.0, 1154.0, 669.0, 388.0, -0.26, 0.05, -0.0007, 0.0003, -0.11];
+        let fisheye = [520.0, 515.0, 640.0, 360.0, 0.05, -0.02, 0.008, -0.001, 0.0];
+        [Lens { model: LensModel::Opencv, values: brown }, Lens { model: LensModel::OpencvFisheye, values: fisheye }]
+    }
+
+    const POINTS: [DVec3; 5] = [
+        DVec3::new(0.3, -0.2, 1.4),
+        DVec3::new(-2.0, 1.5, 4.0),
+        DVec3::new(1e-4, 2e-4, 3.0),
+        DVec3::new(0.0, 0.0, 2.0),
+        DVec3::new(-1.1, -0.9, 2.5),
+    ];
+
+    #[test]
+    fn it_projects_as_the_camera_does() {
+        for lens in lenses() {
+            let geometry = lens.geometry(1280, 720);
+            for point in POINTS {
+                let at = lens.project(point).unwrap().0;
+                assert!(at.distance(geometry.project(point).unwrap()) < 1e-9, "{:?} {point}", lens.model);
+            }
+            assert_eq!(lens.names().len(), lens.count());
+        }
+        assert!(lenses()[0].project(DVec3::NEG_Z).is_none());
+        // 100° off the axis, which a fisheye sees.
+        let side = DVec3::new(1.0, 0.0, -0.176);
+        let [_, fisheye] = lenses();
+        assert!(fisheye.project(side).unwrap().0.distance(fisheye.geometry(9, 9).project(side).unwrap()) < 1e-9);
+    }
+
+    /// Every derivative against central differences.
+    #[test]
+    fn derivatives_are_those_of_the_projection() {
+        let close = |analytic: DVec2, low: DVec2, high: DVec2, h: f64, what: &str| {
+            let numeric = (high - low) / (2.0 * h);
+            assert!(analytic.distance(numeric) < 1e-5 * (1.0 + numeric.length()), "{what}: {analytic} {numeric}");
+        };
+        let stand = Stand {
+            rotation: DMat3::from_quat(glam::DQuat::from_scaled_axis(DVec3::new(0.4, -0.3, 0.2))),
+            translation: DVec3::new(-3.0, -2.0, 9.0),
+        };
+        for lens in lenses() {
+            for point in POINTS {
+                let (_, by_lens, by_point) = lens.project(point).unwrap();
+                for i in 0..lens.count() {
+                    let h = 1e-6;
+                    let at = |h: f64| {
+                        let mut lens = lens;
+                        lens.values[i] += h;
+                        lens.project(point).unwrap().0
+                    };
+                    close(DVec2::new(by_lens[(0, i)], by_lens[(1, i)]), at(-h), at(h), h, lens.names()[i]);
+                }
+                for i in 0..3 {
+                    let h = 1e-6;
+                    let at = |h: f64| lens.project(point + h * DVec3::AXES[i]).unwrap().0;
+                    close(DVec2::new(by_point[(0, i)], by_point[(1, i)]), at(-h), at(h), h, "point");
+                }
+            }
+            let board = DVec2::new(4.0, 3.0);
+            let by = by_stand(&stand, board, &lens.project(stand.point(board)).unwrap().2);
+            for i in 0..6 {
+                let h = 1e-6;
+                let at = |h: f64| {
+                    let step = |n: usize| if i / 3 == n { h * DVec3::AXES[i % 3] } else { DVec3::ZERO };
+                    lens.project(stand.stepped(step(0), step(1)).point(board)).unwrap().0
+                };
+                close(DVec2::new(by[(0, i)], by[(1, i)]), at(-h), at(h), h, "stand");
+            }
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! A calibrated camera as a text for people.
+
+use std::fmt;
+
+use super::calibrated::{Calibrated, Parameter};
+use super::missing::{distance, tilt_deg};
+use crate::params::Field;
+use crate::words::{count, fixed, millimetres};
+
+impl Parameter {
+    /// Value and deviation with two digits of the deviation.
+    fn shown(&self) -> String {
+        let digits = if self.sigma > 0.0 { (1.0 - self.sigma.log10().floor()).clamp(0.0, 8.0) as usize } else { 6 };
+        format!("{} ± {}", fixed(self.value, digits), fixed(self.sigma, digits))
+    }
+
+    /// The profile's table that it stands in.
+    pub fn table(&self) -> &'static str {
+        if self.name.ends_with("_px") { "camera" } else { "camera.distortion" }
+    }
+}
+
+impl Calibrated {
+    /// One line on what the calibration rests on.
+    pub fn origin(&self) -> String {
+        let corners: usize = self.views.iter().map(|view| view.seen.at_px.len()).sum();
+        format!(
+            "{} of a board of {} corners, {corners} in all: rms {} px",
+            count(self.views.len(), "view"),
+            self.board,
+            fixed(self.rms_px, 3)
+        )
+    }
+
+    /// The parameters with their deviations, in one line.
+    pub fn deviations(&self) -> String {
+        let one = |parameter: &Parameter| format!("{} {}", parameter.name, parameter.shown());
+        self.parameters.iter().map(one).collect::<Vec<_>>().join(", ")
+    }
+
+    /// A length that is known in squares.
+    fn length(&self, squares: f64) -> String {
+        match self.square_mm {
+            Some(mm) => millimetres(1e-3 * mm * squares),
+            None => format!("{} squares", fixed(squares, 1)),
+        }
+    }
+}
+
+impl fmt::Display for Calibrated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "views      {}", self.origin())?;
+        writeln!(f, "residuals  half of them below {} px", fixed(self.median_px, 3))?;
+        writeln!(f, "camera.distortion.model = {}", self.geometry.distortion.model.to_value())?;
+        for parameter in &self.parameters {
+            writeln!(f, "{}.{} = {}", parameter.table(), parameter.name, parameter.shown())?;
+        }
+        for ((view, stand), residuals) in self.views.iter().zip(&self.stands).zip(&self.residuals_px) {
+            let squares: f64 = residuals.iter().map(|r| r.length_squared()).sum();
+            let rms = (squares / residuals.len().max(1) as f64).sqrt();
+            let corners = view.seen.at_px.len();
+            let part =
+                if corners < self.board.corners() { format!(" of {}", self.board.corners()) } else { String::new() };
+            writeln!(
+                f,
+                "view       {}: {corners}{part} corners, rms {} px, tilted by {}°, {} away",
+                view.name,
+                fixed(rms, 2),
+                fixed(tilt_deg(stand).length(), 0),
+                self.length(distance(view, stand))
+            )?;
+        }
+        for refused in &self.refused {
+            writeln!(f, "refused    {}: {}", refused.name, refused.reason)?;
+        }
+        for missing in &self.missing {
+            writeln!(f, "missing    {missing}")?;
+        }
+        for note in &self.notes {
+            writeln!(f, "note       {note}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,103 @@
+//! `locard calibrate camera`.
+
+use std::io::Write;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+
+use super::existing::{existing, pictures_beside};
+use crate::calibrate::board::Board;
+use crate::calibrate::geometry::{LensOptions, Views, calibrate, residuals, views_from_paths};
+use crate::camera::LensModel;
+use crate::compositor::Settings;
+use crate::export::Inputs;
+use crate::params::{Field, Value};
+use crate::profile::Rig;
+use crate::sink::atomic::write_atomically;
+use crate::sink::photograph;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Photographs of a chessboard, folders of them, or videos: one camera, one zoom, one focus
+    #[arg(required = true)]
+    photos: Vec<PathBuf>,
+    /// The board's inner corners, where four squares meet, as 9x6; otherwise the largest that is seen
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = board)]
+    board: Option<Board>,
+    /// The side of a square, to tell distances in millimetres
+    #[arg(long, value_name = "MM", value_parser = square, allow_negative_numbers = true)]
+    square_mm: Option<f64>,
+    /// How the lens takes rays to places: opencv or opencv_fisheye; otherwise what explains the photographs
+    #[arg(long, value_parser = model)]
+    model: Option<LensModel>,
+    /// The profile to write; everything else in it is kept
+    #[arg(short = 'o', long = "output", value_name = "PROFILE")]
+    output: PathBuf,
+    /// A picture of the residuals to write (.png, .jpg)
+    #[arg(long, value_name = "FILE")]
+    residuals: Option<PathBuf>,
+    /// Replace the lens of a profile that has one, and a picture that is there
+    #[arg(long)]
+    force: bool,
+}
+
+fn board(text: &str) -> Result<Board, String> {
+    let sides = text.trim().split_once(['x', 'X', '×']);
+    let sides = sides.and_then(|(columns, rows)| Some((columns.trim().parse().ok()?, rows.trim().parse().ok()?)));
+    sides.filter(|&(columns, rows)| (3..=200).contains(&columns) && (3..=200).contains(&rows)).map_or_else(
+        || Err("accepted are the inner corners of both sides, 3 to 200 each, as in 9x6".to_owned()),
+        |(columns, rows)| Ok(Board::new(columns, rows)),
+    )
+}
+
+fn square(text: &str) -> Result<f64, String> {
+    let side = text.trim().parse().ok().filter(|mm: &f64| *mm >= 0.01 && *mm <= 1e5);
+    side.ok_or_else(|| "accepted is a length of 0.01 to 100000 mm".to_owned())
+}
+
+fn model(text: &str) -> Result<LensModel, String> {
+    let kind = LensModel::kind(None);
+    let named =
+        LensModel::from_value(&Value::Text(text.to_owned()), &kind).filter(|m| *m != LensModel::Equirectangular);
+    named.ok_or_else(|| "accepted are opencv and opencv_fisheye".to_owned())
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    // Checked before the work starts, so that nothing the user has is lost.
+    let inputs = Inputs::default().and(&args.photos).and(&pictures_beside(args.photos.iter()));
+    inputs.check_file(&args.output)?;
+    let (is_there, mut profile) = existing(&args.output)?;
+    if is_there {
+        let mut rig = Rig::default();
+        rig.read(&args.output, &mut Settings::default())?;
+        if rig.gives_lens() && !args.force {
+            bail!(
+                "{}: has a lens already, in [camera] or [camera.distortion]; it is kept unless --force is given",
+                args.output.display()
+            );
+        }
+    }
+    if let Some(picture) = &args.residuals {
+        inputs.and([&args.output]).check_file(picture)?;
+        photograph::check(picture, args.force)?;
+    }
+    let bar = crate::cli::progress(false, 0);
+    let found = views_from_paths(&args.photos, args.board, &mut |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    let Views { size, views, refused } = found?;
+    let options = LensOptions { board: args.board, square_mm: args.square_mm, model: args.model };
+    let calibrated = calibrate(size, views, refused, &options)?;
+    let origin = format!("`, from {}.\nOne standard deviation: {}.", calibrated.origin(), calibrated.deviations());
+    profile.set_geometry(&calibrated.geometry, &origin);
+    write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;
+    if let Some(picture) = &args.residuals {
+        photograph::write(picture, &residuals(&calibrated), None, args.force)?;
+    }
+    write!(std::io::stdout().lock(), "{calibrated}")?;
+    Ok(())
+}
