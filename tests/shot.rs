@@ -19,7 +19,7 @@ use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
-use locard::shot::{Given, Known, Note, Shot, ShotError};
+use locard::shot::{Given, Known, Note, Reduced, Shot, ShotError};
 use locard::sink::OutPath;
 
 const SCENE: &str = "scenes/demo.toml";
@@ -335,7 +335,7 @@ fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
     let mut shot = shot::demo(SCENE);
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let frame = shot.read(31).unwrap();
-    let reduced = shot.reduce(&frame, 2).unwrap();
+    let reduced = Reduced::new(&frame, 2);
     let half = |shot: &Shot, compositor: &mut Compositor| {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()

@@ -25,5 +25,5 @@ pub use recorder::Recorder;
 pub use shader::constant;
 pub use shader::{Shader, module};
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
-pub use timing::{PartTime, Timed};
+pub use timing::{PartTime, Stamps, Timed};
 pub use uniform::{Bytes, Packed, Uniform, constants};

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::pipelines::{Entry, Made, Module};
+use super::timing::Stamps;
 use super::uniform::{Bytes, Packed, Uniform};
 use super::{Gpu, Recorder, Shader, Texture};
 
@@ -177,16 +178,12 @@ impl<'a> Pass<'a> {
                 })
             })
             .collect();
-        let timestamps = self.recorder.timestamps();
+        let stamps = self.recorder.stamps();
         let mut pass = self.recorder.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(self.module.label),
             color_attachments: &attachments,
             depth_stencil_attachment: None,
-            timestamp_writes: timestamps.as_ref().map(|(queries, first)| wgpu::RenderPassTimestampWrites {
-                query_set: queries,
-                beginning_of_pass_write_index: Some(*first),
-                end_of_pass_write_index: Some(first + 1),
-            }),
+            timestamp_writes: stamps.as_ref().map(Stamps::drawn),
             occlusion_query_set: None,
             multiview_mask: None,
         });
@@ -211,14 +208,10 @@ impl<'a> Pass<'a> {
         for entry in &self.entries {
             let made = self.recorder.pipelines.computed(&gpu, &self.shaders, &self.module, entry.fragment);
             let groups = self.groups(&gpu, &made);
-            let timestamps = self.recorder.timestamps();
+            let stamps = self.recorder.stamps();
             let mut pass = self.recorder.encoder().begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some(self.module.label),
-                timestamp_writes: timestamps.as_ref().map(|(queries, first)| wgpu::ComputePassTimestampWrites {
-                    query_set: queries,
-                    beginning_of_pass_write_index: Some(*first),
-                    end_of_pass_write_index: Some(first + 1),
-                }),
+                timestamp_writes: stamps.as_ref().map(Stamps::computed),
             });
             pass.set_pipeline(&made.pipeline);
             for (number, group) in (0..).zip(&groups) {

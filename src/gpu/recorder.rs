@@ -3,7 +3,7 @@
 use super::kept::{FEW, Kept, MANY};
 use super::pipelines::Pipelines;
 use super::readback::{Readback, ReadbackSet};
-use super::timing::{Timed, Timer};
+use super::timing::{Stamps, Timed, Timer};
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, Texture, TexturePool};
 
@@ -111,8 +111,8 @@ impl Recorder {
         }
     }
 
-    /// For the pass that is recorded next: where its beginning and its end are written down.
-    pub fn timestamps(&mut self) -> Option<(wgpu::QuerySet, u32)> {
+    /// For the pass that is recorded next, if it is timed.
+    pub fn stamps(&mut self) -> Option<Stamps> {
         self.timer.as_mut()?.next()
     }
 

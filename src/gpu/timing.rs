@@ -25,11 +25,11 @@ impl Timer {
         Self { queries, passes: Vec::new(), part }
     }
 
-    /// The query of the next pass's beginning; its end is the one after it.
-    pub fn next(&mut self) -> Option<(wgpu::QuerySet, u32)> {
+    /// Where the next pass writes down its beginning and its end.
+    pub fn next(&mut self) -> Option<Stamps> {
         let pass = u32::try_from(self.passes.len()).ok().filter(|pass| *pass < MOST)?;
         self.passes.push(self.part);
-        Some((self.queries.clone(), 2 * pass))
+        Some(Stamps { queries: self.queries.clone(), first: 2 * pass })
     }
 
     /// Records what brings the times back; `None` if there are none.
@@ -48,6 +48,31 @@ impl Timer {
         encoder.resolve_query_set(&self.queries, 0..count, &resolved, 0);
         let readback = Readback::of_buffer(encoder, &resolved, buffer_of(gpu, size));
         Some(Timed { passes: self.passes, tick_ns: gpu.queue.get_timestamp_period(), readback })
+    }
+}
+
+/// Where a pass writes down its beginning, and after that its end.
+#[derive(Debug)]
+pub struct Stamps {
+    queries: wgpu::QuerySet,
+    first: u32,
+}
+
+impl Stamps {
+    pub fn drawn(&self) -> wgpu::RenderPassTimestampWrites<'_> {
+        wgpu::RenderPassTimestampWrites {
+            query_set: &self.queries,
+            beginning_of_pass_write_index: Some(self.first),
+            end_of_pass_write_index: Some(self.first + 1),
+        }
+    }
+
+    pub fn computed(&self) -> wgpu::ComputePassTimestampWrites<'_> {
+        wgpu::ComputePassTimestampWrites {
+            query_set: &self.queries,
+            beginning_of_pass_write_index: Some(self.first),
+            end_of_pass_write_index: Some(self.first + 1),
+        }
     }
 }
 

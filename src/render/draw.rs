@@ -18,7 +18,7 @@ use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Vari
 use super::plan::{Layer, Sample, SamplePlan};
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
-use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture};
+use crate::gpu::{Entry, Gpu, Recorder, Shader, Stamps, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Object, Scene, Vertex};
@@ -405,7 +405,7 @@ impl Renderer {
         });
         let [color, depth] = [COLOR, DEPTH].map(|format| recorder.pool.lend_samples(gpu, size, format, SAMPLES));
         {
-            let timestamps = recorder.timestamps();
+            let stamps = recorder.stamps();
             let mut pass = recorder.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("raster"),
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -422,11 +422,7 @@ impl Renderer {
                     depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
                     stencil_ops: None,
                 }),
-                timestamp_writes: timestamps.as_ref().map(|(queries, first)| wgpu::RenderPassTimestampWrites {
-                    query_set: queries,
-                    beginning_of_pass_write_index: Some(*first),
-                    end_of_pass_write_index: Some(first + 1),
-                }),
+                timestamp_writes: stamps.as_ref().map(Stamps::drawn),
                 occlusion_query_set: None,
                 multiview_mask: None,
             });

@@ -2,7 +2,7 @@
 //! at full size.
 
 use super::{Shot, ShotError};
-use crate::camera::{Capture, Framed, Geometry, NoiseBin, NoiseProfile, correlations, variance_left};
+use crate::camera::{Capture, Framed, NoiseBin, NoiseProfile, correlations, variance_left};
 use crate::compositor::{Compositor, Job, Pending, Target};
 use crate::frame::Frame;
 use crate::pixels::{Codes, DepthMap, Pixels};
@@ -14,71 +14,53 @@ pub struct Reduced {
     frame: Frame,
     /// Side of the squares, px. What is left over at the right and at the bottom is cut off.
     by: u32,
-    picture: Geometry,
-    recorded: Geometry,
 }
 
 impl Reduced {
-    pub fn by(&self) -> u32 {
-        self.by
+    /// Reduces a frame, by 1 or more; so that a pixel is left.
+    pub fn new(frame: &Frame, by: u32) -> Self {
+        let by = by.clamp(1, frame.pixels.width.min(frame.pixels.height).max(1));
+        let (width, height) = (frame.pixels.width / by, frame.pixels.height / by);
+        let codes = match &frame.pixels.codes {
+            Codes::U8(codes) => Codes::U8(means(codes, frame.pixels.width, (width, height), by)),
+            Codes::U16(codes) => Codes::U16(means(codes, frame.pixels.width, (width, height), by)),
+        };
+        let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
+        let pixels = Pixels { width, height, codes };
+        let Frame { index, timestamp_s, exposure, .. } = *frame;
+        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure }, by }
     }
 
-    /// Takes the camera of a shot whose settings have changed.
-    pub fn follow(&mut self, shot: &Shot) -> Result<(), ShotError> {
-        self.recorded = shot.geometry_at(self.frame.index)?;
-        self.picture = geometry(&self.recorded, self.by, (self.frame.pixels.width, self.frame.pixels.height));
-        Ok(())
+    pub fn by(&self) -> u32 {
+        self.by
     }
 }
 
 impl Shot {
-    /// Reduces a frame, by 1 or more.
-    pub fn reduce(&self, frame: &Frame, by: u32) -> Result<Reduced, ShotError> {
-        let by = by.max(1);
-        let recorded = self.geometry_at(frame.index)?;
-        let pixels = &frame.pixels;
-        let (width, height) = ((pixels.width / by).max(1), (pixels.height / by).max(1));
-        let codes = match &pixels.codes {
-            Codes::U8(codes) => Codes::U8(means(codes, pixels.width, (width, height), by)),
-            Codes::U16(codes) => Codes::U16(means(codes, pixels.width, (width, height), by)),
-        };
-        let picture = geometry(&recorded, by, (width, height));
-        let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
-        let pixels = Pixels { width, height, codes };
-        let Frame { index, timestamp_s, exposure, .. } = *frame;
-        let frame = Frame { index, timestamp_s, pixels, depth, exposure };
-        Ok(Reduced { frame, by, picture, recorded })
-    }
-
     /// Like [`Shot::submit`]: what the full picture would show, each pixel a mean of its. Lengths in pixels, the lens and the
     /// noise follow; what is finer than a pixel is lost.
     pub fn submit_reduced(
         &self,
         compositor: &mut Compositor,
-        reduced: &Reduced,
+        Reduced { frame, by }: &Reduced,
         target: Target<'_>,
     ) -> Result<Pending, ShotError> {
         compositor.place(&self.scene.objects);
-        let Reduced { frame, by, picture, recorded } = reduced;
         let index = frame.index;
+        let recorded = self.geometry_at(index)?;
+        let framed = Framed { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };
+        let (width, height) = (frame.pixels.width, frame.pixels.height);
+        let picture = framed.geometry(&recorded, width, height, recorded.intrinsics.film_width_mm);
         let mut camera = self.camera();
         camera.noise = camera.noise.map(|noise| mean_noise(noise, *by));
         let (track, interval_s) = (&self.recording.track, self.interval_s(index));
-        let job = Job::of_frame(frame.clone(), &camera, &self.settings, picture, track, interval_s)?;
-        let capture = Capture { recorded, framed: framed(*by), enlargement: f64::from(*by).recip(), ..job.capture };
+        let job = Job::of_frame(frame.clone(), &camera, &self.settings, &picture, track, interval_s)?;
+        let capture = Capture { recorded: &recorded, framed, enlargement: f64::from(*by).recip(), ..job.capture };
         let job = Job { time_offset_s: self.recording.time_offset_s, capture, ..job };
         compositor
             .submit(job, &camera, &self.settings, target)
             .map_err(|source| ShotError::Submit { frame: index, source })
     }
-}
-
-fn framed(by: u32) -> Framed {
-    Framed { left_px: 0.0, top_px: 0.0, step: f64::from(by) }
-}
-
-fn geometry(recorded: &Geometry, by: u32, (width, height): (u32, u32)) -> Geometry {
-    framed(by).geometry(recorded, width, height, recorded.intrinsics.film_width_mm)
 }
 
 /// Noise of the mean of `by`² pixels: σ / `by`, and more where neighbours' noise is alike. The correlation of the means
@@ -119,12 +101,12 @@ where
 
 /// The depth in the middle of each square: a mean would be on no surface.
 fn reduced_depth(depth: &DepthMap, by: u32) -> DepthMap {
-    let (width, height) = ((depth.width / by).max(1), (depth.height / by).max(1));
-    let middle = |at: u32, side: u32| (at * by + by / 2).min(side - 1) as usize;
-    let row = |y: u32| middle(y, depth.height) * depth.width as usize;
+    let (width, height) = (depth.width / by, depth.height / by);
+    let middle = |at: u32| (at * by + by / 2) as usize;
+    let row = |y: u32| middle(y) * depth.width as usize;
     let depth_m = (0..height)
         .flat_map(|y| (0..width).map(move |x| (x, y)))
-        .map(|(x, y)| depth.depth_m[row(y) + middle(x, depth.width)])
+        .map(|(x, y)| depth.depth_m[row(y) + middle(x)])
         .collect();
     DepthMap { width, height, depth_m, timestamp_s: depth.timestamp_s }
 }

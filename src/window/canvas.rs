@@ -39,13 +39,28 @@ struct Brush {
 
 /// Makes ready to draw canvases in a window; once for each.
 pub fn prepare(window: &RenderState) {
+    let (device, pipeline) = (&window.device, fullscreen(window, Shader::Window));
+    let sampler = |filter| {
+        device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("canvas"),
+            mag_filter: filter,
+            min_filter: filter,
+            ..Default::default()
+        })
+    };
+    let [smooth, squares] = [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(sampler);
+    window.renderer.write().callback_resources.insert(Brush { pipeline, smooth, squares, bound: None });
+}
+
+/// Covers the viewport of a window's pass by a shader's `main`.
+pub fn fullscreen(window: &RenderState, shader: Shader) -> wgpu::RenderPipeline {
     let device = &window.device;
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(Shader::Window.name()),
-        source: wgpu::ShaderSource::Wgsl(Shader::Window.module().into()),
+        label: Some(shader.name()),
+        source: wgpu::ShaderSource::Wgsl(shader.module().into()),
     });
-    let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("canvas"),
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(shader.name()),
         layout: None,
         vertex: wgpu::VertexState {
             module: &module,
@@ -64,17 +79,7 @@ pub fn prepare(window: &RenderState) {
         multisample: wgpu::MultisampleState::default(),
         multiview_mask: None,
         cache: None,
-    });
-    let sampler = |filter| {
-        device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("canvas"),
-            mag_filter: filter,
-            min_filter: filter,
-            ..Default::default()
-        })
-    };
-    let [smooth, squares] = [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(sampler);
-    window.renderer.write().callback_resources.insert(Brush { pipeline, smooth, squares, bound: None });
+    })
 }
 
 impl CallbackTrait for Canvas {

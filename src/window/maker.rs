@@ -178,7 +178,7 @@ impl Maker {
     }
 }
 
-/// Of the frame at a fraction of its size, which is kept as long as the camera stays.
+/// Of the frame at a fraction of its size, which is kept: many pictures are made of one while something is dragged.
 fn of_reduced(
     order: &Order,
     frame: &Arc<Frame>,
@@ -187,14 +187,11 @@ fn of_reduced(
     target: Target<'_>,
 ) -> Result<Pending, ShotError> {
     let is_of = |(of, reduced): &(Arc<Frame>, Reduced)| Arc::ptr_eq(of, frame) && reduced.by() == order.made.by;
-    let mut reduced = match kept.take().filter(is_of) {
-        Some((_, reduced)) => reduced,
-        None => order.shot.reduce(frame, order.made.by)?,
+    let kept = match kept.take().filter(is_of) {
+        Some(same) => kept.insert(same),
+        None => kept.insert((Arc::clone(frame), Reduced::new(frame, order.made.by))),
     };
-    reduced.follow(&order.shot)?;
-    let pending = order.shot.submit_reduced(compositor, &reduced, target);
-    *kept = Some((Arc::clone(frame), reduced));
-    pending
+    order.shot.submit_reduced(compositor, &kept.1, target)
 }
 
 fn await_picture(gpu: &Gpu, order: &Order, pending: &Pending) -> Result<Picture, GpuError> {

@@ -14,6 +14,7 @@ use eframe::egui_wgpu::{
     Callback, CallbackResources, CallbackTrait, RenderState, Renderer, RendererOptions, ScreenDescriptor,
 };
 
+use super::canvas::fullscreen;
 use super::changes::{Areas, changes, extent};
 use crate::gpu::Shader;
 
@@ -104,31 +105,7 @@ impl Kept {
         // Dithering would change the picture's code values.
         let options = RendererOptions { dithering: false, ..Default::default() };
         let renderer = Renderer::new(device, window.target_format, options);
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(Shader::Copy.name()),
-            source: wgpu::ShaderSource::Wgsl(Shader::Copy.module().into()),
-        });
-        let copy = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("window"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("fullscreen_vertex"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("main"),
-                compilation_options: Default::default(),
-                targets: &[Some(window.target_format.into())],
-            }),
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            multiview_mask: None,
-            cache: None,
-        });
+        let copy = fullscreen(window, Shader::Copy);
         let textures = TexturesDelta::default();
         let window = RenderState { renderer: Arc::new(RwLock::new(renderer)), ..window.clone() };
         Self { window, copy, picture: None, pixels_per_point: 0.0, shapes: Vec::new(), wanted: None, textures }

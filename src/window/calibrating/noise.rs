@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eframe::egui::{self, DragValue, RichText, Ui};
 
 use super::super::background::{Background, Ticket};
-use super::super::hand::{self, Hand, Purpose, Question};
+use super::super::hand::{Hand, Purpose, Question};
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
@@ -100,10 +100,8 @@ impl Noise {
 
     /// Takes what was picked.
     pub fn answers(&mut self, session: &Session, hand: &mut Hand) {
-        if let (Some(at), Some(frame)) =
-            (hand.answer(Purpose::PlainPlace).and_then(|places| hand::rect(&places)), session.frame())
-        {
-            self.places.push(Picked { frame: frame.index, at });
+        if let Some(picked) = parts::answer(hand, Purpose::PlainPlace, session) {
+            self.places.push(picked);
             self.verdicts.push(Verdict::Waits);
         }
     }

@@ -2,6 +2,8 @@
 
 use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
+use super::super::hand::{self, Hand, Purpose};
+use super::super::session::Session;
 use crate::pixels::Rect;
 
 /// A place that was picked in a frame.
@@ -9,6 +11,12 @@ use crate::pixels::Rect;
 pub struct Picked {
     pub frame: usize,
     pub at: Rect,
+}
+
+/// The place of the frame that is shown which was asked for, if it was picked now.
+pub fn answer(hand: &mut Hand, purpose: Purpose, session: &Session) -> Option<Picked> {
+    let at = hand.answer(purpose).and_then(|places| hand::rect(&places))?;
+    Some(Picked { frame: session.frame()?.index, at })
 }
 
 /// What is said of a place.

@@ -4,7 +4,7 @@ use eframe::egui::{RichText, Ui};
 
 use super::super::analysis::moved_px;
 use super::super::background::{Background, Ticket};
-use super::super::hand::{self, Hand, Purpose, Question};
+use super::super::hand::{Hand, Purpose, Question};
 use super::super::matching::{draw_edge, width_of};
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
@@ -45,10 +45,8 @@ impl Sharpness {
 
     /// Takes what was picked.
     pub fn answers(&mut self, session: &Session, hand: &mut Hand) {
-        if let (Some(at), Some(frame)) =
-            (hand.answer(Purpose::Edge).and_then(|places| hand::rect(&places)), session.frame())
-        {
-            self.edges.push(Picked { frame: frame.index, at });
+        if let Some(picked) = parts::answer(hand, Purpose::Edge, session) {
+            self.edges.push(picked);
             self.verdicts.push(Verdict::Waits);
         }
     }
