@@ -30,16 +30,23 @@ impl Canvas {
 
 /// What all canvases of a window draw with.
 struct Brush {
-    pipeline: wgpu::RenderPipeline,
+    picture: wgpu::RenderPipeline,
+    ground: wgpu::RenderPipeline,
     smooth: wgpu::Sampler,
     squares: wgpu::Sampler,
     /// Of the canvas that is drawn in this frame of the window.
-    bound: Option<wgpu::BindGroup>,
+    bound: Option<Bound>,
+}
+
+struct Bound {
+    pictures: [wgpu::BindGroup; 2],
+    ground: wgpu::BindGroup,
 }
 
 /// Makes ready to draw canvases in a window; once for each.
 pub fn prepare(window: &RenderState) {
-    let (device, pipeline) = (&window.device, fullscreen(window, Shader::Window));
+    let device = &window.device;
+    let [picture, ground] = ["main", "ground"].map(|entry| fullscreen(window, Shader::Window, entry));
     let sampler = |filter| {
         device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("canvas"),
@@ -49,11 +56,11 @@ pub fn prepare(window: &RenderState) {
         })
     };
     let [smooth, squares] = [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(sampler);
-    window.renderer.write().callback_resources.insert(Brush { pipeline, smooth, squares, bound: None });
+    window.renderer.write().callback_resources.insert(Brush { picture, ground, smooth, squares, bound: None });
 }
 
-/// Covers the viewport of a window's pass by a shader's `main`.
-pub fn fullscreen(window: &RenderState, shader: Shader) -> wgpu::RenderPipeline {
+/// Covers the viewport of a window's pass by a shader's entry.
+pub fn fullscreen(window: &RenderState, shader: Shader, entry: &str) -> wgpu::RenderPipeline {
     let device = &window.device;
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(shader.name()),
@@ -70,7 +77,7 @@ pub fn fullscreen(window: &RenderState, shader: Shader) -> wgpu::RenderPipeline 
         },
         fragment: Some(wgpu::FragmentState {
             module: &module,
-            entry_point: Some("main"),
+            entry_point: Some(entry),
             compilation_options: Default::default(),
             targets: &[Some(window.target_format.into())],
         }),
@@ -96,37 +103,124 @@ impl CallbackTrait for Canvas {
         let origin = self.placed.rect.min;
         let [r, g, b, a] = self.ground.to_normalized_gamma_f32();
         // As `Canvas` in the shader.
-        let line_x = self.line_x.clamp(-1e9, 1e9);
         let extent = self.placed.scale * ppp * self.size;
-        let values = [origin.x * ppp, origin.y * ppp, extent.x, extent.y, r, g, b, a, line_x * ppp, 0.0, 0.0, 0.0];
+        let values = [origin.x * ppp, origin.y * ppp, extent.x, extent.y, r, g, b, a];
         let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("canvas"),
             contents: bytemuck::cast_slice(&values),
             usage: wgpu::BufferUsages::UNIFORM,
         });
-        let [left, right] = self.pictures.each_ref().map(|picture| picture.create_view(&Default::default()));
+        let bind = |pipeline: &wgpu::RenderPipeline, resources: &[wgpu::BindingResource<'_>]| {
+            let numbered = resources.iter().cloned().zip(0..);
+            let entries: Vec<_> =
+                numbered.map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource }).collect();
+            let layout = &pipeline.get_bind_group_layout(0);
+            device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("canvas"), layout, entries: &entries })
+        };
         let sampler = if self.squares { &brush.squares } else { &brush.smooth };
-        let entries = [
-            uniform.as_entire_binding(),
-            wgpu::BindingResource::Sampler(sampler),
-            wgpu::BindingResource::TextureView(&left),
-            wgpu::BindingResource::TextureView(&right),
-        ];
-        let numbered =
-            entries.into_iter().zip(0..).map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource });
-        brush.bound = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("canvas"),
-            layout: &brush.pipeline.get_bind_group_layout(0),
-            entries: &numbered.collect::<Vec<_>>(),
-        }));
+        let pictures = self.pictures.each_ref().map(|picture| {
+            let view = picture.create_view(&Default::default());
+            let texels = wgpu::BindingResource::TextureView(&view);
+            bind(&brush.picture, &[uniform.as_entire_binding(), wgpu::BindingResource::Sampler(sampler), texels])
+        });
+        let ground = bind(&brush.ground, &[uniform.as_entire_binding()]);
+        brush.bound = Some(Bound { pictures, ground });
         Vec::new()
     }
 
-    fn paint(&self, _: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, resources: &CallbackResources) {
+    fn paint(&self, info: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, resources: &CallbackResources) {
         let Some(brush) = resources.get::<Brush>() else { return };
         let Some(bound) = &brush.bound else { return };
-        pass.set_pipeline(&brush.pipeline);
-        pass.set_bind_group(0, bound, &[]);
-        pass.draw(0..3, 0..1);
+        let clip = info.clip_rect_in_pixels();
+        let clip =
+            Area { x: [clip.left_px, clip.left_px + clip.width_px], y: [clip.top_px, clip.top_px + clip.height_px] };
+        let (pictures, grounds) = self.areas(clip, info.pixels_per_point);
+        let mut draw = |pipeline, bound, area: &Area| {
+            let ([x0, x1], [y0, y1]) = (area.x, area.y);
+            if x1 > x0 && y1 > y0 {
+                pass.set_scissor_rect(x0 as u32, y0 as u32, (x1 - x0) as u32, (y1 - y0) as u32);
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(0, bound, &[]);
+                pass.draw(0..3, 0..1);
+            }
+        };
+        grounds.iter().for_each(|area| draw(&brush.ground, &bound.ground, area));
+        pictures.iter().zip(&bound.pictures).for_each(|(area, picture)| draw(&brush.picture, picture, area));
+    }
+}
+
+/// Pixels of the target, from the first to the one after the last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Area {
+    x: [i32; 2],
+    y: [i32; 2],
+}
+
+impl Canvas {
+    /// Where in `clip` each picture is shown, and the ground. A pixel shows what is at its centre. No area meets another, so
+    /// that each pixel is drawn once: a pixel costs more than a draw's beginning.
+    fn areas(&self, clip: Area, ppp: f32) -> ([Area; 2], [Area; 4]) {
+        let within = |edge: f32, [from, to]: [i32; 2]| ((edge * ppp - 0.5).ceil() as i32).clamp(from, to);
+        let (origin, extent) = (self.placed.rect.min, self.placed.scale * self.size);
+        let x = [origin.x, origin.x + extent.x].map(|x| within(x, clip.x));
+        let y = [origin.y, origin.y + extent.y].map(|y| within(y, clip.y));
+        let line = within(self.line_x, x);
+        let pictures = [[x[0], line], [line, x[1]]].map(|x| Area { x, y });
+        let grounds = [
+            Area { y: [clip.y[0], y[0]], ..clip },
+            Area { y: [y[1], clip.y[1]], ..clip },
+            Area { x: [clip.x[0], x[0]], y },
+            Area { x: [x[1], clip.x[1]], y },
+        ];
+        (pictures, grounds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::{pos2, vec2};
+
+    use super::*;
+    use crate::window::placed::Placed;
+
+    fn texture() -> wgpu::Texture {
+        let gpu = crate::gpu::Gpu::open().expect("an adapter");
+        gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba8Unorm,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        })
+    }
+
+    #[test]
+    fn each_pixel_is_drawn_once_as_its_centre_says() {
+        let texture = texture();
+        for (min, scale, line_x, ppp) in [
+            (pos2(3.25, 4.5), 0.7, 9.0, 1.0),
+            (pos2(3.25, 4.5), 0.7, f32::NEG_INFINITY, 2.0),
+            (pos2(-30.0, -7.3), 4.0, 11.1, 1.5),
+            (pos2(90.0, 4.0), 1.0, f32::INFINITY, 1.0),
+        ] {
+            let size = vec2(20.0, 10.0);
+            let placed = Placed { rect: Rect::from_min_size(min, scale * size), scale };
+            let pictures = [texture.clone(), texture.clone()];
+            let canvas = Canvas { placed, size, line_x, pictures, ground: Color32::BLACK, squares: false };
+            let clip = Area { x: [2, 40], y: [1, 30] };
+            let (pictures, grounds) = canvas.areas(clip, ppp);
+            for (x, y) in (clip.y[0]..clip.y[1]).flat_map(|y| (clip.x[0]..clip.x[1]).map(move |x| (x, y))) {
+                let has = |area: &Area| (area.x[0]..area.x[1]).contains(&x) && (area.y[0]..area.y[1]).contains(&y);
+                let at = pos2(x as f32 + 0.5, y as f32 + 0.5) / ppp;
+                let share = (at - min) / (scale * size);
+                let inside = share.min_elem() >= 0.0 && share.x < 1.0 && share.y < 1.0;
+                let expected = [inside && at.x < line_x, inside && at.x >= line_x];
+                assert_eq!(pictures.each_ref().map(has), expected, "{x} {y}");
+                assert_eq!(grounds.iter().filter(|area| has(area)).count(), usize::from(!inside), "{x} {y}");
+            }
+        }
     }
 }

@@ -9,8 +9,8 @@ use eframe::egui::{Rect, TextureId, pos2, vec2};
 const REACH: usize = 128;
 /// A shape's edges are smoothed beyond its bounds, points.
 const FEATHER: f32 = 2.0;
-/// Areas are joined where this costs no more than so much more to paint.
-const SLACK: f32 = 1.3;
+/// Areas are joined where no more than so many pixels have to be painted more, which costs as much as beginning an area does.
+const SLACK_PX: f32 = 1024.0;
 const MOST_AREAS: usize = 16;
 
 /// Adds the areas where `now` looks different from `before`. Both are painted in their order. A shape is the same as before if
@@ -99,22 +99,27 @@ impl Areas {
 
     /// The same, as few that do not meet.
     pub fn merged(self) -> Vec<Rect> {
-        let mut out: Vec<Rect> = Vec::new();
-        for mut area in self.areas {
-            while let Some(at) = out.iter().position(|other| is_joined(*other, area)) {
-                area |= out.swap_remove(at);
-            }
-            out.push(area);
+        let mut slack = SLACK_PX / self.pixels_per_point.powi(2);
+        let mut areas = joined(self.areas, slack);
+        while areas.len() > MOST_AREAS {
+            slack *= 4.0;
+            areas = joined(areas, slack);
         }
-        if out.len() > MOST_AREAS {
-            out = vec![out.into_iter().fold(Rect::NOTHING, |all, area| all | area)];
-        }
-        out
+        areas
     }
 }
 
-fn is_joined(a: Rect, b: Rect) -> bool {
-    a.intersect(b).is_positive() || (a | b).area() <= SLACK * (a.area() + b.area())
+/// Joins what meets, and what is not larger together by more than `slack`, points².
+fn joined(areas: Vec<Rect>, slack: f32) -> Vec<Rect> {
+    let is_joined = |a: Rect, b: Rect| a.intersect(b).is_positive() || (a | b).area() <= a.area() + b.area() + slack;
+    let mut out: Vec<Rect> = Vec::new();
+    for mut area in areas {
+        while let Some(at) = out.iter().position(|other| is_joined(*other, area)) {
+            area |= out.swap_remove(at);
+        }
+        out.push(area);
+    }
+    out
 }
 
 #[cfg(test)]
@@ -150,9 +155,9 @@ mod tests {
 
     #[test]
     fn what_moves_is_painted_where_it_was_and_where_it_is() {
-        let before = [square(0.0, 0.0, 1), square(20.0, 50.0, 2), square(0.0, 30.0, 3)];
-        let now = [square(0.0, 0.0, 1), square(80.0, 50.0, 2), square(0.0, 30.0, 3)];
-        assert_eq!(found(&before, &now), [around(80.0, 50.0), around(20.0, 50.0)]);
+        let before = [square(0.0, 0.0, 1), square(20.0, 0.0, 2), square(0.0, 30.0, 3)];
+        let now = [square(0.0, 0.0, 1), square(80.0, 60.0, 2), square(0.0, 30.0, 3)];
+        assert_eq!(found(&before, &now), [around(80.0, 60.0), around(20.0, 0.0)]);
     }
 
     #[test]
@@ -196,5 +201,25 @@ mod tests {
         // 10.1 points are 15.15 px, 21 are 31.5; 60 are 90, 70 are 105, and the screen ends at 120 px.
         assert_eq!(merged[0], Rect::from_min_max(pos2(px(60.0 * 1.5), 60.0), pos2(70.0, 80.0)));
         assert_eq!(merged[1], Rect::from_min_max(pos2(px(15.0), px(15.0)), pos2(px(45.0), px(32.0))));
+    }
+
+    #[test]
+    fn a_large_area_does_not_take_in_what_lies_beside_it() {
+        let screen = Rect::from_min_max(pos2(0.0, 0.0), pos2(1280.0, 800.0));
+        let picture = Rect::from_min_max(pos2(200.0, 25.0), pos2(888.0, 690.0));
+        let head = Rect::from_min_max(pos2(500.0, 698.0), pos2(523.0, 738.0));
+        let mut areas = Areas::new(screen, 1.0);
+        [picture, head].map(|area| areas.add(area));
+        assert_eq!(areas.merged(), [picture, head]);
+        // A hundred letters far from each other are a few areas, which hold them all and no other half of the screen.
+        let mut areas = Areas::new(screen, 1.0);
+        let letters: Vec<Rect> = (0..100)
+            .map(|n| Rect::from_min_size(pos2((n % 10) as f32 * 60.0, (n / 10) as f32 * 40.0), vec2(9.0, 9.0)))
+            .collect();
+        letters.iter().for_each(|letter| areas.add(*letter));
+        let merged = areas.merged();
+        assert!(merged.len() <= MOST_AREAS, "{merged:?}");
+        assert!(letters.iter().all(|letter| merged.iter().any(|area| area.contains_rect(*letter))));
+        assert!(merged.iter().all(|area| area.max.x < 560.0 && area.max.y < 380.0), "{merged:?}");
     }
 }

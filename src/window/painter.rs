@@ -105,7 +105,7 @@ impl Kept {
         // Dithering would change the picture's code values.
         let options = RendererOptions { dithering: false, ..Default::default() };
         let renderer = Renderer::new(device, window.target_format, options);
-        let copy = fullscreen(window, Shader::Copy);
+        let copy = fullscreen(window, Shader::Copy, "main");
         let textures = TexturesDelta::default();
         let window = RenderState { renderer: Arc::new(RwLock::new(renderer)), ..window.clone() };
         Self { window, copy, picture: None, pixels_per_point: 0.0, shapes: Vec::new(), wanted: None, textures }
