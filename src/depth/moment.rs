@@ -4,11 +4,15 @@
 //! frame's moment by the poses (assuming that the room is static). Not modelled: the sensor's own readout. What came
 //! into view between the two moments stays unknown here (`repaired` fills it).
 
+use std::ops::Range;
+use std::sync::OnceLock;
+
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Geometry, Intrinsics};
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
+use crate::rows::{over_rows, processors};
 use crate::tracking::PoseTrack;
 
 /// The pose from which a camera's map was measured, or why the map hides nothing.
@@ -25,12 +29,13 @@ pub fn measured_from(
     track.at(depth.timestamp_s + time_offset_s).map_err(|why| format!("no pose of the depth: {why}"))
 }
 
-/// The rays through a camera's pixel centres, computed once.
+/// The rays through a camera's pixel centres. Each row of them is computed once, when it is first needed: a lens's
+/// distortion is costly to invert, and mostly a part of the picture is asked for.
 #[derive(Debug)]
 pub struct Rays {
     geometry: Geometry,
-    /// Row by row, scaled so that depth × ray is the point. NaN where nothing is seen, or no depth is defined.
-    rays: Vec<[f32; 3]>,
+    /// Scaled so that depth × ray is the point. NaN where nothing is seen, or no depth is defined.
+    rows: Vec<OnceLock<Vec<[f32; 3]>>>,
 }
 
 /// A frame's depth as seen at the frame's moment, metres, row by row; 0 where unknown. `None` if there is no pose for
@@ -64,12 +69,28 @@ impl RayCache {
 
 impl Rays {
     pub fn new(geometry: &Geometry) -> Self {
-        let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
-        let rays = (0..height)
-            .flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)))
-            .map(|at| geometry.depth_ray(at).map_or([f32::NAN; 3], |r| r.as_vec3().to_array()))
-            .collect();
-        Self { geometry: geometry.clone(), rays }
+        let rows = std::iter::repeat_with(OnceLock::new).take(geometry.intrinsics.height_px as usize).collect();
+        Self { geometry: geometry.clone(), rows }
+    }
+
+    /// Computes what is missing of a range of rows.
+    fn prepare(&self, rows: Range<i32>) {
+        let missing: Vec<usize> =
+            (rows.start as usize..rows.end as usize).filter(|y| self.rows[*y].get().is_none()).collect();
+        let width = self.geometry.intrinsics.width_px as usize;
+        let mut rays = vec![[f32::NAN; 3]; width * missing.len()];
+        over_rows(&mut rays, width, processors(), |n, row| {
+            for (x, ray) in row.iter_mut().enumerate() {
+                let at = DVec2::new(x as f64 + 0.5, missing[n] as f64 + 0.5);
+                if let Some(found) = self.geometry.depth_ray(at) {
+                    *ray = found.as_vec3().to_array();
+                }
+            }
+        });
+        for (y, row) in missing.iter().zip(rays.chunks(width.max(1))) {
+            // Another thread may have computed the same.
+            let _ = self.rows[*y].set(row.to_vec());
+        }
     }
 
     /// The camera of these rays.
@@ -109,18 +130,24 @@ impl Rays {
         if self.geometry.is_round() {
             source = Rect { x0: full.x0, x1: full.x1, ..source };
         }
+        // What stands still before a plane keeps its depth.
+        let turns_rays = !still || around;
+        if turns_rays {
+            self.prepare(source.y0..source.y1.max(source.y0));
+        }
         for y in source.y0..source.y1 {
+            let rays = self.rows[y as usize].get();
             for x in source.x0..source.x1 {
                 let index = y as usize * depth.width as usize + x as usize;
                 let d = depth.depth_m[index];
                 if d.is_nan() || d <= 0.0 {
                     continue;
                 }
-                if still && !around {
+                let Some(rays) = rays.filter(|_| turns_rays) else {
                     put(x, y, d);
                     continue;
-                }
-                let ray = DVec3::from(self.rays[index].map(f64::from));
+                };
+                let ray = DVec3::from(rays[x as usize].map(f64::from));
                 let p = frame.transform_point(measured.inverse_transform_point(ray * f64::from(d)));
                 let told = (if around { p.length() } else { p.z }) as f32;
                 if still {
