@@ -2,12 +2,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod common;
 #[path = "common/program.rs"]
 mod program;
 
 use std::path::Path;
 
-use program::{locard, program, refused, said, with_a_truncated_frame};
+use common::data;
+use program::{copied, locard, program, refused, said, with_a_truncated_frame};
 
 #[test]
 fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
@@ -355,4 +357,29 @@ fn frames_whose_depth_has_no_pose_are_told_of() {
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
     let why = |frame: usize| report["frames"][frame]["no_occlusion"].clone();
     assert!(why(0).is_null() && why(1).as_str().unwrap().contains("gap"), "{report}");
+}
+
+/// "poses 7.2 ms earlier fit …", milliseconds earlier.
+fn earlier_ms(inspected: &str) -> f64 {
+    let line = inspected.lines().find_map(|line| line.strip_prefix("clock      poses ")).expect(inspected);
+    let (number, rest) = line.split_once(" ms ").expect(line);
+    number.parse::<f64>().unwrap() * if rest.starts_with("earlier") { 1.0 } else { -1.0 }
+}
+
+#[test]
+fn the_clock_of_poses_is_found_from_the_pictures() {
+    let temp = tempfile::tempdir().unwrap();
+    let late = temp.path().join("late");
+    copied(Path::new("recordings/demo"), &late);
+    let description = std::fs::read_to_string(late.join("recording.toml")).unwrap();
+    let named = "trajectory = \"groundtruth.txt\"\n";
+    let moved = description.replace(named, &format!("{named}time_offset_s = 0.1\n"));
+    std::fs::write(late.join("recording.toml"), moved).unwrap();
+    // The camera travels as much as it turns, which makes it less sure: 4 ms is one standard deviation.
+    let text = said(&["inspect", late.to_str().unwrap(), "--clock"]);
+    assert!((earlier_ms(&text) - 100.0).abs() < 12.0 && text.contains("(now 0.1000)"), "{text}");
+    let Some(tum) = data("tum-fr1-rpy") else { return };
+    // By full alignment its poses fit 5 ms earlier.
+    let text = said(&["inspect", tum.to_str().unwrap(), "--profile", "profiles/tum-fr1.toml", "--clock"]);
+    assert!((earlier_ms(&text) - 5.0).abs() < 4.0, "{text}");
 }

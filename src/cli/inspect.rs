@@ -8,8 +8,8 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::listen;
 use super::pick::{self, Asked, Pick, Picker, numbers};
+use super::{clock, listen};
 use crate::camera::Geometry;
 use crate::compositor::Settings;
 use crate::document;
@@ -44,6 +44,9 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, value_name = "M")]
     metres_per_unit: Option<f64>,
+    /// Compare the pictures' motion with the poses': how far apart their clocks are. Decodes every frame
+    #[arg(long, conflicts_with = "frame")]
+    clock: bool,
     /// How long a stream is listened to, from its first pose on
     #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = seconds)]
     seconds: f64,
@@ -216,6 +219,9 @@ fn recording(args: &Args) -> Result<()> {
             fixed(g.intrinsics.cy_px, 2)
         )?,
         None => writeln!(out, "camera     unknown: give a --profile")?,
+    }
+    if args.clock {
+        writeln!(out, "{}", clock::line(&shot)?)?;
     }
     let (files, damaged) = recording.check_ends();
     if files > 0 {

@@ -3,6 +3,7 @@
 
 mod bench;
 mod calibrate;
+mod clock;
 mod composite;
 mod doctor;
 mod ending;

@@ -1,7 +1,9 @@
 //! Poses over time.
 
+pub mod delay;
 pub mod text;
 pub mod tum;
+pub mod turn;
 
 use glam::DQuat;
 

@@ -209,7 +209,7 @@ mod tests {
         let picture = Rect::from_min_max(pos2(200.0, 25.0), pos2(888.0, 690.0));
         let head = Rect::from_min_max(pos2(500.0, 698.0), pos2(523.0, 738.0));
         let mut areas = Areas::new(screen, 1.0);
-        [picture, head].map(|area| areas.add(area));
+        [picture, head].into_iter().for_each(|area| areas.add(area));
         assert_eq!(areas.merged(), [picture, head]);
         // A hundred letters far from each other are a few areas, which hold them all and no other half of the screen.
         let mut areas = Areas::new(screen, 1.0);

@@ -1,0 +1,63 @@
+//! `locard inspect --clock`.
+
+use anyhow::Result;
+
+use crate::shot::{Shot, ShotError};
+use crate::tracking::delay::{Motion, REACH_S, estimate};
+use crate::tracking::turn::Reduced;
+use crate::words::{count, fixed, shown};
+
+/// Frames further apart, in usual intervals, are not compared.
+const MOST_INTERVALS: f64 = 2.5;
+
+/// What the pictures' motion tells of the poses' clock. Decodes every frame.
+pub fn line(shot: &Shot) -> Result<String, ShotError> {
+    let recording = &shot.recording;
+    let mut motions = Vec::new();
+    let mut before: Option<(f64, Reduced)> = None;
+    for frame in recording.frames(0..recording.frame_count())? {
+        let frame = frame?;
+        let geometry = shot.geometry_at(frame.index)?;
+        if geometry.sees_around() {
+            return Ok("clock      unknown: only pictures that fit a plane are compared".to_owned());
+        }
+        let time_s = frame.timestamp_s;
+        let now = Reduced::new(&frame.pixels);
+        let near = before.take().filter(|(t, _)| time_s - t <= MOST_INTERVALS * recording.frame_interval_s);
+        if let (Some((from_s, before)), Some(now)) = (near, &now)
+            && let Some(turn) = before.turn_to(now, &geometry.intrinsics)
+        {
+            motions.push(Motion { from_s, to_s: time_s, turn });
+        }
+        before = now.map(|now| (time_s, now));
+    }
+    let turned = |from_s: f64, to_s: f64| {
+        let at = |time_s: f64| recording.track.at(time_s + recording.time_offset_s).ok();
+        let (from, to) = (at(from_s)?, at(to_s)?);
+        // The camera's own turn: world_from_to⁻¹ · world_from_from.
+        Some((to.world_from_camera_rotation().inverse() * from.world_from_camera_rotation()).to_scaled_axis())
+    };
+    Ok(match estimate(&motions, turned, REACH_S) {
+        Ok(found) => {
+            let milliseconds = |s: f64| fixed(1e3 * s, 1);
+            let fit = if found.delay_s.abs() <= 2.0 * found.sigma_s {
+                format!("as told, within {} ms", milliseconds(2.0 * found.sigma_s))
+            } else {
+                format!(
+                    "poses {} ms {} fit the pictures best: time_offset_s = {} (now {})",
+                    milliseconds(found.delay_s.abs()),
+                    if found.delay_s > 0.0 { "later" } else { "earlier" },
+                    fixed(recording.time_offset_s + found.delay_s, 4),
+                    fixed(recording.time_offset_s, 4)
+                )
+            };
+            format!(
+                "clock      {fit}; ± {} ms by {}, likeness {}",
+                milliseconds(found.sigma_s),
+                count(found.motions, "motion"),
+                fixed(found.likeness, 2)
+            )
+        }
+        Err(why) => format!("clock      unknown: {}", shown(&why.to_string())),
+    })
+}
