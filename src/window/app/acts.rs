@@ -1,0 +1,107 @@
+//! What keys and files that are dropped do.
+
+use eframe::egui::{self, Key};
+
+use super::super::actions::{self, Action};
+use super::super::handles::Handles;
+use super::super::picture;
+use super::App;
+
+impl App {
+    pub(super) fn act(&mut self, action: Action, ctx: &egui::Context) {
+        let player = &mut self.session.player;
+        let zoom = self.view.zoom.or(self.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
+        match action {
+            Action::Play => player.play(!player.playing),
+            Action::Step(by) => player.step(by),
+            Action::LoopFrom => player.set_range(player.frame()..player.range().end.max(player.frame() + 1)),
+            Action::LoopTo => player.set_range(player.range().start.min(player.frame())..player.frame() + 1),
+            Action::LoopAll => player.set_range(0..player.count()),
+            Action::Wipe => self.view.wipe = if self.view.wipe.is_some() { None } else { Some(0.5) },
+            Action::Compare => self.compare(),
+            Action::Exchange => self.session.project.exchange(),
+            Action::Loupe => self.view.loupe = !self.view.loupe,
+            Action::Alone => self.view.alone = !self.view.alone,
+            Action::Fit => self.view.zoom = None,
+            Action::OneToOne => self.view.zoom = Some(1.0),
+            Action::Larger => self.view.zoom = zoom.map(|zoom| (zoom * 2.0).min(picture::MOST_ZOOM)),
+            Action::Smaller => self.view.zoom = zoom.map(|zoom| (zoom * 0.5).max(picture::LEAST_ZOOM)),
+            Action::Undo => self.undo(),
+            Action::Redo => self.redo(),
+            Action::Save => self.keeper.save(),
+            Action::Open => self.keeper.open(&self.session.project),
+            Action::Export => self.keeper.shows_output = !self.keeper.shows_output,
+            Action::Theme => {
+                let dark = ctx.global_style().visuals.dark_mode;
+                ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
+            }
+            Action::Begin(what) => {
+                player.play(false);
+                self.handles.begin(what);
+            }
+            Action::Nudge(right, up) => {
+                let frame = self.session.frame().map(|frame| frame.index);
+                if let (Some(frame), Some(entry)) = (frame, self.evidence.selected)
+                    && let Err(wrong) = Handles::nudge(&mut self.session.project, frame, entry, right, up)
+                {
+                    self.session.say(wrong);
+                }
+            }
+            Action::Hide => {
+                if let Some(wrong) = self.evidence.hide(&mut self.session.project) {
+                    self.session.say(wrong);
+                }
+            }
+            Action::Delete => {
+                if let Some(wrong) = self.evidence.delete(&mut self.session.project) {
+                    self.session.say(wrong);
+                }
+            }
+            Action::Keys => self.shows_keys = !self.shows_keys,
+            Action::Leave => {
+                self.hand.cancel();
+                self.evidence.cancel();
+                (self.shows_keys, self.shows_history) = (false, false);
+            }
+        }
+    }
+
+    pub(super) fn input(&mut self, ctx: &egui::Context) {
+        // Esc and Enter are the dialog's that is open.
+        if self.keeper.is_asking() {
+            return;
+        }
+        self.handles.keys(ctx);
+        for action in actions::pressed(ctx) {
+            self.act(action, ctx);
+        }
+        self.view.plain = !ctx.egui_wants_keyboard_input() && ctx.input(|i| i.key_down(Key::Backslash));
+        for file in ctx.input(|i| i.raw.dropped_files.clone()) {
+            let path = file.path().to_owned();
+            if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
+                self.evidence.drop(path);
+            } else {
+                self.keeper.dropped(ctx, path, &mut self.session);
+            }
+        }
+    }
+
+    /// Begins or ends to compare two settings.
+    pub(super) fn compare(&mut self) {
+        let begins = self.session.project.edit().other.is_none();
+        self.session.project.compare(begins);
+        self.view.wipe = begins.then_some(0.5);
+    }
+
+    pub(super) fn undo(&mut self) {
+        if let Some(name) = self.session.project.undo() {
+            self.session.say(format!("Undone: {name}"));
+        }
+    }
+
+    pub(super) fn redo(&mut self) {
+        if let Some(name) = self.session.project.redo() {
+            self.session.say(format!("Done again: {name}"));
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! The picture, and what is done in it.
+
+use eframe::egui::{self, Ui};
+use glam::DVec2;
+
+use super::super::handles::Over;
+use super::super::loupe;
+use super::super::picture::{self, Compared, Seen, Taken};
+use super::App;
+use crate::frame::Frame;
+
+impl App {
+    /// The picture, and what is done in it.
+    pub(super) fn picture(&mut self, ui: &mut Ui) {
+        let frame = self.session.frame().cloned();
+        let asked = self.hand.asks_for();
+        let is_picking = self.evidence.ground.is_picking() && asked.is_none();
+        let is_placing = self.evidence.is_placing() && asked.is_none() && !is_picking;
+        let taken = Taken {
+            clicks: is_placing || is_picking || asked.is_some(),
+            drags: asked.is_some() || self.handles.takes_drags(),
+        };
+        let other = self.session.project.edit().other.as_ref();
+        let compared = other.map(|other| Compared { edits_a: !other.is_a });
+        if compared.is_some() && self.view.wipe.is_some() {
+            self.session.want_other();
+        }
+        let viewer = &mut self.session.viewer;
+        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref(), compared, taken);
+        self.placed = seen.as_ref().map(|seen| seen.placed);
+        let (Some(seen), Some(frame)) = (seen, frame) else { return };
+        self.codes(&seen, &frame);
+        self.side.over_picture(&seen, frame.index, self.session.player.playing);
+        self.hand.work(&seen);
+        let over = Over {
+            seen: &seen,
+            view: &self.view,
+            frame: &frame,
+            is_free: !is_placing && !is_picking && asked.is_none(),
+            is_hidden: self.view.plain || self.session.player.playing,
+        };
+        match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
+            Some(Ok(done)) => self.session.say(done),
+            Some(Err(wrong)) => self.session.say(wrong),
+            None => {}
+        }
+        self.evidence.ground.paint(&seen, &self.session.project, frame.index);
+        if is_picking {
+            let at = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
+            match at.map_or(Ok(None), |at| self.evidence.ground.click(&self.session.project, &frame, at)) {
+                Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
+                Err(wrong) => self.session.say(wrong),
+            }
+        }
+        if is_placing {
+            if seen.pointed.is_some() {
+                ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
+            }
+            if let Some(at) = seen.clicked {
+                let at = DVec2::new(at.x.into(), at.y.into());
+                match self.evidence.place(&mut self.session.project, &frame, at) {
+                    Ok(()) => {
+                        self.evidence.ground.finder.told.take().into_iter().for_each(|told| self.session.say(told))
+                    }
+                    Err(wrong) => self.session.say(wrong),
+                }
+            }
+        }
+    }
+
+    /// Code values at the pointer and in pixels that are large enough.
+    pub(super) fn codes(&mut self, seen: &Seen, frame: &Frame) {
+        let ppp = seen.response.ctx.pixels_per_point();
+        let numbers = seen.placed.scale * ppp >= loupe::NUMBERS_FROM;
+        if !numbers && !self.view.loupe {
+            return;
+        }
+        self.session.want_codes();
+        let codes = self.session.codes().filter(|codes| codes.frame.index == frame.index);
+        if numbers {
+            loupe::numbers(seen, seen.camera, &frame.pixels, ppp);
+            if let Some(codes) = &codes {
+                loupe::numbers(seen, seen.composite, &codes.pixels, ppp);
+            }
+        }
+        if self.view.loupe && seen.pointed.is_some() {
+            self.session.viewer.plain(frame);
+            let viewer = &self.session.viewer;
+            let camera = viewer.camera().map(|shown| loupe::Side { name: "camera", shown, codes: Some(&frame.pixels) });
+            let pixels = codes.as_ref().map(|codes| &*codes.pixels);
+            let with = viewer.composite().map(|shown| loupe::Side { name: "with evidence", shown, codes: pixels });
+            loupe::show(seen, &camera.into_iter().chain(with).collect::<Vec<_>>());
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The menu of files, the dialogs that choose a path, and what is done with what is chosen.
+
+use std::path::{Path, PathBuf};
+
+use eframe::egui;
+
+use super::super::chooser::{Chooser, Chosen, Seeks};
+use super::super::command;
+use super::super::jobs::Jobs;
+use super::super::project::Project;
+use super::super::recent::Opened;
+use super::super::saving::{self, Step};
+use super::super::session::Session;
+use super::{Keeper, Purpose, Then};
+
+impl Keeper {
+    pub fn open(&mut self, project: &Project) {
+        self.choose(project, Purpose::Open, "Open a recording", Seeks::Recording, None);
+    }
+
+    /// Asks for a path, beginning at the file that is open for it, or in the folder that was used last, or beside the
+    /// recording; there with a name that is proposed.
+    pub(super) fn choose(
+        &mut self,
+        project: &Project,
+        purpose: Purpose,
+        title: &str,
+        seeks: Seeks,
+        proposed: Option<&str>,
+    ) {
+        let own = match purpose {
+            Purpose::OpenProfile | Purpose::SaveProfile => project.profile.clone(),
+            Purpose::OpenScene | Purpose::SaveScene => project.scene.clone().filter(|scene| !saving::is_demo(scene)),
+            Purpose::Open | Purpose::Put(_) => None,
+        };
+        let recording = std::path::absolute(&project.shot().recording.path).unwrap_or_default();
+        let is_demo = saving::same(&recording, Path::new(saving::DEMO));
+        let beside = recording.parent().filter(|_| !is_demo).map(Path::to_owned);
+        let last = self.habits.folder(purpose.of()).map(Path::to_owned);
+        // What belongs to a recording lies beside it; the demonstration's folder is the program's.
+        let folder = match purpose {
+            Purpose::Open => beside.or(last).or_else(|| recording.parent().map(Path::to_owned)),
+            _ => last.or(beside).or_else(std::env::home_dir),
+        };
+        let folder = folder.unwrap_or_default();
+        let at = own.unwrap_or_else(|| proposed.map_or_else(|| folder.clone(), |name| folder.join(name)));
+        let chooser = Chooser::new(title, seeks, &at);
+        let chooser = match purpose {
+            Purpose::OpenProfile => chooser.with("Locard's profiles", Path::new(saving::PROFILES)),
+            _ => chooser,
+        };
+        self.chooser = Some((purpose, chooser));
+    }
+
+    /// Asks for a profile for what is open.
+    pub fn choose_profile(&mut self, project: &Project) {
+        self.choose(project, Purpose::OpenProfile, "Open a profile", Seeks::File(&["toml"]), None);
+    }
+
+    pub(super) fn name_scene(&mut self, project: &Project) {
+        let seeks = Seeks::NewFile(&["toml"]);
+        self.choose(project, Purpose::SaveScene, "Save the scene as", seeks, Some("scene.toml"));
+    }
+
+    pub(super) fn name_profile(&mut self, project: &Project) {
+        let seeks = Seeks::NewFile(&["toml"]);
+        self.choose(project, Purpose::SaveProfile, "Save the profile as", seeks, Some("profile.toml"));
+    }
+
+    /// The menu of files.
+    pub fn menu(&mut self, ui: &mut egui::Ui, session: &mut Session) {
+        let project = &session.project;
+        let mut chosen = None;
+        ui.menu_button("File", |ui| {
+            let mut item = |ui: &mut egui::Ui, enabled: bool, text: &str| {
+                let clicked = ui.add_enabled(enabled, egui::Button::new(text)).clicked();
+                if clicked {
+                    ui.close();
+                    chosen = Some(text.to_owned());
+                }
+            };
+            item(ui, true, "Open a recording…");
+            item(ui, true, "Open a scene…");
+            item(ui, true, "Open a profile…");
+            ui.separator();
+            item(ui, !project.is_saved(), "Save");
+            item(ui, project.can_place(), "Save the scene as…");
+            item(ui, true, "Save the profile as…");
+            ui.separator();
+            item(ui, true, "Export and photograph…");
+            item(ui, true, "Copy as a command");
+            ui.separator();
+            item(ui, true, "Start page");
+            ui.menu_button("Light or dark", |ui| {
+                let mut theme = ui.ctx().options(|options| options.theme_preference);
+                for (one, name) in [
+                    (egui::ThemePreference::System, "as the system"),
+                    (egui::ThemePreference::Light, "light"),
+                    (egui::ThemePreference::Dark, "dark"),
+                ] {
+                    if ui.radio_value(&mut theme, one, name).clicked() {
+                        ui.ctx().set_theme(theme);
+                        ui.close();
+                    }
+                }
+            });
+        });
+        let project = &session.project;
+        match chosen.as_deref() {
+            Some("Open a recording…") => self.open(project),
+            Some("Open a scene…") => {
+                let seeks = Seeks::File(&["toml", "glb", "gltf"]);
+                self.choose(project, Purpose::OpenScene, "Open a scene", seeks, None);
+            }
+            Some("Open a profile…") => self.choose_profile(project),
+            Some("Save") => self.save(),
+            Some("Save the scene as…") => {
+                self.name_scene(project);
+            }
+            Some("Save the profile as…") => {
+                self.name_profile(project);
+            }
+            Some("Export and photograph…") => self.shows_output = true,
+            Some("Copy as a command") => copy_command(ui.ctx(), session),
+            Some("Start page") => self.shows_start = true,
+            _ => {}
+        }
+    }
+
+    pub(super) fn choosing(&mut self, ctx: &egui::Context, session: &mut Session) {
+        let Some((purpose, mut chooser)) = self.chooser.take() else { return };
+        match chooser.show(ctx) {
+            None => self.chooser = Some((purpose, chooser)),
+            Some(Chosen::Nothing) => {
+                // What was to be done after saving is not done.
+                (self.saving, self.then) = (None, None);
+            }
+            Some(Chosen::Path { path, replaces }) => self.chosen(ctx, purpose, path, replaces, session),
+        }
+    }
+
+    pub(super) fn chosen(
+        &mut self,
+        ctx: &egui::Context,
+        purpose: Purpose,
+        path: PathBuf,
+        replaces: bool,
+        session: &mut Session,
+    ) {
+        self.habits.used(purpose.of(), &path);
+        match purpose {
+            Purpose::Open => self.dropped(ctx, path, session),
+            Purpose::OpenProfile => self.open_profile(path, session),
+            Purpose::OpenScene => {
+                self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
+            }
+            Purpose::SaveProfile => {
+                // It was named.
+                self.shared.push(path.clone());
+                self.write(ctx, session, &Step::WriteProfile(path), true);
+            }
+            Purpose::SaveScene => self.write(ctx, session, &Step::WriteScene(path), true),
+            Purpose::Put(ask) => {
+                let name = path.display().to_string();
+                if self.jobs.is_none() {
+                    let wake = ctx.clone();
+                    self.jobs = Jobs::new(move || wake.request_repaint()).ok();
+                }
+                match &mut self.jobs {
+                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path, replaces)),
+                    None => session.wrong("no thread can be started that exports"),
+                }
+                self.shows_output = true;
+            }
+        }
+    }
+}
+
+fn copy_command(ctx: &egui::Context, session: &mut Session) {
+    let line = command::composite(&session.project, session.player.frame());
+    ctx.copy_text(line.text);
+    session.say(match line.before.is_empty() {
+        true => "The command is in the clipboard".to_owned(),
+        false => format!("The command is in the clipboard. {}", line.before.join(" ")),
+    });
+}
