@@ -94,6 +94,9 @@ impl Effect for ChromaticAberration {
         let refused = geometry.is_round() && *self != Self::default();
         if refused { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
+    fn idles(&self) -> &'static str {
+        "no colour is shifted; values other than 0 set it to work"
+    }
     fn is_neutral(&self, _: &Moment<'_>) -> bool {
         *self == Self::default()
     }

@@ -68,6 +68,10 @@ impl Effect for DepthOfField {
     fn summary(&self) -> &'static str {
         "blurs objects out of focus as the lens's opening does"
     }
+    fn idles(&self) -> &'static str {
+        "everything is in focus, as through a pinhole; an f-number or an opening of the camera's lens, or another focus \
+         distance, sets it to work"
+    }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
         circles_px(moment)[1] < SHARP_PX
     }

@@ -48,6 +48,9 @@ impl Effect for EdgeBlend {
     fn summary(&self) -> &'static str {
         "blends an object's edge pixels with their camera neighbours"
     }
+    fn idles(&self) -> &'static str {
+        "its impact is 0; a larger one sets it to work"
+    }
     fn is_neutral(&self, _: &Moment<'_>) -> bool {
         self.impact == 0.0
     }

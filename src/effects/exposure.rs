@@ -66,6 +66,9 @@ impl Effect for Exposure {
     fn summary(&self) -> &'static str {
         "makes objects brighter or darker by stops"
     }
+    fn idles(&self) -> &'static str {
+        "things are made neither brighter nor darker; stops other than 0, or a reference time, set it to work"
+    }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
         self.over_ev(&moment.recorded) == 0.0 && of_picture_ev(moment) == 0.0
     }

@@ -30,6 +30,9 @@ impl Effect for Halation {
     fn summary(&self) -> &'static str {
         "lets bright objects glow as film does"
     }
+    fn idles(&self) -> &'static str {
+        "its share is 0; a larger one sets it to work"
+    }
     fn is_neutral(&self, _: &Moment<'_>) -> bool {
         self.share == 0.0
     }

@@ -138,6 +138,10 @@ impl Effect for MotionBlur {
         }
         Ok(())
     }
+    fn idles(&self) -> &'static str {
+        "nothing moves by more than its shortest blur while the shutter is open; a longer exposure of the camera, a frame in \
+         which it moves, or a smaller shortest blur sets it to work"
+    }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
         moment.capture.exposure_time_s == 0.0 || Self::longest_px(moment) <= self.threshold_px
     }

@@ -120,6 +120,10 @@ impl Effect for Noise {
         }
         Ok(())
     }
+    fn idles(&self) -> &'static str {
+        "its scale is 0, or the camera's noise is not known; a larger scale, a profile with the camera's noise, or measuring \
+         it (the tab Calibrate) sets it to work"
+    }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
         self.scale == 0.0 || moment.camera.noise.is_none()
     }

@@ -29,6 +29,9 @@ impl Effect for PointSpread {
     fn summary(&self) -> &'static str {
         "makes objects as unsharp as lens and sensor are in focus"
     }
+    fn idles(&self) -> &'static str {
+        "its blur reaches no neighbouring pixel; a larger blur σ sets it to work"
+    }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
         // If it is any narrower, no tap reaches the neighbours.
         blur::reach_px(self.drawn_px(moment)) == 0

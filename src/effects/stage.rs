@@ -149,6 +149,8 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn summary(&self) -> &'static str;
     /// Whether it would change no pixel. If so, it does not run.
     fn is_neutral(&self, moment: &Moment<'_>) -> bool;
+    /// What is so where it is neutral, and what would set it to work: for a person, without a full stop.
+    fn idles(&self) -> &'static str;
     /// Whether the camera, with the frame's geometry, has what the parameters need. Called for every effect that is
     /// switched on, before anything is written, even if it may turn out neutral.
     fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {

@@ -110,6 +110,9 @@ impl Effect for Vignetting {
         let refused = geometry.is_round() && !self.is_off();
         if refused { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
+    fn idles(&self) -> &'static str {
+        "nothing of it is on; natural vignetting or one of its rims sets it to work"
+    }
     fn is_neutral(&self, _: &Moment<'_>) -> bool {
         self.is_off()
     }

@@ -157,9 +157,7 @@ impl Shot {
         if let Some(of_scene) = self.scene.metres_per_unit.filter(|of_scene| *of_scene != holds) {
             notes.push(Note::OtherUnit { of_scene, holds });
         }
-        if self.lacks_exposure() {
-            notes.push(Note::UnknownExposure { has_times: self.recording.kind.has_times() });
-        }
+        notes.extend(self.unknown_exposure());
         let camera = self.camera();
         if camera.noise.is_none() && !self.is_plain() {
             notes.push(Note::UnknownNoise);
@@ -167,6 +165,11 @@ impl Shot {
         notes.extend(self.settings.idle(&camera).into_iter().map(Note::Idle));
         notes.extend(self.overlap_notes());
         notes
+    }
+
+    /// Whether nothing says how long the frames were exposed, though it might matter.
+    pub fn unknown_exposure(&self) -> Option<Note> {
+        self.lacks_exposure().then(|| Note::UnknownExposure { has_times: self.recording.kind.has_times() })
     }
 
     /// Notes on objects that stand inside each other.
