@@ -7,6 +7,7 @@
 
 use crate::camera::Response;
 use crate::measure::Grey;
+use crate::measure::across::across;
 use crate::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use crate::pixels::{Pixels, Rect};
 use crate::words::fixed;
@@ -38,19 +39,58 @@ pub enum SharpnessError {
     Edge(#[from] EdgeError),
 }
 
+/// Of which light an edge is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Of {
+    /// The luminance, or, where that shows no edge, the channel that shows it best.
+    #[default]
+    Best,
+    /// Red, green or blue alone: 0 to 2.
+    Channel(usize),
+}
+
+impl Of {
+    fn weights(self) -> [f64; 3] {
+        match self {
+            Self::Best => LUMINANCE,
+            Self::Channel(channel) => [0, 1, 2].map(|c| f64::from(u8::from(c == channel))),
+        }
+    }
+}
+
+/// The light across a region, as [`across`](crate::measure::across::across) has it, a share of the camera's full scale: what
+/// an edge looks like that is refused.
+pub fn seen(picture: &Pixels, response: &Response, region: Rect, of: Of) -> Vec<[f64; 2]> {
+    let (light, _) = light_of(picture, response, region, of.weights());
+    light.map_or_else(Vec::new, |light| across(&light, Rect::full(light.width as u32, light.height as u32)))
+}
+
 /// Measures the edge that crosses a region of a picture. `moved_px`: its way while the shutter was open. Light is a share of
-/// the camera's full scale: the luminance, or, where that shows no edge, the channel that shows it best. Yellow before white
-/// is an edge of blue alone. Behind a mosaic of colour filters a channel is less sharp than the luminance.
+/// the camera's full scale. Yellow before white is an edge of blue alone. Behind a mosaic of colour filters a channel is less sharp than the luminance.
 pub fn edge(
     picture: &Pixels,
     response: &Response,
     region: Rect,
     moved_px: [f64; 2],
 ) -> Result<SlantedEdge, SharpnessError> {
-    let of = |light| edge_of(picture, response, region, moved_px, light);
-    of(LUMINANCE).or_else(|error| {
-        let channels = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].into_iter();
-        let best = channels.filter_map(|channel| of(channel).ok());
+    edge_in(picture, response, region, moved_px, Of::Best)
+}
+
+/// The same, of the light that is chosen.
+pub fn edge_in(
+    picture: &Pixels,
+    response: &Response,
+    region: Rect,
+    moved_px: [f64; 2],
+    of: Of,
+) -> Result<SlantedEdge, SharpnessError> {
+    let measured = |light| edge_of(picture, response, region, moved_px, light);
+    let found = measured(of.weights());
+    if of != Of::Best {
+        return found;
+    }
+    found.or_else(|error| {
+        let best = (0..3).filter_map(|channel| measured(Of::Channel(channel).weights()).ok());
         best.min_by(|a, b| a.uncertainty_px.total_cmp(&b.uncertainty_px)).ok_or(error)
     })
 }
@@ -64,19 +104,11 @@ fn edge_of(
     weights: [f64; 3],
 ) -> Result<SlantedEdge, SharpnessError> {
     let region = region.intersection(&Rect::full(picture.width, picture.height));
-    let (width, height) = (region.width() as usize, region.height() as usize);
-    let (light, full) = (response.table(picture.max_code()), picture.max_code());
-    let (mut values, mut clipped) = (Vec::with_capacity(width * height), 0usize);
-    for (y, x) in (region.y0..region.y1).flat_map(|y| (region.x0..region.x1).map(move |x| (y, x))) {
-        let codes = picture.at(x as u32, y as u32);
-        clipped += usize::from(codes.contains(&full));
-        values.push((0..3).map(|c| weights[c] * light[codes[c] as usize]).sum());
-    }
-    let percent = 100.0 * clipped as f64 / values.len().max(1) as f64;
+    let (seen, percent) = light_of(picture, response, region, weights);
     if percent > 100.0 * CLIPPED {
         return Err(SharpnessError::Clipped { percent });
     }
-    let Some(seen) = Grey::new(width, height, values) else {
+    let Some(seen) = seen else {
         return Err(EdgeError::Small { width: region.width(), height: region.height() }.into());
     };
     let mut found = slanted_edge(&seen, Rect::full(region.width(), region.height()), moved_px)?;
@@ -88,6 +120,21 @@ fn edge_of(
         *end = [end[0] + f64::from(region.x0), end[1] + f64::from(region.y0)];
     }
     Ok(found)
+}
+
+/// The light of a region, and how many percent of its pixels are clipped.
+fn light_of(picture: &Pixels, response: &Response, region: Rect, weights: [f64; 3]) -> (Option<Grey>, f64) {
+    let region = region.intersection(&Rect::full(picture.width, picture.height));
+    let (width, height) = (region.width() as usize, region.height() as usize);
+    let (light, full) = (response.table(picture.max_code()), picture.max_code());
+    let (mut values, mut clipped) = (Vec::with_capacity(width * height), 0usize);
+    for (y, x) in (region.y0..region.y1).flat_map(|y| (region.x0..region.x1).map(move |x| (y, x))) {
+        let codes = picture.at(x as u32, y as u32);
+        clipped += usize::from(codes.contains(&full));
+        values.push((0..3).map(|c| weights[c] * light[codes[c] as usize]).sum());
+    }
+    let percent = 100.0 * clipped as f64 / values.len().max(1) as f64;
+    (Grey::new(width, height, values).filter(|grey| !grey.values.is_empty()), percent)
 }
 
 /// What several edges say together.

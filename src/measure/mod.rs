@@ -2,6 +2,7 @@
 //!
 //! Uses plain slices and [`Pixels`]; nothing here knows how the pictures were made.
 
+pub mod across;
 pub mod displacement;
 pub mod edge;
 pub mod flip;
