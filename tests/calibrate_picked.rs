@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use locard::calibrate::sharpness::{SharpnessError, edge, together};
 use locard::calibrate::{Picked, PickedError, PickedNoise, Place, SceneMotion, Unfit, Warning, picked_noise};
 use locard::camera::{NoiseBin, NoiseProfile, Response};
+use locard::effects::blur;
 use locard::measure::Grey;
 use locard::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use locard::pixels::{Pixels, Rect};
@@ -382,4 +383,42 @@ fn an_edge_of_one_channel_is_an_edge() {
     let found = edge(&picture, &response, WHOLE, [0.0; 2]).unwrap();
     assert!((found.sigma_px - sigma_px).abs() < 0.03, "{found:?}");
     assert!((found.bright - found.dark - 0.5).abs() < 0.02, "{found:?}");
+}
+
+/// A step of light, slanted by degrees, summed over the pixels and blurred by the taps that `point_spread` has.
+fn drawn_edge(slant_deg: f64, sigma_px: f64) -> Grey {
+    const SIZE: (usize, usize) = (100, 80);
+    let (sin, cos) = slant_deg.to_radians().sin_cos();
+    let parts = (0..144).map(|k| [(k % 12) as f64 / 12.0 + 1.0 / 24.0, (k / 12) as f64 / 12.0 + 1.0 / 24.0]);
+    let light = |i: usize| {
+        let [x, y] = [(i % SIZE.0) as f64 - 50.0, (i / SIZE.0) as f64 - 40.0];
+        let bright = parts.clone().filter(|[a, b]| (x + a) * cos + (y + b) * sin > 0.0).count();
+        0.1 + 0.6 * bright as f64 / 144.0
+    };
+    let taps = blur::taps(sigma_px);
+    let blurred = |picture: &Grey, [dx, dy]: [i64; 2]| {
+        let at = |i: usize, k: i64| {
+            let (x, y) = ((i % SIZE.0) as i64, (i / SIZE.0) as i64);
+            taps[k.unsigned_abs() as usize] * picture.at(x + k * dx, y + k * dy)
+        };
+        let reach = taps.len() as i64 - 1;
+        let values = (0..SIZE.0 * SIZE.1).map(|i| (-reach..=reach).map(|k| at(i, k)).sum()).collect();
+        Grey::new(SIZE.0, SIZE.1, values).unwrap()
+    };
+    let sharp = Grey::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(light).collect()).unwrap();
+    blurred(&blurred(&sharp, [1, 0]), [0, 1])
+}
+
+/// What docs/calibration.md says of edges that the program draws: its taps have the variance that is set, but not the shape of
+/// the Gaussian that is fitted. The rest is what 144 points of a pixel's square lack.
+#[test]
+fn an_edge_that_is_drawn_measures_as_the_page_says() {
+    for (slant_deg, expected_px) in [(5.0, [0.42, 0.86, 1.93]), (20.0, [0.47, 0.90, 1.95]), (40.0, [0.52, 0.94, 1.97])]
+    {
+        for (set_px, expected_px) in [0.6, 1.0, 2.0].into_iter().zip(expected_px) {
+            let found = slanted_edge(&drawn_edge(slant_deg, set_px), Rect::new(20, 15, 80, 65), [0.0; 2]).unwrap();
+            let measured_px = found.sigma_px;
+            assert!((measured_px - expected_px).abs() <= 0.01, "{slant_deg}°, {set_px} px: {measured_px}");
+        }
+    }
 }

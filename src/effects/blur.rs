@@ -4,6 +4,9 @@
 //! (a sampled or integrated Gaussian misses σ below a pixel). They sum to 1, so that light is kept; less than 1e-4 is
 //! left out at the ends.
 //!
+//! Their excess kurtosis is 1/σ²: below some 2 px the middle is higher and the tails are longer than a Gaussian's. An edge to
+//! which a Gaussian is fitted then measures less than σ, at 1 px 0.86 to 0.94 (docs/calibration.md, Sharpness).
+//!
 //! A blur wider than [`WIDE_PX`] is made at half the resolution, recursively. Means of 2×2 pixels and linear
 //! interpolation between them add a variance of 1 px² (1/4 by a mean of two, 3/4 by interpolation between texels two
 //! pixels apart), which is subtracted from σ².
