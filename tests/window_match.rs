@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
-use locard::calibrate::sharpness::{edge, together};
+use locard::calibrate::sharpness::{Of, edge, edge_in, together};
 use locard::calibrate::{Place, SceneMotion, picked_noise};
 use locard::params::Value;
 use locard::pixels::{Pixels, Rect};
@@ -280,6 +280,30 @@ fn bad_places_say_why_and_the_good_ones_are_used() {
     assert_eq!(window.state().project().edit().rig.noise, Some(found.noise.unwrap().profile));
 }
 
+#[test]
+fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
+    let mut window = open();
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    window.get_by_label("Edges").click();
+    window.run_steps(20);
+    window.get_by_label("Pick a real edge").click();
+    window.run_steps(2);
+    drag(&mut window, WALL);
+    await_text(&mut window, "real: ");
+    await_text(&mut window, "As it is seen there");
+    assert!(window.query_by_role_and_label(Role::Image, "Refused edge").is_some());
+    // An edge again, and of red alone.
+    window.get_by_label("Pick a real edge").click();
+    window.run_steps(2);
+    drag(&mut window, EDGE);
+    await_no_text(&mut window, "As it is seen there");
+    let shot = window.state().project().shot().clone();
+    let red = edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], Of::Channel(0)).unwrap();
+    window.get_all_by_label("Red").last().unwrap().click();
+    await_text(&mut window, &format!("real: σ {:.3} ", red.sigma_px));
+}
+
 /// Until a button can be pressed.
 fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
     let begun = Instant::now();
@@ -314,7 +338,8 @@ fn plots_appear_and_only_those_that_are_open_are_computed() {
     // How bright objects and their surroundings are, by luma or by a channel.
     window.get_by_label("Brightness").click();
     window.run_steps(20);
-    window.get_by_label("Luma").click();
+    // The first ones are those of the brightness; edges have some, too.
+    window.get_all_by_label("Luma").next().unwrap().click();
     window.run_steps(2);
     assert!(window.query_by_role_and_label(Role::Image, "Brightness of object and surroundings").is_some());
     window.get_by_label("Brightness").click();

@@ -1,6 +1,6 @@
 //! `locard tune`: the window.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, anyhow};
@@ -31,6 +31,9 @@ pub fn run(args: Args) -> Result<()> {
     let started = Instant::now();
     let Args { recording, mut scene, profile, metres_per_unit, measure } = args;
     let is_demo = recording.is_none();
+    if is_demo && !measure && !Path::new(DEMO).exists() {
+        return opened(window::open(None, true, None));
+    }
     if is_demo {
         scene = scene.or_else(|| Some(DEMO_SCENE.into()));
     }
@@ -43,8 +46,11 @@ pub fn run(args: Args) -> Result<()> {
         project.profile = Some(path);
     }
     let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
-    window::open(project, is_demo, measure)
-        .map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
+    opened(window::open(Some(project), is_demo, measure))
+}
+
+fn opened(ended: Result<(), eframe::Error>) -> Result<()> {
+    ended.map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
 }
 
 /// What a person can do about it; the error names files of libraries.

@@ -63,6 +63,12 @@ const COMMAND_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
 
 /// Of one key the binding with more modifiers stands first: an additional Shift does not keep a key from working.
 const BINDINGS: &[Binding] = &[
+    bind(NONE, Key::G, Action::Begin(Begin::Move), "move what is selected; then X, Y, Z, numbers"),
+    bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn what is selected"),
+    bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale what is selected"),
+    bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "a second one of what is selected"),
+    bind(NONE, Key::H, Action::Hide, "hide what is selected, show it again"),
+    bind(NONE, Key::Delete, Action::Delete, "delete what is selected"),
     bind(ALT, Key::ArrowLeft, Action::Nudge(-1, 0), "move what is selected by a millimetre"),
     bind(ALT, Key::ArrowRight, Action::Nudge(1, 0), "move what is selected by a millimetre"),
     bind(ALT, Key::ArrowUp, Action::Nudge(0, 1), "move what is selected by a millimetre"),
@@ -96,13 +102,7 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::T, Action::Theme, "light or dark"),
     bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
     bind(NONE, Key::F1, Action::Keys, "these keys"),
-    bind(NONE, Key::G, Action::Begin(Begin::Move), "move what is selected; then X, Y, Z, numbers"),
-    bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn what is selected"),
-    bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale what is selected"),
-    bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "a second one of what is selected"),
-    bind(NONE, Key::H, Action::Hide, "hide what is selected, show it again"),
-    bind(NONE, Key::Delete, Action::Delete, "delete what is selected"),
-    bind(NONE, Key::Escape, Action::Leave, "end what was begun"),
+    bind(NONE, Key::Escape, Action::Leave, "end what was begun, or close what is open"),
 ];
 
 /// What is done by the pointer, or as long as a key is held.
@@ -112,29 +112,72 @@ const HELD: &[(&str, &str)] = &[
     ("Drag", "move the picture"),
 ];
 
-/// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count.
-pub fn pressed(ctx: &Context) -> Vec<Action> {
+/// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count. Esc is the
+/// field's in which `was_typing` somebody before it was pressed: it has lost the keyboard by it already.
+pub fn pressed(ctx: &Context, was_typing: bool) -> Vec<Action> {
     let typing = ctx.egui_wants_keyboard_input();
-    // Esc is the menu's that is open.
-    let in_menu = Popup::is_any_open(ctx);
+    // And the menu's that is open.
+    let in_menu = was_typing || Popup::is_any_open(ctx);
     let usable = BINDINGS.iter().filter(|binding| !typing || binding.modifiers.command);
     let usable = usable.filter(|binding| !in_menu || binding.key != Key::Escape);
     let times = |binding: &Binding| ctx.input_mut(|i| i.count_and_consume_key(binding.modifiers, binding.key));
     usable.flat_map(|binding| std::iter::repeat_n(binding.action, times(binding))).collect()
 }
 
-/// The page of keys: keys, and what they do.
-pub fn page() -> Vec<(String, &'static str)> {
-    let mut lines: Vec<(String, &'static str)> = Vec::new();
-    for Binding { modifiers, key, does, .. } in BINDINGS {
-        let key = named(*modifiers, *key);
-        match lines.last_mut() {
-            Some((keys, same)) if same == does => *keys = format!("{keys}, {key}"),
-            _ => lines.push((key, does)),
-        }
+/// A part of the page of keys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Time,
+    Picture,
+    Evidence,
+    Work,
+}
+
+/// The parts as they stand on the page, with their titles.
+const PARTS: [(Part, &str); 4] =
+    [(Part::Time, "Time"), (Part::Picture, "Picture"), (Part::Evidence, "Evidence"), (Part::Work, "Work")];
+
+fn part(action: Action) -> Part {
+    match action {
+        Action::Play | Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll => Part::Time,
+        Action::Wipe
+        | Action::Loupe
+        | Action::Compare
+        | Action::Exchange
+        | Action::Alone
+        | Action::Fit
+        | Action::OneToOne
+        | Action::Larger
+        | Action::Smaller => Part::Picture,
+        Action::Begin(_) | Action::Nudge(..) | Action::Delete | Action::Hide => Part::Evidence,
+        Action::Undo
+        | Action::Redo
+        | Action::Save
+        | Action::Open
+        | Action::Export
+        | Action::Theme
+        | Action::Keys
+        | Action::Leave => Part::Work,
     }
-    lines.extend(HELD.iter().map(|(key, does)| ((*key).to_owned(), *does)));
-    lines
+}
+
+/// The page of keys, by its parts: keys, and what they do.
+pub fn page() -> Vec<(&'static str, Vec<(String, &'static str)>)> {
+    let lines = |wanted: Part| {
+        let mut lines: Vec<(String, &'static str)> = Vec::new();
+        for Binding { modifiers, key, does, .. } in BINDINGS.iter().filter(|binding| part(binding.action) == wanted) {
+            let key = named(*modifiers, *key);
+            match lines.iter_mut().find(|(_, same)| same == does) {
+                Some((keys, _)) => *keys = format!("{keys}, {key}"),
+                None => lines.push((key, does)),
+            }
+        }
+        if wanted == Part::Picture {
+            lines.extend(HELD.iter().map(|(key, does)| ((*key).to_owned(), *does)));
+        }
+        lines
+    };
+    PARTS.into_iter().map(|(wanted, title)| (title, lines(wanted))).collect()
 }
 
 /// As it stands on a keyboard.
@@ -170,7 +213,8 @@ mod tests {
             assert!(hidden.is_none(), "{} never does: {}", named(binding.modifiers, binding.key), binding.does);
         }
         let page = page();
-        let keys = |does: &str| page.iter().find(|line| line.1 == does).unwrap().0.as_str();
+        let keys =
+            |does: &str| page.iter().flat_map(|(_, lines)| lines).find(|line| line.1 == does).unwrap().0.as_str();
         assert_eq!(
             (keys("ten frames back, on"), keys("do again")),
             ("Shift+Left, Shift+Right", "Ctrl+Shift+Z, Ctrl+Y")

@@ -4,8 +4,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::background::Ticket;
-use crate::calibrate::sharpness::{self, SharpnessError};
+use crate::calibrate::sharpness;
 use crate::calibrate::{NoiseOptions, NoisePoint, drawn_noise, moving};
+use crate::camera::Response;
 use crate::compositor::{Composited, Compositor, Target};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
@@ -32,11 +33,31 @@ pub struct Wanted {
     pub histograms: bool,
     /// Edges of the camera's picture and of the composite.
     pub edges: [Option<Rect>; 2],
+    pub edges_of: sharpness::Of,
+}
+
+/// An edge, or why it is none, and how the light goes there instead.
+#[derive(Clone, Debug)]
+pub struct Refused {
+    pub why: String,
+    pub seen: Vec<[f64; 2]>,
+}
+
+/// Measures an edge of a picture.
+pub fn edge(
+    pixels: &Pixels,
+    response: &Response,
+    region: Rect,
+    moved_px: [f64; 2],
+    of: sharpness::Of,
+) -> Result<SlantedEdge, Refused> {
+    let edge = sharpness::edge_in(pixels, response, region, moved_px, of);
+    edge.map_err(|error| Refused { why: error.to_string(), seen: sharpness::seen(pixels, response, region, of) })
 }
 
 impl Wanted {
     pub fn anything(&self) -> bool {
-        *self != Self::default()
+        self.noise || self.histograms || self.edges != [None; 2]
     }
 }
 
@@ -48,7 +69,7 @@ pub struct Analysis {
     pub real: Option<Result<[Vec<NoisePoint>; 3], String>>,
     /// Of the object and of what is around it, by luma and by the channels.
     pub histograms: Option<Result<[[Vec<f64>; 4]; 2], String>>,
-    pub edges: [Option<Result<SlantedEdge, String>>; 2],
+    pub edges: [Option<Result<SlantedEdge, Refused>>; 2],
 }
 
 /// The compositor that is kept between two analyses, with its scene.
@@ -69,12 +90,9 @@ pub fn moved_px(shot: &Shot, frame: &Frame, region: Rect) -> [f64; 2] {
 pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wanted, ticket: &Ticket) -> Analysis {
     let mut found = Analysis::default();
     let response = shot.camera().response;
-    let of_edge = |pixels: &Pixels, region: Rect, moved: [f64; 2]| {
-        let edge: Result<SlantedEdge, SharpnessError> = sharpness::edge(pixels, &response, region, moved);
-        edge.map_err(|error| error.to_string())
-    };
     // The camera's and the drawn edge are compared as they are seen: with the movement in both.
-    found.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region, [0.0; 2]));
+    let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], wanted.edges_of);
+    found.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
     if wanted.noise && !ticket.is_cancelled() {
         let options = NoiseOptions { min_independent: NEEDED, ..NoiseOptions::default() };
         let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
@@ -91,7 +109,7 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
             let error = error.to_string();
             found.drawn = wanted.noise.then(|| Err(error.clone()));
             found.histograms = wanted.histograms.then(|| Err(error.clone()));
-            found.edges[1] = wanted.edges[1].map(|_| Err(error));
+            found.edges[1] = wanted.edges[1].map(|_| Err(Refused { why: error, seen: Vec::new() }));
         }
         Ok(Some((with, without))) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();
@@ -107,7 +125,7 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
                 let both = of(&objects).and_then(|object| Ok([object, of(&surroundings)?]));
                 both.map_err(|error| error.to_string())
             });
-            found.edges[1] = wanted.edges[1].map(|region| of_edge(&with.pixels, region, [0.0; 2]));
+            found.edges[1] = wanted.edges[1].map(|region| of_edge(&with.pixels, region));
         }
     }
     found

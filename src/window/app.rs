@@ -8,8 +8,10 @@ use std::path::Path;
 
 use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
+use glam::DVec2;
 
 use super::actions;
+use super::autosave::Left;
 use super::errand::let_go;
 use super::evidence::Evidence;
 use super::fit;
@@ -22,8 +24,10 @@ use super::picture::View;
 use super::placed::Placed;
 use super::player::Player;
 use super::project::Project;
+use super::recent::At;
 use super::session::Session;
 use super::side::{Side, fixed};
+use super::theme;
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
 use crate::scene::Entry;
@@ -43,15 +47,21 @@ pub struct App {
     placed: Option<Placed>,
     measure: Option<Measure>,
     held: Held,
+    /// Something had the keyboard when the last frame of the window ended.
+    was_typing: bool,
 }
 
 impl App {
-    /// Takes the window's device. What does not change is painted once ([`painter`](super::painter)).
+    /// Takes the window's device.
     pub fn new(context: &eframe::CreationContext<'_>, project: Project) -> Result<Self, String> {
-        let window = context.wgpu_render_state.as_ref().ok_or("the window has no device that Locard can draw with")?;
-        let window = painter::install(&context.egui_ctx, window);
+        theme::install(&context.egui_ctx);
+        Self::begin(&context.egui_ctx, painter::of_window(context)?, project)
+    }
+
+    /// In a window that has its painter already.
+    pub fn begin(ctx: &egui::Context, window: RenderState, project: Project) -> Result<Self, String> {
         Ok(Self {
-            session: Session::new(window.clone(), &context.egui_ctx, project)?,
+            session: Session::new(window.clone(), ctx, project)?,
             view: View::default(),
             side: Side::default(),
             evidence: Evidence::default(),
@@ -64,6 +74,7 @@ impl App {
             placed: None,
             measure: None,
             held: Held::default(),
+            was_typing: false,
         })
     }
 
@@ -75,6 +86,20 @@ impl App {
     /// Keeps work in a folder of the user's, and offers what a crash has left there.
     pub fn keep_in(&mut self, folder: &Path) {
         self.keeper.keep_in(folder, &mut self.session);
+    }
+
+    /// Goes on where one was, with the work that was left there.
+    pub fn go_on(&mut self, at: At, left: Option<Left>) {
+        self.session.player.seek(at.frame);
+        self.view.look_at(at.zoom, at.centre);
+        if let Some(left) = left {
+            self.keeper.take_up(left);
+        }
+    }
+
+    /// Where one is.
+    fn at(&self) -> At {
+        At { frame: self.session.player.frame(), zoom: self.view.zoom, centre: self.view.centre.into() }
     }
 
     /// Shows the page that says what can be opened.
@@ -116,6 +141,11 @@ impl App {
         self.evidence.selected
     }
 
+    /// The outline of what the next click would place, px of the picture, while something is placed.
+    pub fn previewed(&self) -> Option<&[Vec<DVec2>]> {
+        self.evidence.previewed()
+    }
+
     /// Where a place of the picture, px, is on the screen.
     pub fn on_screen(&self, at_px: egui::Vec2) -> Option<egui::Pos2> {
         self.placed.map(|placed| placed.screen(at_px))
@@ -152,14 +182,15 @@ impl App {
 
     /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
     fn keep(&mut self, ctx: &egui::Context) {
-        let Some(Turn { project, frame }) = self.keeper.work(ctx, &mut self.session) else { return };
+        let Some(Turn { project, at }) = self.keeper.work(ctx, &mut self.session) else { return };
+        self.keeper.leaves(&self.session.project, self.at());
         match Session::new(self.window.clone(), ctx, project) {
             Ok(session) => {
                 // Its threads end when what they decode and draw is done.
                 let_go(std::mem::replace(&mut self.session, session));
-                self.session.player.seek(frame);
                 (self.view, self.evidence, self.hand) = Default::default();
                 (self.handles, self.side) = Default::default();
+                self.go_on(at, None);
                 self.keeper.turned(&self.session);
             }
             Err(why) => self.session.wrong(why),
@@ -172,19 +203,14 @@ impl App {
             .resizable(false)
             .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
             .show(ctx, |ui| {
-                let height = ctx.content_rect().height() - 120.0;
-                egui::ScrollArea::vertical().max_height(height.max(100.0)).show(ui, |ui| {
-                    egui::Grid::new("keys").num_columns(2).spacing([16.0, 6.0]).show(ui, |ui| {
-                        for (key, does) in actions::page() {
-                            ui.strong(key);
-                            ui.label(does);
-                            ui.end_row();
-                        }
-                    });
-                });
+                let height = (ctx.content_rect().height() - 80.0).max(100.0);
+                let area = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
+                area.show(ui, keys);
             });
         let mut chosen = None;
-        egui::Window::new("History").open(&mut self.shows_history).default_width(240.0).show(ctx, |ui| {
+        // Below the bar, beside the evidence.
+        let history = egui::Window::new("History").default_pos([212.0, 48.0]).default_width(240.0);
+        history.open(&mut self.shows_history).show(ctx, |ui| {
             egui::ScrollArea::vertical().max_height(360.0).stick_to_bottom(true).show(ui, |ui| {
                 let (names, at) = self.session.project.history().names();
                 for (step, name) in names.enumerate() {
@@ -202,7 +228,29 @@ impl App {
     }
 }
 
+/// The page of keys, in two columns.
+fn keys(ui: &mut Ui) {
+    ui.columns_const(|[left, right]: &mut [Ui; 2]| {
+        for (n, (title, lines)) in actions::page().into_iter().enumerate() {
+            let ui = if n % 2 == 0 { &mut *left } else { &mut *right };
+            ui.strong(title);
+            egui::Grid::new(title).num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
+                for (key, does) in lines {
+                    ui.label(key);
+                    ui.label(does);
+                    ui.end_row();
+                }
+            });
+            ui.add_space(8.0);
+        }
+    });
+}
+
 impl eframe::App for App {
+    fn on_exit(&mut self) {
+        self.keeper.leaves(&self.session.project, self.at());
+    }
+
     fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
         visuals.panel_fill.to_normalized_gamma_f32()
     }
@@ -240,5 +288,6 @@ impl eframe::App for App {
         self.windows(&ctx);
         self.keep(&ctx);
         self.session.make(&ctx);
+        self.was_typing = ctx.egui_wants_keyboard_input();
     }
 }

@@ -1,5 +1,5 @@
-//! Work that is not saved yet, kept beside the user's files every few seconds: what a crash leaves is offered at the next
-//! start.
+//! Work that is not saved yet, kept beside the user's files as soon as an edit is over: what a crash leaves is offered at the
+//! next start.
 //!
 //! Each window writes a file of its own, and holds a lock on another one beside it for as long as it lives. The system
 //! releases that lock however the program ends, so work whose lock is free was left behind.
@@ -14,10 +14,13 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 
 use super::project::Edit;
+use super::recent::{At, Opened};
 use crate::sink::atomic::write_atomically;
 use crate::source::file::{self, MOST_LISTING};
 
-/// What is changed is written no later than this, and no more often.
+/// What is changed is written once nothing more has changed for so long.
+const QUIET: Duration = Duration::from_millis(250);
+/// And while it goes on changing, as often as this.
 const EVERY: Duration = Duration::from_secs(2);
 const DAY: Duration = Duration::from_secs(86_400);
 /// Of this form.
@@ -145,6 +148,14 @@ impl Left {
         found
     }
 
+    /// What is to be opened to take it up.
+    pub fn opened(&self) -> Opened {
+        let Work { recording, scene, profile, metres_per_unit, frame, .. } = &*self.work;
+        let (recording, scene, profile) = (recording.clone(), scene.clone(), profile.clone());
+        let at = At { frame: *frame, ..At::default() };
+        Opened { recording, scene, profile, metres_per_unit: *metres_per_unit, at }
+    }
+
     /// Nobody wants it.
     pub fn throw_away(self) {
         self.place.remove();
@@ -164,6 +175,14 @@ fn remove_old_locks(folder: &Path) {
     }
 }
 
+/// A change that is still to be written: its version, when it was seen, and since when there is one.
+#[derive(Clone, Copy, Debug)]
+struct Unwritten {
+    version: u64,
+    seen: Instant,
+    since: Instant,
+}
+
 enum Order {
     Write(PathBuf, Box<Work>),
     Remove(PathBuf),
@@ -176,8 +195,9 @@ pub struct Autosave {
     orders: Option<Sender<Order>>,
     problems: Receiver<String>,
     thread: Option<JoinHandle<()>>,
-    /// The version of the project that was given to be written last, and when.
-    written: Option<(u64, Instant)>,
+    /// The version of the project that was given to be written last.
+    written: Option<u64>,
+    unwritten: Option<Unwritten>,
     leaves: bool,
 }
 
@@ -204,32 +224,42 @@ impl Autosave {
                 }
             }
         })?;
-        Ok(Self { place, orders: Some(orders), problems, thread: Some(thread), written: None, leaves: false })
+        Ok(Self {
+            place,
+            orders: Some(orders),
+            problems,
+            thread: Some(thread),
+            written: None,
+            unwritten: None,
+            leaves: false,
+        })
     }
 
     /// Goes on with what was left, in its place: it is not lost before the next change is written.
     pub fn take_up(&mut self, left: Left) {
         let own = std::mem::replace(&mut self.place, left.place);
         own.remove();
-        self.written = None;
+        (self.written, self.unwritten) = (None, None);
     }
 
     /// Has the work written, if it has changed and it is time. `version` tells changes apart; `work` is `None` where
     /// nothing would be lost. Gives how long the next change has to wait, and what went wrong.
     pub fn keep(&mut self, version: u64, now: Instant, work: impl FnOnce() -> Option<Work>) -> Kept {
         let problem = self.problems.try_iter().last();
-        let Some((last, at)) = self.written else {
-            // What was opened is no change.
-            self.written = Some((version, now.checked_sub(EVERY).unwrap_or(now)));
-            return Kept { wait: None, problem };
-        };
-        if last == version {
+        // What was opened is no change.
+        if *self.written.get_or_insert(version) == version {
+            self.unwritten = None;
             return Kept { wait: None, problem };
         }
-        let since = now.saturating_duration_since(at);
-        if since < EVERY {
-            return Kept { wait: Some(EVERY - since), problem };
+        let begun = self.unwritten.map_or(now, |unwritten| unwritten.since);
+        let same = self.unwritten.filter(|unwritten| unwritten.version == version);
+        let unwritten = same.unwrap_or(Unwritten { version, seen: now, since: begun });
+        let due = (unwritten.seen + QUIET).min(unwritten.since + EVERY);
+        if now < due {
+            self.unwritten = Some(unwritten);
+            return Kept { wait: Some(due - now), problem };
         }
+        self.unwritten = None;
         let path = self.place.work.clone();
         let order = match work() {
             Some(work) => Order::Write(path, Box::new(work)),
@@ -237,7 +267,7 @@ impl Autosave {
         };
         let is_sent = self.orders.as_ref().is_some_and(|orders| orders.send(order).is_ok());
         let ended = || "Your work is not kept for a crash: the thread that writes it has ended".to_owned();
-        self.written = Some((version, now));
+        self.written = Some(version);
         Kept { wait: None, problem: problem.or_else(|| (!is_sent).then(ended)) }
     }
 
@@ -302,7 +332,8 @@ mod tests {
             let mut autosave = Autosave::begin(&folder).unwrap();
             let now = Instant::now();
             autosave.keep(0, now, || None);
-            autosave.keep(1, now + EVERY, || Some(work(7)));
+            autosave.keep(1, now, || unreachable!());
+            autosave.keep(1, now + QUIET, || Some(work(7)));
             panic!("the window breaks off");
         });
         assert!(broken.is_err());
@@ -314,17 +345,23 @@ mod tests {
     fn what_is_left_is_found_once_and_an_orderly_end_leaves_nothing() {
         let temp = tempfile::tempdir().unwrap();
         let begun = Instant::now();
-        let at = |s: u64| begun + Duration::from_secs(s);
+        let at = |ms: u64| begun + Duration::from_millis(ms);
         let mut first = Autosave::begin(temp.path()).unwrap();
         let mut other = Autosave::begin(temp.path()).unwrap();
-        // What was opened is not written, a change is at once, the next one after a while.
+        // What was opened is not written, a change is as soon as nothing more changes.
         assert_eq!(first.keep(7, at(0), || unreachable!()), Kept::default());
-        assert_eq!(first.keep(8, at(0), || Some(work(8))), Kept::default());
-        assert_eq!(first.keep(8, at(1), || unreachable!()), Kept::default());
-        assert_eq!(first.keep(9, at(1), || unreachable!()).wait, Some(Duration::from_secs(1)));
-        first.keep(9, at(2), || Some(work(9)));
+        assert_eq!(first.keep(8, at(100), || unreachable!()).wait, Some(QUIET));
+        assert_eq!(first.keep(8, at(300), || unreachable!()).wait, Some(Duration::from_millis(50)));
+        assert_eq!(first.keep(8, at(350), || Some(work(8))), Kept::default());
+        assert_eq!(first.keep(8, at(900), || unreachable!()), Kept::default());
+        // What goes on changing is written every two seconds.
+        for n in 0..20 {
+            assert!(first.keep(100 + n, at(1000 + 100 * n), || unreachable!()).wait.is_some(), "{n}");
+        }
+        first.keep(120, at(3000), || Some(work(9)));
         other.keep(1, at(0), || None);
-        other.keep(2, at(0), || Some(work(2)));
+        other.keep(2, at(0), || unreachable!());
+        other.keep(2, at(250), || Some(work(2)));
         first.finish_writing();
         other.finish_writing();
         // Both live.
@@ -345,7 +382,8 @@ mod tests {
         let mut next = Autosave::begin(temp.path()).unwrap();
         next.take_up(left);
         next.keep(1, at(0), || unreachable!());
-        next.keep(2, at(9), || None);
+        next.keep(2, at(9), || unreachable!());
+        next.keep(2, at(9000), || None);
         next.finish_writing();
         drop((next, other));
         assert_eq!(names(temp.path()), 0);

@@ -3,6 +3,7 @@
 //!
 //! It is the program's own: a system's dialog needs a portal or a toolkit that a bare Linux desktop lacks.
 
+mod about;
 mod listed;
 
 use std::path::{Path, PathBuf};
@@ -11,7 +12,8 @@ use std::sync::mpsc::{Receiver, channel};
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Key, Ui};
 
-use self::listed::{Entry, Listing, listed};
+use self::about::About;
+use self::listed::{Entry, Listing};
 use crate::photo::series_there;
 use crate::recording::Recording;
 use crate::words::reason;
@@ -45,6 +47,7 @@ pub struct Chooser {
     /// It was typed, and leaves in the list what holds it.
     is_typed: bool,
     listed: Option<Listing>,
+    about: About,
     /// The folder that is being listed.
     listing: Option<(PathBuf, Receiver<Listing>)>,
     /// A file that is there, for which it has been asked whether it may be replaced.
@@ -69,8 +72,22 @@ impl Chooser {
         let name = file.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let title = title.to_owned();
         let (listed, listing, replaces, told) = (None, None, None, None);
+        let about = About::default();
         let places = std::env::home_dir().map(|home| ("Home", home)).into_iter().collect();
-        Self { title, seeks, folder, name, is_typed: false, listed, listing, replaces, told, wants_keys: true, places }
+        Self {
+            title,
+            seeks,
+            folder,
+            name,
+            is_typed: false,
+            listed,
+            about,
+            listing,
+            replaces,
+            told,
+            wants_keys: true,
+            places,
+        }
     }
 
     /// Offers another folder to begin in, if it is there.
@@ -124,21 +141,22 @@ impl Chooser {
         if let Some(listing) = self.listing.as_ref().and_then(|(_, listing)| listing.try_recv().ok()) {
             (self.listed, self.listing) = (Some(listing), None);
         }
-        let is_listed = self.listed.as_ref().is_some_and(|(listed, _)| *listed == folder);
+        let is_listed = self.listed.as_ref().is_some_and(|listing| listing.folder == folder);
         if is_listed || self.listing.as_ref().is_some_and(|(listing, _)| *listing == folder) {
             return;
         }
         let (send, receive) = channel();
         let (wanted, seeks, wake) = (folder.clone(), self.seeks, ctx.clone());
         let begun = std::thread::Builder::new().name("chooser".to_owned()).spawn(move || {
-            let listed = listed(&wanted, seeks);
             // The dialog may be closed.
-            let _ = send.send((wanted, listed));
+            let _ = send.send(Listing::of(wanted, seeks));
             wake.request_repaint();
         });
         match begun {
             Ok(_) => self.listing = Some((folder, receive)),
-            Err(error) => self.listed = Some((folder, Err(reason(&error)))),
+            Err(error) => {
+                self.listed = Some(Listing { folder, is_recording: false, entries: Err(reason(&error)) });
+            }
         }
     }
 
@@ -202,12 +220,14 @@ impl Chooser {
         let area = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false);
         let (folder, part) = self.looks_in();
         let entries = match &self.listed {
-            Some((listed, Ok(entries))) if *listed == folder => {
+            Some(Listing { folder: listed, entries: Ok(entries), .. }) if *listed == folder => {
                 entries.iter().filter(|entry| entry.name.to_lowercase().contains(&part)).cloned().collect::<Vec<_>>()
             }
             other => {
                 let text = match other {
-                    Some((listed, Err(why))) if *listed == folder => format!("{}: {why}", folder.display()),
+                    Some(Listing { folder: listed, entries: Err(why), .. }) if *listed == folder => {
+                        format!("{}: {why}", folder.display())
+                    }
                     _ => "Listing…".to_owned(),
                 };
                 area.show(ui, |ui| ui.weak(text));
@@ -249,8 +269,17 @@ impl Chooser {
 
     fn foot(&mut self, ui: &mut Ui) -> Option<Chosen> {
         let mut chosen = None;
-        if let Some(told) = &self.told {
-            ui.label(told);
+        let recording = self.recording();
+        match (&self.told, &recording) {
+            (Some(told), _) => _ = ui.label(told),
+            (None, Some(path)) => {
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                _ = ui.label(format!("{name}: {}", self.about.of(ui.ctx(), path)));
+            }
+            (None, None) if self.seeks == Seeks::Recording => {
+                _ = ui.weak("A click selects a recording; a double click or Enter opens it.");
+            }
+            (None, None) => {}
         }
         ui.horizontal(|ui| {
             let hint = if self.seeks.is_new() { "Name, or a path" } else { "Part of a name, or a path" };
@@ -269,7 +298,11 @@ impl Chooser {
                 (self.told, self.is_typed) = (None, true);
             }
             let entered = response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
-            let does = if self.seeks.is_new() { "Save here" } else { "Open" };
+            let does = match () {
+                () if self.seeks.is_new() => "Save here",
+                () if recording.is_some() => "Open recording",
+                () => "Open",
+            };
             if (ui.button(does).clicked() || entered) && chosen.is_none() {
                 chosen = self.enter();
                 self.wants_keys = chosen.is_none();
@@ -280,6 +313,14 @@ impl Chooser {
             }
         });
         chosen
+    }
+
+    /// The recording that would be opened.
+    fn recording(&self) -> Option<PathBuf> {
+        let typed = self.name.trim();
+        let name = if typed.is_empty() { String::new() } else { self.meant(typed).file_name()?.to_str()?.to_owned() };
+        let (folder, _) = self.looks_in();
+        self.listed.as_ref().filter(|listing| listing.folder == folder)?.recording(&name)
     }
 
     /// What is typed, or the only thing that is left of the list by it.
@@ -302,8 +343,8 @@ impl Chooser {
         }
         let (folder, part) = self.looks_in();
         let part = if self.is_typed { part } else { typed.to_lowercase() };
-        let listed = self.listed.iter().filter(|(listed, _)| *listed == folder);
-        let entries = listed.flat_map(|(_, entries)| entries.iter().flatten());
+        let listed = self.listed.iter().filter(|listing| listing.folder == folder);
+        let entries = listed.flat_map(|listing| listing.entries.iter().flatten());
         let mut like = entries.filter(|entry| entry.name.to_lowercase().contains(&part));
         match (like.next().map(|entry| folder.join(&entry.name)), like.next()) {
             (Some(only), None) => self.take(only),
@@ -394,7 +435,7 @@ mod tests {
         let mut type_in = |text: &str| {
             (open.name, open.is_typed) = (text.to_owned(), true);
             let (folder, _) = open.looks_in();
-            open.listed = Some((folder.clone(), listed(&folder, open.seeks)));
+            open.listed = Some(Listing::of(folder, open.seeks));
             (open.enter(), open.folder.clone())
         };
         let (here, within) = (temp.path().to_owned(), temp.path().join("in"));

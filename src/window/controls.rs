@@ -4,10 +4,13 @@ use eframe::egui::containers::menu::MenuButton;
 use eframe::egui::{self, Color32, RichText, Ui};
 
 use super::Project;
+use super::fields::{rounded, short, typed};
 use super::project::{Origin, tables};
+use super::slider::{self, Rail, meant};
 use crate::camera::stops::{self, Step, Stop};
 use crate::params::{Kind, Spec, Value, title};
-use crate::words::number;
+use crate::shot::Note;
+use crate::words::without_options;
 
 /// What is looked for, and which groups are open.
 #[derive(Clone, Debug, Default)]
@@ -18,10 +21,18 @@ pub struct Controls {
 }
 
 /// What a person asked for.
-enum Asked {
-    Set(Value),
-    /// The drag is over.
-    Done,
+#[derive(Clone, Debug)]
+struct Asked {
+    to: Option<Value>,
+    /// The drag is over, or what was typed is whole: the next change is a step of its own.
+    is_done: bool,
+}
+
+impl Asked {
+    /// At one go.
+    fn set(value: Value) -> Self {
+        Self { to: Some(value), is_done: true }
+    }
 }
 
 impl Controls {
@@ -99,9 +110,12 @@ impl Controls {
                         project.switch(table, on);
                     }
                     if on && is_idle {
-                        ui.label(RichText::new("idle").weak().small()).on_hover_text(
-                            "At these settings, and those before it, it changes nothing in the picture that is shown",
-                        );
+                        let why = project.edit().settings.effects().find(|effect| effect.table() == table);
+                        let why = why.map_or("", |effect| effect.idles());
+                        ui.label(RichText::new("idle").weak().small()).on_hover_text(format!(
+                            "It changes nothing in the picture that is shown: {why}. Where no thing is in view, no effect has \
+                             anything to do."
+                        ));
                     }
                 } else {
                     let heading = egui::Label::new(RichText::new(&title).strong()).sense(egui::Sense::click());
@@ -112,13 +126,18 @@ impl Controls {
                 if let Some(summary) = summary {
                     ui.label(RichText::new(summary).weak().small());
                 }
+                let unknown = project.shot().unknown_exposure().filter(|_| table == BLURS);
+                if let Some(note) = unknown {
+                    unknown_exposure(ui, &note);
+                }
                 for (spec, value, origin) in specs {
-                    match control(ui, table, &spec, &value, origin, project.opened(table, spec.name)) {
-                        Some(Asked::Set(value)) => {
-                            refused = project.set(table, spec.name, &value).err().map(|error| error.to_string());
-                        }
-                        Some(Asked::Done) => project.close_step(),
-                        None => {}
+                    let asked = control(ui, table, &spec, &value, origin, project.opened(table, spec.name));
+                    let Some(Asked { to, is_done }) = asked else { continue };
+                    if let Some(value) = to {
+                        refused = project.set(table, spec.name, &value).err().map(|error| error.to_string());
+                    }
+                    if is_done {
+                        project.close_step();
                     }
                 }
             });
@@ -128,6 +147,15 @@ impl Controls {
         }
         Some(refused)
     }
+}
+
+/// What the exposure time matters to most.
+const BLURS: &str = "motion_blur";
+
+/// Says that a time is taken that nobody gave.
+pub fn unknown_exposure(ui: &mut Ui, note: &Note) {
+    let text = format!("Exposure not known: {}.", without_options(&note.to_string()));
+    ui.label(RichText::new(text).small().color(ui.visuals().warn_fg_color));
 }
 
 /// Every table, in the order of the light; an effect's with what it does.
@@ -170,17 +198,17 @@ fn control(
         let label = label.inner;
         let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, opened.as_ref()));
         if label.double_clicked() {
-            asked = Some(Asked::Set(spec.default.clone()));
+            asked = Some(Asked::set(spec.default.clone()));
         }
         label.context_menu(|ui| {
             if ui.button(format!("Default: {}", spec.default)).clicked() {
-                asked = Some(Asked::Set(spec.default.clone()));
+                asked = Some(Asked::set(spec.default.clone()));
                 ui.close();
             }
             if let Some(opened) = opened.filter(|opened| *opened != spec.default)
                 && ui.button(format!("As opened: {opened}")).clicked()
             {
-                asked = Some(Asked::Set(opened));
+                asked = Some(Asked::set(opened));
                 ui.close();
             }
         });
@@ -192,7 +220,7 @@ fn control(
                 egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{called} is given"))
             });
             if given_box.changed() {
-                asked = Some(Asked::Set(if given { first_value(&full, &spec.kind) } else { Value::None }));
+                asked = Some(Asked::set(if given { first_value(&full, &spec.kind) } else { Value::None }));
             }
             if !given {
                 ui.weak("not given");
@@ -211,7 +239,7 @@ fn control(
         if let (Some(dial), Value::Number(now)) = (dial, value)
             && let Some(stop) = dial.show(ui, &called, *now)
         {
-            asked = Some(Asked::Set(Value::Number(stop)));
+            asked = Some(Asked::set(Value::Number(stop)));
         }
     });
     asked
@@ -281,7 +309,7 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value) -> Option<As
         (Kind::Bool, Value::Bool(on)) => {
             let response = ui.checkbox(on, "");
             response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, *on, called));
-            response.changed().then_some(Asked::Set(Value::Bool(*on)))
+            response.changed().then_some(Asked::set(Value::Bool(*on)))
         }
         (Kind::Choice(names), Value::Text(chosen)) => {
             let before = chosen.clone();
@@ -293,7 +321,7 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value) -> Option<As
             });
             let info = || egui::WidgetInfo::labeled(egui::Role::ComboBox, true, called);
             response.response.widget_info(info);
-            (*chosen != before).then(|| Asked::Set(Value::Text(chosen.clone())))
+            (*chosen != before).then(|| Asked::set(Value::Text(chosen.clone())))
         }
         (Kind::Number { min, max }, Value::Number(n)) => numeric(ui, called, spec, n, [*min, *max], false),
         (Kind::Integer { min, max }, Value::Number(n)) => numeric(ui, called, spec, n, [*min, *max], true),
@@ -306,61 +334,23 @@ const WIDEST_SLIDER: f64 = 1e4;
 
 fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 2], whole: bool) -> Option<Asked> {
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
-    let parse = |text: &str| parse_number(text);
+    let rail = Rail { min, max, by_ratio: spec.by_ratio, whole };
     let response = if max - min <= WIDEST_SLIDER || spec.by_ratio {
-        let mut slider = egui::Slider::new(n, min..=max)
-            .logarithmic(spec.by_ratio)
-            .smart_aim(false)
-            .suffix(unit)
-            .custom_parser(parse)
-            .custom_formatter(|n, _| short(n))
-            .update_while_editing(false);
-        if whole {
-            slider = slider.integer();
-        } else if spec.by_ratio && min <= 0.0 {
-            slider = slider.smallest_positive(1e-5);
-        }
-        ui.add(slider)
+        slider::show(ui, called, n, rail, &unit)
     } else {
         let speed = if whole { 1.0 } else { (0.002 * n.abs()).max(1e-4) };
-        let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(parse);
-        ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false))
+        let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
+        let response = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false));
+        response.widget_info(|| egui::WidgetInfo::slider(true, *n, called));
+        response
     };
-    let info = || egui::WidgetInfo::slider(true, *n, called);
-    response.widget_info(info);
     if response.double_clicked() {
-        return Some(Asked::Set(spec.default.clone()));
+        return Some(Asked::set(spec.default.clone()));
     }
-    if response.changed() {
-        // A slider gives more digits than anybody means.
-        let given = if whole { n.round() } else { rounded(*n) };
-        return Some(Asked::Set(Value::Number(given.clamp(min, max))));
-    }
-    (response.drag_stopped() || response.lost_focus()).then_some(Asked::Done)
-}
-
-/// To five significant digits.
-fn rounded(n: f64) -> f64 {
-    format!("{n:.4e}").parse().unwrap_or(n)
-}
-
-fn short(n: f64) -> String {
-    number(rounded(n))
-}
-
-/// A number as a person types it: a decimal comma is understood, and so is a fraction, as of a shutter time.
-pub fn parse_number(text: &str) -> Option<f64> {
-    let plain = |text: &str| {
-        let text = text.trim().trim_end_matches(|c: char| c.is_alphabetic() || c.is_whitespace() || c == '/');
-        let text = if text.contains('.') { text.replace(',', "") } else { text.replace(',', ".") };
-        text.parse::<f64>().ok().filter(|n| n.is_finite())
-    };
-    match text.split_once('/') {
-        Some((above, below)) if below.trim().starts_with(|c: char| c.is_ascii_digit()) => {
-            Some(plain(above)? / plain(below)?).filter(|n| n.is_finite())
-        }
-        _ => plain(text),
-    }
+    let to = response.changed().then(|| Value::Number(meant(*n, rail)));
+    // The last change and the end of a drag come together.
+    let is_done = response.drag_stopped() || response.lost_focus();
+    (to.is_some() || is_done).then_some(Asked { to, is_done })
 }
 
 /// A dot for what the person has set, a ring for what a file says.
@@ -394,29 +384,4 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, opened: Option<&Valu
     }
     ui.weak("Double-click: default. Click the number to type one.");
     ui.weak(format!("In files and for --set: {full}"));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_read_as_people_type_them() {
-        for (text, number) in [
-            ("1.5", Some(1.5)),
-            ("1,5", Some(1.5)),
-            (" 0,016 s", Some(0.016)),
-            ("1/60", Some(1.0 / 60.0)),
-            ("1/60 s", Some(1.0 / 60.0)),
-            ("1,000.5", Some(1000.5)),
-            ("-3e-4", Some(-3e-4)),
-            ("80 1/s", None),
-            ("1/0", None),
-            ("", None),
-            ("soft", None),
-        ] {
-            assert_eq!(parse_number(text), number, "{text}");
-        }
-        assert_eq!((short(0.1 + 0.2), short(1234567.0)), ("0.3".to_owned(), "1234600".to_owned()));
-    }
 }

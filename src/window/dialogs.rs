@@ -136,23 +136,32 @@ pub fn opening(ctx: &Context, what: &Path) {
     });
 }
 
-/// A message, all of it, to be read and copied. Gives whether it is closed.
+/// A message, all of it, to be read and copied. Nothing waits for it: what is clicked beside it counts, and closes it. Gives
+/// whether it is closed.
 pub fn message(ctx: &Context, text: &str) -> bool {
-    let mut closed = false;
-    let modal = egui::Modal::new(egui::Id::unique("message")).show(ctx, |ui| {
-        ui.set_width(520.0);
-        egui::ScrollArea::vertical().max_height(300.0).show(ui, |ui| {
-            ui.add(egui::Label::new(text).wrap().selectable(true));
+    let (mut closed, mut is_open) = (false, true);
+    let window = egui::Window::new("Message")
+        .open(&mut is_open)
+        .collapsible(false)
+        .resizable(false)
+        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .show(ctx, |ui| {
+            ui.set_width(520.0_f32.min(ctx.content_rect().width() - 48.0));
+            egui::ScrollArea::vertical().max_height(300.0).show(ui, |ui| {
+                ui.add(egui::Label::new(text).wrap().selectable(true));
+            });
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                if ui.button("Copy").clicked() {
+                    ui.ctx().copy_text(text.to_owned());
+                }
+                closed = ui.button("Close").clicked();
+            });
         });
-        ui.add_space(8.0);
-        ui.horizontal(|ui| {
-            if ui.button("Copy").clicked() {
-                ui.ctx().copy_text(text.to_owned());
-            }
-            closed = ui.button("Close").clicked();
-        });
-    });
-    closed || modal.should_close()
+    let rect = window.map(|window| window.response.rect);
+    let is_beside = |at: egui::Pos2| rect.is_some_and(|rect| !rect.contains(at));
+    let beside = ctx.input(|i| i.pointer.any_pressed() && i.pointer.interact_pos().is_some_and(is_beside));
+    closed || !is_open || beside
 }
 
 /// What is chosen on the start page.
@@ -163,49 +172,61 @@ pub enum Start {
     Leave,
 }
 
-/// The page of a start without a recording: the demonstration is behind it.
-pub fn start(ctx: &Context, recent: &[Opened]) -> Option<Start> {
-    let mut chosen = None;
-    let mut is_open = true;
-    egui::Window::new("Welcome")
-        .open(&mut is_open)
-        .collapsible(false)
-        .resizable(false)
-        .default_pos([250.0, 90.0])
-        .default_width(420.0)
-        .show(ctx, |ui| {
-            ui.label("This is the demonstration. Move a slider, drag the picture, press ? for the keys.");
-            ui.add_space(6.0);
-            ui.horizontal(|ui| {
-                if ui.button("Open a recording…").clicked() {
-                    chosen = Some(Start::Open);
-                }
-                if ui.button("Stay with the demonstration").clicked() {
-                    chosen = Some(Start::Leave);
-                }
-            });
-            ui.add_space(6.0);
-            ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
-            if recent.is_empty() {
-                return;
-            }
-            ui.separator();
-            ui.strong("Opened lately");
-            egui::ScrollArea::vertical().max_height(240.0).show(ui, |ui| {
-                for opened in recent {
-                    let name = opened.recording.file_name().unwrap_or(opened.recording.as_os_str()).to_string_lossy();
-                    let of =
-                        opened.scene.as_ref().and_then(|scene| scene.file_name()).map(|scene| scene.to_string_lossy());
-                    let text = of.map_or_else(|| name.to_string(), |scene| format!("{name}   {scene}"));
-                    let there = opened.recording.exists();
-                    let button = ui.add_enabled(there, egui::Button::selectable(false, text));
-                    let button = button.on_hover_text(opened.recording.display().to_string());
-                    if button.on_disabled_hover_text("It is no longer there").clicked() {
-                        chosen = Some(Start::Recent(opened.clone()));
-                    }
-                }
-            });
+/// The page of a start without a recording. The demonstration is behind it, or lacking: then it says where it was looked for.
+pub fn start<'a>(
+    ctx: &Context,
+    recent: impl Iterator<Item = (&'a Opened, bool)>,
+    lacking: Option<&Path>,
+) -> Option<Start> {
+    let (mut chosen, mut is_open) = (None, true);
+    let page = egui::Window::new("Welcome").collapsible(false).resizable(false).default_width(420.0);
+    let page = match lacking {
+        Some(_) => page.anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO),
+        None => page.open(&mut is_open).default_pos([250.0, 90.0]),
+    };
+    page.show(ctx, |ui| {
+        ui.label(match lacking {
+            None => "This is the demonstration. Move a slider, drag the picture, press ? for the keys.",
+            Some(_) => "Open a recording: the frames of a camera with its poses.",
         });
+        ui.add_space(6.0);
+        ui.horizontal(|ui| {
+            if ui.button("Open a recording…").clicked() {
+                chosen = Some(Start::Open);
+            }
+            if lacking.is_none() && ui.button("Stay with the demonstration").clicked() {
+                chosen = Some(Start::Leave);
+            }
+        });
+        ui.add_space(6.0);
+        ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
+        if let Some(place) = lacking {
+            let text = format!(
+                "There is no demonstration at {}: it lies in the program's folder, and is shown where the program is started \
+                 there.",
+                place.display()
+            );
+            ui.add(egui::Label::new(RichText::new(text).weak()).wrap());
+        }
+        let mut recent = recent.peekable();
+        if recent.peek().is_none() {
+            return;
+        }
+        ui.separator();
+        ui.strong("Opened lately");
+        egui::ScrollArea::vertical().max_height(240.0).show(ui, |ui| {
+            for (opened, is_there) in recent {
+                let name = opened.recording.file_name().unwrap_or(opened.recording.as_os_str()).to_string_lossy();
+                let of = opened.scene.as_ref().and_then(|scene| scene.file_name()).map(|scene| scene.to_string_lossy());
+                let text = of.map_or_else(|| name.to_string(), |scene| format!("{name}   {scene}"));
+                let button = ui.add_enabled(is_there, egui::Button::selectable(false, text));
+                let button = button.on_hover_text(opened.recording.display().to_string());
+                if button.on_disabled_hover_text("It is no longer there").clicked() {
+                    chosen = Some(Start::Recent(opened.clone()));
+                }
+            }
+        });
+    });
     chosen.or((!is_open).then_some(Start::Leave))
 }
 

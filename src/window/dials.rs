@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use eframe::egui::{self, RichText, Ui};
 
-use super::controls::parse_number;
+use super::fields::{parse_number, typed};
 use crate::camera::Film;
 use crate::camera::stops::{self, Step, Stop, StopError};
 use crate::photo::{Bracket, Focus, Wanted};
@@ -54,7 +54,7 @@ impl Dials {
                 .speed(0.05)
                 .suffix(" EV")
                 .update_while_editing(false);
-            ui.add(drag.custom_parser(parse_number))
+            ui.add(drag.custom_parser(typed(ui.ctx())))
                 .widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Compensation"));
             ui.end_row();
             ui.label("Series");

@@ -7,15 +7,19 @@ use eframe::egui::{self, RichText, Ui};
 use glam::{DVec2, DVec3};
 
 use super::Project;
-use super::fields::numeric;
+use super::fields::{is_taken_back, numeric};
 use super::finder::Click;
 use super::ground::Ground;
+use super::handles::{Ghost, Would};
 use super::library::{Library, name};
 use super::list;
+use super::picture::Seen;
 use super::wrongs::Wrongs;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::scene::{Entry, Posture, SceneFile, Size, Stance, lay, relative};
+use crate::scene::document::PlacedModel;
+use crate::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, lay, relative};
+use crate::shot::Shot;
 
 /// What is being done with the evidence.
 #[derive(Default)]
@@ -27,6 +31,7 @@ pub struct Evidence {
     wrongs: Wrongs,
     /// The model that the next click places.
     placing: Option<PathBuf>,
+    ghost: Ghost,
     lies_flat: bool,
     /// From facing whoever looks.
     turned_deg: f64,
@@ -50,8 +55,14 @@ impl Evidence {
         self.placing.is_some()
     }
 
+    /// Whether something was begun that Esc ends.
+    pub fn is_busy(&self) -> bool {
+        self.is_placing() || self.ground.is_busy()
+    }
+
     pub fn cancel(&mut self) {
         self.placing = None;
+        self.ghost.rest();
         self.ground.cancel();
     }
 
@@ -132,6 +143,13 @@ impl Evidence {
         let salt = ("name", entry.object, entry.instance);
         let field = ui.add(egui::TextEdit::singleline(&mut name).id_salt(salt).desired_width(180.0));
         field.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Name"));
+        if let Some(renaming) = &renaming
+            && field.lost_focus()
+            && is_taken_back(ui.ctx())
+        {
+            project.take_back(&renamed(&renaming.before));
+            return None;
+        }
         let is_renamed = field.changed();
         let title = renaming.filter(|_| is_renamed || field.has_focus()).map_or(title, |renaming| renaming.before);
         egui::Grid::new("stance").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {
@@ -153,11 +171,11 @@ impl Evidence {
         }
         let mut wrong = None;
         if is_renamed || changed != stance {
-            let verb = match () {
-                () if is_renamed => "renamed",
-                () if moved => "moved",
-                () if changed.heading_deg != stance.heading_deg => "turned",
-                () => "scaled",
+            let what = match () {
+                () if is_renamed => renamed(&title),
+                () if moved => format!("{title}: moved"),
+                () if changed.heading_deg != stance.heading_deg => format!("{title}: turned"),
+                () => format!("{title}: scaled"),
             };
             let change = |scene: &mut SceneFile| {
                 scene.put(entry, &changed);
@@ -165,7 +183,7 @@ impl Evidence {
                     scene.rename(entry, &name);
                 }
             };
-            wrong = project.change_scene(&format!("{title}: {verb}"), change).err().map(|e| e.to_string());
+            wrong = project.change_scene(&what, change).err().map(|e| e.to_string());
         }
         if field.has_focus() {
             let given = project.edit().scene.title(entry);
@@ -234,15 +252,41 @@ impl Evidence {
             Click::Again(_) => return Ok(()),
         };
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
-        let (file, up): (PathBuf, DVec3) = (project.scene_path(), project.up());
-        let model = relative(model, &file);
-        let heading = project.shot().facing(frame.index, support.point_m, up, self.turned_deg);
-        let placed = lay(&model, &file, &support, posture, heading, up).map_err(|e| e.to_string())?;
+        let laying = Laying { model: model.clone(), posture, turned_deg: self.turned_deg, up: project.up() };
+        let placed = laying.lay(project.shot(), frame.index, &support, &project.scene_path());
+        let placed = placed.map_err(|e| e.to_string())?;
         let what = format!("{}: placed", placed.title());
         project.change_scene(&what, |scene| scene.objects.push(placed)).map_err(|e| e.to_string())?;
         project.close_step();
         self.selected = Some(Entry { object: project.edit().scene.objects.len() - 1, instance: None });
         Ok(())
+    }
+
+    /// Shows where the next click would put what is being placed.
+    pub fn preview(&mut self, seen: &Seen, project: &Project, frame: &Arc<Frame>) {
+        let (Some(model), Some(at)) = (self.placing.clone(), seen.pointed) else { return };
+        let (at_px, file) = (DVec2::new(at.x.into(), at.y.into()), project.scene_path());
+        let (lies_flat, turned_deg) = (self.lies_flat, self.turned_deg);
+        let would = Would {
+            model: model.clone(),
+            frame: frame.index,
+            at_px,
+            lies_flat,
+            turned_deg,
+            version: project.version(),
+        };
+        let posture = if lies_flat { Posture::Flat } else { Posture::Upright };
+        let laying = Laying { model, posture, turned_deg, up: project.up() };
+        let (finder, of_scene) = (self.ground.finder.clone(), file.clone());
+        self.ghost.show(seen, would, project.shot(), frame, file, move |shot, frame| {
+            let support = finder.look(shot, frame, at_px)?;
+            laying.lay(shot, frame.index, &support, &of_scene).ok()
+        });
+    }
+
+    /// Where it was shown last that the next click would put something: closed polygons, px of the picture.
+    pub fn previewed(&self) -> Option<&[Vec<DVec2>]> {
+        self.ghost.border().map(Vec::as_slice)
     }
 
     /// A file that was dropped into the window: the next click places it.
@@ -259,9 +303,31 @@ impl Evidence {
     }
 }
 
+/// How a model is put onto a surface.
+struct Laying {
+    model: PathBuf,
+    posture: Posture,
+    /// From facing whoever looks.
+    turned_deg: f64,
+    up: DVec3,
+}
+
+impl Laying {
+    /// As the scene file has it then.
+    fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
+        let heading = shot.facing(frame, support.point_m, self.up, self.turned_deg);
+        lay(&relative(&self.model, file), file, support, self.posture, heading, self.up)
+    }
+}
+
 /// Whether a thing of that name is usually stood up.
 fn stands(model: &Path) -> bool {
     name(model).to_lowercase().contains("marker")
+}
+
+/// What the history calls a new name.
+fn renamed(before: &str) -> String {
+    format!("{before}: renamed")
 }
 
 /// A number with its label; whether a change of it has ended.

@@ -40,6 +40,18 @@ impl Finder {
         self.first.is_some()
     }
 
+    /// What a click would find, where one click is enough.
+    pub fn look(&self, shot: &Shot, frame: &Frame, at_px: DVec2) -> Option<Support> {
+        match (self.first, self.plane) {
+            (Some(_), _) => None,
+            (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.numbers()).ok(),
+            (None, None) => {
+                let surface = shot.surface_at(frame, at_px).ok()?;
+                Some(Support { point_m: surface.point_m, normal: surface.normal_in_world })
+            }
+        }
+    }
+
     /// Takes a click in a frame.
     pub fn click(&mut self, shot: &Shot, up: DVec3, frame: &Frame, at_px: DVec2) -> Result<Click, String> {
         self.told = None;

@@ -51,6 +51,11 @@ impl Ground {
         self.task.is_some_and(|task| self.points_m.len() < task.points())
     }
 
+    /// Whether a plane, a scale or a point is half found.
+    pub fn is_busy(&self) -> bool {
+        self.task.is_some() || self.finder.is_between()
+    }
+
     pub fn cancel(&mut self) {
         self.finder.cancel();
         (self.task, self.points_m) = (None, Vec::new());

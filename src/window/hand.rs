@@ -3,6 +3,7 @@
 use eframe::egui::{self, Align2, Color32, Key, Stroke, Ui, vec2};
 use glam::DVec2;
 
+use super::fields::is_taken_back;
 use super::picture::{Seen, plate};
 use crate::pixels::Rect;
 
@@ -97,7 +98,8 @@ impl Hand {
             if !asking.question.repeats {
                 self.asking = None;
             }
-        } else if seen.response.ctx.input(|i| i.key_pressed(Key::Escape)) {
+        } else if seen.response.ctx.input(|i| i.key_pressed(Key::Escape)) && !is_taken_back(&seen.response.ctx) {
+            // That one was not a field's.
             self.asking = None;
         }
     }

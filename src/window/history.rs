@@ -69,6 +69,17 @@ impl<T: Clone + PartialEq> History<T> {
         self.is_open = true;
     }
 
+    /// Takes the step away that is still open, if it has that name: it is as if it had not been begun. `false` without one.
+    pub fn take_back(&mut self, what: &str) -> bool {
+        let is_it = self.is_open && self.at > 0 && self.at + 1 == self.steps.len() && self.steps[self.at].0 == what;
+        if is_it {
+            self.steps.pop();
+            self.at -= 1;
+            self.is_open = false;
+        }
+        is_it
+    }
+
     /// Changes every step alike, where it is not the person's doing.
     pub fn each(&mut self, change: impl Fn(&mut T)) {
         self.steps.iter_mut().map(|(_, value)| value).chain(&mut self.tried).for_each(change);
@@ -142,6 +153,21 @@ mod tests {
         history.change("other", 9);
         assert!(!history.can_redo());
         assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "other"]);
+    }
+
+    #[test]
+    fn a_step_that_is_taken_back_was_never_begun() {
+        let mut history = History::new(0);
+        history.change("one", 1);
+        history.close();
+        assert!(!history.take_back("one") && *history.now() == 1, "it is closed");
+        history.change("two", 2);
+        history.change("two", 3);
+        assert!(!history.take_back("one") && history.take_back("two") && !history.take_back("two"));
+        assert_eq!((*history.now(), history.names().0.collect::<Vec<_>>()), (1, vec!["opened", "one"]));
+        history.change("one", 4);
+        assert_eq!(history.undo(), Some("one"), "what was before stays closed");
+        assert_eq!(*history.now(), 1);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use super::kind::Kind;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
 use super::project::{Project, SaveError, Written};
-use super::recent::{Opened, Recent};
+use super::recent::{At, Opened, Recent};
 use super::restart;
 use super::saving::Saved;
 use super::session::Session;
@@ -58,7 +58,7 @@ enum Then {
 #[derive(Debug)]
 pub struct Turn {
     pub project: Project,
-    pub frame: usize,
+    pub at: At,
 }
 
 /// How long after the start work is looked for that was left behind, and how often.
@@ -134,6 +134,26 @@ impl Keeper {
         }
         self.look = Some(Look { folder: work, begun: Instant::now(), last: None });
         self.opened(session);
+    }
+
+    /// What is open is left, or the window ends: it opens again where one was.
+    pub fn leaves(&mut self, project: &Project, at: At) {
+        self.recent.add(Opened { at, ..Opened::of(project) });
+    }
+
+    /// Goes on with work that was left, in its place.
+    pub fn take_up(&mut self, left: Left) {
+        match &mut self.autosave {
+            Some(autosave) => autosave.take_up(left),
+            None => drop(left),
+        }
+    }
+
+    /// Closes what can be closed without an answer. `false` where nothing is open.
+    pub fn close_windows(&mut self) -> bool {
+        let was_open = self.shows_output || self.shows_start || self.message.is_some();
+        (self.shows_output, self.shows_start, self.message) = (false, false, None);
+        was_open
     }
 
     /// A recording is open: from now on its files are watched.
@@ -313,7 +333,7 @@ impl Keeper {
         let asks =
             self.chooser.is_some() || self.asks_whether.is_some() || self.then.is_some() || self.opening.is_some();
         let asks = asks || self.asks_first.is_some();
-        asks || !self.left.is_empty() || self.message.is_some()
+        asks || !self.left.is_empty()
     }
 
     /// The window closes, whatever is not saved.

@@ -87,7 +87,11 @@ impl Library {
         let models = self.models.clone();
         // Whole rows.
         let row = SHOWN + ui.text_style_height(&egui::TextStyle::Small) + 10.0 + GAP;
-        egui::ScrollArea::vertical().max_height(4.0 * row - GAP).show(ui, |ui| {
+        // As many whole rows as the window has room for: a row that is cut would lose its names.
+        let room = ui.ctx().content_rect().bottom() - ui.cursor().top() - 16.0;
+        let rows = (room / row).floor().clamp(1.0, 4.0);
+        let area = egui::ScrollArea::vertical().max_height(rows * row - GAP).min_scrolled_height(rows * row - GAP);
+        area.show(ui, |ui| {
             egui::Grid::new("library").spacing([GAP, GAP]).show(ui, |ui| {
                 for (n, model) in models.iter().enumerate() {
                     if self.entry(ui, gpu, model) {

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use eframe::egui::{self, RichText, Ui};
 use glam::DVec2;
 
-use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Wanted, analyse};
+use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Refused, Wanted, analyse};
 use super::background::{Background, Ticket};
+use super::controls::unknown_exposure;
 use super::hand::{self, Hand, Purpose, Question};
 use super::picture::{Seen, plate};
 use super::plots::{self, Axes, Of};
@@ -15,7 +16,7 @@ use super::pointer::Pointed;
 use super::progress;
 use super::session::Session;
 use super::times;
-use crate::calibrate::{NoisePoint, over_profile};
+use crate::calibrate::{NoisePoint, over_profile, sharpness};
 use crate::camera::NoiseProfile;
 use crate::measure::slanted::{FEWEST_PX, SlantedEdge};
 use crate::pixels::{Pixels, Rect};
@@ -31,8 +32,9 @@ pub struct Matching {
     channel: usize,
     /// What histograms are of: luma, or one of the channels.
     of: usize,
-    /// Edges of the camera's picture and of the composite.
+    /// Edges of the camera's picture and of the composite, and of which light: luma, or one of the channels.
     edges: [Option<Rect>; 2],
+    edges_of: usize,
     patch: Option<Rect>,
     analysis: Background<(usize, u64, Wanted), Analysis>,
     bench: Bench,
@@ -45,6 +47,7 @@ impl Default for Matching {
             channel: 1,
             of: 0,
             edges: [None; 2],
+            edges_of: 0,
             patch: None,
             analysis: Background::default(),
             bench: Bench::default(),
@@ -96,6 +99,7 @@ impl Matching {
             let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
             if section(ui, "Edges", false, good, |ui| self.edges(ui, hand)) {
                 wanted.edges = self.edges;
+                wanted.edges_of = light(self.edges_of);
             }
             let good = "Good: real edges near the pointer look as long and as soft as this says.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
@@ -183,6 +187,9 @@ impl Matching {
         for why in parts.filter_map(|part| part.as_ref()?.as_ref().err()) {
             ui.label(RichText::new(why).small().weak());
         }
+        if analysis.is_some_and(|a| matches!(&a.real, Some(Err(_)))) {
+            ui.label(RichText::new(NO_PLAIN_PLACE).small());
+        }
         if analysis.is_some_and(|a| matches!(&a.drawn, Some(Ok(points)) if points[c].is_empty())) {
             ui.label(RichText::new("Nothing virtual is large enough in this frame.").small().weak());
         }
@@ -224,11 +231,14 @@ impl Matching {
     fn edges(&mut self, ui: &mut Ui, hand: &mut Hand) {
         ui.horizontal(|ui| {
             let edge = |purpose, hint| Question { purpose, hint, least_px: FEWEST_PX, repeats: false };
-            let hint = "Drag a rectangle that one straight edge crosses from side to side";
+            let hint = GOOD_EDGE;
             hand.button(ui, "Pick a real edge", edge(Purpose::RealEdge, hint));
-            let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side";
+            let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side, between two plain parts";
             hand.button(ui, "Pick a virtual edge", edge(Purpose::VirtualEdge, hint));
         });
+        if self.edges != [None; 2] {
+            ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.edges_of));
+        }
         let found = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
         let colors = [Of::Real, Of::Virtual].map(|of| of.color(ui));
         let axes = Axes {
@@ -251,7 +261,10 @@ impl Matching {
         for (found, (of, name)) in found.iter().zip([(Of::Real, "real"), (Of::Virtual, "virtual")]) {
             match found {
                 Some(Ok(edge)) => plots::legend(ui, &[(of, &format!("{name}: {}", width_of(edge)))]),
-                Some(Err(why)) => _ = ui.label(RichText::new(format!("{name}: {why}")).small()),
+                Some(Err(Refused { why, seen })) => {
+                    ui.label(RichText::new(format!("{name}: {why}")).small());
+                    refused(ui, name, seen);
+                }
                 None => {}
             }
         }
@@ -293,6 +306,41 @@ pub fn width_of(edge: &SlantedEdge) -> String {
     format!("σ {} ± {} px{rise}", fixed(edge.sigma_px, 3), fixed(edge.uncertainty_px, 3))
 }
 
+/// What to do where a frame has no plain places.
+const NO_PLAIN_PLACE: &str = "This frame shows too little that is plain to tell the camera's noise. Go to a frame with a wall, a \
+                              table or paper in it, or pick plain places yourself: the tab Calibrate measures them, and \
+                              their dots are shown here as rings.";
+
+/// What a good edge is, while one is dragged.
+pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: plain on both sides, some 20 px each, \
+                             nothing else in it";
+
+/// Of which light edges are, by the buttons for luma and the channels.
+pub fn light(chosen: usize) -> sharpness::Of {
+    chosen.checked_sub(1).map_or(sharpness::Of::Best, sharpness::Of::Channel)
+}
+
+/// How the light goes where an edge was refused.
+pub fn refused(ui: &mut Ui, name: &str, seen: &[[f64; 2]]) {
+    if seen.is_empty() {
+        return;
+    }
+    let (color, seen) = (Of::Real.color(ui), seen.iter().map(|[d, light]| [*d, 100.0 * light]).collect());
+    let axes = Axes {
+        name: "Refused edge",
+        x: "distance from the middle, px",
+        y: "% of full light",
+        x_range: None,
+        y_from: Some(0.0),
+    };
+    ui.push_id(("refused", name), |ui| {
+        plots::show(ui, &axes, move |plot| plot.line(plots::line("as it is seen", seen, color)));
+        ui.label(
+            RichText::new("As it is seen there: one step between two level parts is what can be measured.").small(),
+        );
+    });
+}
+
 /// What was measured as dots, the fit as a line.
 pub fn draw_edge(plot: &mut egui_plot::PlotUi<'_>, name: &str, edge: &SlantedEdge, color: egui::Color32) {
     let share = |light: f64| 100.0 * (light - edge.dark) / (edge.bright - edge.dark);
@@ -316,7 +364,12 @@ fn blur(ui: &mut Ui, session: &Session, pointed: Option<DVec2>) {
     };
     let Some(frame) = session.frame() else { return };
     match Pointed::at(session.project.shot(), frame, at) {
-        Ok(pointed) => pointed.show(ui),
+        Ok(pointed) => {
+            pointed.show(ui);
+            if let Some(note) = session.project.shot().unknown_exposure() {
+                unknown_exposure(ui, &note);
+            }
+        }
         Err(why) => _ = ui.label(RichText::new(why).small()),
     }
 }

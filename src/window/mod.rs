@@ -8,14 +8,14 @@
 //!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
 //!   with its verdict. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
-//!   `progress`: how far it is. `fields`: numbers to drag and to type.
-//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `actions`: what keys do. `picture` with its `loupe`, `controls`,
+//!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
+//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
-//!   `opening`, `watch`, `recent`, `habits`); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
+//!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
 //!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
@@ -69,7 +69,10 @@ mod restart;
 mod saving;
 mod session;
 mod side;
+mod slider;
+mod start;
 mod state;
+mod theme;
 mod thumbnails;
 mod timeline;
 mod times;
@@ -93,12 +96,13 @@ pub use picture::View;
 pub use player::{Pace, Player};
 pub use project::{Draft, Edit, Origin, Other, Project, SaveError, Written};
 pub use saving::{DEMO, DEMO_SCENE};
+pub use start::Start;
 
 use crate::gpu::Gpu;
 
-/// Opens the window and waits until it is closed. `start`: with the page that says what can be opened. With a [`Measure`]
-/// it works by itself, and keeps nothing.
-pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(), eframe::Error> {
+/// Opens the window and waits until it is closed. `start`: with the page that says what can be opened, and with nothing else
+/// where there is no project. With a [`Measure`] it works by itself, and keeps nothing.
+pub fn open(project: Option<Project>, start: bool, measure: Option<Measure>) -> Result<(), eframe::Error> {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.device_descriptor = Arc::new(Gpu::wanted);
     let size = egui::vec2(1280.0, 800.0);
@@ -122,6 +126,9 @@ pub fn open(project: Project, start: bool, measure: Option<Measure>) -> Result<(
             if let Some(state) = context.wgpu_render_state.clone() {
                 let _ = of_window.set(state);
             }
+            let Some(project) = project else {
+                return Ok(Box::new(Start::new(context, state::folder().as_deref())?));
+            };
             let mut app = App::new(context, project)?;
             if let Some(measure) = measure {
                 return Ok(Box::new(app.measured(measure)));

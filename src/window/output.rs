@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use eframe::egui::{self, RichText, Ui};
 
-use super::controls::parse_number;
 use super::dials::Dials;
+use super::fields::typed;
 use super::jobs::{Jobs, State, Task, left};
 use super::progress;
 use crate::export::Export;
@@ -124,7 +124,8 @@ impl Output {
             ui.horizontal(|ui| {
                 for (at, name) in self.given.iter_mut().zip(["first frame", "last frame"]) {
                     ui.label(name);
-                    let drag = egui::DragValue::new(at).range(0..=last).speed(0.2).custom_parser(parse_number);
+                    let drag = egui::DragValue::new(at).range(0..=last).speed(0.2).update_while_editing(false);
+                    let drag = drag.custom_parser(typed(ui.ctx()));
                     ui.add(drag).widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, name));
                 }
             });

@@ -7,6 +7,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use eframe::CreationContext;
 use eframe::egui::epaint::{ClippedShape, Shape};
 use eframe::egui::mutex::RwLock;
 use eframe::egui::{Context, CornerRadius, FullOutput, PaintCallbackInfo, Rect, TextureId, TexturesDelta, pos2};
@@ -18,8 +19,15 @@ use super::canvas::fullscreen;
 use super::changes::{Areas, changes, extent};
 use crate::gpu::Shader;
 
-/// Takes over the painting of a window: its textures and callbacks belong to the renderer of the state that comes back.
-pub fn install(ctx: &Context, window: &RenderState) -> RenderState {
+/// Takes over the painting of a window that is being opened. It has to be there before egui's first frame, with which the
+/// letters come.
+pub fn of_window(context: &CreationContext<'_>) -> Result<RenderState, String> {
+    let window = context.wgpu_render_state.as_ref().ok_or("the window has no device that Locard can draw with")?;
+    Ok(install(&context.egui_ctx, window))
+}
+
+/// Its textures and callbacks belong to the renderer of the state that comes back.
+fn install(ctx: &Context, window: &RenderState) -> RenderState {
     let kept = Kept::new(window);
     let window = kept.window.clone();
     ctx.add_plugin(Painter(Arc::new(Mutex::new(kept))));

@@ -62,6 +62,14 @@ impl View {
         self.centre = (share - (at - panel.center()) / now).clamp(Vec2::ZERO, Vec2::splat(1.0));
     }
 
+    /// At that zoom, with that place of the picture in the middle, as a share of its size.
+    pub fn look_at(&mut self, zoom: Option<f32>, centre: [f32; 2]) {
+        self.zoom = zoom.map(|zoom| zoom.clamp(LEAST_ZOOM, MOST_ZOOM));
+        if zoom.is_some() {
+            self.centre = Vec2::from(centre).clamp(Vec2::ZERO, Vec2::splat(1.0));
+        }
+    }
+
     fn pan(&mut self, by: Vec2, size: Vec2, scale: f32) {
         self.centre = (self.centre - by / (size * scale)).clamp(Vec2::ZERO, Vec2::splat(1.0));
     }
@@ -94,7 +102,8 @@ impl Seen {
 
 /// Writes on a dark plate, to be read on whatever the picture shows.
 pub fn plate(painter: &Painter, at: Pos2, align: egui::Align2, text: &str, size: f32) {
-    let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(size), Color32::WHITE);
+    let room = (painter.clip_rect().width() - 2.0 * size).max(60.0);
+    let galley = painter.layout(text.to_owned(), egui::FontId::proportional(size), Color32::WHITE, room);
     let rect = align.anchor_size(at, galley.size());
     painter.rect_filled(rect.expand2(vec2(0.5 * size, 0.25 * size)), 4.0, Color32::from_black_alpha(180));
     painter.galley(rect.min, galley, Color32::WHITE);

@@ -184,6 +184,15 @@ impl Project {
         self.history.close();
     }
 
+    /// Takes away the step of that name that is still open. Gives whether there was one.
+    pub fn take_back(&mut self, what: &str) -> bool {
+        let done = self.history.take_back(what);
+        if done {
+            self.follow();
+        }
+        done
+    }
+
     /// Sets one parameter of the camera or of an effect.
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
         let mut edit = self.edit().clone();

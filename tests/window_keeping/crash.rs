@@ -98,6 +98,9 @@ fn edits_until_it_is_killed() {
         // Time passes as fast as it edits.
         let now = begun + Duration::from_secs(3 * u64::from(n));
         let edit = project.edit().clone();
+        autosave.keep(project.version(), now, || None);
+        // Nothing more has changed for a while.
+        let now = now + Duration::from_secs(1);
         autosave
             .keep(project.version(), now, || Some(Work::new(Path::new(DEMO), 1.0, Some(&profile), Some(&scene), edit)));
         project.save_profile(&profile).unwrap();

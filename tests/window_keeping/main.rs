@@ -80,6 +80,8 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
     window.step();
     window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
     window.run_steps(2);
+    // It is known once its folder is listed.
+    shows(window, button);
     window.get_by_label(button).click();
     window.run_steps(2);
 }

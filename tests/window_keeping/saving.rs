@@ -61,7 +61,7 @@ fn a_profile_is_opened_for_a_recording_without_a_camera() {
     std::fs::copy(Path::new(DEMO).join("camera.toml"), &profile).unwrap();
     let mut window = demo();
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
-    answer(&mut window, &recording, "Open");
+    answer(&mut window, &recording, "Open recording");
     until(&mut window, |app| app.problem().is_some());
     let problem = window.state().problem().unwrap().to_owned();
     assert!(problem.contains("camera") && !problem.contains("--"), "{problem}");

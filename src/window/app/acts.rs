@@ -3,6 +3,7 @@
 use eframe::egui::{self, Key};
 
 use super::super::actions::{self, Action};
+use super::super::fields;
 use super::super::handles::Handles;
 use super::super::picture;
 use super::App;
@@ -59,20 +60,28 @@ impl App {
             }
             Action::Keys => self.shows_keys = !self.shows_keys,
             Action::Leave => {
+                // What was begun first, then what is open.
+                let was_begun = self.hand.asks_for().is_some() || self.evidence.is_busy();
                 self.hand.cancel();
                 self.evidence.cancel();
-                (self.shows_keys, self.shows_history) = (false, false);
+                if !was_begun {
+                    (self.shows_keys, self.shows_history) = (false, false);
+                    self.keeper.close_windows();
+                }
             }
         }
     }
 
     pub(super) fn input(&mut self, ctx: &egui::Context) {
+        if self.was_typing && ctx.input(|i| i.key_pressed(Key::Escape)) {
+            fields::take_back(ctx);
+        }
         // Esc and Enter are the dialog's that is open.
         if self.keeper.is_asking() {
             return;
         }
         self.handles.keys(ctx);
-        for action in actions::pressed(ctx) {
+        for action in actions::pressed(ctx, self.was_typing) {
             self.act(action, ctx);
         }
         self.view.plain = !ctx.egui_wants_keyboard_input() && ctx.input(|i| i.key_down(Key::Backslash));

@@ -53,6 +53,7 @@ impl App {
             }
         }
         if is_placing {
+            self.evidence.preview(&seen, &self.session.project, &frame);
             if seen.pointed.is_some() {
                 ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
             }

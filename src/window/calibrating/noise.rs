@@ -6,13 +6,16 @@ use std::sync::Arc;
 use eframe::egui::{self, DragValue, RichText, Ui};
 
 use super::super::background::{Background, Ticket};
+use super::super::fields::typed;
 use super::super::hand::{Hand, Purpose, Question};
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
-use crate::calibrate::{NoisePoint, PickedError, PickedNoise, Place, SceneMotion, least_px, picked_noise};
+use crate::calibrate::{
+    NoisePoint, PickedError, PickedNoise, Place, SceneMotion, least_px, over_profile, picked_noise,
+};
 use crate::camera::NoiseProfile;
 use crate::frame::Frame;
 use crate::pixels::Rect;
@@ -21,6 +24,9 @@ use crate::words::fixed;
 
 /// Frames at rest beyond this many tell little more.
 const MOST_FRAMES: usize = 30;
+
+/// From this factor on it is told that places are noisier than the present profile.
+const FAR_OVER: f64 = 1.5;
 
 /// How noise is measured: where, and in which frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -163,9 +169,13 @@ impl Noise {
             ui.radio_value(&mut self.at_rest, true, "in frames at rest:");
             ui.add_enabled_ui(self.at_rest, |ui| {
                 let [first, end] = &mut self.range;
-                ui.add(DragValue::new(first).range(0..=last)).on_hover_text("first frame");
+                let frame = |ui: &mut Ui, at: &mut usize| {
+                    let drag = DragValue::new(at).range(0..=last).update_while_editing(false);
+                    ui.add(drag.custom_parser(typed(ui.ctx())))
+                };
+                frame(ui, first).on_hover_text("first frame");
                 ui.label("to");
-                ui.add(DragValue::new(end).range(0..=last)).on_hover_text("last frame");
+                frame(ui, end).on_hover_text("last frame");
             });
         });
         if self.at_rest != was_at_rest {
@@ -215,6 +225,14 @@ impl Noise {
         let text = format!("Measured from code {} to {}; beyond, {beyond}.", fixed(low, 0), fixed(high, 0));
         ui.label(RichText::new(text).small());
         found.warnings.iter().for_each(|warning| parts::aside(ui, warning));
+        if let Some(over) = present.as_ref().and_then(|present| far_over(&found.points, present)) {
+            let text = format!(
+                "These places show {} times the noise that the present profile has there. Texture, shadows and dirt count as noise \
+                 here: look at them enlarged, and take this only if they are plain.",
+                fixed(over, 1)
+            );
+            ui.label(RichText::new(text).color(ui.visuals().warn_fg_color));
+        }
         match parts::take_or_leave(ui, "noise", is_taken) {
             Some(true) => {
                 session.project.set_noise(found.profile.clone());
@@ -228,6 +246,12 @@ impl Noise {
             None => {}
         }
     }
+}
+
+/// By how much places are noisier than a profile has it, where that is more than cameras of a kind differ.
+fn far_over(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> Option<f64> {
+    let over = (0..3).filter_map(|c| over_profile(&points[c], present, c)).fold(0.0, f64::max);
+    Some(over).filter(|over| *over > FAR_OVER)
 }
 
 fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Found {
@@ -276,4 +300,20 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec
         ticket.done((n + 1) as f64 / wanted.len() as f64);
     }
     Ok(places)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::NoiseBin;
+
+    #[test]
+    fn places_that_are_far_noisier_than_the_profile_are_told() {
+        let bins = [0, 1, 2].map(|_| vec![NoiseBin { code: 100.0, sigma: 2.0 }]);
+        let present = NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
+        let point = |sigma| NoisePoint { code: 100.0, sigma, sigma_ci95: [sigma; 2], independent_count: 500.0 };
+        let points = |sigma| [vec![point(2.0)], vec![point(sigma)], vec![point(2.0)]];
+        assert_eq!(far_over(&points(2.9), &present), None);
+        assert_eq!(far_over(&points(5.0), &present), Some(2.5));
+    }
 }

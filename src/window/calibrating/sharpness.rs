@@ -2,10 +2,10 @@
 
 use eframe::egui::{RichText, Ui};
 
-use super::super::analysis::moved_px;
+use super::super::analysis::{self, Refused, moved_px};
 use super::super::background::{Background, Ticket};
 use super::super::hand::{Hand, Purpose, Question};
-use super::super::matching::{draw_edge, width_of};
+use super::super::matching::{GOOD_EDGE, draw_edge, light, refused, width_of};
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
 use super::super::session::Session;
@@ -18,18 +18,19 @@ use crate::shot::Shot;
 use crate::words::fixed;
 
 /// Each edge with the way that it moved, px.
-type Edges = Vec<Result<(SlantedEdge, [f64; 2]), String>>;
+type Edges = Vec<Result<(SlantedEdge, [f64; 2]), Refused>>;
 
-/// What a person is told to do.
-const HINT: &str = "Drag a rectangle over each edge, so that the edge crosses it from side to side";
+/// What is measured: edges of which light, with the project's version, since the camera's response and motion count.
+type Asking = (Vec<Picked>, usize, u64);
 
 /// The section.
 #[derive(Debug, Default)]
 pub struct Sharpness {
     edges: Vec<Picked>,
     verdicts: Vec<Verdict>,
-    /// The camera's response and motion count, and they are settings: by the project's version.
-    measured: Background<(Vec<Picked>, u64), Edges>,
+    /// Of luma, or of one of the channels.
+    of: usize,
+    measured: Background<Asking, Edges>,
 }
 
 impl Sharpness {
@@ -53,17 +54,18 @@ impl Sharpness {
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {
         parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
-        let wanted = Question { purpose: Purpose::Edge, hint: HINT, least_px: FEWEST_PX, repeats: true };
+        let wanted = Question { purpose: Purpose::Edge, hint: GOOD_EDGE, least_px: FEWEST_PX, repeats: true };
         hand.button(ui, "Pick edges", wanted);
         if self.edges.is_empty() {
             return;
         }
+        ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.of));
         if !session.player.playing {
-            let (shot, edges) = (session.project.shot().clone(), self.edges.clone());
-            let key = (edges.clone(), session.project.version());
-            self.measured.want(ui.ctx(), key, move |ticket| measure(&shot, &edges, ticket));
+            let (shot, edges, of) = (session.project.shot().clone(), self.edges.clone(), self.of);
+            let key = (edges.clone(), of, session.project.version());
+            self.measured.want(ui.ctx(), key, move |ticket| measure(&shot, &edges, of, ticket));
         }
-        let found = self.measured.last_key().filter(|(edges, _)| *edges == self.edges);
+        let found = self.measured.last_key().filter(|(edges, of, _)| (edges, *of) == (&self.edges, self.of));
         let found = found.and_then(|_| self.measured.last().cloned()).unwrap_or_default();
         if !found.is_empty() {
             self.verdicts = found.iter().map(verdict).collect();
@@ -77,6 +79,10 @@ impl Sharpness {
             None => {}
         }
         progress::of(ui, "Sharpness", &self.measured);
+        // The one that was picked last: the person looks at it.
+        if let Some(Err(Refused { seen, .. })) = found.last() {
+            refused(ui, "last", seen);
+        }
         let good: Vec<_> = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
         for (n, (edge, moved)) in &good {
             for note in sharpness::notes(edge, *moved) {
@@ -129,19 +135,20 @@ impl Sharpness {
     }
 }
 
-fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), String>) -> Verdict {
+fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), Refused>) -> Verdict {
     match edge {
         Ok((edge, _)) => Verdict::Good(width_of(edge)),
-        Err(why) => Verdict::Bad(why.clone()),
+        Err(refused) => Verdict::Bad(refused.why.clone()),
     }
 }
 
-fn measure(shot: &Shot, edges: &[Picked], ticket: &Ticket) -> Edges {
+fn measure(shot: &Shot, edges: &[Picked], of: usize, ticket: &Ticket) -> Edges {
     let response = shot.camera().response;
     let edge = |(n, Picked { frame, at }): (usize, &Picked)| {
-        let frame = shot.read(*frame).map_err(|error| error.to_string())?;
+        let unread = |why: String| Refused { why, seen: Vec::new() };
+        let frame = shot.read(*frame).map_err(|error| unread(error.to_string()))?;
         let moved = moved_px(shot, &frame, *at);
-        let edge = sharpness::edge(&frame.pixels, &response, *at, moved).map_err(|error| error.to_string())?;
+        let edge = analysis::edge(&frame.pixels, &response, *at, moved, light(of))?;
         ticket.done((n + 1) as f64 / edges.len() as f64);
         Ok((edge, moved))
     };

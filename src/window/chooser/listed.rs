@@ -45,10 +45,33 @@ pub struct Entry {
 }
 
 /// A folder, and what is in it.
-pub type Listing = (PathBuf, Result<Vec<Entry>, String>);
+#[derive(Clone, Debug)]
+pub struct Listing {
+    pub folder: PathBuf,
+    /// The folder itself is one.
+    pub is_recording: bool,
+    pub entries: Result<Vec<Entry>, String>,
+}
+
+impl Listing {
+    /// Reads a folder, which may take its time.
+    pub fn of(folder: PathBuf, seeks: Seeks) -> Self {
+        let is_recording = seeks == Seeks::Recording && Recording::is_at(&folder);
+        Self { is_recording, entries: listed(&folder, seeks), folder }
+    }
+
+    /// The recording that a name in it means; none: the folder itself.
+    pub fn recording(&self, name: &str) -> Option<PathBuf> {
+        if name.is_empty() {
+            return self.is_recording.then(|| self.folder.clone());
+        }
+        let mut entries = self.entries.iter().flatten();
+        entries.find(|entry| entry.is_recording && entry.name == name).map(|entry| self.folder.join(&entry.name))
+    }
+}
 
 /// Folders first, then the files that are looked for; no hidden ones.
-pub fn listed(folder: &Path, seeks: Seeks) -> Result<Vec<Entry>, String> {
+fn listed(folder: &Path, seeks: Seeks) -> Result<Vec<Entry>, String> {
     let mut entries: Vec<Entry> = std::fs::read_dir(folder)
         .map_err(|error| reason(&error))?
         .flatten()
@@ -83,5 +106,10 @@ mod tests {
         assert!(listed(&temp.path().join("nowhere"), Seeks::NewFolder).unwrap_err().contains("no such"));
         let recordings = listed(Path::new("recordings"), Seeks::Recording).unwrap();
         assert!(recordings.iter().any(|entry| entry.name == "demo" && entry.is_recording));
+        let here = Listing::of("recordings".into(), Seeks::Recording);
+        assert_eq!(here.recording("demo"), Some("recordings/demo".into()));
+        assert_eq!([here.recording("dem"), here.recording("")], [None, None]);
+        let within = Listing::of("recordings/demo".into(), Seeks::Recording);
+        assert_eq!(within.recording(""), Some("recordings/demo".into()));
     }
 }

@@ -1,6 +1,6 @@
 //! Amounts: as they are typed while something is moved, and as they are told.
 
-use super::super::controls::parse_number;
+use super::super::fields::parse_number;
 use crate::words::number;
 
 /// What an amount is of.

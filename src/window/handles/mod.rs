@@ -3,10 +3,12 @@
 //! - `maths`: lines of sight, planes, axes, angles. `amount`: lengths, angles and factors, typed and told.
 //! - `tool`: one go at changing where a thing stands. `keys`: what is typed meanwhile.
 //!   `words`: what is told of it.
+//! - `ghost`: the thing that the next click would place.
 //! - `gizmo`: the handles around a selected thing. `look`: its border and where it stands. `draw`: all of it, drawn.
 
 mod amount;
 mod draw;
+mod ghost;
 mod gizmo;
 mod keys;
 mod look;
@@ -26,6 +28,8 @@ use super::picture::{GRIP, Seen, View};
 use crate::frame::Frame;
 use crate::scene::{Entry, SceneFile};
 use crate::shot::Eye;
+
+pub use self::ghost::{Ghost, Would};
 
 /// A step of the arrow keys.
 const NUDGE_M: f64 = 1e-3;

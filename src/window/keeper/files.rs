@@ -11,7 +11,7 @@ use super::super::jobs::Jobs;
 use super::super::kind::Kind;
 use super::super::opening::Opening;
 use super::super::project::SaveError;
-use super::super::recent::Opened;
+use super::super::recent::{At, Opened};
 use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
 use super::super::watch::Change;
@@ -40,7 +40,8 @@ impl Keeper {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None))
             }
             Ok(Kind::Recording) => {
-                let opened = Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0 };
+                let opened =
+                    Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0, at: At::default() };
                 self.then = Some(Then::Open(opened, None));
             }
             Ok(Kind::Neither(why)) | Err(why) => session.wrong(why),
@@ -169,13 +170,7 @@ impl Keeper {
         }
         if let Some(left) = self.left.pop() {
             match dialogs::left(ctx, &left.work) {
-                Some(Answer::Yes) => {
-                    let work = &left.work;
-                    let (recording, scene, profile) =
-                        (work.recording.clone(), work.scene.clone(), work.profile.clone());
-                    let opened = Opened { recording, scene, profile, metres_per_unit: work.metres_per_unit };
-                    self.then = Some(Then::Open(opened, Some(left)));
-                }
+                Some(Answer::Yes) => self.then = Some(Then::Open(left.opened(), Some(left))),
                 Some(Answer::No) => left.throw_away(),
                 // It stays where it is, and is offered at the next start.
                 Some(Answer::Stay) => drop(left),
@@ -185,7 +180,7 @@ impl Keeper {
         }
         self.changed_on_disk(ctx, session);
         if self.shows_start {
-            match dialogs::start(ctx, &self.recent.list) {
+            match dialogs::start(ctx, self.recent.shown(ctx), None) {
                 Some(dialogs::Start::Open) => self.open(&session.project),
                 Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(opened, None)),
                 Some(dialogs::Start::Leave) => self.shows_start = false,
@@ -272,18 +267,11 @@ impl Keeper {
                 None
             }
             Ok(project) => {
-                let frame = match done.left {
-                    Some(left) => {
-                        let frame = left.work.frame;
-                        if let Some(autosave) = &mut self.autosave {
-                            autosave.take_up(left);
-                        }
-                        frame
-                    }
-                    None => 0,
-                };
+                if let Some(left) = done.left {
+                    self.take_up(left);
+                }
                 (self.shows_start, self.not_opened) = (false, None);
-                Some(Turn { project: *project, frame })
+                Some(Turn { project: *project, at: done.opened.at })
             }
             Err(why) => {
                 let lacks_profile = done.opened.profile.is_none();

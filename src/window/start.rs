@@ -1,0 +1,201 @@
+//! The window where there is nothing to show yet: a start without a recording where the demonstration is lacking. It offers
+//! what can be opened, and becomes the tuner with it.
+
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{self, Ui};
+use eframe::egui_wgpu::RenderState;
+
+use super::app::App;
+use super::autosave::Left;
+use super::chooser::{Chooser, Chosen, Seeks};
+use super::dialogs::{self, Answer};
+use super::errand::Errand;
+use super::fit;
+use super::habits::{Habits, Use};
+use super::keeper::Turn;
+use super::kind::Kind;
+use super::opening::Opening;
+use super::painter;
+use super::recent::{At, Opened, Recent};
+use super::saving::DEMO;
+use super::theme;
+
+/// Something that was opened, with the work that is taken up in it.
+type Begun = (Turn, Option<Left>);
+
+/// See above.
+pub struct Start {
+    window: RenderState,
+    /// Where work is kept.
+    folder: Option<PathBuf>,
+    recent: Recent,
+    habits: Habits,
+    left: Vec<Left>,
+    chooser: Option<Chooser>,
+    opening: Option<Opening>,
+    /// What was dropped, and what it is.
+    looked_at: Option<(PathBuf, Errand<Kind>)>,
+    told: Option<String>,
+    /// What became of it.
+    app: Option<Box<App>>,
+}
+
+impl Start {
+    /// Offers what lies in the user's folder for work.
+    pub fn new(context: &eframe::CreationContext<'_>, folder: Option<&Path>) -> Result<Self, String> {
+        let ctx = &context.egui_ctx;
+        theme::install(ctx);
+        // From the first frame on: it keeps the textures that egui hands over once.
+        let window = painter::of_window(context)?;
+        let read = |name: &str| folder.map(|folder| folder.join(name));
+        let habits = read("habits.json").map_or_else(Habits::default, Habits::read);
+        ctx.set_theme(habits.theme());
+        Ok(Self {
+            window,
+            folder: folder.map(Path::to_owned),
+            recent: read("recent.json").map_or_else(Recent::default, Recent::read),
+            habits,
+            left: read("work").map_or_else(Vec::new, |work| Left::found(&work)),
+            chooser: None,
+            opening: None,
+            looked_at: None,
+            told: None,
+            app: None,
+        })
+    }
+
+    /// The tuner, once something is open.
+    pub fn app(&self) -> Option<&App> {
+        self.app.as_deref()
+    }
+
+    fn begin(&mut self, ctx: &egui::Context, opened: Opened, left: Option<Left>) {
+        let wake = ctx.clone();
+        match Opening::begin(opened, left, move || wake.request_repaint()) {
+            Ok(opening) => self.opening = Some(opening),
+            Err(error) => self.told = Some(format!("No thread can be started that opens it: {error}")),
+        }
+    }
+
+    fn drop(&mut self, ctx: &egui::Context, path: PathBuf) {
+        let (wake, dropped) = (ctx.clone(), path.clone());
+        match Errand::begin("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
+            Ok(looking) => self.looked_at = Some((path, looking)),
+            Err(error) => self.told = Some(format!("No thread can be started that opens it: {error}")),
+        }
+    }
+
+    /// One frame of the window. Gives what was opened.
+    fn show(&mut self, ctx: &egui::Context) -> Option<Begun> {
+        for file in ctx.input(|i| i.raw.dropped_files.clone()) {
+            self.drop(ctx, file.path().to_owned());
+        }
+        if let Some((path, kind)) = self.looked_at.take() {
+            match kind.take() {
+                None => self.looked_at = Some((path, kind)),
+                Some(Ok(Kind::Recording)) => self.begin(ctx, recording(path), None),
+                Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(why),
+                Some(Ok(Kind::Scene | Kind::Profile)) => {
+                    self.told = Some(format!("{}: open a recording first, then drop it again", path.display()));
+                }
+            }
+        }
+        if let Some(opening) = self.opening.take() {
+            match opening.take() {
+                Err(opening) => {
+                    dialogs::opening(ctx, opening.what());
+                    self.opening = Some(*opening);
+                }
+                Ok(done) => match done.project {
+                    Ok(project) => {
+                        return Some((Turn { project: *project, at: done.opened.at }, done.left));
+                    }
+                    Err(why) => {
+                        self.left.extend(done.left);
+                        self.told = Some(format!("{}: not opened: {why}", done.opened.recording.display()));
+                    }
+                },
+            }
+            return None;
+        }
+        if let Some(chooser) = &mut self.chooser {
+            match chooser.show(ctx) {
+                None => {}
+                Some(Chosen::Nothing) => self.chooser = None,
+                Some(Chosen::Path { path, .. }) => {
+                    self.chooser = None;
+                    self.habits.used(Use::Recording, &path);
+                    self.drop(ctx, path);
+                }
+            }
+            return None;
+        }
+        if let Some(left) = self.left.pop() {
+            match dialogs::left(ctx, &left.work) {
+                Some(Answer::Yes) => self.begin(ctx, left.opened(), Some(left)),
+                Some(Answer::No) => left.throw_away(),
+                // It stays where it is, and is offered at the next start.
+                Some(Answer::Stay) => drop(left),
+                None => self.left.push(left),
+            }
+            return None;
+        }
+        let place = std::path::absolute(DEMO).unwrap_or_else(|_| DEMO.into());
+        match dialogs::start(ctx, self.recent.shown(ctx), Some(&place)) {
+            Some(dialogs::Start::Open) => {
+                let last = self.habits.folder(Use::Recording).map(Path::to_owned);
+                let folder = last.or_else(std::env::home_dir).unwrap_or_default();
+                self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, &folder));
+            }
+            Some(dialogs::Start::Recent(opened)) => self.begin(ctx, opened, None),
+            Some(dialogs::Start::Leave) | None => {}
+        }
+        if let Some(text) = &self.told
+            && dialogs::message(ctx, text)
+        {
+            self.told = None;
+        }
+        None
+    }
+}
+
+/// A recording alone.
+fn recording(recording: PathBuf) -> Opened {
+    Opened { recording, scene: None, profile: None, metres_per_unit: 1.0, at: At::default() }
+}
+
+impl eframe::App for Start {
+    fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
+    }
+
+    fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {
+        if let Some(app) = &mut self.app {
+            return app.ui(ui, frame);
+        }
+        let ctx = ui.ctx().clone();
+        fit::to_screen(&ctx);
+        egui::CentralPanel::default().show(ui, |_| ());
+        let Some((turn, left)) = self.show(&ctx) else { return };
+        match App::begin(&ctx, self.window.clone(), turn.project) {
+            Ok(mut app) => {
+                // What is left is the tuner's to offer from now on.
+                (self.left, self.recent) = (Vec::new(), Recent::default());
+                if let Some(folder) = &self.folder {
+                    app.keep_in(folder);
+                }
+                app.go_on(turn.at, left);
+                self.app = Some(Box::new(app));
+                ctx.request_repaint();
+            }
+            Err(why) => self.told = Some(why),
+        }
+    }
+
+    fn on_exit(&mut self) {
+        if let Some(app) = &mut self.app {
+            app.on_exit();
+        }
+    }
+}
