@@ -42,6 +42,7 @@ pub mod profile;
 pub mod bench;
 pub mod calibrate;
 pub mod export;
+pub mod live;
 pub mod measure;
 pub mod photo;
 pub mod shot;
