@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 
-use super::watching::{CameraArgs, Next, Watching};
+use super::watching::{Agreed, CameraArgs, Next, Watching};
 use super::which::Which;
 use super::{is_closed_stdout, record, say, warn};
 use crate::compositor::{Composited, Settings};
@@ -66,10 +66,10 @@ fn profile_px(args: &Args) -> Result<Option<(u32, u32)>> {
 pub fn run(args: &Args) -> Result<()> {
     let out = OutPath::parse(&args.output)?;
     sink::check(&out, args.force)?;
-    let mut watching = Watching::open(&args.camera, profile_px(args)?)?;
-    let delivered = watching.camera.given.delivered;
-    let (width, height, interval_s) = (delivered.width, delivered.height, watching.interval_s);
-    let recording = Recording::arriving(&watching.camera.given.name, width, height, interval_s, watching.poses.up());
+    let agreed = Agreed::open(&args.camera, profile_px(args)?)?;
+    let delivered = agreed.camera.given.delivered;
+    let (width, height, interval_s) = (delivered.width, delivered.height, agreed.interval_s);
+    let recording = Recording::arriving(&agreed.camera.given.name, width, height, interval_s, agreed.poses.up());
     let given = Given { profile: Some(args.profile.clone()), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
     let mut shot = Shot::of(recording, &given)?;
     shot.settings.seed = args.seed;
@@ -86,12 +86,13 @@ pub fn run(args: &Args) -> Result<()> {
     let options =
         SinkOptions { force: args.force, fps: 1.0 / interval_s, lossless: args.lossless, width, height, bits: 8 };
     let sink = sink::open(&out, &options)?;
-    let about = record::about(&watching, Some(&args.profile))?;
+    let about = record::about(&agreed, Some(&args.profile))?;
     let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
-    let patience_s = if watching.poses.is_live() { interval_s } else { 0.0 };
+    let patience_s = if agreed.poses.is_live() { interval_s } else { 0.0 };
     let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer)?;
     let mut tally = Tally::default();
+    let mut watching = agreed.start()?;
     let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.quiet, send));
     let (frames, counts) = (live.frames(), live.counts());
     let recorded = live.finish();

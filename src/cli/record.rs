@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 
 use super::warn;
-use super::watching::{CameraArgs, Next, Watching};
+use super::watching::{Agreed, CameraArgs, Next};
 use crate::live::{Writer, encoded};
 use crate::recording::recorder::{About, Recorder};
 use crate::tracking::tum::Line;
@@ -24,14 +24,14 @@ pub struct Args {
 }
 
 /// What a recording says of its camera and poses.
-pub fn about(watching: &Watching, profile: Option<&PathBuf>) -> Result<About> {
-    let given = &watching.camera.given;
+pub fn about(agreed: &Agreed, profile: Option<&PathBuf>) -> Result<About> {
+    let given = &agreed.camera.given;
     let read =
         |path: &PathBuf| std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()));
     Ok(About {
-        interval_s: watching.interval_s,
-        max_gap_s: watching.poses.max_gap_s(),
-        up: watching.poses.up(),
+        interval_s: agreed.interval_s,
+        max_gap_s: agreed.poses.max_gap_s(),
+        up: agreed.poses.up(),
         camera: Some(given.name.clone()),
         delivered: Some(given.delivered.to_string()),
         has_exposure: given.has_exposure,
@@ -40,8 +40,9 @@ pub fn about(watching: &Watching, profile: Option<&PathBuf>) -> Result<About> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let mut watching = Watching::open(&args.camera, None)?;
-    let writer = Writer::new(Recorder::create(&args.output, &about(&watching, args.profile.as_ref())?)?)?;
+    let agreed = Agreed::open(&args.camera, None)?;
+    let writer = Writer::new(Recorder::create(&args.output, &about(&agreed, args.profile.as_ref())?)?)?;
+    let mut watching = agreed.start()?;
     let (mut frames, mut not_recorded, mut poses, mut late) = (0, 0, 0, 0);
     let (mut frame_s, mut pose_s) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
     let mut failure = None;

@@ -9,7 +9,7 @@ use crate::live::{PoseSource, open_poses};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::source::video::{ColorMatrix, ColorRange};
-use crate::webcam::{self, Camera, Layout, Picture, Taken, Wanted};
+use crate::webcam::{self, Camera, Layout, Newest, Picture, Taken, Wanted};
 use crate::words::{count, fixed, shown};
 
 #[derive(clap::Args)]
@@ -91,25 +91,34 @@ pub enum Next {
     Ended,
 }
 
-/// A camera that is watched until somebody ends it.
-pub struct Watching {
+/// A camera that has agreed on what it gives, and where its poses come from.
+pub struct Agreed {
     pub camera: Camera,
     pub poses: Box<dyn PoseSource>,
     /// From a picture to the next, seconds.
     pub interval_s: f64,
     frames: Option<u64>,
+    seconds: Option<f64>,
+    quiet: bool,
+}
+
+/// A camera that is watched until somebody ends it.
+pub struct Watching {
+    newest: Newest<Picture>,
+    poses: Box<dyn PoseSource>,
+    frames: Option<u64>,
     until: Option<Instant>,
     gone: Option<String>,
     /// Pictures that could not be decoded.
     damaged: u64,
-    pub began: Instant,
+    began: Instant,
     quiet: bool,
 }
 
 /// Poses that are known beforehand come so far ahead of their frames, seconds.
 const AHEAD_S: f64 = 1.0;
 
-impl Watching {
+impl Agreed {
     /// Opens the camera and its poses. `profile_px` is the size of the camera that is given, if one is.
     pub fn open(args: &CameraArgs, profile_px: Option<(u32, u32)>) -> Result<Self> {
         let poses = open_poses(&args.pose)?;
@@ -137,21 +146,29 @@ impl Watching {
             hz(wanted.rate_hz)
         );
         warn(args.quiet, &if as_asked { gives } else { format!("{gives}; asked for was {asked}") });
+        let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
+        Ok(Self { camera, poses, interval_s: 1.0 / rate_hz, frames, seconds, quiet })
+    }
+
+    /// Starts the camera. From here on Ctrl-C ends what is written, and then the program.
+    pub fn start(self) -> Result<Watching> {
+        let newest = self.camera.start()?;
         ending::gently();
         let began = Instant::now();
-        Ok(Self {
-            camera,
-            poses,
-            interval_s: 1.0 / rate_hz,
-            frames: args.frames,
-            until: args.seconds.map(|seconds| began + Duration::from_secs_f64(seconds)),
+        Ok(Watching {
+            newest,
+            poses: self.poses,
+            frames: self.frames,
+            until: self.seconds.map(|seconds| began + Duration::from_secs_f64(seconds)),
             gone: None,
             damaged: 0,
             began,
-            quiet: args.quiet,
+            quiet: self.quiet,
         })
     }
+}
 
+impl Watching {
     /// Whether nobody has ended it, and fewer frames or seconds have passed than were asked for.
     pub fn goes_on(&self, frames: usize) -> bool {
         let enough = self.frames.is_some_and(|most| frames as u64 >= most);
@@ -160,7 +177,7 @@ impl Watching {
 
     /// The newest picture. Says when the camera goes and when it is back.
     pub fn next(&mut self, until: Instant) -> Next {
-        match self.camera.newest.take(until) {
+        match self.newest.take(until) {
             Taken::New(picture) => {
                 if self.gone.take().is_some() {
                     warn(self.quiet, "the camera is back");
@@ -198,7 +215,7 @@ impl Watching {
 
     /// What was left out, in words. `not_recorded`: for the disk was too slow.
     pub fn drops(&self, not_recorded: u64) -> String {
-        let drops = self.camera.newest.drops();
+        let drops = self.newest.drops();
         let parts = [
             (drops.replaced, "replaced by newer ones"),
             (drops.lost, "lost by the driver"),

@@ -34,8 +34,8 @@ impl Encoded {
         };
         let codes = pixels.codes.to_eight_bit();
         let mut file = Vec::with_capacity(codes.len());
-        // A filter that is chosen row by row takes twice the time for a tenth less.
-        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up)
+        // A filter that is chosen row by row takes twice the time and gains nothing.
+        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Paeth)
             .write_image(&codes, pixels.width, pixels.height, ExtendedColorType::Rgb8)
             .map_err(std::io::Error::other)?;
         Ok(("png", file.into()))

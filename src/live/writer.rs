@@ -10,8 +10,8 @@ use super::error::LiveError;
 use crate::recording::recorder::{Recorder, RecorderError, Store};
 use crate::tracking::tum::Line;
 
-/// Frames on their way to the disk at once.
-const MOST: usize = 8;
+/// Frames on their way to the disk at once: a second of a camera, for disks that pause.
+const MOST: usize = 32;
 /// Without a frame for so long, what is held is written.
 const IDLE: Duration = Duration::from_millis(500);
 

@@ -10,11 +10,23 @@ use super::played::Played;
 use super::wanted::{Given, Wanted};
 use crate::source::video::Overrides;
 
-/// A camera that delivers. It stops when this is dropped.
-#[derive(Debug)]
+/// Puts pictures until nobody takes them any more.
+type Run = Box<dyn FnOnce(&Putter<Picture>) + Send>;
+
+/// A camera that has agreed on what it gives, and is not started.
 pub struct Camera {
     pub given: Given,
-    pub newest: Newest<Picture>,
+    run: Run,
+}
+
+impl Camera {
+    /// Has it deliver, until what is given here is dropped. A video begins now.
+    pub fn start(self) -> Result<Newest<Picture>, CameraError> {
+        let (putter, newest) = Newest::new();
+        let thread = std::thread::Builder::new().name("camera".to_owned());
+        thread.spawn(move || (self.run)(&putter)).map_err(CameraError::Thread)?;
+        Ok(newest)
+    }
 }
 
 /// The cameras, by their numbers. Devices that take no pictures are left out.
@@ -38,7 +50,7 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
             return Err(CameraError::None { asked: asked.to_owned(), found: super::negotiate::names() });
         }
         let (running, given) = super::device::Running::open(number, wanted)?;
-        return started(given, move |putter| running.run(putter));
+        return Ok(Camera { given, run: Box::new(move |putter| running.run(putter)) });
     }
     if asked.parse::<usize>().is_ok() {
         return Err(CameraError::NotHere);
@@ -51,12 +63,5 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
     }
     let overrides = Overrides { range: wanted.range, matrix: wanted.matrix, ..Overrides::default() };
     let (played, given) = Played::open(file, &overrides)?;
-    started(given, move |putter| played.run(putter))
-}
-
-fn started(given: Given, run: impl FnOnce(&Putter<Picture>) + Send + 'static) -> Result<Camera, CameraError> {
-    let (putter, newest) = Newest::new();
-    let thread = std::thread::Builder::new().name("camera".to_owned());
-    thread.spawn(move || run(&putter)).map_err(CameraError::Thread)?;
-    Ok(Camera { given, newest })
+    Ok(Camera { given, run: Box::new(move |putter| played.run(putter)) })
 }
