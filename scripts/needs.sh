@@ -18,18 +18,30 @@ has_vulkan_driver() {
     return 1
 }
 
+# Bindings to the system's cameras are made when they are built.
+has_libclang() {
+    [ -n "${LIBCLANG_PATH:-}" ] && return
+    [ "$(uname -s)" = Linux ] || return 0
+    local file
+    for file in /usr/lib/llvm-*/lib/libclang.so /usr/lib*/libclang.so /usr/lib/*/libclang.so /usr/local/lib/libclang.so; do
+        [ -e "$file" ] && return
+    done
+    return 1
+}
+
 need_packages() {
     local missing=()
     has_vulkan_loader || missing+=(libvulkan1)
     has_vulkan_driver || missing+=(mesa-vulkan-drivers)
     command -v ffmpeg >/dev/null && command -v ffprobe >/dev/null || missing+=(ffmpeg)
     command -v c++ >/dev/null || missing+=(g++)
+    has_libclang || missing+=(libclang-dev)
     command -v python3 >/dev/null || missing+=(python3)
     [ ${#missing[@]} -eq 0 ] && return
 
     if ! command -v apt-get >/dev/null; then
         echo "Missing, by Debian's names: ${missing[*]}." >&2
-        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg and a C++ compiler with this system's own tools, then start again." >&2
+        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg, a C++ compiler and libclang with this system's own tools, then start again." >&2
         exit 1
     fi
     local as_root=()

@@ -17,7 +17,7 @@ pub mod words;
 // 1: physics without GPU or files
 pub mod camera;
 
-// 2: input and output, recordings and their depth, streams of poses; the GPU
+// 2: input and output, recordings and their depth, streams of poses, cameras; the GPU
 pub mod depth;
 pub mod gpu;
 pub mod recording;
@@ -25,6 +25,7 @@ pub mod sink;
 pub mod source;
 pub mod stream;
 pub mod tracking;
+pub mod webcam;
 
 // 3: the scene, and the virtual layer drawn from it
 pub mod render;
@@ -41,6 +42,7 @@ pub mod profile;
 pub mod bench;
 pub mod calibrate;
 pub mod export;
+pub mod live;
 pub mod measure;
 pub mod photo;
 pub mod shot;

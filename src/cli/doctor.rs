@@ -1,11 +1,13 @@
 //! `locard doctor`.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 
 use anyhow::{Result, bail};
 
 use crate::gpu::{Gpu, adapters};
 use crate::source::ffmpeg;
+use crate::webcam;
 
 /// How to control the choice of an adapter.
 pub const HELP: &str = "\
@@ -44,8 +46,39 @@ pub fn run() -> Result<()> {
             writeln!(out, "missing   {error}")?;
         }
     }
+    cameras(&mut out)?;
     if missing > 0 {
         bail!("something is missing, see above");
+    }
+    Ok(())
+}
+
+/// The cameras, with what they offer or why they cannot be used. It is no fault of the machine to have none.
+fn cameras(out: &mut impl Write) -> Result<()> {
+    let cameras = match webcam::cameras() {
+        Ok(cameras) => cameras,
+        Err(error) => return Ok(writeln!(out, "camera    {error}")?),
+    };
+    if cameras.is_empty() {
+        writeln!(out, "camera    none: no /dev/video* takes pictures (plug one in; a video may stand in for one)")?;
+    }
+    for camera in cameras {
+        writeln!(out, "camera    {} {} ({})", camera.number, camera.name, camera.path.display())?;
+        match camera.modes {
+            Ok(modes) => {
+                modes
+                    .iter()
+                    .filter(|mode| mode.layout.is_some())
+                    .try_for_each(|mode| writeln!(out, "          {mode}"))?;
+                let other: BTreeSet<&str> =
+                    modes.iter().filter(|mode| mode.layout.is_none()).map(|mode| mode.code.as_str()).collect();
+                if !other.is_empty() {
+                    let other: Vec<&str> = other.into_iter().collect();
+                    writeln!(out, "          not read here: {}", other.join(", "))?;
+                }
+            }
+            Err(problem) => writeln!(out, "          {problem}")?,
+        }
     }
     Ok(())
 }

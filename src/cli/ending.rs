@@ -1,9 +1,26 @@
 //! How the program ends early.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use anyhow::Context;
 
 use super::{FAILED, say};
 use crate::unfinished::undo_all;
+
+/// Whether the first request to end is left to the command, and whether it has come.
+static GENTLY: AtomicBool = AtomicBool::new(false);
+static ASKED: AtomicBool = AtomicBool::new(false);
+
+/// From here on, the first Ctrl-C only asks ([`is_asked`]): for what runs until somebody ends it. A second one ends the
+/// program at once.
+pub fn gently() {
+    GENTLY.store(true, Ordering::SeqCst);
+}
+
+/// Whether somebody has asked the program to end, after [`gently`].
+pub fn is_asked() -> bool {
+    ASKED.load(Ordering::SeqCst)
+}
 
 /// From here on, Ctrl-C or a request to terminate ends the program at once, whatever it is doing: a frame may take
 /// minutes. Unfinished output is removed. From here on, a file that reaches the size limit is a write error.
@@ -12,6 +29,9 @@ pub fn listen() -> anyhow::Result<()> {
     #[cfg(unix)]
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default())?;
     ctrlc::set_handler(|| {
+        if GENTLY.load(Ordering::SeqCst) && !ASKED.swap(true, Ordering::SeqCst) {
+            return;
+        }
         // First, so that the user sees it. After that nothing is finished any more.
         say("interrupted; what was finished stays, and nothing else");
         let _nothing_begins = undo_all();

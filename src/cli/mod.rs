@@ -10,17 +10,20 @@ mod ending;
 mod inspect;
 mod light;
 mod listen;
+mod live;
 mod meter;
 mod params;
 mod photo;
 mod pick;
 mod place;
+mod record;
 mod render;
 mod send;
 mod simulate;
 mod start;
 #[cfg(feature = "window")]
 mod tune;
+mod watching;
 mod which;
 
 use std::io::{IsTerminal, Write};
@@ -48,12 +51,16 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about it
     Inspect(inspect::Args),
+    /// Put a scene into a camera's pictures as they come
+    Live(live::Args),
     /// Say how bright a frame's scene is and which settings would expose it correctly
     Meter(meter::Args),
     /// Photograph a frame with its evidence: aperture, shutter, film speed, lens and focus as on a camera
     Photo(photo::Args),
     /// Put a piece of evidence where a pixel of a frame shows a surface
     Place(place::Args),
+    /// Record a camera, with poses
+    Record(record::Args),
     /// Take a picture of a scene alone, through any camera
     Render(render::Args),
     /// Send a recording's poses as a stream: OpenTrackIO or FreeD
@@ -86,9 +93,11 @@ pub fn main() -> ExitCode {
         Command::Composite(args) => composite::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Live(args) => live::run(&args),
         Command::Meter(args) => meter::run(&args),
         Command::Photo(args) => photo::run(&args),
         Command::Place(args) => place::run(&args),
+        Command::Record(args) => record::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Send(args) => send::run(&args),
         Command::Params(args) => params::run(&args),

@@ -26,6 +26,7 @@ use crate::scene::{Object, Scene};
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
+pub use plan::poses_within_s;
 pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
 pub use settings::{Depth, ON, Settings, SettingsError};
 

@@ -1,10 +1,11 @@
 //! A frame's first phase: what is in view, which effects act, where work takes place.
 
 use super::places::{Asked, Places};
-use super::{Job, RealDepth, Settings, SubmitError};
+use super::{Job, RealDepth, Settings, SubmitError, exposure_time_s};
 use crate::camera::{Camera, Geometry};
 use crate::depth::{DepthGrid, Surfaces};
 use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
+use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -24,10 +25,8 @@ impl Sight {
         let capture = &job.capture;
         let exposure_time_s = capture.exposure_time_s;
         let summed_to_s = capture.summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
-        let planned_s = settings.on().map(|effect| effect.beyond_s(exposure_time_s));
-        let beyond_s = planned_s.chain(summed_to_s).fold(0.0, f64::max);
-        let readout_time_s = job.picture.intrinsics.readout_time_s;
-        let shutter = Shutter { exposure_time_s, readout_time_s, beyond_s };
+        let summed_to_s = summed_to_s.fold(0.0, f64::max);
+        let shutter = shutter(settings, exposure_time_s, job.picture.intrinsics.readout_time_s, summed_to_s);
         let time_s = job.frame.timestamp_s + job.time_offset_s;
         let pose_at = |t: f64| job.track.at_or_nearest(t).unwrap_or(Pose::IDENTITY);
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
@@ -35,6 +34,25 @@ impl Sight {
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
         Self { shutter, keys, footprint, objects }
     }
+}
+
+fn shutter(settings: &Settings, exposure_time_s: f64, readout_time_s: f64, summed_to_s: f64) -> Shutter {
+    let planned_s = settings.on().map(|effect| effect.beyond_s(exposure_time_s));
+    Shutter { exposure_time_s, readout_time_s, beyond_s: planned_s.fold(summed_to_s, f64::max) }
+}
+
+/// How far before and after a frame's time poses decide on its picture, seconds. Poses beyond change nothing.
+pub fn poses_within_s(
+    frame: &Frame,
+    camera: &Camera,
+    settings: &Settings,
+    geometry: &Geometry,
+    interval_s: f64,
+) -> (f64, f64) {
+    let exposure_s = exposure_time_s(camera, settings, frame, interval_s);
+    let reach_s = shutter(settings, exposure_s, geometry.intrinsics.readout_time_s, 0.0).reach_s();
+    let looks_on = settings.on().any(|effect| effect.reads_next_pose());
+    (reach_s, if looks_on { reach_s.max(interval_s) } else { reach_s })
 }
 
 /// How far each object's centre moves across the picture until the next frame.

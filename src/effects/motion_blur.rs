@@ -162,6 +162,9 @@ impl Effect for MotionBlur {
         let oldest_s = self.moments(exposure_time_s).last().map_or(0.0, |(time_s, _)| -time_s);
         (oldest_s - 0.5 * exposure_time_s).max(0.0)
     }
+    fn reads_next_pose(&self) -> bool {
+        self.method == Method::Copies
+    }
     fn cases(&self) -> Vec<Case> {
         ["velocity", "copies", "accumulation", "reference"]
             .map(|m| (m, vec![("method", Value::Text(m.to_owned()))]))

@@ -173,6 +173,10 @@ pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
     fn beyond_s(&self, _exposure_time_s: f64) -> f64 {
         0.0
     }
+    /// Whether it reads how far objects move until the next frame ([`ObjectMotion`]).
+    fn reads_next_pose(&self) -> bool {
+        false
+    }
     fn on_real(&self) -> OnReal {
         OnReal::Nothing
     }

@@ -12,8 +12,13 @@ use crate::words::{self, number, quoted, reason};
 
 /// Reads a list of `timestamp filename` lines: times in seconds, files relative to the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
+    pictures(&text::read(list)?, list)
+}
+
+/// Like [`read_pictures`], of a list's text.
+pub fn pictures(text: &str, list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
-    let names = parse_pictures(&text::read(list)?, list)?;
+    let names = parse_pictures(text, list)?;
     Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
 }
 
@@ -30,7 +35,7 @@ pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> 
     Ok(text)
 }
 
-/// A list of exposures as text, which [`read_exposures`] reads back bit for bit. Exposures without a time are left out.
+/// A list of exposures as text, which [`parse_exposures`] reads back bit for bit. Exposures without a time are left out.
 pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
     let head = "# timestamp exposure_time_s gain\n".to_owned();
     let told = entries.iter().filter_map(|(time_s, exposure)| Some((time_s, exposure.time_s?, exposure.gain)));
@@ -61,12 +66,8 @@ pub fn file_name(rest: &str, missing: &str) -> Result<String, String> {
 /// No sensor has more gain: twenty stops.
 const MOST_GAIN: f64 = 1e6;
 
-/// Reads a list of `timestamp exposure_time_s gain` lines; the gain is optional.
-pub fn read_exposures(list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
-    parse_exposures(&text::read(list)?, list)
-}
-
-fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
+/// A list of `timestamp exposure_time_s gain` lines; the gain is optional.
+pub fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
     by_time(text, list, |mut rest| {
         let time_s = Some(number_above_zero(&mut rest, "exposure_time_s", LONGEST_S)?);
         let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain", MOST_GAIN)?) };

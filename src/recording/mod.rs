@@ -3,6 +3,7 @@
 //! Each format has its own file, which converts axes, units, pixel centres and times as it reads them.
 //! docs/recordings.md has every convention.
 
+mod arriving;
 mod colmap;
 mod error;
 mod euroc;
@@ -11,6 +12,7 @@ mod listing;
 mod nerfstudio;
 mod own;
 mod parts;
+pub mod recorder;
 mod rigid;
 mod tum;
 pub mod write;
@@ -26,7 +28,7 @@ pub use error::RecordingError;
 pub use frames::Frames;
 
 use crate::camera::Geometry;
-use crate::frame::FrameExposure;
+use crate::frame::{FrameExposure, interval_s};
 use crate::pose::Pose;
 use crate::source::{SourceError, still};
 use crate::tracking::{NoPose, PoseTrack};
@@ -72,8 +74,11 @@ pub struct Recording {
     pub bits: u32,
     /// One per frame, never descending: the middle of the middle row's exposure.
     pub timestamps_s: Arc<[f64]>,
-    /// The median interval between frames; 1/30 s for a single frame.
+    /// The median interval between frames, or what the recording says; 1/30 s for a single frame.
     pub frame_interval_s: f64,
+    /// Whether [`Recording::interval_s`] is that for every frame: of a camera whose pictures were dropped now and then,
+    /// which opens its shutter no longer for that.
+    has_even_intervals: bool,
     pub track: PoseTrack,
     /// Length of the format's unit by which the track is in metres; 1 where the format is.
     pub metres_per_unit: f64,
@@ -120,6 +125,12 @@ impl Recording {
     /// Whether there is one at a path, by the files that tell one. Nothing in them is read.
     pub fn is_at(path: &Path) -> bool {
         find(path).is_ok()
+    }
+
+    /// Seconds from a frame to the next.
+    pub fn interval_s(&self, frame: usize) -> f64 {
+        let timestamps_s: &[f64] = if self.has_even_intervals { &[] } else { &self.timestamps_s };
+        interval_s(timestamps_s, frame, self.frame_interval_s)
     }
 
     pub fn frame_count(&self) -> usize {

@@ -41,6 +41,7 @@ pub struct Description {
     pub depth: Option<DepthList>,
     pub exposure: Option<ExposureList>,
     pub camera: Option<CameraFile>,
+    pub live: Option<LiveFacts>,
 }
 
 /// Exactly one of `list`, `images` and `video`.
@@ -92,6 +93,17 @@ pub enum CameraKind {
     Equirectangular,
 }
 
+/// Facts about a recording that was written while it was seen (recorder.rs).
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct LiveFacts {
+    /// Seconds from every frame to the next, whatever was dropped between them.
+    pub interval_s: f64,
+    /// The camera's name, and what it gave.
+    pub camera: Option<String>,
+    pub delivered: Option<String>,
+}
+
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -123,6 +135,10 @@ fn check(d: &Description) -> Result<(), String> {
     if d.camera.as_ref().is_some_and(|c| c.profile.is_none() && c.kind.is_none()) {
         return Err("[camera] needs profile, kind = \"equirectangular\", or both".to_owned());
     }
+    if d.live.is_some() && f.list.is_none() {
+        return Err("[live] goes with frames.list only".to_owned());
+    }
+    above_zero("live.interval_s", d.live.as_ref().map(|live| live.interval_s))?;
     above_zero("frames.fps", f.fps)?;
     above_zero("poses.max_gap_s", d.poses.max_gap_s)?;
     above_zero("depth.scale", d.depth.as_ref().map(|depth| depth.scale))?;
@@ -142,8 +158,19 @@ fn above_zero(name: &str, value: Option<f64>) -> Result<(), String> {
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let description = parse(&text::read_description(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
-    let (pictures, timestamps_s) = open_frames(&description.frames, folder, file)?;
+    // What was written until the power went may end in the middle of a line.
+    let mut unended = Vec::new();
+    let is_live = description.live.is_some();
+    let mut read = |path: &Path| -> Result<String, RecordingError> {
+        let mut text = text::read(path)?;
+        if is_live && let Some(line) = text::drop_unended(&mut text) {
+            unended.push(format!("{}: the last line, {line}, has no end, and is left out", path.display()));
+        }
+        Ok(text)
+    };
+    let (pictures, timestamps_s) = open_frames(&description.frames, folder, file, &mut read)?;
     let mut parts = Parts::new(folder, pictures, timestamps_s);
+    parts.interval_s = description.live.as_ref().map(|live| live.interval_s);
     if let Pictures::Video(video) = &parts.pictures {
         parts.warnings.extend(video.warnings.iter().cloned());
     }
@@ -158,7 +185,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (trajectory, named) = match &description.poses.trajectory {
         Some(name) => {
             let path = folder.join(name);
-            (parse_trajectory(&text::read(&path)?, &path)?, path)
+            (parse_trajectory(&read(&path)?, &path)?, path)
         }
         None => (Trajectory::default(), file.to_owned()),
     };
@@ -169,8 +196,10 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         parts.depth = Some(DepthFiles { by_time: files, codes_per_metre: depth.scale });
     }
     if let Some(exposure) = &description.exposure {
-        parts.exposure = listing::read_exposures(&folder.join(&exposure.list))?;
+        let path = folder.join(&exposure.list);
+        parts.exposure = listing::parse_exposures(&read(&path)?, &path)?;
     }
+    parts.warnings.extend(unended);
     let lists = [description.depth.map(|depth| depth.list), description.exposure.map(|exposure| exposure.list)];
     let named = [description.frames.list, description.poses.trajectory].into_iter().chain(lists);
     parts.described_by.push(file.to_owned());
@@ -182,7 +211,12 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-fn open_frames(frames: &FrameFiles, folder: &Path, file: &Path) -> Result<(Pictures, Vec<f64>), RecordingError> {
+fn open_frames(
+    frames: &FrameFiles,
+    folder: &Path,
+    file: &Path,
+    mut read: impl FnMut(&Path) -> Result<String, RecordingError>,
+) -> Result<(Pictures, Vec<f64>), RecordingError> {
     if let Some(name) = &frames.video {
         let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
         let video = video::probe(&folder.join(name), &overrides)?;
@@ -195,7 +229,8 @@ fn open_frames(frames: &FrameFiles, folder: &Path, file: &Path) -> Result<(Pictu
         return Ok((Pictures::Stills(files), timestamps_s));
     }
     let list = frames.list.as_ref().ok_or_else(|| RecordingError::content(file, "[frames] names nothing"))?;
-    let (timestamps_s, files) = listing::read_pictures(&folder.join(list))?.into_iter().unzip();
+    let list = folder.join(list);
+    let (timestamps_s, files) = listing::pictures(&read(&list)?, &list)?.into_iter().unzip();
     Ok((Pictures::Stills(files), timestamps_s))
 }
 
@@ -234,6 +269,8 @@ mod tests {
             ("version = 1\n[frames]\nlist = \"a\"\n[camera]", "[camera] needs profile, kind"),
             ("version = 1\n[frames]\nlist = \"a\"\n[camera]\nkind = \"round\"", "expected `equirectangular`"),
             ("version = 1", "missing field `frames`"),
+            ("version = 1\n[frames]\nvideo = \"a\"\n[live]\ninterval_s = 0.1", "[live] goes with frames.list only"),
+            ("version = 1\n[frames]\nlist = \"a\"\n[live]\ninterval_s = 0.0", "live.interval_s = 0"),
         ] {
             let error = refused(text);
             assert!(error.contains(said) && error.starts_with("recording.toml: ") && !error.contains('\n'), "{error}");

@@ -95,6 +95,8 @@ pub struct Parts {
     pub pictures: Pictures,
     /// One per frame.
     pub timestamps_s: Vec<f64>,
+    /// From every frame to the next, seconds, where the recording says it.
+    pub interval_s: Option<f64>,
     pub track: PoseTrack,
     pub time_offset_s: f64,
     /// One per frame, or empty.
@@ -119,6 +121,7 @@ impl Parts {
             up: None,
             pictures,
             timestamps_s,
+            interval_s: None,
             track: PoseTrack::default(),
             time_offset_s: 0.0,
             geometries: Vec::new(),
@@ -138,8 +141,8 @@ impl Parts {
             return Err(RecordingError::content(&self.path, "the recording has no frames"));
         }
         let Header { width, height, bits } = common_header(&self.pictures, &self.described_by)?;
-        let frame_interval_s =
-            median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0).unwrap_or(1.0 / NOMINAL_FPS);
+        let median_s = || median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0);
+        let frame_interval_s = self.interval_s.or_else(median_s).unwrap_or(1.0 / NOMINAL_FPS);
         warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
         let geometry = match self.equirectangular {
             true => Some(equirectangular(width, height).map_err(|e| RecordingError::content(&self.path, e))?),
@@ -191,6 +194,7 @@ impl Parts {
             bits,
             timestamps_s: self.timestamps_s.into(),
             frame_interval_s,
+            has_even_intervals: self.interval_s.is_some(),
             track: self.track,
             time_offset_s: self.time_offset_s + options.time_offset_s,
             geometries: if geometry.is_some() { Vec::new() } else { self.geometries },

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 pub use super::listing::{write_exposures as exposures, write_pictures as pictures};
-pub use super::own::{CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, PoseFile};
+pub use super::own::{
+    CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, LiveFacts, PoseFile,
+};
 pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
 
 use super::{RecordingError, own};
@@ -52,8 +54,9 @@ mod tests {
             name in prop::option::of("\\PC{0,9}"),
             trajectory in prop::option::of("[ -~]{1,9}"),
             (offset, gap, scale) in (prop::option::of(number()), prop::option::of(number()), prop::option::of(number())),
-            round in any::<bool>(),
+            (round, live) in any::<(bool, bool)>(),
         ) {
+            let live = (live && frames.list.is_some()).then(|| LiveFacts { interval_s: 0.1, ..LiveFacts::default() });
             let written = Description {
                 version: 1,
                 name,
@@ -63,6 +66,7 @@ mod tests {
                 depth: scale.map(|scale| DepthList { list: "depth.txt".into(), scale }),
                 exposure: scale.map(|_| ExposureList { list: "exposure.txt".into() }),
                 camera: round.then_some(CameraFile { profile: None, kind: Some(CameraKind::Equirectangular) }),
+                live,
             };
             let text = description(written.clone()).unwrap().to_string();
             prop_assert_eq!(own::parse(&text, Path::new(FILE_NAME)).unwrap(), written);
@@ -80,6 +84,7 @@ mod tests {
             depth: None,
             exposure: None,
             camera: None,
+            live: None,
         };
         assert!(description(nothing).unwrap_err().to_string().contains("exactly one of list, images, video"));
     }

@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 use crate::camera::{Camera, CameraExposure, Geometry, Lens};
 use crate::compositor::{Compositor, Settings};
-use crate::frame::{Frame, interval_s};
+use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording, RecordingError};
@@ -163,7 +163,7 @@ impl Shot {
 
     /// Seconds from a frame to the next.
     pub fn interval_s(&self, frame: usize) -> f64 {
-        interval_s(&self.recording.timestamps_s, frame, self.recording.frame_interval_s)
+        self.recording.interval_s(frame)
     }
 
     /// A frame as it was recorded.

@@ -218,6 +218,7 @@ fn recording_toml(name: &str, options: &Options) -> Result<String, SimulateError
         depth: Some(DepthList { list: "depth.txt".into(), scale: options.depth_scale }),
         exposure: Some(ExposureList { list: "exposure.txt".into() }),
         camera: Some(CameraFile { profile, kind }),
+        live: None,
     });
     let description = description.map_err(|e| SimulateError::Text(e.to_string()))?;
     Ok(format!("# A simulated recording; truth.toml tells how it was made.\n{description}"))

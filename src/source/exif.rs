@@ -23,6 +23,11 @@ pub fn read_settings(file: &Path) -> Result<PhotoSettings, SourceError> {
     }
 }
 
+/// Like [`read_settings`], of a file's bytes. What is damaged counts as none.
+pub fn settings_of(file: &[u8]) -> PhotoSettings {
+    segment(&mut std::io::Cursor::new(file)).and_then(|segment| parse(segment).ok()).unwrap_or_default()
+}
+
 /// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B). A file that is damaged or
 /// ends earlier counts as one without: reading its pixels will report it.
 fn segment(reader: &mut (impl Read + Seek)) -> Option<Vec<u8>> {

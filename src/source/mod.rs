@@ -9,6 +9,7 @@ mod index;
 pub mod jpeg;
 pub mod still;
 pub mod video;
+pub mod yuv;
 
 use std::path::{Path, PathBuf};
 

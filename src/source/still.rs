@@ -39,7 +39,12 @@ pub fn read_header(file: &Path) -> Result<Header, SourceError> {
 
 /// The picture in a file. A file that ends too early is an error.
 pub fn read_pixels(file: &Path) -> Result<Pixels, SourceError> {
-    let picture = decode(&read(file)?).map_err(|problem| SourceError::content(file, problem))?;
+    decode_pixels(&read(file)?).map_err(|problem| SourceError::content(file, problem))
+}
+
+/// The picture in a file's bytes, or what is wrong with it.
+pub fn decode_pixels(bytes: &[u8]) -> Result<Pixels, String> {
+    let picture = decode(bytes)?;
     let (width, height) = (picture.width(), picture.height());
     let codes = if picture.color().bytes_per_pixel() / picture.color().channel_count() > 1 {
         Codes::U16(picture.into_rgb16().into_raw())

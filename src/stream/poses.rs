@@ -79,6 +79,16 @@ impl Poses {
         self.receiver.lens()
     }
 
+    /// Added to the time of every pose, seconds, as was asked for.
+    pub fn delay_s(&self) -> f64 {
+        self.receiver.delay_s()
+    }
+
+    /// Now, by the clock of [`Tracked::arrived_s`].
+    pub fn seconds_now(&self) -> f64 {
+        self.seconds(Instant::now())
+    }
+
     fn seconds(&self, at: Instant) -> f64 {
         at.saturating_duration_since(self.began).as_secs_f64()
     }

@@ -104,6 +104,11 @@ impl Receiver {
         }
     }
 
+    /// Added to the time of every pose, seconds.
+    pub fn delay_s(&self) -> f64 {
+        self.listen.delay_s
+    }
+
     pub fn report(&self) -> &Report {
         &self.report
     }

@@ -114,6 +114,11 @@ impl PoseTrack {
         self.at(to_s).map(drop)
     }
 
+    /// The longest interval across which poses are interpolated, seconds.
+    pub fn max_gap_s(&self) -> f64 {
+        self.max_gap_s
+    }
+
     pub fn poses(&self) -> &[(f64, Pose)] {
         &self.poses
     }

@@ -47,6 +47,14 @@ pub fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
     lines.map(|(i, line)| (i + 1, line.trim())).filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
+/// Drops a last line without an end, and gives its number from 1. A number of it may have been cut short.
+pub fn drop_unended(text: &mut String) -> Option<usize> {
+    let whole = text.rfind('\n').map_or(0, |end| end + 1);
+    let is_unended = whole < text.len();
+    text.truncate(whole);
+    is_unended.then(|| text.lines().count() + 1)
+}
+
 /// Takes the next word off the front of a line; empty at the end.
 pub fn word<'a>(line: &mut &'a str) -> &'a str {
     let start = line.trim_start();
@@ -70,5 +78,20 @@ pub fn end(line: &str) -> Result<(), String> {
     match line.trim() {
         "" => Ok(()),
         more => Err(format!("there is more than expected: `{}`", quoted(more))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_counts_with_its_end() {
+        for (text, whole, line) in
+            [("", "", None), ("1\n2\n", "1\n2\n", None), ("1\n2", "1\n", Some(2)), ("1", "", Some(1))]
+        {
+            let mut left = text.to_owned();
+            assert_eq!((drop_unended(&mut left), left.as_str()), (line, whole));
+        }
     }
 }

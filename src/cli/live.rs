@@ -1,0 +1,247 @@
+//! `locard live`, without a window.
+
+use std::path::PathBuf;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+
+use super::watching::{Agreed, CameraArgs, Next, Watching};
+use super::which::Which;
+use super::{is_closed_stdout, record, say, warn};
+use crate::compositor::{Composited, Settings};
+use crate::gpu::Gpu;
+use crate::live::{Came, Live, Writer};
+use crate::profile::Rig;
+use crate::recording::Recording;
+use crate::recording::recorder::Recorder;
+use crate::shot::{Given, Shot};
+use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
+use crate::webcam::monotonic_s;
+use crate::words::{count, fixed};
+
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// A .glb or .gltf in the poses' world coordinates, or a scene.toml
+    #[arg(long)]
+    scene: PathBuf,
+    /// The camera and the effects' parameters
+    #[arg(long)]
+    profile: PathBuf,
+    /// Set a parameter, as in --set noise.scale=1.5; `locard params` lists them
+    #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
+    sets: Vec<String>,
+    #[command(flatten)]
+    which: Which,
+    /// Seed of the noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Without a window
+    #[arg(long, required = true)]
+    headless: bool,
+    /// Also record what comes into a new folder: `locard composite` makes the same pictures of it
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout
+    #[arg(short = 'o', long = "output", value_name = "OUT")]
+    output: PathBuf,
+    /// Keep every code value in a video
+    #[arg(long)]
+    lossless: bool,
+    /// Replace output that exists
+    #[arg(long)]
+    force: bool,
+}
+
+/// The size of the camera that a profile describes.
+fn profile_px(args: &Args) -> Result<Option<(u32, u32)>> {
+    let (mut rig, mut settings) = (Rig::default(), Settings::default());
+    rig.read(&args.profile, &mut settings)?;
+    let geometry = rig.geometry_over(None);
+    Ok(geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px)))
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let out = OutPath::parse(&args.output)?;
+    sink::check(&out, args.force)?;
+    let agreed = Agreed::open(&args.camera, profile_px(args)?)?;
+    let delivered = agreed.camera.given.delivered;
+    let (width, height, interval_s) = (delivered.width, delivered.height, agreed.interval_s);
+    let recording = Recording::arriving(&agreed.camera.given.name, width, height, interval_s, agreed.poses.up());
+    let given = Given { profile: Some(args.profile.clone()), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
+    let mut shot = Shot::of(recording, &given)?;
+    shot.settings.seed = args.seed;
+    args.which.apply(&mut shot.settings)?;
+    let geometry = shot.geometry_at(0)?;
+    shot.settings.check(&shot.camera(), &geometry)?;
+    for note in shot.notes(0..0) {
+        warn(args.camera.quiet, &note.to_string());
+    }
+    let mut compositor = shot.compositor(Gpu::open()?);
+    for text in compositor.warnings() {
+        warn(args.camera.quiet, &text);
+    }
+    let options =
+        SinkOptions { force: args.force, fps: 1.0 / interval_s, lossless: args.lossless, width, height, bits: 8 };
+    let sink = sink::open(&out, &options)?;
+    let about = record::about(&agreed, Some(&args.profile))?;
+    let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
+    let writer = writer.transpose()?;
+    let patience_s = if agreed.poses.is_live() { interval_s } else { 0.0 };
+    let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer)?;
+    let mut tally = Tally::default();
+    let mut watching = agreed.start()?;
+    let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.quiet, send));
+    let (frames, counts) = (live.frames(), live.counts());
+    let recorded = live.finish();
+    match done {
+        Err(error) if !is_closed_stdout(&error) => return Err(error),
+        _ => {}
+    }
+    watching.close("", frames, tally.not_recorded);
+    if !args.camera.quiet {
+        say(&format!(
+            "{} tracked, {} by predicted poses, {} without; {} of poses came late",
+            count(counts.tracked as usize, "frame"),
+            counts.predicted,
+            counts.lost,
+            counts.late
+        ));
+        say(&tally.times.to_string());
+    }
+    if let Some((_, Some(error))) = recorded {
+        bail!("{error}; the recording is whole up to there");
+    }
+    Ok(())
+}
+
+/// What is told at the end.
+#[derive(Default)]
+struct Tally {
+    not_recorded: u64,
+    times: Times,
+}
+
+/// Frames until somebody ends it.
+fn follow(
+    watching: &mut Watching,
+    live: &mut Live<'_>,
+    tally: &mut Tally,
+    quiet: bool,
+    mut send: impl FnMut(Composited) -> bool,
+) -> Result<()> {
+    let mut last_s = f64::NEG_INFINITY;
+    let mut ended = false;
+    loop {
+        ended |= !watching.goes_on(live.frames());
+        if ended && live.due_s().is_none() {
+            return Ok(());
+        }
+        let patience_s = live.due_s().map_or(0.02, |due_s| (due_s - monotonic_s()).clamp(0.0, 0.005));
+        if !ended {
+            match watching.next(Instant::now() + Duration::from_secs_f64(patience_s)) {
+                Next::Picture(came) => {
+                    let (picture, pixels) = *came;
+                    let came = live.picture(&picture, pixels, monotonic_s());
+                    tally.not_recorded += u64::from(came == Came::NotRecorded);
+                    last_s = picture.time_s;
+                }
+                Next::Nothing => {}
+                Next::Ended => ended = true,
+            }
+        }
+        for (time_s, pose) in watching.new_poses(last_s)? {
+            live.pose(time_s, &pose);
+        }
+        while let Some(submitted) = live.submit(monotonic_s())? {
+            let shown = live.collect(submitted)?;
+            let now_s = monotonic_s();
+            tally.times.add(shown.taken_s, now_s - shown.came_s, now_s);
+            if !send(shown.done) {
+                return Ok(());
+            }
+        }
+        let failure = live.writer().and_then(Writer::failure);
+        if let Some(error) = failure {
+            warn(quiet, &format!("{error}; the recording ends here, and is whole; the pictures go on"));
+            live.take_writer();
+        }
+    }
+}
+
+/// Runs `frames`, whose pictures are written on a thread of their own.
+fn written(
+    mut sink: Box<dyn Sink + Send>,
+    frames: impl FnOnce(&mut dyn FnMut(Composited) -> bool) -> Result<()>,
+) -> Result<()> {
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(4);
+        let write = move || -> Result<(), SinkError> {
+            for frame in receiver {
+                match frame {
+                    Some(done) => sink.write(done.frame, &done.pixels)?,
+                    None => return sink.finish(),
+                }
+            }
+            Ok(())
+        };
+        let writing = std::thread::Builder::new().name("writer".to_owned()).spawn_scoped(scope, write)?;
+        let done = frames(&mut |frame| sender.send(Some(frame)).is_ok());
+        if done.is_ok() {
+            let _ = sender.send(None);
+        }
+        drop(sender);
+        // The writer's error comes first: it is why the frames stopped.
+        match writing.join() {
+            Ok(written) => written?,
+            Err(_) => bail!("the thread that writes broke down; its message stands above"),
+        }
+        done
+    })
+}
+
+/// How long pictures take, in bins of a millisecond.
+struct Times {
+    since_taken: Vec<u32>,
+    since_came: Vec<u32>,
+}
+
+impl Default for Times {
+    fn default() -> Self {
+        Self { since_taken: vec![0; 2000], since_came: vec![0; 2000] }
+    }
+}
+
+impl Times {
+    fn add(&mut self, taken_s: f64, since_came_s: f64, now_s: f64) {
+        let bin = |bins: &mut Vec<u32>, s: f64| bins[((1e3 * s).max(0.0) as usize).min(1999)] += 1;
+        bin(&mut self.since_taken, now_s - taken_s);
+        bin(&mut self.since_came, since_came_s);
+    }
+}
+
+impl std::fmt::Display for Times {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let of = |bins: &[u32], share: f64| {
+            let all: u32 = bins.iter().sum();
+            let mut sum = 0;
+            let at = bins.iter().position(|n| {
+                sum += n;
+                f64::from(sum) >= share * f64::from(all)
+            });
+            fixed(at.unwrap_or_default() as f64, 0)
+        };
+        let [taken, came] = [&self.since_taken, &self.since_came];
+        write!(
+            f,
+            "from the driver's time to the composite {} ms (median), {} ms (95 %); of these {} and {} ms since the picture \
+             came",
+            of(taken, 0.5),
+            of(taken, 0.95),
+            of(came, 0.5),
+            of(came, 0.95)
+        )
+    }
+}

@@ -1,0 +1,35 @@
+//! Why nothing can be seen live, or recorded.
+
+use std::path::PathBuf;
+
+use crate::camera::LensError;
+use crate::compositor::SubmitError;
+use crate::gpu::GpuError;
+use crate::recording::RecordingError;
+use crate::recording::recorder::RecorderError;
+use crate::shot::ShotError;
+use crate::stream::StreamError;
+
+#[derive(Debug, thiserror::Error)]
+pub enum LiveError {
+    #[error("{asked}: gives no poses; accepted are opentrackio://…, freed://…, file:RECORDING, none")]
+    Poses { asked: String },
+    #[error("{}: the recording has no poses", path.display())]
+    NoPoses { path: PathBuf },
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(transparent)]
+    Recorder(#[from] RecorderError),
+    #[error("a thread could not be started: {0}")]
+    Thread(std::io::Error),
+    #[error(transparent)]
+    Shot(#[from] ShotError),
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    #[error("frame {frame}: {source}")]
+    Submit { frame: usize, source: SubmitError },
+    #[error("frame {frame}: {source}")]
+    Gpu { frame: usize, source: GpuError },
+}

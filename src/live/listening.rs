@@ -1,0 +1,117 @@
+//! Poses of a stream, by the camera's clock.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+
+use super::error::LiveError;
+use super::source::{MAX_GAP_S, PoseSource};
+use crate::pose::Pose;
+use crate::stream::{Clock, Poses};
+use crate::webcam::monotonic_s;
+
+/// How far the sender's clock is from ours: by the pose that came fastest among those of the last seconds, for what is
+/// late was held up on the way.
+#[derive(Debug, Default)]
+pub struct ClockOffset {
+    epoch: Option<u32>,
+    since_s: f64,
+    /// Of this span and the one before, seconds.
+    least_s: [Option<f64>; 2],
+}
+
+impl ClockOffset {
+    /// Clocks of 50 ppm drift apart by half a millisecond in such a span, seconds.
+    const SPAN_S: f64 = 10.0;
+
+    /// Our time for a sender's, which has just come.
+    pub fn ours(&mut self, epoch: u32, time_s: f64, arrived_s: f64) -> f64 {
+        if self.epoch != Some(epoch) {
+            *self = Self { epoch: Some(epoch), since_s: arrived_s, least_s: [None; 2] };
+        }
+        if arrived_s - self.since_s > Self::SPAN_S {
+            self.since_s = arrived_s;
+            self.least_s = [None, self.least_s[0]];
+        }
+        let offset_s = arrived_s - time_s;
+        self.least_s[0] = Some(self.least_s[0].map_or(offset_s, |least| least.min(offset_s)));
+        time_s + self.least_s.iter().flatten().fold(f64::INFINITY, |a, b| a.min(*b))
+    }
+}
+
+/// A stream, heard by a thread of its own.
+pub struct Streamed {
+    received: Receiver<Result<(f64, Pose), LiveError>>,
+    /// While it lives, the thread listens.
+    _wanted: Arc<()>,
+}
+
+impl Streamed {
+    pub fn open(url: &str) -> Result<Self, LiveError> {
+        let mut poses = Poses::open(url)?;
+        let delay_s = poses.delay_s();
+        let (sender, received) = sync_channel(1024);
+        let wanted = Arc::new(());
+        let still = Arc::downgrade(&wanted);
+        let listen = move || {
+            let mut clock = ClockOffset::default();
+            while still.strong_count() > 0 {
+                let item = match poses.next(Instant::now() + Duration::from_millis(200)) {
+                    Ok(None) => continue,
+                    Ok(Some(tracked)) => {
+                        // The delay is not the clock's.
+                        let (now_s, time_s) = (monotonic_s(), tracked.time_s - delay_s);
+                        let ours_s = match tracked.clock {
+                            Clock::Arrival => now_s - (poses.seconds_now() - tracked.arrived_s),
+                            _ => clock.ours(tracked.epoch, time_s, now_s),
+                        };
+                        Ok((ours_s + delay_s, tracked.pose))
+                    }
+                    Err(error) => Err(error.into()),
+                };
+                let is_last = item.is_err();
+                if sender.send(item).is_err() || is_last {
+                    return;
+                }
+            }
+        };
+        std::thread::Builder::new().name("poses".to_owned()).spawn(listen).map_err(LiveError::Thread)?;
+        Ok(Self { received, _wanted: wanted })
+    }
+}
+
+impl PoseSource for Streamed {
+    fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+        self.received.try_iter().collect()
+    }
+    fn up(&self) -> Option<DVec3> {
+        Some(DVec3::Z)
+    }
+    fn max_gap_s(&self) -> f64 {
+        MAX_GAP_S
+    }
+    fn is_live(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fastest_pose_tells_the_clock() {
+        let mut offset = ClockOffset::default();
+        // Sent at 100, 100.1, 100.2 by its clock, which is 95 s before ours; held up by 30, 5 and 50 ms.
+        assert!((offset.ours(0, 100.0, 5.03) - 5.03).abs() < 1e-9);
+        assert!((offset.ours(0, 100.1, 5.105) - 5.105).abs() < 1e-9);
+        assert!((offset.ours(0, 100.2, 5.25) - 5.205).abs() < 1e-9);
+        // The sender's clock falls behind by 1 ms; two spans later the old offset is forgotten.
+        assert!((offset.ours(0, 110.3, 15.306) - 15.305).abs() < 1e-9);
+        assert!((offset.ours(0, 121.0, 26.006) - 26.006).abs() < 1e-9);
+        // Another clock.
+        assert!((offset.ours(1, 7.0, 27.0) - 27.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,61 @@
+//! A recording's poses, played again for frames that begin anew.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::error::LiveError;
+use super::source::PoseSource;
+use crate::pixels::Pixels;
+use crate::pose::Pose;
+use crate::recording::{OpenOptions, Recording};
+
+/// The recording's first frame is at the time of the first picture.
+#[derive(Debug)]
+pub struct RecordedPoses {
+    poses: std::vec::IntoIter<(f64, Pose)>,
+    first_frame_s: f64,
+    shift_s: Option<f64>,
+    up: Option<DVec3>,
+    max_gap_s: f64,
+}
+
+impl RecordedPoses {
+    pub fn open(path: &Path) -> Result<Self, LiveError> {
+        let recording = Recording::open(path, &OpenOptions::default())?;
+        if recording.track.poses().is_empty() {
+            return Err(LiveError::NoPoses { path: path.to_owned() });
+        }
+        Ok(Self {
+            first_frame_s: recording.timestamps_s.first().copied().unwrap_or_default() + recording.time_offset_s,
+            poses: recording.track.poses().to_vec().into_iter(),
+            shift_s: None,
+            up: recording.up,
+            max_gap_s: recording.track.max_gap_s(),
+        })
+    }
+}
+
+impl PoseSource for RecordedPoses {
+    fn picture(&mut self, time_s: f64, _: &Pixels) {
+        self.shift_s.get_or_insert(time_s - self.first_frame_s);
+    }
+    fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+        let Some(shift_s) = self.shift_s else { return Ok(Vec::new()) };
+        let mut due = Vec::new();
+        while let Some((time_s, pose)) = self.poses.as_slice().first().filter(|(t, _)| t + shift_s <= until_s) {
+            due.push((time_s + shift_s, *pose));
+            self.poses.next();
+        }
+        Ok(due)
+    }
+    fn up(&self) -> Option<DVec3> {
+        self.up
+    }
+    fn max_gap_s(&self) -> f64 {
+        self.max_gap_s
+    }
+    fn is_live(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,25 @@
+//! Where poses come from.
+
+use glam::DVec3;
+
+use super::error::LiveError;
+use crate::pixels::Pixels;
+use crate::pose::Pose;
+
+/// Poses for a camera's frames, by the camera's clock. What finds them in the pictures gets these first.
+pub trait PoseSource {
+    /// Sees a frame, before its poses are asked for.
+    fn picture(&mut self, _time_s: f64, _pixels: &Pixels) {}
+    /// The poses that are known by now and were not given before, ascending in time. Those of a source that knows them
+    /// all come as far as `until_s`.
+    fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError>;
+    /// Which way is up in their world.
+    fn up(&self) -> Option<DVec3>;
+    /// The longest interval across which they may be interpolated, seconds.
+    fn max_gap_s(&self) -> f64;
+    /// Whether frames should wait for them.
+    fn is_live(&self) -> bool;
+}
+
+/// A tenth of a second: a hand-held camera still moves smoothly.
+pub const MAX_GAP_S: f64 = 0.1;

@@ -1,0 +1,209 @@
+//! The poses that frames are given while they come: real ones, predicted where those are late, none where the camera
+//! is lost.
+//!
+//! Poses are only ever added behind the last one, and every one is given out to be recorded. So a frame's poses are the
+//! same in the recording, as long as nothing that is added later reaches into the frame: the track must end behind the
+//! frame ([`LiveTrack::reaches`]), or the frame is given up, and then no pose is taken from which the recording's reader
+//! would bridge the gap that the frame is in.
+
+use crate::pose::Pose;
+use crate::tracking::PoseTrack;
+use crate::tracking::tum::Line;
+
+/// A pose this near a frame counts as its own: [`PoseTrack`] allows for rounding by a microsecond.
+const NEAR_S: f64 = 2e-6;
+/// The motion that is predicted on is measured over so long, seconds: half of a frame, so that a tracker's noise does not
+/// count for much.
+const MEASURED_S: f64 = 0.02;
+
+/// What became of a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PoseTaken {
+    Added,
+    /// Frames were composited without it, or by a prediction in its place.
+    Late,
+    /// It cannot be used: a number is not finite.
+    Odd,
+}
+
+/// How a frame has its poses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tracking {
+    Tracked,
+    Predicted,
+    Lost,
+}
+
+#[derive(Debug)]
+pub struct LiveTrack {
+    track: PoseTrack,
+    max_gap_s: f64,
+    /// How far beyond the last real pose motion is predicted, seconds.
+    predict_s: f64,
+    /// The newest real poses, over [`MEASURED_S`] or a little more.
+    real: Vec<(f64, Pose)>,
+    last_s: f64,
+    /// Poses up to here come too late for a frame that was given up.
+    given_up_s: f64,
+    is_lost: bool,
+    new: Vec<Line>,
+}
+
+impl LiveTrack {
+    /// Interpolates across at most `max_gap_s`, and predicts up to as far, seconds.
+    pub fn new(max_gap_s: f64) -> Self {
+        Self {
+            track: PoseTrack::growing(max_gap_s),
+            max_gap_s,
+            predict_s: max_gap_s,
+            real: Vec::new(),
+            last_s: f64::NEG_INFINITY,
+            given_up_s: f64::NEG_INFINITY,
+            is_lost: true,
+            new: Vec::new(),
+        }
+    }
+
+    pub fn track(&self) -> &PoseTrack {
+        &self.track
+    }
+
+    /// The poses that were added since this was last asked.
+    pub fn take_new(&mut self) -> Vec<Line> {
+        std::mem::take(&mut self.new)
+    }
+
+    /// Adds a pose that was measured.
+    pub fn add(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
+        let numbers = [time_s].into_iter().chain(pose.rotation.to_array()).chain(pose.translation_m.to_array());
+        if !numbers.into_iter().all(f64::is_finite) || (pose.rotation.length() - 1.0).abs() > 1e-3 {
+            return PoseTaken::Odd;
+        }
+        // The same difference as the reader's, so that both see a gap.
+        let is_apart = self.last_s == f64::NEG_INFINITY || time_s - self.last_s > self.max_gap_s;
+        let too_late = time_s <= self.last_s || time_s <= self.given_up_s || (self.is_lost && !is_apart);
+        if too_late {
+            return PoseTaken::Late;
+        }
+        let pose = self.push(time_s, pose);
+        if self.is_lost {
+            self.real.clear();
+            self.is_lost = false;
+        }
+        self.real.push((time_s, pose));
+        // One before the span is kept.
+        let old = self.real.iter().skip(1).take_while(|(t, _)| *t <= time_s - MEASURED_S).count();
+        self.real.drain(..old);
+        PoseTaken::Added
+    }
+
+    /// Adds a pose as the recording's reader will read it.
+    fn push(&mut self, time_s: f64, pose: &Pose) -> Pose {
+        let line = Line::new(time_s, pose);
+        let pose = line.pose();
+        if self.track.push(time_s, pose).is_ok() {
+            self.new.push(line);
+            self.last_s = time_s;
+        }
+        pose
+    }
+
+    /// Whether nothing that is added from now on changes poses up to a time.
+    pub fn reaches(&self, to_s: f64) -> bool {
+        self.last_s >= to_s + NEAR_S
+    }
+
+    /// Sees to it that a frame at a time, which needs poses from before to after it, need not wait any longer: they are
+    /// there, or are predicted, or it is given up.
+    pub fn settle(&mut self, at_s: f64, [from_s, to_s]: [f64; 2]) -> Tracking {
+        let has_pose = |track: &PoseTrack, then| if track.at(at_s).is_ok() { then } else { Tracking::Lost };
+        if self.reaches(to_s) {
+            return has_pose(&self.track, Tracking::Tracked);
+        }
+        let real_s = self.real.last().map_or(f64::NEG_INFINITY, |(time_s, _)| *time_s);
+        if self.is_lost || from_s > real_s + self.predict_s {
+            self.is_lost = true;
+            // Where predictions reach into it, the last of them must stay nearer than any pose to come.
+            let beyond_s = if self.last_s > from_s { to_s - self.last_s } else { 0.0 };
+            self.given_up_s = to_s + beyond_s.max(0.0) + NEAR_S;
+            return has_pose(&self.track, Tracking::Predicted);
+        }
+        let end_s = to_s + 2.0 * NEAR_S;
+        // In steps that are no gap.
+        let (first_s, steps) = (self.last_s, ((end_s - self.last_s) / (0.5 * self.max_gap_s)).ceil().max(1.0));
+        for step in 1..=steps as u32 {
+            let time_s =
+                if f64::from(step) == steps { end_s } else { first_s + (end_s - first_s) * f64::from(step) / steps };
+            if let Some(pose) = self.predicted(time_s) {
+                self.push(time_s, &pose);
+            }
+        }
+        has_pose(&self.track, Tracking::Predicted)
+    }
+
+    /// The last real motion, on.
+    fn predicted(&self, time_s: f64) -> Option<Pose> {
+        let (newest_s, newest) = self.real.last()?;
+        let (oldest_s, oldest) = self.real.first()?;
+        let span_s = newest_s - oldest_s;
+        if span_s < 1e-4 {
+            return Some(*newest);
+        }
+        Some(oldest.interpolate(newest, (time_s - oldest_s) / span_s))
+    }
+
+    /// Drops what no frame from a time on needs.
+    pub fn trim(&mut self, from_s: f64) {
+        self.track.trim(from_s);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DQuat, DVec3};
+
+    fn at(x: f64) -> Pose {
+        Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::from_rotation_y(0.1 * x))
+    }
+
+    #[test]
+    fn motion_is_predicted_as_it_was_and_late_poses_are_left_out() {
+        let mut t = LiveTrack::new(0.1);
+        assert_eq!(t.settle(0.005, [0.0, 0.01]), Tracking::Lost);
+        // 2 m/s.
+        for i in 2..=5 {
+            assert_eq!(t.add(0.01 * f64::from(i), &at(0.02 * f64::from(i))), PoseTaken::Added);
+        }
+        assert_eq!(t.settle(0.035, [0.03, 0.04]), Tracking::Tracked);
+        assert_eq!(t.settle(0.08, [0.06, 0.09]), Tracking::Predicted);
+        let x = |t: &LiveTrack, time_s| t.track().at(time_s).unwrap().position_in_world_m().x;
+        assert!((x(&t, 0.08) - 0.16).abs() < 1e-12 && t.track().covers(0.06, 0.09).is_ok());
+        let turn = t.track().at(0.08).unwrap().world_from_camera_rotation();
+        assert!(turn.angle_between(DQuat::from_rotation_y(0.016)) < 1e-9);
+        assert_eq!(t.add(0.08, &at(9.0)), PoseTaken::Late);
+        assert_eq!(t.add(0.10, &at(0.2)), PoseTaken::Added);
+        assert_eq!(t.add(f64::NAN, &at(0.2)), PoseTaken::Odd);
+        // All that is used is given out, and once.
+        assert_eq!(t.take_new().len(), t.track().poses().len());
+        assert!(t.take_new().is_empty());
+    }
+
+    #[test]
+    fn a_frame_that_was_given_up_stays_without_a_pose() {
+        let mut t = LiveTrack::new(0.1);
+        t.add(1.0, &at(0.0));
+        t.add(1.02, &at(0.1));
+        assert_eq!(t.settle(1.115, [1.11, 1.12]), Tracking::Predicted);
+        assert_eq!(t.settle(1.135, [1.13, 1.14]), Tracking::Lost);
+        // From here the reader would bridge the frame.
+        assert_eq!(t.add(1.15, &at(0.2)), PoseTaken::Late);
+        assert_eq!(t.add(1.3, &at(0.3)), PoseTaken::Added);
+        assert_eq!(t.add(1.31, &at(0.3)), PoseTaken::Added);
+        let whole = PoseTrack::new(t.track().poses().to_vec(), 0.1).unwrap();
+        assert!(whole.at(1.135).is_err() && whole.at(1.305).is_ok());
+        // What is predicted after it knows nothing of what was before.
+        assert_eq!(t.settle(1.325, [1.32, 1.33]), Tracking::Predicted);
+        assert!((t.track().at(1.33).unwrap().position_in_world_m().x - 0.3).abs() < 1e-9);
+    }
+}

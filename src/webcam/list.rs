@@ -1,0 +1,50 @@
+//! The cameras of this machine.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use super::picture::Layout;
+use crate::words::fixed;
+
+/// A size in which a camera gives pictures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mode {
+    /// Four letters by which its driver names the layout.
+    pub code: String,
+    /// `None` if it is not read here.
+    pub layout: Option<Layout>,
+    /// Smallest and largest, px; mostly the same.
+    pub sizes: [(u32, u32); 2],
+    /// Pictures a second, the slowest and the fastest of each step first to last.
+    pub rates_hz: Vec<f64>,
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.layout {
+            Some(layout) => write!(f, "{layout} ")?,
+            None => write!(f, "{} ", self.code)?,
+        }
+        let [least, most] = self.sizes;
+        write!(f, "{}x{}", least.0, least.1)?;
+        if least != most {
+            write!(f, " to {}x{}", most.0, most.1)?;
+        }
+        let rates: Vec<String> = self.rates_hz.iter().map(|rate| fixed(*rate, 2)).collect();
+        match rates.as_slice() {
+            [] => Ok(()),
+            rates => write!(f, " at {} Hz", rates.join(", ")),
+        }
+    }
+}
+
+/// A camera, or a device that may be one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listed {
+    /// By which `--camera` names it.
+    pub number: usize,
+    pub path: PathBuf,
+    pub name: String,
+    /// Its modes, or why they are not known.
+    pub modes: Result<Vec<Mode>, String>,
+}

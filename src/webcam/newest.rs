@@ -1,0 +1,169 @@
+//! A place for one picture, where the newest replaces the one before it.
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Pictures that were never taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Drops {
+    /// Replaced by a newer one before they were taken: we are too slow.
+    pub replaced: u64,
+    /// Lost before they came, by the driver's count.
+    pub lost: u64,
+    /// Marked as damaged by the driver.
+    pub damaged: u64,
+}
+
+impl Drops {
+    pub fn all(&self) -> u64 {
+        self.replaced + self.lost + self.damaged
+    }
+}
+
+#[derive(Debug)]
+struct State<T> {
+    item: Option<T>,
+    /// Why there is nothing more for now, in words for a person.
+    gone: Option<String>,
+    ended: bool,
+    drops: Drops,
+}
+
+#[derive(Debug)]
+struct Shared<T> {
+    state: Mutex<State<T>>,
+    changed: Condvar,
+}
+
+impl<T> Shared<T> {
+    fn lock(&self) -> MutexGuard<'_, State<T>> {
+        // A panic under the lock leaves the state whole.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What [`Newest::take`] found.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Taken<T> {
+    New(T),
+    /// Nothing came in time.
+    Nothing,
+    /// Nothing came, and why: unplugged, say. More may come later.
+    Gone(String),
+    /// Nothing will come any more.
+    Ended,
+}
+
+/// The taker's end.
+#[derive(Debug)]
+pub struct Newest<T>(Arc<Shared<T>>);
+
+/// The giver's end. Dropped, it ends the pictures.
+#[derive(Debug)]
+pub struct Putter<T>(Arc<Shared<T>>);
+
+impl<T> Newest<T> {
+    pub fn new() -> (Putter<T>, Self) {
+        let state = State { item: None, gone: None, ended: false, drops: Drops::default() };
+        let shared = Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new() });
+        (Putter(Arc::clone(&shared)), Self(shared))
+    }
+
+    /// Waits for the newest picture, at most until then.
+    pub fn take(&self, until: Instant) -> Taken<T> {
+        let mut state = self.0.lock();
+        loop {
+            if let Some(item) = state.item.take() {
+                return Taken::New(item);
+            }
+            if state.ended {
+                return Taken::Ended;
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return state.gone.clone().map_or(Taken::Nothing, Taken::Gone);
+            }
+            state = self.0.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    pub fn drops(&self) -> Drops {
+        self.0.lock().drops
+    }
+}
+
+impl<T> Drop for Newest<T> {
+    fn drop(&mut self) {
+        self.0.lock().ended = true;
+        self.0.changed.notify_all();
+    }
+}
+
+impl<T> Putter<T> {
+    /// Replaces the picture that nobody has taken.
+    pub fn put(&self, item: T) {
+        let mut state = self.0.lock();
+        state.drops.replaced += u64::from(state.item.replace(item).is_some());
+        state.gone = None;
+        self.0.changed.notify_all();
+    }
+
+    pub fn count(&self, add: Drops) {
+        let drops = &mut self.0.lock().drops;
+        drops.replaced += add.replaced;
+        drops.lost += add.lost;
+        drops.damaged += add.damaged;
+    }
+
+    /// Says why nothing comes; the next picture takes it back.
+    pub fn gone(&self, why: String) {
+        self.0.lock().gone = Some(why);
+        self.0.changed.notify_all();
+    }
+
+    /// Whether nobody takes pictures any more.
+    pub fn is_over(&self) -> bool {
+        self.0.lock().ended
+    }
+
+    /// Waits so long, or until nobody takes pictures any more.
+    pub fn rest(&self, time: Duration) {
+        let state = self.0.lock();
+        let _ = self.0.changed.wait_timeout_while(state, time, |state| !state.ended);
+    }
+}
+
+impl<T> Drop for Putter<T> {
+    fn drop(&mut self) {
+        self.0.lock().ended = true;
+        self.0.changed.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn now<T>(newest: &Newest<T>) -> Taken<T> {
+        newest.take(Instant::now())
+    }
+
+    #[test]
+    fn the_newest_wins_and_the_others_are_counted() {
+        let (putter, newest) = Newest::new();
+        assert_eq!(now(&newest), Taken::Nothing);
+        (1..=4).for_each(|i| putter.put(i));
+        assert_eq!((now(&newest), now(&newest)), (Taken::New(4), Taken::Nothing));
+        putter.count(Drops { lost: 2, damaged: 1, ..Drops::default() });
+        assert_eq!(newest.drops(), Drops { replaced: 3, lost: 2, damaged: 1 });
+        assert_eq!(newest.drops().all(), 6);
+        putter.gone("unplugged".to_owned());
+        assert_eq!(now(&newest), Taken::Gone("unplugged".to_owned()));
+        putter.put(5);
+        assert_eq!((now(&newest), now(&newest)), (Taken::New(5), Taken::Nothing));
+        // The last one is not lost by the end.
+        putter.put(6);
+        drop(putter);
+        assert_eq!((now(&newest), now(&newest)), (Taken::New(6), Taken::Ended));
+    }
+}

@@ -1,0 +1,172 @@
+//! A picture as it is delivered.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use super::jpeg_tables;
+use crate::pixels::Pixels;
+use crate::source::still;
+use crate::source::video::{ColorMatrix, ColorRange};
+use crate::source::yuv::Table;
+
+/// How a picture's bytes lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// Packed 4:2:2: Y0 Cb Y1 Cr.
+    Yuyv,
+    /// 4:2:0 in two planes: Y', then Cb and Cr by turns.
+    Nv12,
+    /// A JPEG file.
+    Mjpeg,
+    /// R, G, B.
+    Rgb,
+}
+
+impl Layout {
+    /// Without loss first, then by how little of the colour's resolution is lost.
+    pub const PREFERRED: [Self; 4] = [Self::Rgb, Self::Yuyv, Self::Nv12, Self::Mjpeg];
+
+    /// As people write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Yuyv => "yuyv",
+            Self::Nv12 => "nv12",
+            Self::Mjpeg => "mjpeg",
+            Self::Rgb => "rgb",
+        }
+    }
+
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::PREFERRED.into_iter().find(|layout| layout.name() == name.to_ascii_lowercase())
+    }
+}
+
+impl fmt::Display for Layout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What all pictures of a camera have in common.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Delivered {
+    pub layout: Layout,
+    pub width: u32,
+    pub height: u32,
+    /// Bytes from row to row; of JPEG nothing.
+    pub stride: usize,
+    /// Of Y'CbCr. JPEG's is always full and BT.601 (JFIF).
+    pub range: ColorRange,
+    pub matrix: ColorMatrix,
+}
+
+impl fmt::Display for Delivered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{} {}", self.width, self.height, self.layout)?;
+        let matrix = match self.matrix {
+            ColorMatrix::Rgb => return Ok(()),
+            ColorMatrix::Bt601 => "BT.601",
+            ColorMatrix::Bt709 => "BT.709",
+            ColorMatrix::Bt2020 => "BT.2020",
+        };
+        let range = if self.range == ColorRange::Full { "full" } else { "limited" };
+        write!(f, " ({matrix}, {range} range)")
+    }
+}
+
+/// A picture with the driver's time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    pub delivered: Delivered,
+    pub bytes: Vec<u8>,
+    /// Seconds of [`super::monotonic_s`].
+    pub time_s: f64,
+    /// How long each row gathered light, seconds, if the camera says it.
+    pub exposure_s: Option<f64>,
+}
+
+/// Why a picture cannot be used. Cameras deliver such now and then.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a picture is damaged: {0}")]
+pub struct PictureError(String);
+
+impl Picture {
+    /// The file of a JPEG picture as it was delivered; tables that cameras leave out are put in. `None` of other layouts.
+    pub fn jpeg(&self) -> Option<Cow<'_, [u8]>> {
+        (self.delivered.layout == Layout::Mjpeg).then(|| jpeg_tables::with_tables(&self.bytes))
+    }
+
+    /// The pixels, R'G'B' of 8 bits.
+    pub fn pixels(&self) -> Result<Pixels, PictureError> {
+        let Delivered { layout, width, height, stride, range, matrix } = self.delivered;
+        let table = || Table::new(matrix, range);
+        let codes = match layout {
+            Layout::Yuyv => table().yuyv(&self.bytes, width, height, stride),
+            Layout::Nv12 => table().nv12(&self.bytes, width, height, stride),
+            Layout::Rgb => rgb(&self.bytes, width, height, stride),
+            Layout::Mjpeg => {
+                let file = jpeg_tables::with_tables(&self.bytes);
+                let pixels = still::decode_pixels(&file).map_err(PictureError)?;
+                if (pixels.width, pixels.height) != (width, height) || pixels.max_code() != 255 {
+                    let (w, h) = (pixels.width, pixels.height);
+                    return Err(PictureError(format!("it is {w}x{h}, and {width}x{height} was announced")));
+                }
+                return Ok(pixels);
+            }
+        };
+        let short = || PictureError(format!("{} bytes are not {width}x{height} px {layout}", self.bytes.len()));
+        codes.and_then(|codes| Pixels::from_u8(width, height, codes)).ok_or_else(short)
+    }
+}
+
+fn rgb(bytes: &[u8], width: u32, height: u32, stride: usize) -> Option<Vec<u8>> {
+    let length = 3 * width as usize;
+    if stride < length {
+        return None;
+    }
+    let mut codes = Vec::with_capacity(length * height as usize);
+    for row in 0..height as usize {
+        codes.extend(bytes.get(row * stride..row * stride + length)?);
+    }
+    Some(codes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::ExtendedColorType;
+
+    fn picture(layout: Layout, stride: usize, bytes: &[u8]) -> Picture {
+        let (range, matrix) = (ColorRange::Full, ColorMatrix::Bt601);
+        let delivered = Delivered { layout, width: 2, height: 2, stride, range, matrix };
+        Picture { delivered, bytes: bytes.to_vec(), time_s: 0.0, exposure_s: None }
+    }
+
+    #[test]
+    fn each_layout_gives_its_codes() {
+        let rgb = picture(Layout::Rgb, 7, &[1, 2, 3, 4, 5, 6, 0, 7, 8, 9, 10, 11, 12]).pixels().unwrap();
+        assert_eq!(rgb.codes.eight_bit().unwrap(), (1..=12).collect::<Vec<u8>>());
+        let yuyv = picture(Layout::Yuyv, 4, &[1, 128, 2, 128, 3, 128, 4, 128]).pixels().unwrap();
+        let nv12 = picture(Layout::Nv12, 2, &[1, 2, 3, 4, 128, 128]).pixels().unwrap();
+        assert_eq!((yuyv.at(1, 1), &nv12), ([4; 3], &yuyv));
+    }
+
+    #[test]
+    fn a_jpeg_is_kept_whole_and_another_size_is_refused() {
+        let mut file = Vec::new();
+        let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, 100);
+        image::ImageEncoder::write_image(encoder, &[90; 12], 2, 2, ExtendedColorType::Rgb8).unwrap();
+        let whole = picture(Layout::Mjpeg, 0, &file);
+        assert_eq!(whole.jpeg().unwrap(), file);
+        assert_eq!(whole.pixels().unwrap().at(0, 0), [90; 3]);
+        let mut other = whole.clone();
+        other.delivered.width = 4;
+        assert_eq!(other.pixels().unwrap_err().to_string(), "a picture is damaged: it is 2x2, and 4x2 was announced");
+        let cut = picture(Layout::Mjpeg, 0, &file[..file.len() - 9]);
+        assert!(cut.pixels().is_err());
+        assert_eq!(
+            picture(Layout::Yuyv, 4, &[1; 7]).pixels().unwrap_err().to_string(),
+            "a picture is damaged: 7 bytes are not 2x2 px yuyv"
+        );
+    }
+}
