@@ -14,8 +14,9 @@ pub mod rows;
 pub mod unfinished;
 pub mod words;
 
-// 1: physics without GPU or files
+// 1: physics without GPU or files; what pictures say about where things stand
 pub mod camera;
+pub mod fit;
 
 // 2: input and output, recordings and their depth, streams of poses; the GPU
 pub mod depth;
