@@ -18,13 +18,14 @@ pub mod words;
 pub mod camera;
 pub mod fit;
 
-// 2: input and output, recordings and their depth, streams of poses; the GPU
+// 2: input and output, recordings and their depth, streams of poses, tags; the GPU
 pub mod depth;
 pub mod gpu;
 pub mod recording;
 pub mod sink;
 pub mod source;
 pub mod stream;
+pub mod tags;
 pub mod tracking;
 
 // 3: the scene, and the virtual layer drawn from it
