@@ -12,7 +12,8 @@ use locard::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::tags::{
-    Board, Corners, Family, Found, Lost, Paper, Searcher, Sheet, Sight, Tag, along, expected, picture, rolled, solved,
+    Board, Corners, Family, Found, Lost, Paper, Searcher, Sheet, Sight, Tag, Track, along, expected, picture, rolled,
+    solved,
 };
 use sheet::{CAMERA, Camera, Place, Sheet as Printed};
 
@@ -263,4 +264,30 @@ fn what_gives_no_pose_says_why() {
     let found = of(&sheet, &misread).unwrap().best.pose;
     let way_m = found.position_in_world_m().distance(pose.position_in_world_m());
     assert!(way_m < 2e-4, "{way_m}");
+}
+
+#[test]
+fn nothing_is_made_up_where_the_track_was_lost() {
+    let (_, found) = seen_aslant(35.0, 0.1);
+    let sight = Sight::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
+    // Frames 2 and 3 are lost, and frame 6; the camera's clock stutters after frame 4.
+    let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];
+    let known = [true, true, false, false, true, true, false, true];
+    let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
+    let frames = along(&sights).into_iter().map(|chosen| chosen.ok_or(Lost::Nothing)).collect();
+    let track = Track { times_s, frames, tags: known.iter().map(|known| usize::from(*known)).collect() };
+    // 0.15 s lie between frames 4 and 5, 0.2 s across the shortest gap.
+    let gap_s = track.max_gap_s();
+    assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
+    assert_eq!(track.lost(), [(2..4, &Lost::Nothing), (6..7, &Lost::Nothing)]);
+    assert_eq!(track.doubtful(), [0..2, 4..6, 7..8]);
+    let told = track.to_string();
+    for line in [
+        "poses      5 of 8 frames, from 1.0 tags each in the mean\n",
+        "lost       frames 2 to 3 (0.200 to 0.300 s): no tag is seen\n",
+        "lost       frame 6 (0.650 s): no tag is seen\n",
+        "doubtful   frames 4 to 5 (0.400 to 0.550 s): a flat tag may lean the other way, and no frame nearby decides\n",
+    ] {
+        assert!(told.contains(line), "{told}");
+    }
 }
