@@ -14,16 +14,18 @@ pub mod rows;
 pub mod unfinished;
 pub mod words;
 
-// 1: physics without GPU or files
+// 1: physics without GPU or files; what pictures say about where things stand
 pub mod camera;
+pub mod fit;
 
-// 2: input and output, recordings and their depth, streams of poses, cameras; the GPU
+// 2: input and output, recordings and their depth, streams of poses, tags, cameras; the GPU
 pub mod depth;
 pub mod gpu;
 pub mod recording;
 pub mod sink;
 pub mod source;
 pub mod stream;
+pub mod tags;
 pub mod tracking;
 pub mod webcam;
 

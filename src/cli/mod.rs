@@ -2,6 +2,7 @@
 //! wrong. Names no effect: effects come from the list.
 
 mod bench;
+mod board;
 mod calibrate;
 mod clock;
 mod composite;
@@ -21,6 +22,7 @@ mod render;
 mod send;
 mod simulate;
 mod start;
+mod track;
 #[cfg(feature = "window")]
 mod tune;
 mod watching;
@@ -65,6 +67,10 @@ enum Command {
     Render(render::Args),
     /// Send a recording's poses as a stream: OpenTrackIO or FreeD
     Send(send::Args),
+    /// Make a sheet of tags to print, from which `track` knows where a camera stood
+    Board(board::Args),
+    /// Find a camera's way through a video in which printed tags are seen: a recording with poses
+    Track(track::Args),
     /// List every parameter: unit, range, default, help
     Params(params::Args),
     /// Say what this machine has, what is missing and how to get it
@@ -100,6 +106,8 @@ pub fn main() -> ExitCode {
         Command::Record(args) => record::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Send(args) => send::run(&args),
+        Command::Board(args) => board::run(&args),
+        Command::Track(args) => track::run(&args),
         Command::Params(args) => params::run(&args),
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),

@@ -83,10 +83,10 @@ impl Eye {
             [Some(a), Some(b), Some(c)] => {
                 let px = [a, b, c];
                 let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-                if high.x < area.x0.into()
-                    || high.y < area.y0.into()
-                    || low.x > area.x1.into()
-                    || low.y > area.y1.into()
+                if high.x < f64::from(area.x0)
+                    || high.y < f64::from(area.y0)
+                    || low.x > f64::from(area.x1)
+                    || low.y > f64::from(area.y1)
                 {
                     return;
                 }

@@ -60,7 +60,7 @@ fn of_views(eyes: &[(Eye, View)]) -> Result<Triangulated, SurfaceError> {
     for (eye, view) in eyes {
         let i = &eye.geometry().intrinsics;
         let [width, height] = [i.width_px, i.height_px];
-        if !(view.at_px.cmpge(DVec2::ZERO).all() && view.at_px.x < width.into() && view.at_px.y < height.into()) {
+        if !(view.at_px.cmpge(DVec2::ZERO).all() && view.at_px.cmplt(DVec2::new(width.into(), height.into())).all()) {
             return Err(SurfaceError::Outside { at_px: view.at_px.to_array(), width, height });
         }
         rays.push(eye.ray(view.at_px).ok_or(SurfaceError::NoRay { at_px: view.at_px.to_array() })?);

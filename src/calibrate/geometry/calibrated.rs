@@ -3,9 +3,9 @@
 use glam::DVec2;
 use nalgebra::DMatrix;
 
-use super::model::Stand;
 use crate::calibrate::board::{Board, Seen};
 use crate::camera::{Geometry, LensModel};
+use crate::fit::Stand;
 
 /// Fewer views leave the principal point open.
 pub const LEAST_VIEWS: usize = 3;
@@ -62,7 +62,7 @@ pub struct Calibrated {
     pub square_mm: Option<f64>,
     /// The views that were used.
     pub views: Vec<NamedView>,
-    /// For each of those, where its board stood, and the way of each corner from where it is projected to where it is
+    /// For each of those, where its board stood (squares, its x right and y down, z away from whoever looks at it), and the way of each corner from where it is projected to where it is
     /// seen, px.
     pub stands: Vec<Stand>,
     pub residuals_px: Vec<Vec<DVec2>>,

@@ -6,8 +6,8 @@
 use glam::{DVec2, DVec3};
 
 use super::calibrated::{ENOUGH_VIEWS, NamedView, Parameter};
-use super::model::Stand;
 use crate::camera::Geometry;
+use crate::fit::Stand;
 use crate::words::{count, fixed};
 
 /// A corner of the picture is seen if a board's corner lies in this share of its width and height.
@@ -31,7 +31,7 @@ pub fn tilt_deg(stand: &Stand) -> DVec2 {
 /// The distance of what is seen of a board, in squares.
 pub fn distance(view: &NamedView, stand: &Stand) -> f64 {
     let middle = view.seen.board.iter().sum::<DVec2>() / view.seen.board.len().max(1) as f64;
-    stand.point(middle).length()
+    stand.point(middle.extend(0.0)).length()
 }
 
 /// Says what to photograph next, most needed first.

@@ -17,5 +17,4 @@ mod start;
 pub use calibrated::{Calibrated, LensOptions, NamedView, Parameter, Refused};
 pub use choose::{LensError, calibrate};
 pub use load::{LensProgress, LoadError, Views, views_from_paths};
-pub use model::Stand;
 pub use picture::residuals;

@@ -2,7 +2,7 @@
 //!
 //! Unlike there the polynomial is not continued along its tangent where it folds: what is fitted lies in the picture.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 use nalgebra::SMatrix;
 
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
@@ -132,43 +132,11 @@ impl Lens {
     }
 }
 
-/// Where a board stands: from its axes (squares, x right and y down, z away from whoever looks at it) to the camera's.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stand {
-    pub rotation: DMat3,
-    /// Squares.
-    pub translation: DVec3,
-}
-
-impl Stand {
-    pub fn point(&self, board: DVec2) -> DVec3 {
-        self.rotation * board.extend(0.0) + self.translation
-    }
-
-    /// Turned by a rotation vector (rad) about the camera's axes and moved.
-    pub fn stepped(&self, turn: DVec3, by: DVec3) -> Self {
-        let rotation = DMat3::from_quat(glam::DQuat::from_scaled_axis(turn)) * self.rotation;
-        Self { rotation, translation: self.translation + by }
-    }
-}
-
-/// How a board's corner follows its stand's turn and way: six columns, of the place in the picture.
-pub fn by_stand(stand: &Stand, board: DVec2, by_point: &ByPoint) -> SMatrix<f64, 2, 6> {
-    let arm = stand.rotation * board.extend(0.0);
-    // d(ω × arm)/dω = −[arm]×.
-    let turned = [DVec3::new(0.0, -arm.z, arm.y), DVec3::new(arm.z, 0.0, -arm.x), DVec3::new(-arm.y, arm.x, 0.0)];
-    let mut by = SMatrix::<f64, 2, 6>::zeros();
-    for (i, turn) in turned.into_iter().enumerate() {
-        let column = by_point * nalgebra::Vector3::from(turn.to_array());
-        by.set_column(i, &column);
-        by.set_column(i + 3, &by_point.column(i));
-    }
-    by
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::{Stand, by_stand};
+    use glam::DMat3;
 
     fn lenses() -> [Lens; 2] {
         let brown = [1159.0, 1154.0, 669.0, 388.0, -0.26, 0.05, -0.0007, 0.0003, -0.11];
@@ -230,7 +198,7 @@ mod tests {
                     close(DVec2::new(by_point[(0, i)], by_point[(1, i)]), at(-h), at(h), h, "point");
                 }
             }
-            let board = DVec2::new(4.0, 3.0);
+            let board = DVec3::new(4.0, 3.0, 0.0);
             let by = by_stand(&stand, board, &lens.project(stand.point(board)).unwrap().2);
             for i in 0..6 {
                 let h = 1e-6;

@@ -1,33 +1,24 @@
-//! The camera and the boards' stands that explain what was seen: Levenberg and Marquardt with Huber's loss.
+//! The camera and the boards' stands that explain what was seen.
 //!
-//! A corner's residual r is the way from where it is projected to where it is seen, px. Huber's loss (1964) is r²/2 up to δ
-//! and δ(r − δ/2) beyond, so that a corner that was misread pulls no harder than one at δ. δ is 2.5 σ, and σ follows from
-//! the median of r: of a normal error of σ in x and y the length's median is σ √(2 ln 2).
+//! A corner's residual is the way from where it is projected to where it is seen, px; `fit::robust` makes them least.
 //!
 //! A view's stand touches that view's corners alone, so the normal equations have an arrow's shape: stands are eliminated
 //! view by view (Schur's complement), and what remains is as large as the camera has parameters.
 
+use glam::{DVec2, DVec3};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-use super::model::{Lens, MOST, Stand, by_stand};
+use super::model::{Lens, MOST};
 use super::start::stand;
 use crate::calibrate::board::Seen;
 use crate::camera::LensModel;
-use glam::{DVec2, DVec3};
+use crate::fit::robust::{self, Problem, median, weight};
+use crate::fit::{Stand, by_stand};
 
 /// Focal lengths to begin from, of the picture's longer side: from a wide fisheye's to a long lens's.
 const FOCAL: [f64; 7] = [0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 4.0];
-/// Huber's δ in σ: 4 % of two-dimensional normal errors lie beyond.
-const DELTA: f64 = 2.5;
-/// √(2 ln 2): median length of a two-dimensional normal error of σ = 1.
-const MEDIAN: f64 = 1.177_410_022_515_474_7;
 /// δ is estimated anew this often.
 const ROUNDS: usize = 6;
-/// Steps between two estimates.
-const STEPS: usize = 40;
-/// It is done when a step gains less than this share of the loss.
-const GAINS: f64 = 1e-11;
-
 /// A camera, with where the board of each view stood.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
@@ -122,69 +113,43 @@ impl Fit {
     }
 }
 
-fn median<'a>(residuals: impl Iterator<Item = &'a DVec2>) -> f64 {
-    let mut lengths: Vec<f64> = residuals.map(|r| r.length()).collect();
-    lengths.sort_by(f64::total_cmp);
-    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+/// Views of a camera, as a problem whose state is that camera and where the boards stood.
+struct Seeing<'a> {
+    views: &'a [&'a Seen],
+    free: Free<'a>,
 }
 
-/// Huber's: what a residual counts in the normal equations.
-fn weight(residual: DVec2, delta: f64) -> f64 {
-    let length = residual.length();
-    if length <= delta { 1.0 } else { delta / length }
-}
+impl Problem for Seeing<'_> {
+    type State = (Lens, Vec<Stand>);
+    type Equations = Vec<Block>;
 
-fn loss(residuals: &[Vec<DVec2>], delta: f64) -> f64 {
-    let one = |r: &DVec2| {
-        let length = r.length();
-        if length <= delta { 0.5 * length * length } else { delta * (length - 0.5 * delta) }
-    };
-    residuals.iter().flatten().map(one).sum()
-}
+    fn residuals(&self, (lens, stands): &Self::State) -> Option<Vec<DVec2>> {
+        let corners = |view: &&Seen| view.at_px.len();
+        let mut residuals = Vec::with_capacity(self.views.iter().map(corners).sum());
+        for (view, stand) in self.views.iter().zip(stands) {
+            for (board, seen) in view.board.iter().zip(&view.at_px) {
+                residuals.push(*seen - lens.project(stand.point(board.extend(0.0)))?.0);
+            }
+        }
+        residuals.iter().all(|r| r.is_finite()).then_some(residuals)
+    }
 
-fn residuals(views: &[&Seen], lens: &Lens, stands: &[Stand]) -> Option<Vec<Vec<DVec2>>> {
-    let of_view = |(view, stand): (&&Seen, &Stand)| {
-        let corners = view.board.iter().zip(&view.at_px);
-        corners.map(|(board, seen)| Some(*seen - lens.project(stand.point(*board))?.0)).collect::<Option<Vec<_>>>()
-    };
-    let all = views.iter().zip(stands).map(of_view).collect::<Option<Vec<_>>>()?;
-    all.iter().flatten().all(|r| r.is_finite()).then_some(all)
-}
+    fn equations(&self, (lens, stands): &Self::State, delta_px: f64) -> Option<Vec<Block>> {
+        blocks(self.views, lens, stands, delta_px)
+    }
 
-fn delta(residuals: &[Vec<DVec2>]) -> f64 {
-    (DELTA * median(residuals.iter().flatten()) / MEDIAN).max(1e-6)
+    fn stepped(&self, blocks: &Vec<Block>, (lens, stands): &Self::State, damping: f64) -> Option<Self::State> {
+        stepped(blocks, lens, stands, self.free, damping)
+    }
 }
 
 /// Steps until it rests, with δ estimated `rounds` times; `free` are the parameters that may change.
-fn settled(views: &[&Seen], mut lens: Lens, mut stands: Vec<Stand>, free: Free<'_>, rounds: usize) -> Option<Fit> {
-    let mut now = residuals(views, &lens, &stands)?;
-    let mut delta_px = delta(&now);
-    for _ in 0..rounds {
-        delta_px = delta(&now);
-        let mut own = loss(&now, delta_px);
-        let mut damping = 1e-3;
-        for _ in 0..STEPS {
-            let blocks = blocks(views, &lens, &stands, delta_px)?;
-            let mut gained = 0.0;
-            while damping < 1e12 {
-                if let Some((next_lens, next_stands)) = stepped(&blocks, &lens, &stands, free, damping)
-                    && let Some(next) = residuals(views, &next_lens, &next_stands)
-                    && loss(&next, delta_px) < own
-                {
-                    gained = own - loss(&next, delta_px);
-                    (lens, stands, now) = (next_lens, next_stands, next);
-                    damping = (0.1 * damping).max(1e-12);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            own -= gained;
-            if gained <= GAINS * own {
-                break;
-            }
-        }
-    }
-    Some(Fit { lens, stands, residuals_px: now, delta_px })
+fn settled(views: &[&Seen], lens: Lens, stands: Vec<Stand>, free: Free<'_>, rounds: usize) -> Option<Fit> {
+    let rest = robust::settled(&Seeing { views, free }, (lens, stands), rounds)?;
+    let (lens, stands) = rest.state;
+    let mut left = rest.residuals_px.into_iter();
+    let residuals_px = views.iter().map(|view| left.by_ref().take(view.at_px.len()).collect()).collect();
+    Some(Fit { lens, stands, residuals_px, delta_px: rest.delta_px })
 }
 
 /// A view's part of the normal equations JᵀWJ · step = JᵀWr.
@@ -206,8 +171,8 @@ fn blocks(views: &[&Seen], lens: &Lens, stands: &[Stand], delta_px: f64) -> Opti
             by_stand: SVector::zeros(),
         };
         for (board, seen) in view.board.iter().zip(&view.at_px) {
-            let (at, by_lens, by_point) = lens.project(stand.point(*board))?;
-            let by_stand = by_stand(stand, *board, &by_point);
+            let (at, by_lens, by_point) = lens.project(stand.point(board.extend(0.0)))?;
+            let by_stand = by_stand(stand, board.extend(0.0), &by_point);
             let residual = *seen - at;
             let weight = weight(residual, delta_px);
             let residual = SVector::<f64, 2>::new(residual.x, residual.y) * weight;

@@ -1,0 +1,72 @@
+//! `locard track`.
+
+use std::io::Write;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+
+use super::{progress, tell, warn};
+use crate::compositor::Settings;
+use crate::profile::Rig;
+use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::video::{Overrides, probe};
+use crate::tags::{Board, Paper, Parts, Sheet, check, record, track};
+use crate::words::{count, reason};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The video, in which printed tags are seen
+    video: PathBuf,
+    /// The profile of the camera that took it: focal length and distortion as `locard calibrate camera` measures them
+    #[arg(long)]
+    profile: PathBuf,
+    /// Which tags stand where; otherwise the sheet that `locard board` prints
+    #[arg(long, value_name = "FILE")]
+    board: Option<PathBuf>,
+    /// The folder of the recording
+    #[arg(short = 'o', long = "output", value_name = "DIR")]
+    output: PathBuf,
+    /// Replace a recording that was tracked
+    #[arg(long)]
+    force: bool,
+    /// No progress bar and no warnings
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    // Checked before the work starts, so that nothing the user has is lost.
+    let inputs: Vec<&Path> = [Some(&args.video), Some(&args.profile), args.board.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    check(&args.output, args.force, &inputs)?;
+    let profile = file::read_text(&args.profile, MOST_DOCUMENT)
+        .map_err(|error| anyhow::anyhow!("{}: cannot be read: {}", args.profile.display(), reason(&error)))?;
+    let mut rig = Rig::default();
+    rig.read_text(&profile, &args.profile, &mut Settings::default())?;
+    let camera = rig.camera();
+    let Some(geometry) = camera.geometry else {
+        let missing = rig.missing_keys().join(", ");
+        bail!("{}: [camera] lacks {missing}; `locard calibrate camera` measures them", args.profile.display());
+    };
+    let board = match &args.board {
+        Some(file) => Board::read(file)?,
+        None => Sheet::new(Paper::A4).board,
+    };
+    let video = probe(&args.video, &Overrides::default())?;
+    video.warnings.iter().for_each(|text| warn(args.quiet, text));
+    let bar = progress(args.quiet, video.timestamps_s.len());
+    let tracked = track(&video, &board, &geometry, &camera.response, &mut |done, _| {
+        bar.set_position(done as u64);
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    let tracked = tracked.map_err(|error| anyhow::Error::from(error).context(args.video.display().to_string()))?;
+    record(&args.output, args.force, &Parts { video: &video, profile: &profile, board: &board, track: &tracked })?;
+    write!(std::io::stdout().lock(), "{tracked}")?;
+    tell(args.quiet, &format!("{}: {}", count(tracked.chosen().count(), "pose"), args.output.display()));
+    Ok(())
+}

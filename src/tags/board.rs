@@ -1,0 +1,262 @@
+//! What tags there are and where they stand: `board.toml`.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3, EulerRot};
+use serde::Deserialize;
+
+use super::family::Family;
+use crate::document;
+use crate::source::file::{self, MOST_DOCUMENT};
+use crate::words::{number, quoted, reason};
+
+/// Tags that stand still beside each other. Their axes are the world's: metres, z up out of the sheet that is lying, x to
+/// its right, y to its top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Board {
+    pub family: Family,
+    pub tags: Vec<Tag>,
+}
+
+/// A tag of a board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tag {
+    pub id: u32,
+    /// The side of the black square, metres.
+    pub size_m: f64,
+    /// The middle of the black square, metres.
+    pub center_m: DVec3,
+    /// Turned from lying upright on the board's plane, about x, then y, then z, degrees.
+    pub rotation_deg: DVec3,
+}
+
+impl Tag {
+    /// The black square's corners in the world, metres, as printed: top left, top right, bottom right, bottom left.
+    pub fn corners_m(&self) -> [DVec3; 4] {
+        let [x, y, z] = self.rotation_deg.to_array().map(f64::to_radians);
+        let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x);
+        let corner = |x: f64, y: f64| self.center_m + turn * (0.5 * self.size_m * DVec3::new(x, y, 0.0));
+        [corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)]
+    }
+}
+
+/// Why there is no board.
+#[derive(Debug, thiserror::Error)]
+pub enum BoardError {
+    #[error("{}: cannot be read: {}", file.display(), reason(source))]
+    Read { file: PathBuf, source: std::io::Error },
+    #[error("{}: {problem}", file.display())]
+    Content { file: PathBuf, problem: String },
+}
+
+/// Sizes and distances beyond these are mistakes of unit, metres.
+const SIZES_M: std::ops::RangeInclusive<f64> = 0.001..=10.0;
+const FARTHEST_M: f64 = 1000.0;
+/// Printers that fit a page to the paper change its size by some percent.
+const SCALES: std::ops::RangeInclusive<f64> = 0.1..=10.0;
+/// Tags are searched one by one; more than any family has.
+const MOST_TAGS: usize = 587;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    version: u32,
+    family: String,
+    /// How many times as large as written the board was printed.
+    #[serde(default = "one")]
+    scale: f64,
+    tags: Vec<toml::Spanned<WrittenTag>>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WrittenTag {
+    id: toml::Spanned<u32>,
+    size_m: f64,
+    /// Two numbers lie on the board's plane.
+    center_m: Vec<f64>,
+    #[serde(default)]
+    rotation_deg: [f64; 3],
+}
+
+impl Board {
+    pub fn read(path: &Path) -> Result<Self, BoardError> {
+        let text = file::read_text(path, MOST_DOCUMENT)
+            .map_err(|source| BoardError::Read { file: path.to_owned(), source })?;
+        Self::parse(&text).map_err(|problem| BoardError::Content { file: path.to_owned(), problem })
+    }
+
+    /// Reads a board's text. The message names line and key.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let written: Written = document::read(text).map_err(|problem| problem.to_string())?;
+        if written.version != 1 {
+            return Err(format!("version = {} is not known; accepted is 1", written.version));
+        }
+        let family = Family::of_name(&written.family).ok_or_else(|| {
+            let known = Family::ALL.map(Family::name).join(", ");
+            format!("family = \"{}\" is not known; accepted are {known}", quoted(&written.family))
+        })?;
+        if written.tags.is_empty() || written.tags.len() > MOST_TAGS {
+            return Err(format!(
+                "there are {} tags; accepted are 1 to {MOST_TAGS}, each a table [[tags]]",
+                written.tags.len()
+            ));
+        }
+        if !SCALES.contains(&written.scale) {
+            let found = number(written.scale);
+            return Err(format!(
+                "scale = {found} is refused; accepted is 0.1 to 10: the ruler's length divided by what it says"
+            ));
+        }
+        let mut tags: Vec<Tag> = Vec::new();
+        for tag in &written.tags {
+            let line = |at: usize| 1 + text.get(..at).unwrap_or(text).matches('\n').count();
+            let at = line(tag.get_ref().id.span().start);
+            let tag = checked(tag.get_ref(), family).map_err(|problem| format!("line {at}, {problem}"))?;
+            if tags.iter().any(|other| other.id == tag.id) {
+                return Err(format!("line {at}, tags.id: {} stands twice; each tag stands in one place", tag.id));
+            }
+            tags.push(Tag { size_m: written.scale * tag.size_m, center_m: written.scale * tag.center_m, ..tag });
+        }
+        Ok(Self { family, tags })
+    }
+
+    pub fn tag(&self, id: u32) -> Option<&Tag> {
+        self.tags.iter().find(|tag| tag.id == id)
+    }
+}
+
+fn checked(tag: &WrittenTag, family: Family) -> Result<Tag, String> {
+    let id = *tag.id.get_ref();
+    let named = |key: &str, problem: String| format!("tags.{key} of tag {id}: {problem}");
+    if id >= family.count() {
+        return Err(named("id", format!("family {} has the ids 0 to {}", family.name(), family.count() - 1)));
+    }
+    if !SIZES_M.contains(&tag.size_m) {
+        let found = number(tag.size_m);
+        return Err(named(
+            "size_m",
+            format!("{found} is refused; accepted is the black square's side, 0.001 to 10 metres"),
+        ));
+    }
+    let center_m = match tag.center_m[..] {
+        [x, y] => DVec3::new(x, y, 0.0),
+        [x, y, z] => DVec3::new(x, y, z),
+        _ => {
+            return Err(named(
+                "center_m",
+                "accepted are two numbers on the board's plane, or three in space, metres".to_owned(),
+            ));
+        }
+    };
+    // NaN is refused too.
+    if !(center_m.abs().max_element() <= FARTHEST_M && center_m.is_finite()) {
+        return Err(named("center_m", "accepted are numbers from -1000 to 1000 metres".to_owned()));
+    }
+    let rotation_deg = DVec3::from_array(tag.rotation_deg);
+    if !(rotation_deg.is_finite() && rotation_deg.abs().max_element() <= 360.0) {
+        return Err(named("rotation_deg", "accepted are numbers from -360 to 360 degrees".to_owned()));
+    }
+    Ok(Tag { id, size_m: tag.size_m, center_m, rotation_deg })
+}
+
+/// As [`Board::parse`] reads it.
+impl fmt::Display for Board {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "# Metres; z out of the sheet, x to its right, y to its top; the origin is the sheet's middle.")?;
+        writeln!(f, "# size_m is the side of a tag's black square, center_m its middle.")?;
+        writeln!(f, "# If the printed ruler is not as long as it says: scale = its length divided by that.")?;
+        writeln!(f, "version = 1\nfamily = \"{}\"", self.family.name())?;
+        for tag in &self.tags {
+            let row = |v: DVec3| v.to_array().map(number).join(", ");
+            write!(
+                f,
+                "\n[[tags]]\nid = {}\nsize_m = {}\ncenter_m = [{}]\n",
+                tag.id,
+                number(tag.size_m),
+                row(tag.center_m)
+            )?;
+            if tag.rotation_deg != DVec3::ZERO {
+                writeln!(f, "rotation_deg = [{}]", row(tag.rotation_deg))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const ONE: &str = "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 7\nsize_m = 0.1\ncenter_m = [1.0, 2.0]\n";
+
+    #[test]
+    fn a_tag_worked_by_hand() {
+        let lying = Board::parse(ONE).unwrap();
+        let [a, b, c, d] = lying.tag(7).unwrap().corners_m();
+        assert!(a.distance(DVec3::new(0.95, 2.05, 0.0)) < 1e-12 && b.distance(DVec3::new(1.05, 2.05, 0.0)) < 1e-12);
+        assert!(c.distance(DVec3::new(1.05, 1.95, 0.0)) < 1e-12 && d.distance(DVec3::new(0.95, 1.95, 0.0)) < 1e-12);
+        // On a wall: tilted up about x, then turned by 90° about z, so that it faces +x and its right is +y.
+        let wall = ONE.replace("[1.0, 2.0]", "[0, 0, 1]\nrotation_deg = [90, 0, 90]");
+        let [a, b, ..] = Board::parse(&wall).unwrap().tags[0].corners_m();
+        assert!(a.distance(DVec3::new(0.0, -0.05, 1.05)) < 1e-12 && b.distance(DVec3::new(0.0, 0.05, 1.05)) < 1e-12);
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_with_line_and_key() {
+        for (from, to, said) in [
+            ("version = 1", "version = 2", "version = 2 is not known"),
+            ("36h11", "36h12", "family = \"36h12\" is not known; accepted are 36h11, 25h9, 16h5"),
+            ("id = 7", "id = 587", "line 4, tags.id of tag 587: family 36h11 has the ids 0 to 586"),
+            ("id = 7", "id = -1", "line 4, tags.id: "),
+            ("size_m = 0.1", "size_m = 100", "line 4, tags.size_m of tag 7: 100 is refused"),
+            ("size_m = 0.1", "size_m = nan", "line 4, tags.size_m of tag 7: NaN"),
+            ("size_m = 0.1", "size = 0.1", "line 5, tags.size: unknown field `size`"),
+            ("[1.0, 2.0]", "[1.0]", "line 4, tags.center_m of tag 7: accepted are two numbers"),
+            ("[1.0, 2.0]", "[1.0, inf]", "line 4, tags.center_m of tag 7: accepted are numbers"),
+            ("[1.0, 2.0]", "[1, 2]\nrotation_deg = [0, 0, 720]", "line 4, tags.rotation_deg of tag 7"),
+            (
+                "[[tags]]",
+                "[[tags]]\nid = 7\nsize_m = 0.2\ncenter_m = [0, 0]\n[[tags]]",
+                "line 8, tags.id: 7 stands twice",
+            ),
+        ] {
+            let error = Board::parse(&ONE.replace(from, to)).unwrap_err();
+            assert!(error.starts_with(said) && !error.contains('\n'), "{error}");
+        }
+        let scaled = Board::parse(&ONE.replace("[[tags]]", "scale = 0.5\n[[tags]]")).unwrap();
+        assert_eq!((scaled.tags[0].size_m, scaled.tags[0].center_m), (0.05, DVec3::new(0.5, 1.0, 0.0)));
+        assert!(
+            Board::parse(&ONE.replace("[[tags]]", "scale = 0\n[[tags]]"))
+                .unwrap_err()
+                .starts_with("scale = 0 is refused")
+        );
+        assert!(Board::parse("version = 1\nfamily = \"36h11\"\ntags = []").unwrap_err().contains("there are 0 tags"));
+        let error = Board::read(Path::new("no/board.toml")).unwrap_err().to_string();
+        assert!(error.starts_with("no/board.toml: cannot be read"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn a_board_reads_back(
+            places in prop::collection::vec((1e-3f64..10.0, prop::array::uniform3(-1e3f64..1e3), prop::array::uniform3(-360.0f64..360.0)), 1..9)
+        ) {
+            let tags = places.into_iter().zip(3..);
+            let tags = tags.map(|((size_m, center, turn), id)| Tag { id, size_m, center_m: center.into(), rotation_deg: turn.into() });
+            let board = Board { family: Family::Tag16h5, tags: tags.collect() };
+            prop_assert_eq!(Board::parse(&board.to_string()).unwrap(), board);
+        }
+
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", near in "version = 1\nfamily = \"16h5\"\n\\[\\[tags\\]\\]\n([a-z_]{2,9} = [-0-9.\\[\\], ]{0,9}\n){0,4}") {
+            let _ = Board::parse(&text);
+            let _ = Board::parse(&near);
+        }
+    }
+}

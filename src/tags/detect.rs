@@ -1,0 +1,79 @@
+//! Tags in a picture: which, and where their corners are.
+
+use glam::DVec2;
+use kornia_apriltag::errors::AprilTagError;
+use kornia_apriltag::{AprilTagDecoder, DecodeTagsConfig};
+use kornia_image::{Image, ImageSize};
+
+use super::family::Family;
+use super::grey::Grey;
+
+/// A tag that is seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    pub id: u32,
+    /// The black square's corners as printed: top left, top right, bottom right, bottom left. Px, pixel centres at +0.5.
+    pub corners_px: [DVec2; 4],
+}
+
+/// Why tags cannot be searched for.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("tags cannot be searched for in a picture of {width}x{height} px: {problem}")]
+pub struct DetectError {
+    width: usize,
+    height: usize,
+    problem: String,
+}
+
+/// Finds the tags of one family in pictures of one size.
+pub struct Detector {
+    /// At half the resolution, which takes a quarter of the time; corners come from the whole one.
+    half: AprilTagDecoder,
+    whole: AprilTagDecoder,
+    size: (usize, usize),
+}
+
+impl Detector {
+    pub fn new(family: Family, width: u32, height: u32) -> Result<Self, DetectError> {
+        let size @ (width, height) = (width as usize, height as usize);
+        let decoder = |reduced: usize| {
+            let mut config = DecodeTagsConfig::new(vec![family.kind()])?;
+            config.min_tag_width = config.min_tag_width * config.downscale_factor / reduced;
+            config.downscale_factor = reduced;
+            AprilTagDecoder::new(config, ImageSize { width, height })
+        };
+        let failed = |error: AprilTagError| DetectError { width, height, problem: error.to_string() };
+        Ok(Self { half: decoder(2).map_err(failed)?, whole: decoder(1).map_err(failed)?, size })
+    }
+
+    /// The tags of a picture, by id. A tag that seems to stand in several places is left out. If fewer than `enough` are
+    /// seen at half the resolution, those that are too small there are sought as well.
+    pub fn find(&mut self, grey: &Grey, enough: usize) -> Result<Vec<Found>, DetectError> {
+        let (width, height) = self.size;
+        let failed = |problem: String| DetectError { width, height, problem };
+        let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes)
+            .map_err(|error| failed(error.to_string()))?;
+        let found = sought(&mut self.half, &image).map_err(|error| failed(error.to_string()))?;
+        if found.len() >= enough.max(1) {
+            return Ok(found);
+        }
+        sought(&mut self.whole, &image).map_err(|error| failed(error.to_string()))
+    }
+}
+
+fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<Vec<Found>, AprilTagError> {
+    let found = decoder.decode(image)?;
+    decoder.clear();
+    let found = found.iter().map(|tag| {
+        // Of its quadrilateral the homography alone is turned as the tag is printed; y is down in it.
+        let corner = |x, y| tag.quad.homography_project(x, y);
+        let corners_px = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]
+            .map(|at| DVec2::new(at.x.into(), at.y.into()));
+        Found { id: tag.id.into(), corners_px }
+    });
+    let mut found: Vec<Found> = found.filter(|tag| tag.corners_px.iter().all(|corner| corner.is_finite())).collect();
+    found.sort_by_key(|tag| tag.id);
+    let twice: Vec<u32> = found.windows(2).filter(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id).collect();
+    found.retain(|tag| !twice.contains(&tag.id));
+    Ok(found)
+}

@@ -1,0 +1,68 @@
+//! What a track rests on, for people.
+
+use std::fmt;
+use std::ops::Range;
+
+use super::track::Track;
+use crate::words::{count, fixed};
+
+/// Runs of lost frames that are told one by one.
+const MOST_TOLD: usize = 20;
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+impl Track {
+    /// Half of the poses' residuals (root mean square of all corners of a frame) are smaller, px.
+    pub fn median_residual_px(&self) -> f64 {
+        median(self.chosen().map(|chosen| chosen.solved.rms_px()).collect())
+    }
+
+    /// One standard deviation of the camera's place (m) and turn (rad), each the length of its three axes', in the median.
+    pub fn median_deviations(&self) -> (f64, f64) {
+        let turn = |c: &nalgebra::SMatrix<f64, 6, 6>| (0..3).map(|i| c[(i, i)]).sum::<f64>().sqrt();
+        let place = self.chosen().map(|chosen| chosen.solved.place_covariance().trace().sqrt()).collect();
+        (median(place), median(self.chosen().map(|chosen| turn(&chosen.solved.covariance)).collect()))
+    }
+
+    fn told(&self, run: &Range<usize>) -> String {
+        let at = |i: usize| fixed(self.times_s.get(i).copied().unwrap_or_default(), 3);
+        match run.len() {
+            1 => format!("frame {} ({} s)", run.start, at(run.start)),
+            _ => format!("frames {} to {} ({} to {} s)", run.start, run.end - 1, at(run.start), at(run.end - 1)),
+        }
+    }
+}
+
+impl fmt::Display for Track {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (all, known) = (self.frames.len(), self.chosen().count());
+        let tags = self.tags.iter().sum::<usize>() as f64 / known.max(1) as f64;
+        writeln!(f, "poses      {known} of {}, from {} tags each in the mean", count(all, "frame"), fixed(tags, 1))?;
+        let (place_m, turn) = self.median_deviations();
+        writeln!(
+            f,
+            "residuals  {} px in the median; one standard deviation {} mm, {}°",
+            fixed(self.median_residual_px(), 3),
+            fixed(1e3 * place_m, 2),
+            fixed(turn.to_degrees(), 3)
+        )?;
+        let lost = self.lost();
+        for (run, why) in lost.iter().take(MOST_TOLD) {
+            writeln!(f, "lost       {}: {why}", self.told(run))?;
+        }
+        if lost.len() > MOST_TOLD {
+            writeln!(f, "lost       {} more times", lost.len() - MOST_TOLD)?;
+        }
+        for run in self.doubtful().iter().take(MOST_TOLD) {
+            writeln!(
+                f,
+                "doubtful   {}: a flat tag may lean the other way, and no frame nearby decides",
+                self.told(run)
+            )?;
+        }
+        Ok(())
+    }
+}

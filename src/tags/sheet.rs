@@ -1,0 +1,181 @@
+//! The sheet to print: tags, a ruler to check the scale by, and what is what in small print.
+
+use glam::DVec2;
+
+use super::board::{Board, Tag};
+use super::family::Family;
+
+crate::choices! {
+    /// A size of paper.
+    pub enum Paper {
+        /// 210 by 297 mm.
+        A4 = "a4",
+        /// 8.5 by 11 inches.
+        Letter = "letter",
+    }
+}
+
+impl Paper {
+    /// Width and height, mm.
+    pub fn size_mm(self) -> DVec2 {
+        match self {
+            Self::A4 => DVec2::new(210.0, 297.0),
+            Self::Letter => DVec2::new(215.9, 279.4),
+        }
+    }
+}
+
+/// The same tags on every paper. They are as large as may be while a hand, or a piece of evidence, can cover one: at 640
+/// pixels across a webcam's 60° their cells are 3 px wide at 2 m.
+const COLUMNS: u32 = 2;
+const ROWS: u32 = 3;
+const SIDE_MM: f64 = 65.0;
+/// Between two tags: a white border of a cell for each, and room for a line between them.
+const GAP_MM: f64 = 20.0;
+/// From the paper's upper edge.
+const TOP_MM: f64 = 12.0;
+const RULER_MM: f64 = 150.0;
+/// The line under a tag starts below its white border.
+const LABEL_MM: f64 = 12.0;
+const LETTERS_MM: f64 = 2.6;
+
+/// A rectangle: its lower left corner and its size, mm from the paper's lower left corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rect {
+    pub at_mm: DVec2,
+    pub size_mm: DVec2,
+}
+
+impl Rect {
+    fn new(x: f64, y: f64, width: f64, height: f64) -> Self {
+        Self { at_mm: DVec2::new(x, y), size_mm: DVec2::new(width, height) }
+    }
+}
+
+/// A part of the sheet. Later ones cover earlier ones.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Mark {
+    Black(Vec<Rect>),
+    White(Vec<Rect>),
+    /// ASCII, from the left end of its base line.
+    Text {
+        at_mm: DVec2,
+        height_mm: f64,
+        text: String,
+    },
+}
+
+/// A sheet of tags, and the board that it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sheet {
+    pub paper: Paper,
+    pub board: Board,
+    pub marks: Vec<Mark>,
+}
+
+impl Sheet {
+    /// The sheet that `locard board` prints: six tags of 36h11.
+    pub fn new(paper: Paper) -> Self {
+        let family = Family::Tag36h11;
+        let page = paper.size_mm();
+        let pitch = SIDE_MM + GAP_MM;
+        let tags_mm = DVec2::new(f64::from(COLUMNS), f64::from(ROWS)) * pitch - GAP_MM;
+        let corner = DVec2::new(0.5 * (page.x - tags_mm.x), page.y - TOP_MM - tags_mm.y);
+        let (mut tags, mut marks) = (Vec::new(), Vec::new());
+        for id in 0..COLUMNS * ROWS {
+            let (column, row) = (f64::from(id % COLUMNS), f64::from(ROWS - 1 - id / COLUMNS));
+            let at = corner + pitch * DVec2::new(column, row);
+            marks.extend(tag_marks(family, id, at));
+            let text = format!("{} id {id}, {SIDE_MM} mm", family.name());
+            marks.push(Mark::Text { at_mm: at - DVec2::new(0.0, LABEL_MM), height_mm: LETTERS_MM, text });
+            // The world begins in the middle of the tags.
+            let middle = 0.5 * DVec2::new(f64::from(COLUMNS - 1), f64::from(ROWS - 1));
+            let center_mm = pitch * (DVec2::new(column, row) - middle);
+            tags.push(Tag {
+                id,
+                size_m: SIDE_MM / 1e3,
+                center_m: (center_mm / 1e3).extend(0.0),
+                rotation_deg: glam::DVec3::ZERO,
+            });
+        }
+        marks.extend(cross(corner + 0.5 * tags_mm));
+        marks.extend(ruler(DVec2::new(0.5 * (page.x - RULER_MM), corner.y - LABEL_MM - 8.0)));
+        Self { paper, board: Board { family, tags }, marks }
+    }
+}
+
+fn tag_marks(family: Family, id: u32, at: DVec2) -> [Mark; 2] {
+    let cells = family.cells();
+    let cell = SIDE_MM / f64::from(cells);
+    let white = family.white_cells(id).unwrap_or_default();
+    let rect =
+        |(x, y): (u32, u32)| Rect::new(at.x + cell * f64::from(x), at.y + cell * f64::from(cells - 1 - y), cell, cell);
+    [
+        Mark::Black(vec![Rect::new(at.x, at.y, SIDE_MM, SIDE_MM)]),
+        // One shape, so that no program draws seams between its cells.
+        Mark::White(white.into_iter().map(rect).collect()),
+    ]
+}
+
+/// Where the world begins.
+fn cross(at: DVec2) -> [Mark; 1] {
+    const LONG: f64 = 3.0;
+    const THIN: f64 = 0.2;
+    [Mark::Black(vec![
+        Rect::new(at.x - 0.5 * LONG, at.y - 0.5 * THIN, LONG, THIN),
+        Rect::new(at.x - 0.5 * THIN, at.y - 0.5 * LONG, THIN, LONG),
+    ])]
+}
+
+fn ruler(at: DVec2) -> Vec<Mark> {
+    const THIN: f64 = 0.2;
+    let mut lines = vec![Rect::new(at.x, at.y - 0.5 * THIN, RULER_MM, THIN)];
+    let mut marks = Vec::new();
+    for mm in (0..=RULER_MM as u32).step_by(5) {
+        let (x, long) = (at.x + f64::from(mm), if mm % 10 == 0 { 3.0 } else { 1.5 });
+        lines.push(Rect::new(x - 0.5 * THIN, at.y, THIN, long));
+        if mm % 50 == 0 {
+            let text = if mm == 0 { "0 mm".to_owned() } else { mm.to_string() };
+            marks.push(Mark::Text { at_mm: DVec2::new(x + 0.8, at.y + 3.2), height_mm: LETTERS_MM, text });
+        }
+    }
+    let text = format!(
+        "Print at 100 %. This ruler must be {RULER_MM} mm long. If it is not, write its length / {RULER_MM} as scale into the board's file."
+    );
+    marks.push(Mark::Text { at_mm: at - DVec2::new(0.0, 4.5), height_mm: LETTERS_MM, text });
+    marks.push(Mark::Black(lines));
+    marks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn both_papers_bear_the_same_board_and_hold_it() {
+        let [a4, letter] = [Paper::A4, Paper::Letter].map(Sheet::new);
+        for (a, b) in a4.board.tags.iter().zip(&letter.board.tags) {
+            assert!(a.id == b.id && a.size_m == b.size_m && a.center_m.distance(b.center_m) < 1e-12);
+        }
+        // Tag 0 is at the upper left: half a pitch to the left, a whole one up.
+        assert!(a4.board.tags[0].center_m.distance(DVec3::new(-0.0425, 0.085, 0.0)) < 1e-12);
+        for sheet in [a4, letter] {
+            let page = sheet.paper.size_mm();
+            let inside = |at: DVec2| at.cmpge(DVec2::splat(6.0)).all() && at.cmple(page - 6.0).all();
+            for mark in &sheet.marks {
+                match mark {
+                    Mark::Black(rects) | Mark::White(rects) => {
+                        assert!(rects.iter().all(|r| inside(r.at_mm) && inside(r.at_mm + r.size_mm)), "{rects:?}");
+                    }
+                    // Helvetica's letters are half as wide as high in the mean.
+                    Mark::Text { at_mm, height_mm, text } => {
+                        assert!(text.is_ascii());
+                        let end = *at_mm + DVec2::new(0.55 * height_mm * text.len() as f64, *height_mm);
+                        assert!(inside(*at_mm) && inside(end), "{text}: {at_mm} to {end}");
+                    }
+                }
+            }
+        }
+    }
+}

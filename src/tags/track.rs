@@ -1,0 +1,182 @@
+//! A video in which tags are seen in, the camera's way out.
+
+use std::ops::{ControlFlow, Range};
+
+use super::board::Board;
+use super::continuity::{Chosen, along};
+use super::detect::{DetectError, Detector};
+use super::family::Family;
+use super::grey::Grey;
+use super::refine::refined;
+use super::rolling::rolled;
+use super::sight::{Lost, Sight};
+use crate::camera::{Geometry, Response};
+use crate::pixels::Pixels;
+use crate::source::SourceError;
+use crate::source::video::Video;
+
+/// Called with (frames done, all of them). If it breaks, the search stops.
+pub type TrackProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
+
+/// Finds a board in pictures of one camera.
+pub struct Searcher {
+    board: Board,
+    geometry: Geometry,
+    light: Vec<f32>,
+    detector: Detector,
+}
+
+impl Searcher {
+    pub fn new(board: Board, geometry: Geometry, response: &Response) -> Result<Self, DetectError> {
+        let intrinsics = &geometry.intrinsics;
+        let detector = Detector::new(board.family, intrinsics.width_px, intrinsics.height_px)?;
+        Ok(Self { board, geometry, light: Grey::table(response), detector })
+    }
+
+    /// What a picture says. It has the geometry's size.
+    pub fn look(&mut self, pixels: &Pixels) -> Result<Result<Sight, Lost>, DetectError> {
+        let grey = Grey::of(pixels, self.light.clone());
+        let mut found = self.detector.find(&grey, self.board.tags.len().div_ceil(2))?;
+        for tag in &mut found {
+            *tag = refined(&grey, &self.geometry, self.board.family.cells(), tag);
+        }
+        Ok(Sight::of(&self.geometry, &self.board, &found, &[]))
+    }
+}
+
+/// Why a video cannot be tracked.
+#[derive(Debug, thiserror::Error)]
+pub enum TrackError {
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    #[error(transparent)]
+    Detect(#[from] DetectError),
+    #[error("the video is {width}x{height} px and the profile's camera {}x{}: name the profile of the camera as it was when it recorded", camera.0, camera.1)]
+    Size { width: u32, height: u32, camera: (u32, u32) },
+    #[error("no tag of family {} is seen in any of {frames} frames{}", family.name(), also(other))]
+    Nothing { family: Family, frames: usize, other: Option<Family> },
+    #[error("no frame gives a pose; in frame {frame} {why}. Does the board's file describe the board that was filmed?")]
+    NoPose { frame: usize, why: Lost },
+    #[error("stopped")]
+    Stopped,
+}
+
+fn also(other: &Option<Family>) -> String {
+    other.map_or(String::new(), |family| {
+        format!("; tags of {} are: `family` in the board's file names another", family.name())
+    })
+}
+
+/// The camera's way through a video.
+#[derive(Clone, Debug)]
+pub struct Track {
+    pub times_s: Vec<f64>,
+    /// For each frame its pose, or why there is none.
+    pub frames: Vec<Result<Chosen, Lost>>,
+    /// How many tags were used in each frame.
+    pub tags: Vec<usize>,
+}
+
+/// Tracks a board through a whole video.
+pub fn track(
+    video: &Video,
+    board: &Board,
+    geometry: &Geometry,
+    response: &Response,
+    progress: TrackProgress<'_>,
+) -> Result<Track, TrackError> {
+    let camera = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
+    if camera != (video.width, video.height) {
+        return Err(TrackError::Size { width: video.width, height: video.height, camera });
+    }
+    let mut searcher = Searcher::new(board.clone(), geometry.clone(), response)?;
+    let count = video.timestamps_s.len();
+    let mut looks: Vec<Result<Sight, Lost>> = Vec::with_capacity(count);
+    for pixels in video.read(0..count)? {
+        if progress(looks.len(), count).is_break() {
+            return Err(TrackError::Stopped);
+        }
+        looks.push(searcher.look(&pixels?)?);
+    }
+    if looks.iter().all(Result::is_err) {
+        return Err(nothing(video, board, &looks)?);
+    }
+    let tags = looks.iter().map(|look| look.as_ref().map_or(0, |sight| sight.tags.len())).collect();
+    let sights: Vec<_> =
+        video.timestamps_s.iter().copied().zip(looks.iter().map(|look| look.as_ref().ok().cloned())).collect();
+    let frames =
+        rolled(geometry, &sights, &along(&sights)).into_iter().zip(looks).map(|(chosen, look)| match (chosen, look) {
+            (Some(chosen), _) => Ok(chosen),
+            (None, Err(lost)) => Err(lost),
+            (None, Ok(sight)) => Err(Lost::Unsolved(sight.tags)),
+        });
+    Ok(Track { times_s: video.timestamps_s.clone(), frames: frames.collect(), tags })
+}
+
+/// Why no frame gives a pose.
+fn nothing(video: &Video, board: &Board, looks: &[Result<Sight, Lost>]) -> Result<TrackError, TrackError> {
+    let seen = looks.iter().enumerate().filter_map(|(frame, look)| Some((frame, look.as_ref().err()?)));
+    if let Some((frame, why)) = seen.into_iter().find(|(_, why)| **why != Lost::Nothing) {
+        return Ok(TrackError::NoPose { frame, why: why.clone() });
+    }
+    let frames = looks.len();
+    // A few frames tell whether the file names the wrong family.
+    let first = 0..frames.min(30);
+    let mut other = None;
+    for pixels in video.read(first)? {
+        let grey = Grey::of(&pixels?, Vec::new());
+        for family in Family::ALL.into_iter().filter(|family| *family != board.family && *family != Family::Tag16h5) {
+            if !Detector::new(family, video.width, video.height)?.find(&grey, 1)?.is_empty() {
+                other = Some(family);
+            }
+        }
+        if other.is_some() {
+            break;
+        }
+    }
+    Ok(TrackError::Nothing { family: board.family, frames, other })
+}
+
+impl Track {
+    /// The poses, ascending in time.
+    pub fn chosen(&self) -> impl Iterator<Item = &Chosen> {
+        self.frames.iter().flatten()
+    }
+
+    /// Frames without a pose, as runs, each with why its first one has none.
+    pub fn lost(&self) -> Vec<(Range<usize>, &Lost)> {
+        runs(&self.frames, |frame| frame.as_ref().err())
+    }
+
+    /// Runs of frames whose pose may be the other one of a flat tag.
+    pub fn doubtful(&self) -> Vec<Range<usize>> {
+        let doubtful = |frame: &Result<Chosen, Lost>| matches!(frame, Ok(chosen) if !chosen.certain);
+        runs(&self.frames, |frame| doubtful(frame).then_some(frame)).into_iter().map(|(run, _)| run).collect()
+    }
+
+    /// The longest interval across which poses may be interpolated, seconds: longer than that from a frame to the next, and
+    /// shorter than any in which the track was lost.
+    pub fn max_gap_s(&self) -> f64 {
+        let known: Vec<usize> = (0..self.frames.len()).filter(|i| self.frames[*i].is_ok()).collect();
+        let apart_s = |pair: &[usize]| self.times_s[pair[1]] - self.times_s[pair[0]];
+        let (next, lost): (Vec<_>, Vec<_>) = known.windows(2).partition(|pair| pair[1] == pair[0] + 1);
+        let longest_s = next.into_iter().map(apart_s).fold(0.0, f64::max);
+        let shortest_s = lost.into_iter().map(apart_s).fold(f64::INFINITY, f64::min);
+        // A single pose has no interval.
+        let longest_s = if longest_s > 0.0 { longest_s } else { 1.0 / 30.0 };
+        (1.5 * longest_s).min(0.5 * (longest_s + shortest_s)).min(0.99 * shortest_s)
+    }
+}
+
+/// Runs of what `of` gives something for, with what it gives for the first.
+fn runs<'a, T, U>(all: &'a [T], of: impl Fn(&'a T) -> Option<U>) -> Vec<(Range<usize>, U)> {
+    let mut runs: Vec<(Range<usize>, U)> = Vec::new();
+    for (i, item) in all.iter().enumerate() {
+        let Some(what) = of(item) else { continue };
+        match runs.last_mut().filter(|(run, _)| run.end == i) {
+            Some((run, _)) => run.end = i + 1,
+            None => runs.push((i..i + 1, what)),
+        }
+    }
+    runs
+}

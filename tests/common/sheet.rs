@@ -1,0 +1,181 @@
+//! Photographs of a printed sheet by a camera of which everything is known. Nothing here is shared with what is judged: the
+//! lens is inverted by steps of its own, and the sheet is a picture that is looked up.
+
+#![allow(dead_code, reason = "each test file uses some of it")]
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use locard::rows::{over_rows, processors};
+
+/// A pinhole camera of 640 by 480 px with Brown and Conrady's distortion, and the codes of sRGB.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera {
+    pub focal_px: f64,
+    pub centre_px: DVec2,
+    pub k1: f64,
+    pub k2: f64,
+    pub p1: f64,
+    pub p2: f64,
+    /// From the first row to the last one, s.
+    pub readout_s: f64,
+}
+
+pub const SIZE: (u32, u32) = (640, 480);
+
+pub const CAMERA: Camera = Camera {
+    focal_px: 560.0,
+    centre_px: DVec2::new(323.0, 236.0),
+    k1: -0.21,
+    k2: 0.06,
+    p1: 0.0011,
+    p2: -0.0007,
+    readout_s: 0.0,
+};
+
+impl Camera {
+    /// As a profile.
+    pub fn profile(&self) -> String {
+        let Self { focal_px: f, centre_px: c, k1, k2, p1, p2, readout_s } = self;
+        format!(
+            "version = 1\n[camera]\nwidth_px = 640\nheight_px = 480\nfx_px = {f:?}\nfy_px = {f:?}\ncx_px = {:?}\ncy_px = {:?}\nreadout_time_s = {readout_s:?}\n[camera.distortion]\nk1 = {k1:?}\nk2 = {k2:?}\np1 = {p1:?}\np2 = {p2:?}\n",
+            c.x, c.y
+        )
+    }
+
+    /// Where a ray x/z, y/z lands, px.
+    pub fn lands(&self, ray: DVec2) -> DVec2 {
+        let r2 = ray.dot(ray);
+        let radial = 1.0 + self.k1 * r2 + self.k2 * r2 * r2;
+        let x = ray.x * radial + 2.0 * self.p1 * ray.x * ray.y + self.p2 * (r2 + 2.0 * ray.x * ray.x);
+        let y = ray.y * radial + self.p1 * (r2 + 2.0 * ray.y * ray.y) + 2.0 * self.p2 * ray.x * ray.y;
+        DVec2::new(x, y) * self.focal_px + self.centre_px
+    }
+
+    /// The ray x/z, y/z that lands at a place, px.
+    fn ray(&self, at: DVec2) -> DVec2 {
+        let wanted = (at - self.centre_px) / self.focal_px;
+        let mut ray = wanted;
+        for _ in 0..12 {
+            ray += wanted - (self.lands(ray) - self.centre_px) / self.focal_px;
+        }
+        ray
+    }
+}
+
+/// Where the camera is, and its axes (x right, y down, z ahead) in the world's, as columns.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub at_m: DVec3,
+    pub axes: DMat3,
+}
+
+impl Place {
+    /// A camera at a place that looks at another, turned about its own axis.
+    pub fn looking(at_m: DVec3, target_m: DVec3, roll_rad: f64) -> Self {
+        let ahead = (target_m - at_m).normalize();
+        let side = if ahead.cross(DVec3::Z).length() > 1e-3 { ahead.cross(DVec3::Z) } else { DVec3::X };
+        let right = side.normalize();
+        let axes = DMat3::from_cols(right, ahead.cross(right), ahead) * DMat3::from_rotation_z(roll_rad);
+        Self { at_m, axes }
+    }
+
+    /// Where a point of the world lands, px.
+    pub fn sees(&self, camera: &Camera, point_m: DVec3) -> DVec2 {
+        let own = self.axes.transpose() * (point_m - self.at_m);
+        camera.lands(own.truncate() / own.z)
+    }
+
+    pub fn quaternion(&self) -> DQuat {
+        DQuat::from_mat3(&self.axes)
+    }
+}
+
+/// A sheet that lies on the world's plane z = 0, its middle at `origin_mm` from its lower left corner.
+pub struct Sheet {
+    pub width: usize,
+    pub height: usize,
+    pub codes: Vec<u8>,
+    pub dots_per_mm: f64,
+    pub origin_mm: DVec2,
+}
+
+fn to_light(code: f64) -> f64 {
+    if code <= 0.04045 { code / 12.92 } else { ((code + 0.055) / 1.055).powf(2.4) }
+}
+
+fn to_code(light: f64) -> f64 {
+    if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+}
+
+impl Sheet {
+    /// The A4 sheet of `locard board` at 300 dots per inch, from its grey codes.
+    pub fn of(width: usize, height: usize, codes: Vec<u8>) -> Self {
+        // Its tags are 235 mm high, and begin 12 mm from its upper edge.
+        Self {
+            width,
+            height,
+            codes,
+            dots_per_mm: 300.0 / 25.4,
+            origin_mm: DVec2::new(105.0, 297.0 - 12.0 - 0.5 * 235.0),
+        }
+    }
+
+    /// The light of a place on the sheet, m from its origin; grey around it.
+    fn light(&self, lights: &[f64], at_m: DVec2) -> f64 {
+        let dots = (1e3 * at_m + self.origin_mm) * self.dots_per_mm;
+        let (x, y) = (dots.x, self.height as f64 - dots.y);
+        if x < 0.0 || y < 0.0 || x >= self.width as f64 || y >= self.height as f64 {
+            return 0.12;
+        }
+        lights[usize::from(self.codes[y as usize * self.width + x as usize])]
+    }
+
+    /// A photograph: RGB codes, of `samples`² rays a pixel and noise of a deviation in codes. `place` is the camera's at a
+    /// time after the middle row's, s.
+    pub fn photograph(
+        &self,
+        camera: &Camera,
+        samples: u32,
+        sigma: f64,
+        seed: u64,
+        place: impl Fn(f64) -> Place + Sync,
+    ) -> Vec<u8> {
+        let lights: Vec<f64> = (0..=255).map(|code| 0.02 + 0.86 * to_light(f64::from(code) / 255.0)).collect();
+        let mut codes = vec![0u8; (3 * SIZE.0 * SIZE.1) as usize];
+        over_rows(&mut codes, 3 * SIZE.0 as usize, processors(), |y, pixels| {
+            let place = place(((y as f64 + 0.5) / f64::from(SIZE.1) - 0.5) * camera.readout_s);
+            for (x, pixel) in pixels.chunks_mut(3).enumerate() {
+                let light = self.pixel(camera, &lights, &place, x, y, samples);
+                let noise = sigma * normal(seed, (y * SIZE.0 as usize + x) as u64);
+                pixel.fill((255.0 * to_code(light) + noise).round().clamp(0.0, 255.0) as u8);
+            }
+        });
+        codes
+    }
+
+    fn pixel(&self, camera: &Camera, lights: &[f64], place: &Place, x: usize, y: usize, samples: u32) -> f64 {
+        // Rays change evenly within a pixel.
+        let corner = DVec2::new(x as f64, y as f64);
+        let ray = camera.ray(corner);
+        let (across, down) = (camera.ray(corner + DVec2::X) - ray, camera.ray(corner + DVec2::Y) - ray);
+        let mut sum = 0.0;
+        for i in 0..samples * samples {
+            let part = DVec2::new(f64::from(i % samples) + 0.5, f64::from(i / samples) + 0.5) / f64::from(samples);
+            let towards = place.axes * (ray + across * part.x + down * part.y).extend(1.0);
+            let far = -place.at_m.z / towards.z;
+            sum += if far > 0.0 { self.light(lights, (place.at_m + towards * far).truncate()) } else { 0.3 };
+        }
+        sum / f64::from(samples * samples)
+    }
+}
+
+/// A normal number that depends on its arguments alone: the sum of twelve even ones.
+fn normal(seed: u64, n: u64) -> f64 {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ n.wrapping_mul(0xd1b5_4a32_d192_ed03);
+    let mut sum = -6.0;
+    for _ in 0..12 {
+        state ^= state >> 30;
+        state = state.wrapping_mul(0xbf58_476d_1ce4_e5b9).wrapping_add(0x94d0_49bb_1331_11eb);
+        sum += (state >> 11) as f64 / (1u64 << 53) as f64;
+    }
+    sum
+}

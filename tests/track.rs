@@ -1,0 +1,243 @@
+//! `locard board` and `locard track`: from the sheet that is printed to evidence in the video.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/program.rs"]
+mod program;
+#[path = "common/sheet.rs"]
+mod sheet;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use glam::DVec3;
+use locard::recording::{OpenOptions, Recording};
+use locard::tracking::tum::Line;
+use program::{refused, said};
+use sheet::{CAMERA, Camera, Place, Sheet};
+
+const FRAMES: usize = 18;
+const FPS: f64 = 30.0;
+/// In these the camera looks away.
+const AWAY: std::ops::Range<usize> = 10..13;
+
+/// A hand-held camera that moves around the sheet, 0.8 m from it.
+fn place(time_s: f64) -> Place {
+    let (a, sway) = (0.8 + 0.5 * time_s, 0.02 * (9.0 * time_s).sin());
+    let at = DVec3::new(0.45 * a.cos() + sway, -0.5 * a.sin(), 0.62 - sway);
+    let away = AWAY.contains(&((time_s * FPS).round() as usize));
+    Place::looking(at, if away { DVec3::new(3.0, 4.0, 0.0) } else { DVec3::new(0.03, 0.05 * time_s, 0.0) }, 0.2 * sway)
+}
+
+/// The sheet, its board's file, the camera's profile and a video of the sheet, in a folder.
+struct Site {
+    folder: tempfile::TempDir,
+}
+
+impl Site {
+    fn new(camera: &Camera) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let site = Self { folder };
+        said(&["board", "-o", &site.path("board.png"), "--quiet"]);
+        let printed = image::open(site.path("board.png")).unwrap().into_luma8();
+        let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
+        std::fs::write(site.path("camera.toml"), camera.profile()).unwrap();
+        let frames = (0..FRAMES).map(|i| {
+            let time_s = i as f64 / FPS;
+            sheet.photograph(camera, 4, 1.0, i as u64, |t| place(time_s + t))
+        });
+        video(Path::new(&site.path("site.mkv")), frames);
+        site
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn track(&self, board: &str, to: &str) -> Vec<String> {
+        let board = self.path(board);
+        let (video, profile, to) = (self.path("site.mkv"), self.path("camera.toml"), self.path(to));
+        ["track", &video, "--profile", &profile, "--board", &board, "-o", &to].map(str::to_owned).to_vec()
+    }
+}
+
+/// A video that loses nothing.
+fn video(path: &Path, frames: impl Iterator<Item = Vec<u8>>) {
+    let mut ffmpeg = Command::new("ffmpeg")
+        .args(["-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "640x480", "-r", "30", "-i", "-"])
+        .args(["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0"])
+        .arg(path)
+        .stdin(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut into = ffmpeg.stdin.take().unwrap();
+    frames.for_each(|codes| into.write_all(&codes).unwrap());
+    drop(into);
+    assert!(ffmpeg.wait().unwrap().success());
+}
+
+fn strs(arguments: &[String]) -> Vec<&str> {
+    arguments.iter().map(String::as_str).collect()
+}
+
+/// What differs between two pictures: where, in the mean, and how many pixels.
+fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
+    let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
+    let (mut x, mut y, mut sum, mut count) = (0.0, 0.0, 0.0, 0);
+    for (at, (a, b)) in a.pixels().zip(b.pixels()).enumerate() {
+        let by: f64 = (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).abs()).sum();
+        (x, y, sum) = (x + by * (at % 640) as f64, y + by * (at / 640) as f64, sum + by);
+        count += usize::from(by > 0.0);
+    }
+    (x / sum, y / sum, count)
+}
+
+#[test]
+fn a_video_becomes_a_recording_whose_evidence_stands_still() {
+    let site = Site::new(&CAMERA);
+    let track = site.track("board.toml", "tracked");
+    let told = said(&strs(&track));
+    for line in [
+        "poses      15 of 18 frames, from 6.0 tags each",
+        "lost       frames 10 to 12 (0.333 to 0.400 s): no tag is seen",
+    ] {
+        assert!(told.contains(line), "{told}");
+    }
+    assert!(!told.contains("doubtful"), "{told}");
+    let tracked = PathBuf::from(site.path("tracked"));
+    let recording = Recording::open(&tracked, &OpenOptions::default()).unwrap();
+    assert_eq!((recording.frame_count(), recording.up), (FRAMES, Some(DVec3::Z)));
+    // Evidence beside the sheet, on it and standing up from it.
+    let points = [DVec3::ZERO, DVec3::new(0.2, 0.05, 0.0), DVec3::new(-0.15, -0.1, 0.1), DVec3::new(0.1, 0.2, 0.0)];
+    for i in 0..FRAMES {
+        let pose = recording.pose_at_frame(i);
+        assert_eq!(pose.is_err(), AWAY.contains(&i), "frame {i}");
+        let Ok(pose) = pose else { continue };
+        let truth = place(i as f64 / FPS);
+        for point in points {
+            let own = pose.transform_point(point);
+            let off_px = CAMERA.lands(own.truncate() / own.z).distance(truth.sees(&CAMERA, point));
+            assert!(off_px < 0.5, "frame {i}: {off_px:.3} px off");
+        }
+    }
+    // A covariance for each pose, of the same times.
+    let text = std::fs::read_to_string(tracked.join("covariance.txt")).unwrap();
+    let lines: Vec<Vec<f64>> = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| line.split(' ').map(|n| n.parse().unwrap()).collect())
+        .collect();
+    assert!(lines.len() == 15 && lines.iter().all(|line| line.len() == 22), "{text}");
+    let times: Vec<f64> = recording.track.poses().iter().map(|pose| pose.0).collect();
+    assert_eq!(lines.iter().map(|line| line[0]).collect::<Vec<_>>(), times);
+    // Diagonals: turns are known to some hundredths of a degree, places to a millimetre.
+    for line in &lines {
+        for (i, most) in [(1, 2e-3), (7, 2e-3), (12, 2e-3), (16, 2e-3), (19, 2e-3), (21, 2e-3)] {
+            assert!(line[i] > 0.0 && line[i].sqrt() < most, "{line:?}");
+        }
+    }
+
+    // The same with the poses that were, and both composited.
+    let truth = site.folder.path().join("truth");
+    program::copied(&tracked, &truth);
+    let lines: Vec<Line> = recording
+        .track
+        .poses()
+        .iter()
+        .map(|(time_s, _)| {
+            let place = place(*time_s);
+            Line { time_s: *time_s, position_m: place.at_m, rotation: place.quaternion() }
+        })
+        .collect();
+    std::fs::write(truth.join("poses.txt"), locard::recording::write::trajectory(&lines)).unwrap();
+    let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
+    let scene = format!("version = 1\n[[objects]]\nmodel = \"{}\"\nposition_m = [0.16, 0.0, 0.0]\n", marker.display());
+    std::fs::write(site.path("scene.toml"), scene).unwrap();
+    for name in ["tracked", "truth"] {
+        let (from, to) = (site.path(name), site.path(&format!("out-{name}")));
+        said(&[
+            "composite",
+            &from,
+            "--scene",
+            &site.path("scene.toml"),
+            "--frames",
+            "4..11",
+            "--without",
+            "noise",
+            "-o",
+            &to,
+            "--quiet",
+        ]);
+    }
+    let source = |i: usize| {
+        // A frame without a pose is the source's.
+        site.folder.path().join(format!("out-truth/frame_{i:06}.png"))
+    };
+    let tracked = |i: usize| site.folder.path().join(format!("out-tracked/frame_{i:06}.png"));
+    assert_eq!(std::fs::read(source(10)).unwrap(), std::fs::read(tracked(10)).unwrap());
+    let plain = site.path("plain");
+    std::fs::create_dir(&plain).unwrap();
+    assert!(
+        Command::new("ffmpeg")
+            .args(["-v", "error", "-i", &site.path("site.mkv"), "-start_number", "0", &format!("{plain}/%d.png")])
+            .status()
+            .unwrap()
+            .success()
+    );
+    for i in 4..10 {
+        let own = Path::new(&plain).join(format!("{i}.png"));
+        let ((x, y, count), (tx, ty, _)) = (differs(&tracked(i), &own), differs(&source(i), &own));
+        assert!(count > 200, "frame {i}: {count} pixels of evidence");
+        assert!((x - tx).hypot(y - ty) < 0.5, "frame {i}: {:.3} px off", (x - tx).hypot(y - ty));
+    }
+
+    // What was tracked is replaced if that is asked for, and nothing else ever is.
+    assert!(refused(&strs(&track)).contains("is there already"));
+    let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
+    assert_eq!(said(&strs(&force)), told);
+    std::fs::write(site.path("tracked/mine.txt"), "mine").unwrap();
+    assert!(refused(&strs(&force)).contains("holds mine.txt"));
+    assert!(Path::new(&site.path("tracked/poses.txt")).exists());
+
+    // What is not the board that was filmed.
+    let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
+    for (from, to, said) in [
+        ("36h11", "25h9", "no tag of family 25h9 is seen in any of 18 frames; tags of 36h11 are"),
+        ("id = ", "id = 10", "the tags that are seen are not on the board: 0, 1, 2, 3, 4, 5"),
+        ("0.0425", "0.0825", "do not stand to each other as on the board"),
+        ("0.065", "0", "line 8, tags.size_m of tag 0: 0 is refused"),
+    ] {
+        std::fs::write(site.path("other.toml"), board.replace(from, to)).unwrap();
+        let error = refused(&strs(&site.track("other.toml", "other")));
+        assert!(error.contains(said), "{error}");
+        assert!(!Path::new(&site.path("other")).exists(), "{error}");
+    }
+    let small = CAMERA.profile().replace("width_px = 640", "width_px = 1280");
+    std::fs::write(site.path("camera.toml"), small).unwrap();
+    assert!(
+        refused(&strs(&site.track("board.toml", "other"))).contains("is 640x480 px and the profile's camera 1280x480")
+    );
+}
+
+#[test]
+fn a_sheet_is_written_with_its_board() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    said(&["board", "-o", &at("sheet.pdf"), "--paper", "letter"]);
+    let pdf = std::fs::read(at("sheet.pdf")).unwrap();
+    assert!(pdf.starts_with(b"%PDF-1.4") && pdf.ends_with(b"%%EOF\n"));
+    let board = locard::tags::Board::read(Path::new(&at("sheet.toml"))).unwrap();
+    assert_eq!(board.tags.len(), 6);
+    // The same board on another paper needs no asking; what somebody measured stays.
+    said(&["board", "-o", &at("sheet.png")]);
+    assert!(refused(&["board", "-o", &at("sheet.png")]).contains("sheet.png"));
+    let mine = std::fs::read_to_string(at("sheet.toml")).unwrap().replace("version = 1", "version = 1\nscale = 0.97");
+    std::fs::write(at("sheet.toml"), &mine).unwrap();
+    std::fs::remove_file(at("sheet.png")).unwrap();
+    assert!(refused(&["board", "-o", &at("sheet.png")]).contains("sheet.toml"));
+    assert!(!Path::new(&at("sheet.png")).exists());
+    assert_eq!(std::fs::read_to_string(at("sheet.toml")).unwrap(), mine);
+    assert!(refused(&["board", "-o", &at("sheet.svg")]).contains("a sheet is written as .pdf or .png"));
+    assert!(refused(&["board", "-o", &at("x.pdf"), "--paper", "a3"]).contains("accepted are a4 and letter"));
+}
