@@ -12,7 +12,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use glam::DVec3;
+use locard::compositor::Settings;
+use locard::live::open_poses;
+use locard::profile::Rig;
 use locard::recording::{OpenOptions, Recording};
+use locard::source::video::{Overrides, probe};
 use locard::tracking::tum::Line;
 use program::{refused, said};
 use sheet::{CAMERA, Camera, Place, Sheet};
@@ -218,6 +222,30 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
     assert!(
         refused(&strs(&site.track("board.toml", "other"))).contains("is 640x480 px and the profile's camera 1280x480")
     );
+}
+
+#[test]
+fn a_live_picture_has_its_pose_from_the_tags_in_it() {
+    let site = Site::new(&CAMERA);
+    let mut rig = Rig::default();
+    rig.read(Path::new(&site.path("camera.toml")), &mut Settings::default()).unwrap();
+    let mut poses = open_poses(&format!("tags:{}", site.path("board.toml")), Some(&rig.camera())).unwrap();
+    let video = probe(Path::new(&site.path("site.mkv")), &Overrides::default()).unwrap();
+    for (i, pixels) in video.read(0..FRAMES).unwrap().enumerate() {
+        let time_s = 7.0 + i as f64 / FPS;
+        poses.picture(time_s, &pixels.unwrap());
+        let found = poses.poses(time_s).unwrap();
+        assert_eq!(found.len(), usize::from(!AWAY.contains(&i)), "frame {i}");
+        let Some((at_s, pose)) = found.first() else { continue };
+        assert_eq!(*at_s, time_s);
+        let truth = place(i as f64 / FPS);
+        for point in [DVec3::ZERO, DVec3::new(0.2, 0.05, 0.0), DVec3::new(-0.15, -0.1, 0.1)] {
+            let own = pose.transform_point(point);
+            let off_px = CAMERA.lands(own.truncate() / own.z).distance(truth.sees(&CAMERA, point));
+            assert!(off_px < 0.5, "frame {i}: {point} is {off_px} px off");
+        }
+    }
+    assert_eq!((poses.poses(9.0).unwrap(), poses.up()), (Vec::new(), Some(DVec3::Z)));
 }
 
 #[test]

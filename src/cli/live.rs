@@ -9,10 +9,9 @@ use anyhow::{Result, bail};
 use super::watching::{Agreed, CameraArgs, Next, Watching};
 use super::which::Which;
 use super::{is_closed_stdout, record, say, warn};
-use crate::compositor::{Composited, Settings};
+use crate::compositor::Composited;
 use crate::gpu::Gpu;
 use crate::live::{Came, Live, Writer};
-use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::recording::recorder::Recorder;
 use crate::shot::{Given, Shot};
@@ -55,18 +54,10 @@ pub struct Args {
     force: bool,
 }
 
-/// The size of the camera that a profile describes.
-fn profile_px(args: &Args) -> Result<Option<(u32, u32)>> {
-    let (mut rig, mut settings) = (Rig::default(), Settings::default());
-    rig.read(&args.profile, &mut settings)?;
-    let geometry = rig.geometry_over(None);
-    Ok(geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px)))
-}
-
 pub fn run(args: &Args) -> Result<()> {
     let out = OutPath::parse(&args.output)?;
     sink::check(&out, args.force)?;
-    let agreed = Agreed::open(&args.camera, profile_px(args)?)?;
+    let agreed = Agreed::open(&args.camera, Some(&args.profile))?;
     let delivered = agreed.camera.given.delivered;
     let (width, height, interval_s) = (delivered.width, delivered.height, agreed.interval_s);
     let recording = Recording::arriving(&agreed.camera.given.name, width, height, interval_s, agreed.poses.up());

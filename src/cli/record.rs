@@ -40,7 +40,7 @@ pub fn about(agreed: &Agreed, profile: Option<&PathBuf>) -> Result<About> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let agreed = Agreed::open(&args.camera, None)?;
+    let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     let writer = Writer::new(Recorder::create(&args.output, &about(&agreed, args.profile.as_ref())?)?)?;
     let mut watching = agreed.start()?;
     let (mut frames, mut not_recorded, mut poses, mut late) = (0, 0, 0, 0);

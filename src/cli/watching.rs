@@ -1,13 +1,16 @@
 //! A camera and its poses, as the command line asks for them.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
 use super::{ending, say, warn};
+use crate::compositor::Settings;
 use crate::live::{PoseSource, open_poses};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::profile::Rig;
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::webcam::{self, Camera, Layout, Newest, Picture, Taken, Wanted};
 use crate::words::{count, fixed, shown};
@@ -17,7 +20,7 @@ pub struct CameraArgs {
     /// The camera: its number or device (`locard doctor` lists them), or a video that is played in its place
     #[arg(long, value_name = "N|VIDEO")]
     camera: String,
-    /// Where poses come from: opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
+    /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml, opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pose: String,
     /// Size of the pictures, px; the profile's, else 640x480
@@ -118,10 +121,20 @@ pub struct Watching {
 /// Poses that are known beforehand come so far ahead of their frames, seconds.
 const AHEAD_S: f64 = 1.0;
 
+/// The camera that a profile describes.
+fn profiled(profile: &Path) -> Result<crate::camera::Camera> {
+    let mut rig = Rig::default();
+    rig.read(profile, &mut Settings::default())?;
+    Ok(rig.camera())
+}
+
 impl Agreed {
-    /// Opens the camera and its poses. `profile_px` is the size of the camera that is given, if one is.
-    pub fn open(args: &CameraArgs, profile_px: Option<(u32, u32)>) -> Result<Self> {
-        let poses = open_poses(&args.pose)?;
+    /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
+    pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
+        let profiled = profile.map(profiled).transpose()?;
+        let poses = open_poses(&args.pose, profiled.as_ref())?;
+        let geometry = profiled.as_ref().and_then(|camera| camera.geometry.as_ref());
+        let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
         let usual = Wanted::default();
         let wanted = Wanted {
             size: args.size.or(profile_px).unwrap_or(usual.size),

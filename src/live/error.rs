@@ -9,13 +9,24 @@ use crate::recording::RecordingError;
 use crate::recording::recorder::RecorderError;
 use crate::shot::ShotError;
 use crate::stream::StreamError;
+use crate::tags::{BoardError, DetectError};
 
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
-    #[error("{asked}: gives no poses; accepted are opentrackio://…, freed://…, file:RECORDING, none")]
+    #[error(
+        "{asked}: gives no poses; accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none"
+    )]
     Poses { asked: String },
     #[error("{}: the recording has no poses", path.display())]
     NoPoses { path: PathBuf },
+    #[error(
+        "poses from tags need the camera's focal length: name its --profile, as `locard calibrate camera` writes one"
+    )]
+    NoCamera,
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    #[error(transparent)]
+    Detect(#[from] DetectError),
     #[error(transparent)]
     Stream(#[from] StreamError),
     #[error(transparent)]

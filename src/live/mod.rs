@@ -10,6 +10,7 @@ mod open;
 mod playing;
 mod source;
 mod stage;
+mod tagged;
 mod track;
 mod waiting;
 mod writer;

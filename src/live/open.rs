@@ -8,13 +8,19 @@ use super::error::LiveError;
 use super::listening::Streamed;
 use super::playing::RecordedPoses;
 use super::source::{MAX_GAP_S, PoseSource};
+use super::tagged::TaggedPoses;
+use crate::camera::Camera;
 use crate::pose::Pose;
 use crate::stream::Protocol;
 
-/// `opentrackio://…`, `freed://…`, `file:RECORDING`, or `none`.
-pub fn open_poses(asked: &str) -> Result<Box<dyn PoseSource>, LiveError> {
+/// `tags`, `tags:BOARD.toml`, `opentrackio://…`, `freed://…`, `file:RECORDING`, or `none`. Tags are seen by a camera.
+pub fn open_poses(asked: &str, camera: Option<&Camera>) -> Result<Box<dyn PoseSource>, LiveError> {
     if asked == "none" {
         return Ok(Box::new(NoPoses));
+    }
+    let board = asked.strip_prefix("tags:").map(Path::new);
+    if asked == "tags" || board.is_some() {
+        return Ok(Box::new(TaggedPoses::open(board, camera.ok_or(LiveError::NoCamera)?)?));
     }
     if let Some(path) = asked.strip_prefix("file:") {
         return Ok(Box::new(RecordedPoses::open(Path::new(path))?));
@@ -48,8 +54,10 @@ mod tests {
 
     #[test]
     fn what_gives_no_poses_is_refused() {
-        let error = open_poses("http://x").err().unwrap().to_string();
+        let error = open_poses("http://x", None).err().unwrap().to_string();
         assert!(error.contains("opentrackio://…, freed://…, file:RECORDING, none"), "{error}");
-        assert!(open_poses("none").unwrap().poses(1e9).unwrap().is_empty());
+        let error = open_poses("tags", None).err().unwrap().to_string();
+        assert!(error.contains("--profile"), "{error}");
+        assert!(open_poses("none", None).unwrap().poses(1e9).unwrap().is_empty());
     }
 }

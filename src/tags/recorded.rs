@@ -144,6 +144,7 @@ fn texts(name: &str, Parts { video, profile, board, track }: &Parts<'_>) -> Resu
         poses: PoseFile { trajectory: Some(POSES.into()), time_offset_s: None, max_gap_s: Some(track.max_gap_s()) },
         depth: None,
         exposure: None,
+        live: None,
         camera: Some(CameraFile { profile: Some(CAMERA.into()), kind: None }),
     };
     let lines: Vec<Line> = track.chosen().map(|chosen| Line::new(chosen.time_s, &chosen.solved.pose)).collect();

@@ -1,0 +1,70 @@
+//! Poses from printed tags in the pictures themselves.
+//!
+//! Not modelled: the readout time, which needs the pictures behind a frame as well (`locard track` has them).
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::error::LiveError;
+use super::source::{MAX_GAP_S, PoseSource};
+use crate::camera::Camera;
+use crate::pixels::Pixels;
+use crate::pose::Pose;
+use crate::tags::{Board, DetectError, Paper, Searcher, Sheet, chosen, expected};
+
+/// A board that is searched for in each picture. The world is the board's.
+pub struct TaggedPoses {
+    searcher: Searcher,
+    /// The last two, by which a flat tag's pose is told from its other one.
+    past: Vec<(f64, Pose)>,
+    found: Vec<(f64, Pose)>,
+    failure: Option<DetectError>,
+}
+
+impl TaggedPoses {
+    /// The board of a file, or the sheet that `locard board` prints. The camera has a geometry.
+    pub fn open(board: Option<&Path>, camera: &Camera) -> Result<Self, LiveError> {
+        let board = match board {
+            Some(file) => Board::read(file)?,
+            None => Sheet::new(Paper::A4).board,
+        };
+        let geometry = camera.geometry.clone().ok_or(LiveError::NoCamera)?;
+        let searcher = Searcher::new(board, geometry, &camera.response)?;
+        Ok(Self { searcher, past: Vec::new(), found: Vec::new(), failure: None })
+    }
+}
+
+impl PoseSource for TaggedPoses {
+    fn picture(&mut self, time_s: f64, pixels: &Pixels) {
+        match self.searcher.look(pixels) {
+            Ok(Ok(sight)) => {
+                let pose = chosen(time_s, &sight, expected(&self.past, time_s).as_ref()).solved.pose;
+                self.past.push((time_s, pose));
+                if self.past.len() > 2 {
+                    self.past.remove(0);
+                }
+                self.found.push((time_s, pose));
+            }
+            // The frame has no pose.
+            Ok(Err(_)) => {}
+            Err(error) => self.failure = Some(error),
+        }
+    }
+    fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+        match self.failure.take() {
+            Some(error) => Err(error.into()),
+            None => Ok(std::mem::take(&mut self.found)),
+        }
+    }
+    /// Out of the board.
+    fn up(&self) -> Option<DVec3> {
+        Some(DVec3::Z)
+    }
+    fn max_gap_s(&self) -> f64 {
+        MAX_GAP_S
+    }
+    fn is_live(&self) -> bool {
+        true
+    }
+}
