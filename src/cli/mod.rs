@@ -18,6 +18,7 @@ mod place;
 mod render;
 mod send;
 mod simulate;
+mod skip;
 mod start;
 #[cfg(feature = "window")]
 mod tune;
