@@ -32,7 +32,7 @@ pub struct Frames {
 enum Decoding {
     Stills(Ahead<Result<(Pixels, Option<DepthMap>), SourceError>>),
     /// ffmpeg decodes the pictures, our own threads the depth.
-    Video(KeptFrames, Ahead<MaybeDepth>),
+    Video(Box<KeptFrames>, Ahead<MaybeDepth>),
 }
 
 /// The frames of a video that are not left out.
@@ -79,7 +79,7 @@ impl Frames {
         let decoding = match &*recording.pictures {
             Pictures::Video(video, kept) => {
                 let pictures = KeptFrames::new(video, kept.as_deref(), range.clone())?;
-                Decoding::Video(pictures, Ahead::new(range, read_depth)?)
+                Decoding::Video(Box::new(pictures), Ahead::new(range, read_depth)?)
             }
             Pictures::Stills(_) => {
                 let pictures = Arc::clone(&recording.pictures);
