@@ -20,7 +20,7 @@ pub fn gltf(bytes: &[u8]) {
 
 /// The files that the formats of recordings are told by. The input is split at zero bytes, one piece a file; the first
 /// byte of a piece says which (a is the first, b the next).
-const FILES: [&str; 13] = [
+const FILES: [&str; 18] = [
     "recording.toml",
     "trajectory.txt",
     "rgb.txt",
@@ -34,10 +34,15 @@ const FILES: [&str; 13] = [
     "mav0/cam0/data.csv",
     "mav0/cam0/sensor.yaml",
     "mav0/state_groundtruth_estimate0/data.csv",
+    "odometry.csv",
+    "camera_matrix.csv",
+    "depth.toml",
+    "frame-000000.pose.txt",
+    "frame-000001.pose.txt",
 ];
 
 /// What the files may name: pictures of 4×3 px and a depth map.
-const PICTURES: [(&str, &[u8]); 7] = [
+const PICTURES: [(&str, &[u8]); 11] = [
     ("a.png", include_bytes!("picture.png")),
     ("b.png", include_bytes!("picture.png")),
     ("d.png", include_bytes!("depth.png")),
@@ -45,6 +50,10 @@ const PICTURES: [(&str, &[u8]); 7] = [
     ("images/b.png", include_bytes!("picture.png")),
     ("mav0/cam0/data/a.png", include_bytes!("picture.png")),
     ("mav0/cam0/data/b.png", include_bytes!("picture.png")),
+    ("frame-000000.color.png", include_bytes!("picture.png")),
+    ("frame-000001.color.png", include_bytes!("picture.png")),
+    ("frame-000000.depth.png", include_bytes!("depth.png")),
+    ("frame-000001.depth.png", include_bytes!("depth.png")),
 ];
 
 /// The bytes as each of the files that describe a recording; how many of its frames could be read.

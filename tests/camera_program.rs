@@ -87,7 +87,7 @@ fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
         (["--camera", "none.mp4", "--pose", "none"], "none.mp4: is no camera; there "),
         (
             ["--camera", text(&video), "--pose", "http://x"],
-            "accepted are opentrackio://…, freed://…, file:RECORDING, none",
+            "accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
         ),
         (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is no recording"),
         (["--camera", "Cargo.toml", "--pose", "none"], "Cargo.toml: "),

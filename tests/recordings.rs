@@ -195,7 +195,7 @@ fn euroc_opens() {
     std::fs::remove_file(cam.join(format!("data/{start_ns}.png"))).unwrap();
     let error = refused(folder.path());
     assert!(error.contains("data.csv, line 2: ") && error.contains("there is no such file"), "{error}");
-    assert!(error.ends_with("(1 of 3 pictures is missing)"), "{error}");
+    assert!(error.ends_with("(1 of 3 pictures is missing; --skip-missing leaves it out)"), "{error}");
 }
 
 #[test]
@@ -285,9 +285,13 @@ fn bad_recordings_are_one_clear_line() {
         error.contains("rgb.txt, line 2: ") && error.contains("not_there.png: cannot be read: there is no"),
         "{error}"
     );
-    assert!(error.ends_with("(1 of 2 pictures is missing)"), "{error}");
+    assert!(error.ends_with("(1 of 2 pictures is missing; --skip-missing leaves it out)"), "{error}");
     list("1 rgb/frame_000000.png\n2 rgb/not_there.png\n3 rgb/nor_this.png\n");
-    assert!(refused(folder.path()).ends_with("(2 of 3 pictures are missing)"), "{}", refused(folder.path()));
+    assert!(
+        refused(folder.path()).ends_with("(2 of 3 pictures are missing; --skip-missing leaves them out)"),
+        "{}",
+        refused(folder.path())
+    );
     list("");
     assert!(refused(folder.path()).contains("no frames"));
     write(&at("other"), &options(5, 2, 8), &[picture(0, 5, 2, 8)]);

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
+use super::skip::Skip;
 use super::which::Which;
 use super::{progress, tell, told, warn};
 use crate::compositor::{Compositor, Target};
@@ -67,6 +68,8 @@ pub struct Args {
     /// Added to frame times when poses are looked up
     #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
     time_offset_s: f64,
+    #[command(flatten)]
+    skip: Skip,
     /// No progress bar, no warnings
     #[arg(long, short)]
     quiet: bool,
@@ -101,11 +104,11 @@ pub fn frame_range(asked: Option<(Option<usize>, Option<usize>)>, count: usize) 
 
 pub fn run(args: Args) -> Result<()> {
     let start = Instant::now();
-    let options = OpenOptions {
+    let options = args.skip.over(OpenOptions {
         metres_per_unit: args.metres_per_unit,
         time_offset_s: args.time_offset_s,
         ..OpenOptions::default()
-    };
+    });
     let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
     let mut shot = Shot::open(&args.recording, &options, &given)?;
     if let Some(frame) = args.preview {

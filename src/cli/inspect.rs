@@ -9,13 +9,15 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::pick::{self, Asked, Pick, Picker, numbers};
-use super::{clock, listen};
+use super::skip::Skip;
+use super::{clock, listen, progress};
 use crate::camera::Geometry;
 use crate::compositor::Settings;
+use crate::depth::holes;
 use crate::document;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
-use crate::recording::OpenOptions;
+use crate::recording::{OpenOptions, Recording, Registration, Repeats};
 use crate::shot::{Given, Shot, ShotError};
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::stream::Protocol;
@@ -47,6 +49,8 @@ pub struct Args {
     /// Compare the pictures' motion with the poses': how far apart their clocks are. Decodes every frame
     #[arg(long, conflicts_with = "frame")]
     clock: bool,
+    #[command(flatten)]
+    skip: Skip,
     /// How long a stream is listened to, from its first pose on
     #[arg(long, value_name = "S", default_value_t = 3.0, value_parser = seconds)]
     seconds: f64,
@@ -173,7 +177,8 @@ fn profile(path: &Path) -> Result<()> {
 }
 
 fn recording(args: &Args) -> Result<()> {
-    let options = OpenOptions { metres_per_unit: args.metres_per_unit.unwrap_or(1.0), ..OpenOptions::default() };
+    let metres_per_unit = args.metres_per_unit.unwrap_or(1.0);
+    let options = args.skip.over(OpenOptions { metres_per_unit, ..OpenOptions::default() });
     // Reads the profiles: a given one overrides the recording's own.
     let given = Given { profile: args.profile.clone(), ..Given::default() };
     let shot = Shot::open(&args.what, &options, &given)?;
@@ -202,7 +207,7 @@ fn recording(args: &Args) -> Result<()> {
     )?;
     let frames = recording.frame_count();
     writeln!(out, "poses      {}, for {posed} of {}", recording.track.poses().len(), count(frames, "frame"))?;
-    writeln!(out, "depth      {}", if recording.has_depth() { "yes" } else { "none" })?;
+    writeln!(out, "depth      {}", depth(recording, geometry.is_some()))?;
     let exposed = recording.exposure.iter().filter(|e| e.time_s.or(e.photo.time_s).is_some()).count();
     match exposed {
         0 => writeln!(out, "exposure   unknown")?,
@@ -227,18 +232,71 @@ fn recording(args: &Args) -> Result<()> {
     if files > 0 {
         let files = count(files, "picture");
         match damaged.len() {
-            0 => writeln!(out, "files      {files}, none ends too early; pixels are not decoded")?,
-            1 => writeln!(out, "files      {files}, 1 cannot be read; pixels are not decoded")?,
-            more => writeln!(out, "files      {files}, {more} cannot be read; pixels are not decoded")?,
+            0 => writeln!(out, "files      {files}, none ends too early")?,
+            1 => writeln!(out, "files      {files}, 1 cannot be read")?,
+            more => writeln!(out, "files      {files}, {more} cannot be read")?,
         }
     }
     for text in recording.warnings.iter().chain(&recording.missing_poses(0..frames)) {
         writeln!(out, "odd        {}", shown(&text.to_string()))?;
     }
+    for text in repeats(recording) {
+        writeln!(out, "odd        {}", shown(&text))?;
+    }
     for problem in damaged.iter().take(MOST_DAMAGED) {
         writeln!(out, "odd        {}", shown(&problem.to_string()))?;
     }
     Ok(())
+}
+
+/// What is known of a recording's depth.
+fn depth(recording: &Recording, has_camera: bool) -> String {
+    let size = |w: u32, h: u32| format!("yes, {w}x{h} px");
+    match recording.registration() {
+        None => "none".to_owned(),
+        Some(Registration::Given) => "yes".to_owned(),
+        Some(Registration::Enlarged(w, h)) => format!("{}, enlarged to the frames", size(w, h)),
+        Some(Registration::Unknown(w, h)) => format!("{}: another view than the frames", size(w, h)),
+        Some(Registration::OtherCamera(w, h)) if !has_camera => {
+            format!("{} by a camera of its own; the frames' camera is needed to see it from there", size(w, h))
+        }
+        Some(Registration::OtherCamera(w, h)) => {
+            let frames = recording.frame_count();
+            let read = |frame: usize| recording.frames(frame..frame + 1).ok()?.next()?.ok()?.depth;
+            let maps: Vec<_> = [0, frames / 2, frames - 1].into_iter().filter_map(read).collect();
+            let share = maps.iter().map(holes).sum::<f64>() / maps.len().max(1) as f64;
+            format!(
+                "{} by a camera of its own; {} % of the frames' pixels have none",
+                size(w, h),
+                fixed(100.0 * share, 1)
+            )
+        }
+    }
+}
+
+/// What stands twice.
+fn repeats(recording: &Recording) -> Vec<String> {
+    let bar = progress(false, recording.frame_count());
+    let found = recording.repeats(|| bar.inc(1));
+    bar.finish_and_clear();
+    let Repeats { pictures, moved, poses, times } = match found {
+        Ok(found) => found,
+        Err(error) => return vec![format!("whether pictures repeat is not known: {error}")],
+    };
+    let of = |frames: &[usize], what: &str| {
+        let first = frames.first()?;
+        let number = format!("{} of {}", frames.len(), count(recording.frame_count(), "frame"));
+        Some(format!("{number} {what} (first: frame {first})"))
+    };
+    let moved = match moved.len() {
+        0 => String::new(),
+        n => format!(", {n} of them with another pose"),
+    };
+    let pictures = of(&pictures, "repeat the picture before")
+        .map(|text| format!("{text}{moved}; --skip-duplicates leaves them out"));
+    let poses = of(&poses, "have the pose of the frame before, and another picture");
+    let times = of(&times, "have the timestamp of the frame before");
+    [pictures, poses, times].into_iter().flatten().collect()
 }
 
 fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Result<()> {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use super::skip::Skip;
 use crate::camera::stops;
 use crate::recording::{OpenOptions, Recording};
 use crate::shot::{Given, Shot};
@@ -40,12 +41,14 @@ pub struct LightArgs {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     pub metres_per_unit: f64,
+    #[command(flatten)]
+    pub skip: Skip,
 }
 
 impl LightArgs {
     /// The recording, with what is put into it for a photograph.
     pub fn open(&self, scene: Option<PathBuf>) -> Result<Shot> {
-        let options = OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() };
+        let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
         let given = Given { profile: self.profile.clone(), sets: self.sets.clone(), scene };

@@ -21,6 +21,7 @@ mod record;
 mod render;
 mod send;
 mod simulate;
+mod skip;
 mod start;
 mod track;
 #[cfg(feature = "window")]

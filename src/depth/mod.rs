@@ -1,5 +1,6 @@
 //! Depth in a recording's pictures, as plain values.
 //!
+//! - `registered`: a sensor's map of another size, or from another camera, in the frames' picture.
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's. `behind`: what is behind
 //!   them. `mended`: holes filled and edges moved.
@@ -13,10 +14,12 @@ mod grid;
 mod holes;
 mod mended;
 mod moment;
+mod registered;
 mod repaired;
 mod surfaces;
 
 pub use grid::DepthGrid;
 pub use moment::{RayCache, Rays, measured_from, seen_at_frame};
+pub use registered::{DepthCamera, enlarged, holes, is_same_view};
 pub use repaired::Repair;
 pub use surfaces::Surfaces;

@@ -32,10 +32,10 @@ impl Recording {
             exposure: Arc::default(),
             warnings: Vec::new(),
             described_by: Vec::new(),
-            geometries: Vec::new(),
+            geometries: Arc::default(),
+            given_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),
             depth: None,
-            codes_per_metre: 1.0,
         }
     }
 }

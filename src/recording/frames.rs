@@ -10,6 +10,7 @@ use crate::frame::{Frame, FrameExposure};
 use crate::pixels::{DepthMap, Pixels};
 use crate::source::ahead::Ahead;
 use crate::source::decoding::VideoFrames;
+use crate::source::video::Video;
 use crate::source::{SourceError, still};
 
 /// A frame's depth, if it has any.
@@ -31,19 +32,55 @@ pub struct Frames {
 enum Decoding {
     Stills(Ahead<Result<(Pixels, Option<DepthMap>), SourceError>>),
     /// ffmpeg decodes the pictures, our own threads the depth.
-    Video(VideoFrames, Ahead<MaybeDepth>),
+    Video(Box<KeptFrames>, Ahead<MaybeDepth>),
+}
+
+/// The frames of a video that are not left out.
+#[derive(Debug)]
+pub struct KeptFrames {
+    decoded: VideoFrames,
+    /// Of those that are decoded, for each whether it is taken.
+    taken: std::vec::IntoIter<bool>,
+}
+
+impl KeptFrames {
+    /// `kept`: the numbers in the file of the recording's frames; `None` if they are the same.
+    pub fn new(video: &Video, kept: Option<&[usize]>, range: Range<usize>) -> Result<Self, SourceError> {
+        let kept = kept.and_then(|kept| kept.get(range.clone())).filter(|kept| !kept.is_empty());
+        let in_file = kept.map_or(range, |kept| kept[0]..kept[kept.len() - 1] + 1);
+        let is_taken = |i: usize| kept.is_none_or(|kept| kept.binary_search(&i).is_ok());
+        let taken: Vec<bool> = in_file.clone().map(is_taken).collect();
+        Ok(Self { decoded: video.read(in_file)?, taken: taken.into_iter() })
+    }
+}
+
+impl Iterator for KeptFrames {
+    type Item = Result<Pixels, SourceError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let (is_taken, pixels) = (self.taken.next()?, self.decoded.next()?);
+            if is_taken || pixels.is_err() {
+                return Some(pixels);
+            }
+        }
+    }
 }
 
 impl Frames {
     pub(super) fn new(recording: &Recording, range: Range<usize>) -> Result<Self, RecordingError> {
         let (next, end) = (range.start, range.end);
-        let (depth, codes_per_metre) = (recording.depth.clone(), recording.codes_per_metre);
+        let size = (recording.width, recording.height);
+        let (depth, cameras) = (recording.depth.clone(), recording.cameras());
         let read_depth = move |i: usize| -> MaybeDepth {
-            let entry = depth.as_ref().and_then(|depth| depth.get(i)?.as_ref());
-            entry.map(|(time_s, file)| still::read_depth(file, codes_per_metre, *time_s)).transpose()
+            let camera = cameras.get(i).or(cameras.first()).and_then(Option::as_ref);
+            depth.as_ref().map_or(Ok(None), |depth| depth.read(i, size, camera))
         };
         let decoding = match &*recording.pictures {
-            Pictures::Video(video) => Decoding::Video(video.read(range.clone())?, Ahead::new(range, read_depth)?),
+            Pictures::Video(video, kept) => {
+                let pictures = KeptFrames::new(video, kept.as_deref(), range.clone())?;
+                Decoding::Video(Box::new(pictures), Ahead::new(range, read_depth)?)
+            }
             Pictures::Stills(_) => {
                 let pictures = Arc::clone(&recording.pictures);
                 let read = move |i: usize| Ok((still::read_pixels(&pictures.file(i))?, read_depth(i)?));
@@ -54,7 +91,7 @@ impl Frames {
             decoding,
             next,
             end,
-            size: (recording.width, recording.height),
+            size,
             timestamps_s: Arc::clone(&recording.timestamps_s),
             exposure: Arc::clone(&recording.exposure),
             pictures: Arc::clone(&recording.pictures),
@@ -104,7 +141,7 @@ impl Pictures {
     fn file(&self, index: usize) -> PathBuf {
         match self {
             Self::Stills(files) => files.get(index).map_or(Path::new(""), PathBuf::as_path).to_owned(),
-            Self::Video(video) => video.file.clone(),
+            Self::Video(video, _) => video.file.clone(),
         }
     }
 }

@@ -137,8 +137,8 @@ pub fn named_in<'a>(
     let missing = if is_missing { all.filter(|file| !file.exists()).count() } else { 0 };
     let counted = match missing {
         0 => String::new(),
-        1 => format!(" (1 of {} is missing)", words::count(count, "picture")),
-        _ => format!(" ({missing} of {} are missing)", words::count(count, "picture")),
+        1 => format!(" (1 of {} is missing; --skip-missing leaves it out)", words::count(count, "picture")),
+        _ => format!(" ({missing} of {} are missing; --skip-missing leaves them out)", words::count(count, "picture")),
     };
     let problem = format!("cannot be read: {}{counted}", reason(source));
     for list in lists {

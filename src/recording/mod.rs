@@ -4,7 +4,9 @@
 //! docs/recordings.md has every convention.
 
 mod arriving;
+mod camera_file;
 mod colmap;
+mod depth;
 mod error;
 mod euroc;
 mod frames;
@@ -13,7 +15,10 @@ mod nerfstudio;
 mod own;
 mod parts;
 pub mod recorder;
+mod repeats;
 mod rigid;
+mod seven_scenes;
+mod stray;
 mod tum;
 pub mod write;
 
@@ -24,6 +29,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+pub use depth::Registration;
 pub use error::RecordingError;
 pub use frames::Frames;
 
@@ -32,8 +38,10 @@ use crate::frame::{FrameExposure, interval_s};
 use crate::pose::Pose;
 use crate::source::{SourceError, still};
 use crate::tracking::{NoPose, PoseTrack};
+use depth::Depth;
 pub use parts::Format;
 use parts::Pictures;
+pub use repeats::Repeats;
 
 /// Facts that a recording cannot know about itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,19 +53,28 @@ pub struct OpenOptions {
     /// The longest interval across which poses are interpolated, seconds. `None`: the recording's own, or three usual
     /// intervals.
     pub max_gap_s: Option<f64>,
+    /// Leave out frames whose picture has the code values of the one before. Every picture is decoded to find them.
+    pub skip_duplicates: bool,
+    /// Leave out frames whose picture is missing, instead of refusing the recording.
+    pub skip_missing: bool,
 }
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { metres_per_unit: 1.0, time_offset_s: 0.0, max_gap_s: None }
+        Self { metres_per_unit: 1.0, time_offset_s: 0.0, max_gap_s: None, skip_duplicates: false, skip_missing: false }
     }
 }
 
 /// The formats, in the order in which they are tried. A new one is a file of this room and a line here.
-static FORMATS: [&Format; 5] = [&own::FORMAT, &nerfstudio::FORMAT, &tum::FORMAT, &euroc::FORMAT, &colmap::FORMAT];
-
-/// The time when a depth picture was measured, seconds, and its file.
-type DepthFile = (f64, PathBuf);
+static FORMATS: [&Format; 7] = [
+    &own::FORMAT,
+    &nerfstudio::FORMAT,
+    &tum::FORMAT,
+    &euroc::FORMAT,
+    &stray::FORMAT,
+    &colmap::FORMAT,
+    &seven_scenes::FORMAT,
+];
 
 /// An opened recording: everything except the pixels and depths, which [`Recording::frames`] streams.
 #[derive(Clone, Debug)]
@@ -94,11 +111,11 @@ pub struct Recording {
     /// Warnings, each given once, except [`Recording::missing_poses`].
     pub warnings: Vec<String>,
     described_by: Vec<PathBuf>,
-    geometries: Vec<Option<Geometry>>,
+    geometries: Arc<[Option<Geometry>]>,
+    /// See [`Recording::set_cameras`].
+    given_cameras: Option<Arc<[Option<Geometry>]>>,
     pictures: Arc<Pictures>,
-    /// The depth picture nearest in time, one per frame.
-    depth: Option<Arc<[Option<DepthFile>]>>,
-    codes_per_metre: f64,
+    depth: Option<Arc<Depth>>,
 }
 
 impl Recording {
@@ -160,7 +177,7 @@ impl Recording {
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let pictures = match &*self.pictures {
             Pictures::Stills(files) => files,
-            Pictures::Video(video) => std::slice::from_ref(&video.file),
+            Pictures::Video(video, _) => std::slice::from_ref(&video.file),
         };
         self.described_by.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
     }
@@ -174,13 +191,13 @@ impl Recording {
     pub fn stills(&self) -> impl Iterator<Item = &Path> {
         let files = match &*self.pictures {
             Pictures::Stills(files) => files.as_slice(),
-            Pictures::Video(_) => &[],
+            Pictures::Video(..) => &[],
         };
         files.iter().map(PathBuf::as_path)
     }
 
     fn depth_files(&self) -> impl Iterator<Item = &Path> {
-        self.depth.iter().flat_map(|depth| depth.iter().flatten()).map(|(_, file)| file.as_path())
+        self.depth.iter().flat_map(|depth| depth.files())
     }
 
     /// The number of pictures, including depth, and an error for each whose file ends too early. Pixels are not
@@ -194,7 +211,31 @@ impl Recording {
     }
 
     pub fn has_depth(&self) -> bool {
-        self.depth.as_ref().is_some_and(|depth| depth.iter().any(Option::is_some))
+        self.depth.as_ref().is_some_and(|depth| depth.has_any())
+    }
+
+    /// How the depth comes into the frames' picture; `None` without depth.
+    pub fn registration(&self) -> Option<Registration> {
+        self.depth.as_ref().filter(|depth| depth.has_any()).map(|depth| depth.registration)
+    }
+
+    /// Depth from a camera of its own is seen from the frames' camera: from here on from the one that `given` makes of
+    /// each frame's own.
+    pub fn set_cameras(&mut self, given: impl Fn(Option<&Geometry>) -> Option<Geometry>) {
+        if matches!(self.registration(), Some(Registration::OtherCamera(..))) {
+            let own = self.cameras();
+            let all: Vec<_> = own.iter().map(|camera| given(camera.as_ref())).collect();
+            self.given_cameras = Some(if all.is_empty() { Arc::from([given(None)]) } else { all.into() });
+        }
+    }
+
+    /// The frames' cameras; a single one if all are alike.
+    fn cameras(&self) -> Arc<[Option<Geometry>]> {
+        match (&self.given_cameras, &self.geometry) {
+            (Some(given), _) => Arc::clone(given),
+            (None, Some(_)) => Arc::from([self.geometry.clone()]),
+            (None, None) => Arc::clone(&self.geometries),
+        }
     }
 
     /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory does not depend on

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
 
+use super::depth::{DepthFiles, Stored};
 use super::parts::{
-    DepthFiles, Format, NOMINAL_FPS, Parts, Pictures, equirectangular, file_or_in_folder, geometry_from, track_from,
+    Format, NOMINAL_FPS, Parts, Pictures, equirectangular, file_or_in_folder, geometry_from, track_from,
 };
 use super::rigid::{NOT_RIGID, rigid};
 use super::{OpenOptions, RecordingError, listing};
@@ -186,7 +187,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     }
     parts.geometries = geometries;
     if !depths.is_empty() {
-        parts.depth = Some(DepthFiles { by_time: depths, codes_per_metre: 1.0 / metres_per_code });
+        parts.depth = Some(DepthFiles { by_time: depths, stored: Stored::plain(1.0 / metres_per_code) });
     }
     Ok(parts)
 }

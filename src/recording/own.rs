@@ -5,9 +5,13 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::parts::{DepthFiles, Format, Parts, Pictures, file_or_in_folder, track_from};
+use super::camera_file::{self, Placement};
+use super::depth::{DepthFiles, Stored};
+use super::parts::{Format, Parts, Pictures, file_or_in_folder, track_from};
 use super::{OpenOptions, RecordingError, listing};
+use crate::depth::DepthCamera;
 use crate::document;
+use crate::pose::Pose;
 use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
 use crate::tracking::text;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
@@ -70,6 +74,10 @@ pub struct DepthList {
     pub list: PathBuf,
     /// Code values per metre.
     pub scale: f64,
+    /// The file whose table `[camera]` describes the camera that measured it, unless that is the frames'.
+    pub camera: Option<PathBuf>,
+    /// Where that camera stands in the axes of the one that takes the frames; the same place without it.
+    pub colour_from_depth: Option<Placement>,
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -139,6 +147,12 @@ fn check(d: &Description) -> Result<(), String> {
         return Err("[live] goes with frames.list only".to_owned());
     }
     above_zero("live.interval_s", d.live.as_ref().map(|live| live.interval_s))?;
+    if let Some(depth) = d.depth.as_ref().filter(|depth| depth.colour_from_depth.is_some()) {
+        if depth.camera.is_none() {
+            return Err("depth.colour_from_depth goes with depth.camera only".to_owned());
+        }
+        depth.colour_from_depth.iter().try_for_each(|placement| placement.pose().map(drop))?;
+    }
     above_zero("frames.fps", f.fps)?;
     above_zero("poses.max_gap_s", d.poses.max_gap_s)?;
     above_zero("depth.scale", d.depth.as_ref().map(|depth| depth.scale))?;
@@ -171,7 +185,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (pictures, timestamps_s) = open_frames(&description.frames, folder, file, &mut read)?;
     let mut parts = Parts::new(folder, pictures, timestamps_s);
     parts.interval_s = description.live.as_ref().map(|live| live.interval_s);
-    if let Pictures::Video(video) = &parts.pictures {
+    if let Pictures::Video(video, _) = &parts.pictures {
         parts.warnings.extend(video.warnings.iter().cloned());
     }
     if let (Some(_), Pictures::Stills(files)) = (&description.frames.images, &parts.pictures) {
@@ -193,7 +207,15 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.track = track_from(trajectory.poses, options.max_gap_s.or(description.poses.max_gap_s), &named)?;
     if let Some(depth) = &description.depth {
         let files = listing::read_pictures(&folder.join(&depth.list))?;
-        parts.depth = Some(DepthFiles { by_time: files, codes_per_metre: depth.scale });
+        let mut stored = Stored::plain(depth.scale);
+        if let Some(camera) = &depth.camera {
+            let camera = folder.join(camera);
+            let placed = depth.colour_from_depth.map_or(Ok(Pose::IDENTITY), |placement| placement.pose());
+            let colour_from_depth = placed.map_err(|problem| RecordingError::content(file, problem))?;
+            stored.camera = Some(DepthCamera::new(camera_file::read(&camera)?, colour_from_depth));
+            parts.described_by.push(camera);
+        }
+        parts.depth = Some(DepthFiles { by_time: files, stored });
     }
     if let Some(exposure) = &description.exposure {
         let path = folder.join(&exposure.list);
@@ -221,7 +243,7 @@ fn open_frames(
         let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
         let video = video::probe(&folder.join(name), &overrides)?;
         let timestamps_s = video.timestamps_s.clone();
-        return Ok((Pictures::Video(video), timestamps_s));
+        return Ok((Pictures::Video(video, None), timestamps_s));
     }
     if let (Some(name), Some(fps)) = (&frames.images, frames.fps) {
         let files = listing::pictures_in(&folder.join(name))?;

@@ -1,12 +1,12 @@
 //! The parts that every format delivers, and the checks common to all.
 
-use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::depth::{Depth, DepthFiles};
 use super::{OpenOptions, Recording, RecordingError, listing};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use crate::frame::{FrameExposure, PhotoSettings};
@@ -76,14 +76,8 @@ pub fn folder_of(file: &Path) -> PathBuf {
 #[derive(Debug)]
 pub enum Pictures {
     Stills(Vec<PathBuf>),
-    Video(Video),
-}
-
-/// Depth pictures, ascending in time.
-#[derive(Debug)]
-pub struct DepthFiles {
-    pub by_time: Vec<(f64, PathBuf)>,
-    pub codes_per_metre: f64,
+    /// Of some frames only, by their numbers in the file, if any are left out.
+    Video(Video, Option<Vec<usize>>),
 }
 
 /// A recording as read by its format's module, with axes and units converted.
@@ -135,7 +129,13 @@ impl Parts {
     }
 
     /// Makes the checks that apply to every format and collects warnings.
-    pub fn assemble(self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
+    pub fn assemble(mut self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
+        if options.skip_missing {
+            self.leave_out_missing();
+        }
+        if options.skip_duplicates {
+            self.leave_out_repeats()?;
+        }
         let mut warnings = self.warnings;
         if self.timestamps_s.is_empty() {
             return Err(RecordingError::content(&self.path, "the recording has no frames"));
@@ -168,14 +168,15 @@ impl Parts {
         if !self.exposure.is_empty() {
             associated("exposure", listed.iter().filter(|e| e.is_none()).count());
         }
-        let depth: Option<Vec<_>> = self.depth.as_ref().map(|depth| {
-            self.timestamps_s.iter().map(|t| listing::nearest(&depth.by_time, *t, reach_s).cloned()).collect()
-        });
-        if let Some(depth) = &depth {
-            associated("depth picture", depth.iter().filter(|d| d.is_none()).count());
+        let mut depth = None;
+        if let Some(DepthFiles { by_time, stored }) = self.depth {
+            let of_frame: Vec<_> =
+                self.timestamps_s.iter().map(|t| listing::nearest(&by_time, *t, reach_s).cloned()).collect();
+            associated("depth picture", of_frame.iter().filter(|d| d.is_none()).count());
+            let (found, warning) = Depth::new(of_frame, stored, (width, height), &self.described_by)?;
+            warnings.extend(warning);
+            depth = Some(Arc::new(found));
         }
-        let of_depth = depth.as_deref().unwrap_or_default();
-        warnings.extend(depth_size_warning(of_depth, width, height, &self.described_by)?);
         let photos = photo_settings(&self.pictures, &mut warnings);
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
         let exposure = exposures.map(|(listed, photo)| {
@@ -197,15 +198,15 @@ impl Parts {
             has_even_intervals: self.interval_s.is_some(),
             track: self.track,
             time_offset_s: self.time_offset_s + options.time_offset_s,
-            geometries: if geometry.is_some() { Vec::new() } else { self.geometries },
+            geometries: if geometry.is_some() { Arc::default() } else { self.geometries.into() },
             geometry,
+            given_cameras: None,
             camera_profile: self.camera_profile,
             described_by: self.described_by,
             exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
-            codes_per_metre: self.depth.map_or(1.0, |depth| depth.codes_per_metre),
-            depth: depth.map(Arc::from),
+            depth,
         })
     }
 }
@@ -243,7 +244,7 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
 /// The header that all frames share. For stills, the headers of all files are read.
 fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, RecordingError> {
     let files = match pictures {
-        Pictures::Video(Video { width, height, bits, .. }) => {
+        Pictures::Video(Video { width, height, bits, .. }, _) => {
             return Ok(Header { width: *width, height: *height, bits: *bits });
         }
         Pictures::Stills(files) => files,
@@ -275,7 +276,7 @@ fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, Recor
 fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Iterator<Item = PhotoSettings> + use<> {
     let files: &[PathBuf] = match pictures {
         Pictures::Stills(files) => files,
-        Pictures::Video(_) => &[],
+        Pictures::Video(..) => &[],
     };
     let mut damaged = Vec::new();
     let mut read = |file: &PathBuf| exif::read_settings(file).map_err(|error| damaged.push(error.to_string()));
@@ -291,28 +292,6 @@ fn common_geometry(geometries: &[Option<Geometry>]) -> Option<Geometry> {
     let mut known = geometries.iter().flatten();
     let first = known.next()?;
     known.all(|other| other == first).then(|| first.clone())
-}
-
-/// Depth need not have the picture's size, but it covers the same view, so a difference is worth a warning. Every depth
-/// picture's header is read, so that a missing one is found before the first frame.
-fn depth_size_warning(
-    depth: &[Option<(f64, PathBuf)>],
-    width: u32,
-    height: u32,
-    lists: &[PathBuf],
-) -> Result<Option<String>, RecordingError> {
-    let mut warning = None;
-    // One depth picture may serve several frames.
-    let files: BTreeSet<&PathBuf> = depth.iter().flatten().map(|(_, file)| file).collect();
-    for file in &files {
-        let named = |error| listing::named_in(lists, error, files.iter().copied());
-        let header = still::read_header(file).map_err(named)?;
-        if (header.width, header.height) != (width, height) && warning.is_none() {
-            let Header { width: w, height: h, .. } = header;
-            warning = Some(format!("{}: depth is {w}x{h}, the frames are {width}x{height}", file.display()));
-        }
-    }
-    Ok(warning)
 }
 
 fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::parts::{DepthFiles, Format, Parts, Pictures, file_or_in_folder, folder_of, track_from};
+use super::depth::{DepthFiles, Stored};
+use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, track_from};
 use super::{OpenOptions, RecordingError, listing};
 use crate::tracking::text;
 use crate::tracking::tum::parse_trajectory;
@@ -38,7 +39,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     if depth_list.exists() {
         let files = listing::read_pictures(&depth_list)?;
         parts.described_by.push(depth_list);
-        parts.depth = Some(DepthFiles { by_time: files, codes_per_metre: CODES_PER_METRE });
+        parts.depth = Some(DepthFiles { by_time: files, stored: Stored::plain(CODES_PER_METRE) });
     }
     Ok(parts)
 }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+pub use super::camera_file::Placement;
 pub use super::listing::{write_exposures as exposures, write_pictures as pictures};
 pub use super::own::{
     CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, LiveFacts, PoseFile,
@@ -63,7 +64,15 @@ mod tests {
                 up: offset.map(|x| [x.min(1e100), -1e-100, 0.1]),
                 frames,
                 poses: PoseFile { trajectory: trajectory.map(Into::into), time_offset_s: offset, max_gap_s: gap },
-                depth: scale.map(|scale| DepthList { list: "depth.txt".into(), scale }),
+                depth: scale.map(|scale| DepthList {
+                    list: "depth.txt".into(),
+                    scale,
+                    camera: round.then(|| "depth.toml".into()),
+                    colour_from_depth: round.then_some(Placement {
+                        position_m: [scale.min(1e100), -0.1, 0.0],
+                        quaternion: [0.6, 0.0, 0.0, 0.8],
+                    }),
+                }),
                 exposure: scale.map(|_| ExposureList { list: "exposure.txt".into() }),
                 camera: round.then_some(CameraFile { profile: None, kind: Some(CameraKind::Equirectangular) }),
                 live,

@@ -84,7 +84,10 @@ impl Shot {
     }
 
     /// Like [`Shot::open`], for a recording that is open.
-    pub fn of(recording: Recording, given: &Given) -> Result<Self, ShotError> {
+    ///
+    /// Depth from a camera of its own comes into the picture of the camera as it is now: it stays there when `rig` is
+    /// changed later.
+    pub fn of(mut recording: Recording, given: &Given) -> Result<Self, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
         for profile in &profiles {
@@ -100,6 +103,7 @@ impl Shot {
             rig.set_text(text, &mut settings)?;
             by_sets.set_text(text, &mut Settings::default())?;
         }
+        recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
             Some(path) => scene::load(path, recording.up)?,
             None => Scene::default(),

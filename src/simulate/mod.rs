@@ -8,6 +8,8 @@
 //! from it.
 
 mod board;
+mod depth;
+mod encoded;
 mod finish;
 mod output;
 mod path;
@@ -16,6 +18,7 @@ mod render;
 mod sensor;
 mod shapes;
 mod site;
+mod stray;
 mod survey;
 mod write;
 mod written;
@@ -25,6 +28,7 @@ use std::path::PathBuf;
 use glam::DQuat;
 
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
+use crate::sink::SinkError;
 use crate::tracking::{NotAscending, PoseTrack};
 use crate::words::reason;
 
@@ -52,6 +56,14 @@ crate::choices! {
 crate::choices! {
     /// How frames are stored.
     pub enum Format { Png = "png", Jpg = "jpg" }
+}
+
+crate::choices! {
+    /// How the folder is laid out, if not as our own.
+    pub enum Layout {
+        /// As Stray Scanner exports it from a phone.
+        Stray = "stray",
+    }
 }
 
 crate::params! {
@@ -83,6 +95,9 @@ crate::params! {
         "quality of jpg, colours not subsampled" jpeg_quality: u32 = 88, "1", 1.0..=100.0;
         "depth values per metre" depth_scale: f64 = 250.0, "1/m", 10.0..=10000.0;
         "whether the known board stands in the site" board: bool = false;
+        "width of the depth pictures, of the frames' shape; none: the frames' own, in Stray Scanner's layout up to 256" depth_width_px: Option<u32> = None, "px", 8.0..=4096.0;
+        "how far left of the frames' camera a depth camera of its own stands; none: depth is of the frames' view" depth_beside_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
+        "layout of the folder: stray is Stray Scanner's, of a lens without distortion and with y up; none: recording.toml" layout: Option<Layout> = None;
     }
 }
 
@@ -119,6 +134,10 @@ pub enum SimulateError {
     Lens { x: u32, y: u32 },
     #[error("simulate: a 360° picture (lens = equirectangular) is twice as wide as high; found is {width}x{height}")]
     Round { width: u32, height: u32 },
+    #[error("simulate.layout = stray: a phone has no such lens; give lens = opencv, and leave depth_beside_mm out")]
+    Phone,
+    #[error(transparent)]
+    Video(#[from] SinkError),
     #[error("simulate.aperture_diameter_mm: only lens = opencv has an opening; give 0, or that lens")]
     Opening,
     #[error("simulate.fps: the camera's path has no ascending times: {0}")]
@@ -154,6 +173,10 @@ impl Simulation {
         }
         if options.aperture_diameter_mm > 0.0 && options.lens != LensModel::Opencv {
             return Err(SimulateError::Opening);
+        }
+        let is_phone = options.layout == Some(Layout::Stray);
+        if is_phone && (options.lens != LensModel::Opencv || options.depth_beside_mm.is_some()) {
+            return Err(SimulateError::Phone);
         }
         let lens = render::Lens::new(geometry.clone())?;
         let board = if options.board { board().shining() } else { None };
@@ -226,6 +249,8 @@ impl Simulation {
 fn geometry(options: &Options) -> Geometry {
     let Options { width_px, height_px, focal_px, lens, k1, k2, p1, p2, readout_time_s, .. } = *options;
     let distortion = match lens {
+        // Its export has no place for distortion.
+        LensModel::Opencv if options.layout == Some(Layout::Stray) => Distortion::default(),
         LensModel::Opencv => Distortion { k1, k2, p1, p2, ..Distortion::default() },
         LensModel::OpencvFisheye => Distortion { model: lens, k1, k2, ..Distortion::default() },
         LensModel::Equirectangular => Distortion { model: lens, ..Distortion::default() },

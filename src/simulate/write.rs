@@ -1,15 +1,12 @@
 //! The contents of the recording's folder: frames, depth, lists, profile, ground truth.
 
 use std::fs;
-use std::io::Cursor;
 use std::ops::ControlFlow;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
+use image::ImageError;
 use image::codecs::hdr::HdrEncoder;
-use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, ImageError};
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::camera::{CameraExposure, Lens, LensModel, NoiseBin, NoiseProfile};
@@ -19,15 +16,17 @@ use crate::params::Params;
 use crate::pose::Pose;
 use crate::profile;
 use crate::recording::write::{
-    self, CameraFile, CameraKind, DepthList, Description, ExposureList, FrameFiles, Line, PoseFile,
+    self, CameraFile, CameraKind, DepthList, Description, ExposureList, FrameFiles, Line, Placement, PoseFile,
 };
 
+use super::depth::DepthSensor;
+use super::encoded::{self, depth_png, encoding, extension};
 use super::output::{Output, writing};
-use super::render::Picture;
 use super::site::lamp;
+use super::stray::{self, Scan};
 use super::survey::noise_through_file;
 use super::written::{TRUTH, Written, sealed};
-use super::{Format, Options, SimulateError, Simulation, board};
+use super::{Format, Layout, Options, SimulateError, Simulation, board};
 
 /// Film speed given in the profile for a noise scale of 1.
 const ISO: f64 = 400.0;
@@ -66,10 +65,13 @@ fn fill(
         written.add(name, bytes);
         fs::write(&path, bytes).map_err(writing(&path))
     };
-    for sub in ["rgb", "depth"] {
+    let is_scan = options.layout == Some(Layout::Stray);
+    for sub in if is_scan { stray::FOLDERS } else { ["rgb", "depth"] } {
         fs::create_dir_all(folder.join(sub)).map_err(writing(folder))?;
     }
     let frames = options.frames as usize;
+    let sensor = DepthSensor::new(simulation)?;
+    let mut scan = if is_scan { Some(Scan::begin(folder, simulation)?) } else { None };
     let (mut pictures, mut depths, mut exposures) = (Vec::new(), Vec::new(), Vec::new());
     let mut blur = Vec::new();
     let mut surveyed = Vec::new();
@@ -77,17 +79,25 @@ fn fill(
         let picture = simulation.picture(frame);
         let clean = simulation.sensor.clean(&picture, options.gain);
         let codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);
-        let (time_s, extension) = (rounded(simulation.timestamp_s(frame), 6), extension(options.format));
-        let (rgb_path, depth_path) = (format!("rgb/{frame:05}.{extension}"), format!("depth/{frame:05}.png"));
-        save(&rgb_path, &encoded(options, &picture, &codes).map_err(encoding(&rgb_path))?)?;
-        save(&depth_path, &depth_png(&picture, options.depth_scale).map_err(encoding(&depth_path))?)?;
-        pictures.push((time_s, rgb_path));
-        depths.push((time_s, depth_path));
-        // An instant gathers no light; the profile records that it is one.
-        let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
-        exposures.push((time_s, FrameExposure { time_s: exposure_s, gain: Some(1.0), ..FrameExposure::default() }));
+        let measured = sensor.as_ref().map(|sensor| sensor.picture(simulation, frame));
+        let depth = measured.as_ref().unwrap_or(&picture);
+        if let Some(scan) = &mut scan {
+            let files = scan.add(simulation, frame, codes, depth)?;
+            files.into_iter().try_for_each(|(name, bytes)| save(&name, &bytes))?;
+        } else {
+            let (time_s, extension) = (rounded(simulation.timestamp_s(frame), 6), extension(options.format));
+            let (rgb_path, depth_path) = (format!("rgb/{frame:05}.{extension}"), format!("depth/{frame:05}.png"));
+            save(&rgb_path, &encoded::frame(options, &picture, &codes).map_err(encoding(&rgb_path))?)?;
+            save(&depth_path, &depth_png(depth, options.depth_scale).map_err(encoding(&depth_path))?)?;
+            pictures.push((time_s, rgb_path));
+            depths.push((time_s, depth_path));
+            // An instant gathers no light; the profile records that it is one.
+            let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
+            exposures.push((time_s, FrameExposure { time_s: exposure_s, gain: Some(1.0), ..FrameExposure::default() }));
+        }
         blur.push(picture.most_blur_px);
-        if options.format == Format::Jpg && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
+        let is_surveyed = !is_scan && options.format == Format::Jpg;
+        if is_surveyed && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
             surveyed.push((picture, clean));
         }
         if progress(frame + 1, frames).is_break() {
@@ -97,10 +107,23 @@ fn fill(
     let list = |entries: &[(f64, String)]| {
         write::pictures(entries.iter().map(|(time_s, name)| (*time_s, name.as_str()))).map_err(SimulateError::Text)
     };
-    save("rgb.txt", list(&pictures)?.as_bytes())?;
-    save("depth.txt", list(&depths)?.as_bytes())?;
-    save("exposure.txt", write::exposures(&exposures).as_bytes())?;
-    save("groundtruth.txt", trajectory(simulation).as_bytes())?;
+    match scan {
+        Some(scan) => {
+            let (video, files) = scan.finish(simulation)?;
+            files.into_iter().try_for_each(|(name, bytes)| save(&name, &bytes))?;
+            save("rgb.mp4", &fs::read(&video).map_err(writing(&video))?)?;
+        }
+        None => {
+            save("rgb.txt", list(&pictures)?.as_bytes())?;
+            save("depth.txt", list(&depths)?.as_bytes())?;
+            save("exposure.txt", write::exposures(&exposures).as_bytes())?;
+            save("groundtruth.txt", trajectory(simulation).as_bytes())?;
+            save("recording.toml", recording_toml(name, options, sensor.as_ref())?.as_bytes())?;
+            if let Some(sensor) = sensor.as_ref().filter(|sensor| sensor.beside_m.is_some()) {
+                save(DEPTH_CAMERA, depth_camera_toml(sensor).as_bytes())?;
+            }
+        }
+    }
     save("environment.hdr", &panorama(simulation).map_err(encoding("environment.hdr"))?)?;
     if options.board {
         save("board.glb", &board().glb().map_err(encoding("board.glb"))?)?;
@@ -110,62 +133,15 @@ fn fill(
         Some((like, _)) => {
             let pictures: Vec<_> = surveyed.iter().map(|(_, clean)| clean.clone()).collect();
             noise_through_file(simulation, &pictures, |codes| {
-                let file = encoded(options, like, &codes)?;
+                let file = encoded::frame(options, like, &codes)?;
                 Ok(image::load_from_memory(&file)?.into_rgb8().into_raw())
             })
             .map_err(encoding("a frame for measuring noise"))?
         }
     };
     save("camera.toml", camera_toml(simulation, &noise).as_bytes())?;
-    save("recording.toml", recording_toml(name, options)?.as_bytes())?;
     let path = folder.join(TRUTH);
     fs::write(&path, truth_toml(simulation, &blur, &written)).map_err(writing(&path))
-}
-
-fn encoding(what: &str) -> impl FnOnce(ImageError) -> SimulateError {
-    let what = what.to_owned();
-    move |source| SimulateError::Encode { what, source }
-}
-
-fn extension(format: Format) -> &'static str {
-    match format {
-        Format::Png => "png",
-        Format::Jpg => "jpg",
-    }
-}
-
-fn encoded(options: &Options, picture: &Picture, codes: &[u8]) -> Result<Vec<u8>, ImageError> {
-    let (w, h) = (picture.width, picture.height);
-    let mut file = Vec::new();
-    match options.format {
-        Format::Png => {
-            let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive);
-            encoder.write_image(codes, w, h, ExtendedColorType::Rgb8)?;
-        }
-        Format::Jpg => {
-            let quality = options.jpeg_quality.clamp(1, 100) as u8;
-            JpegEncoder::new_with_quality(&mut file, quality).encode(codes, w, h, ExtendedColorType::Rgb8)?;
-        }
-    }
-    Ok(file)
-}
-
-/// 16-bit depth, `scale` per metre; 0 for nothing and beyond 65535.
-fn depth_png(picture: &Picture, scale: f64) -> Result<Vec<u8>, ImageError> {
-    let value = |depth_m: &f32| {
-        let value = (f64::from(*depth_m) * scale).round();
-        if (0.0..=65535.0).contains(&value) { value as u16 } else { 0 }
-    };
-    // The encoder takes 16-bit samples in native byte order.
-    let bytes: Vec<u8> = picture.depth_m.iter().flat_map(|d| value(d).to_ne_bytes()).collect();
-    let mut file = Cursor::new(Vec::new());
-    PngEncoder::new_with_quality(&mut file, CompressionType::Best, FilterType::Adaptive).write_image(
-        &bytes,
-        picture.width,
-        picture.height,
-        ExtendedColorType::L16,
-    )?;
-    Ok(file.into_inner())
 }
 
 /// Micrometres, nanoseconds and the like: anything below is rounding noise.
@@ -206,7 +182,18 @@ fn panorama(simulation: &Simulation) -> Result<Vec<u8>, ImageError> {
     Ok(file)
 }
 
-fn recording_toml(name: &str, options: &Options) -> Result<String, SimulateError> {
+/// The description of a depth camera of its own.
+const DEPTH_CAMERA: &str = "depth.toml";
+
+fn depth_camera_toml(sensor: &DepthSensor) -> String {
+    let mut profile = profile::Document::new("The simulated depth camera.");
+    profile.set_params(&sensor.geometry.intrinsics);
+    profile.to_string()
+}
+
+fn recording_toml(name: &str, options: &Options, sensor: Option<&DepthSensor>) -> Result<String, SimulateError> {
+    let beside_m = sensor.and_then(|sensor| sensor.beside_m);
+    let placed = |at_m: DVec3| Placement { position_m: at_m.to_array(), quaternion: [0.0, 0.0, 0.0, 1.0] };
     let profile = Some("camera.toml".into());
     let kind = (options.lens == LensModel::Equirectangular).then_some(CameraKind::Equirectangular);
     let description = write::description(Description {
@@ -215,7 +202,12 @@ fn recording_toml(name: &str, options: &Options) -> Result<String, SimulateError
         up: Some([0.0, 0.0, 1.0]),
         frames: FrameFiles { list: Some("rgb.txt".into()), ..FrameFiles::default() },
         poses: PoseFile { trajectory: Some("groundtruth.txt".into()), ..PoseFile::default() },
-        depth: Some(DepthList { list: "depth.txt".into(), scale: options.depth_scale }),
+        depth: Some(DepthList {
+            list: "depth.txt".into(),
+            scale: options.depth_scale,
+            camera: beside_m.map(|_| DEPTH_CAMERA.into()),
+            colour_from_depth: beside_m.map(placed),
+        }),
         exposure: Some(ExposureList { list: "exposure.txt".into() }),
         camera: Some(CameraFile { profile, kind }),
         live: None,
@@ -244,8 +236,8 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
     let exposure =
         CameraExposure { time_s: Some(options.exposure_time_s), iso: Some(ISO), ..CameraExposure::default() };
     let origin = match options.format {
-        Format::Png => "as the sensor was told to make it",
-        Format::Jpg => "as measured in the compressed frames",
+        Format::Jpg if options.layout.is_none() => "as measured in the compressed frames",
+        Format::Png | Format::Jpg => "as the sensor was told to make it",
     };
     let mut profile =
         profile::Document::new(&format!("The simulated camera. Noise: σ in 8-bit code values, {origin}."));

@@ -178,6 +178,13 @@ impl Kept {
     }
 }
 
+impl Drop for Kept {
+    /// A window may close before it has painted what it was handed.
+    fn drop(&mut self) {
+        self.textures.clear();
+    }
+}
+
 /// The shapes that meet an area, cut to it. What a callback covers is not drawn below it: all of ours are opaque.
 fn within(shapes: &[ClippedShape], areas: &[Rect], ppp: f32) -> Vec<ClippedShape> {
     let extents: Vec<Rect> = shapes.iter().map(extent).collect();

@@ -1,0 +1,20 @@
+//! Which frames of a recording are left out: options shared by everything that opens one.
+
+use crate::recording::OpenOptions;
+
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Skip {
+    /// Leave out frames whose picture repeats the one before; the others are counted anew. Every picture is decoded first
+    #[arg(long)]
+    skip_duplicates: bool,
+    /// Leave out frames whose picture is missing, instead of refusing the recording; the others are counted anew
+    #[arg(long)]
+    skip_missing: bool,
+}
+
+impl Skip {
+    pub fn over(self, options: OpenOptions) -> OpenOptions {
+        let Self { skip_duplicates, skip_missing } = self;
+        OpenOptions { skip_duplicates, skip_missing, ..options }
+    }
+}

@@ -1,0 +1,168 @@
+//! The depth pictures of a recording: which one belongs to a frame, and how it becomes a map of the frame's picture.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::{RecordingError, listing};
+use crate::camera::Geometry;
+use crate::depth::{DepthCamera, enlarged, is_same_view};
+use crate::pixels::DepthMap;
+use crate::source::SourceError;
+use crate::source::still::{self, Header};
+
+/// How depth pictures are stored, and what they see.
+#[derive(Debug)]
+pub struct Stored {
+    pub codes_per_metre: f64,
+    /// The codes from here on say, like 0, that nothing was measured.
+    pub unknown_from: Option<u16>,
+    /// The folder of pictures of the same names that say how sure each depth is: at 0 it counts as not measured.
+    pub confidence_in: Option<PathBuf>,
+    /// The camera that measured them. `None`: they show the frames' own view, in whatever size.
+    pub camera: Option<DepthCamera>,
+}
+
+impl Stored {
+    /// Registered to the frames, every code a depth but 0.
+    pub fn plain(codes_per_metre: f64) -> Self {
+        Self { codes_per_metre, unknown_from: None, confidence_in: None, camera: None }
+    }
+
+    fn confidence_file(&self, depth: &Path) -> Option<PathBuf> {
+        Some(self.confidence_in.as_ref()?.join(depth.file_name()?))
+    }
+}
+
+/// Depth pictures, ascending in time.
+#[derive(Debug)]
+pub struct DepthFiles {
+    pub by_time: Vec<(f64, PathBuf)>,
+    pub stored: Stored,
+}
+
+/// How a recording's depth comes into its frames' picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Registration {
+    /// It has the frames' size and view.
+    Given,
+    /// It has the frames' view in this size, px.
+    Enlarged(u32, u32),
+    /// It was measured by a camera of its own, with pictures of this size, px.
+    OtherCamera(u32, u32),
+    /// It has this size, px, which is no view of the frames: it hides nothing.
+    Unknown(u32, u32),
+}
+
+/// An opened recording's depth.
+#[derive(Debug)]
+pub struct Depth {
+    /// For each frame the picture nearest in time: when it was measured, seconds, and its file.
+    of_frame: Vec<Option<(f64, PathBuf)>>,
+    confidence: Vec<PathBuf>,
+    stored: Stored,
+    pub registration: Registration,
+}
+
+impl Depth {
+    /// Reads the header of every picture, so that one that is missing is found before the first frame. `size` is the
+    /// frames'. Also gives a warning, where the pictures do not fit the frames.
+    pub fn new(
+        of_frame: Vec<Option<(f64, PathBuf)>>,
+        stored: Stored,
+        size: (u32, u32),
+        lists: &[PathBuf],
+    ) -> Result<(Self, Option<String>), RecordingError> {
+        let (mut registration, mut warning) = (Registration::Given, None);
+        // One depth picture may serve several frames.
+        let files: BTreeSet<&PathBuf> = of_frame.iter().flatten().map(|(_, file)| file).collect();
+        for file in &files {
+            let named = |error| listing::named_in(lists, error, files.iter().copied());
+            let Header { width, height, .. } = still::read_header(file).map_err(named)?;
+            let found = match &stored.camera {
+                Some(camera) if camera.size() != (width, height) => {
+                    return Err(RecordingError::content(file, other_size((width, height), camera.size())));
+                }
+                Some(_) => Registration::OtherCamera(width, height),
+                None if (width, height) == size => continue,
+                None if is_same_view((width, height), size) => Registration::Enlarged(width, height),
+                None => Registration::Unknown(width, height),
+            };
+            if matches!(found, Registration::Unknown(..)) && warning.is_none() {
+                warning = Some(format!(
+                    "{}: depth is {width}x{height}, the frames are {}x{}: of another shape it hides nothing (a camera \
+                     of its own, `camera` in [depth] of a recording.toml, would say what it sees)",
+                    file.display(),
+                    size.0,
+                    size.1
+                ));
+            }
+            if !matches!(registration, Registration::Unknown(..)) {
+                registration = found;
+            }
+        }
+        let confidence: Vec<PathBuf> = files.iter().filter_map(|file| stored.confidence_file(file)).collect();
+        confidence.iter().try_for_each(|file| still::read_header(file).map(drop))?;
+        Ok((Self { of_frame, confidence, stored, registration }, warning))
+    }
+
+    pub fn has_any(&self) -> bool {
+        self.of_frame.iter().any(Option::is_some)
+    }
+
+    /// Every file that is read: depth, and how sure it is.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.of_frame.iter().flatten().map(|(_, file)| file).chain(&self.confidence).map(PathBuf::as_path)
+    }
+
+    /// A frame's depth in its picture of this `size`; `camera` took it. `None` if there is none, or if it was measured
+    /// by a camera of its own and the frames' is not known.
+    pub fn read(
+        &self,
+        frame: usize,
+        size: (u32, u32),
+        camera: Option<&Geometry>,
+    ) -> Result<Option<DepthMap>, SourceError> {
+        let Some((time_s, file)) = self.of_frame.get(frame).and_then(Option::as_ref) else { return Ok(None) };
+        let map = self.measured(file, *time_s)?;
+        Ok(match (&self.stored.camera, camera) {
+            (Some(_), None) => None,
+            (Some(own), Some(camera)) if own.size() == (map.width, map.height) => Some(own.registered(&map, camera)),
+            (Some(own), _) => {
+                let problem = other_size((map.width, map.height), own.size());
+                return Err(SourceError::Content { file: file.clone(), problem });
+            }
+            (None, _) if (map.width, map.height) != size && is_same_view((map.width, map.height), size) => {
+                Some(enlarged(&map, size.0, size.1))
+            }
+            (None, _) => Some(map),
+        })
+    }
+
+    /// The map as it was measured, 0 where it says nothing.
+    fn measured(&self, file: &Path, time_s: f64) -> Result<DepthMap, SourceError> {
+        let codes_per_metre = self.stored.codes_per_metre;
+        let mut map = still::read_depth(file, codes_per_metre, time_s)?;
+        if let Some(code) = self.stored.unknown_from {
+            let unknown_from_m = (f64::from(code) / codes_per_metre) as f32;
+            map.depth_m.iter_mut().filter(|z| **z >= unknown_from_m).for_each(|z| *z = 0.0);
+        }
+        if let Some(confidence) = self.stored.confidence_file(file) {
+            let sure = still::read_pixels(&confidence)?;
+            if (sure.width, sure.height) != (map.width, map.height) {
+                let problem = format!("is {}x{}, its depth {}x{}", sure.width, sure.height, map.width, map.height);
+                return Err(SourceError::Content { file: confidence, problem });
+            }
+            let places = (0..map.height).flat_map(|y| (0..map.width).map(move |x| (x, y)));
+            for (z, (x, y)) in map.depth_m.iter_mut().zip(places) {
+                if sure.at(x, y)[0] == 0 {
+                    *z = 0.0;
+                }
+            }
+        }
+        Ok(map)
+    }
+}
+
+fn other_size(found: (u32, u32), camera: (u32, u32)) -> String {
+    format!("is {}x{}, the depth camera's pictures are {}x{}", found.0, found.1, camera.0, camera.1)
+}

@@ -1,0 +1,133 @@
+//! What stands twice in a recording, and frames that are left out.
+
+use std::ops::Range;
+
+use super::frames::KeptFrames;
+use super::parts::{Parts, Pictures};
+use super::{Recording, RecordingError};
+use crate::pixels::Pixels;
+use crate::source::ahead::Ahead;
+use crate::source::still;
+use crate::words::count;
+
+/// Frames at which something stands as in the frame before.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Repeats {
+    /// The picture's code values.
+    pub pictures: Vec<usize>,
+    /// The same, and yet the pose is another.
+    pub moved: Vec<usize>,
+    /// The pose, though the picture is another. Empty if the camera rests throughout.
+    pub poses: Vec<usize>,
+    /// The timestamp.
+    pub times: Vec<usize>,
+}
+
+impl Recording {
+    /// Finds what repeats. Every picture is decoded; `each` is called after each. A still picture that cannot be read
+    /// repeats nothing ([`Recording::check_ends`] finds it).
+    pub fn repeats(&self, mut each: impl FnMut()) -> Result<Repeats, RecordingError> {
+        let frames = 0..self.frame_count();
+        let mut pictures = Vec::new();
+        repeating(&self.pictures, frames.clone(), |frame, repeats| {
+            pictures.extend(repeats.then_some(frame));
+            each();
+        })?;
+        let poses: Vec<_> = frames.clone().map(|frame| self.pose_at_frame(frame).ok()).collect();
+        let stays = |frame: usize| poses[frame].is_some() && poses[frame] == poses[frame - 1];
+        let later = || frames.clone().skip(1);
+        let repeats = |frame: &usize| pictures.binary_search(frame).is_ok();
+        let rests = later().all(|frame| poses[frame].is_none() || stays(frame));
+        Ok(Repeats {
+            moved: pictures.iter().copied().filter(|frame| poses[*frame].is_some() && !stays(*frame)).collect(),
+            poses: later().filter(|frame| !rests && stays(*frame) && !repeats(frame)).collect(),
+            times: later().filter(|frame| self.timestamps_s[*frame] == self.timestamps_s[frame - 1]).collect(),
+            pictures,
+        })
+    }
+}
+
+/// Calls `found` for each frame, in order, with whether its picture has the code values of the one before.
+fn repeating(
+    pictures: &Pictures,
+    frames: Range<usize>,
+    mut found: impl FnMut(usize, bool),
+) -> Result<(), RecordingError> {
+    let mut before: Option<Pixels> = None;
+    let mut next = |frame: usize, pixels: Option<Pixels>| {
+        found(frame, pixels.is_some() && pixels == before);
+        before = pixels;
+    };
+    match pictures {
+        Pictures::Stills(files) => {
+            let files = files.clone();
+            let read = move |i: usize| files.get(i).and_then(|file| still::read_pixels(file).ok());
+            for (frame, pixels) in frames.clone().zip(Ahead::new(frames, read)?) {
+                next(frame, pixels?);
+            }
+        }
+        Pictures::Video(video, kept) => {
+            let decoded = KeptFrames::new(video, kept.as_deref(), frames.clone())?;
+            for (frame, pixels) in frames.zip(decoded) {
+                next(frame, Some(pixels?));
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Parts {
+    /// Leaves out the frames whose picture is not there, and depth pictures that are not.
+    pub fn leave_out_missing(&mut self) {
+        let Pictures::Stills(files) = &self.pictures else { return };
+        let there: Vec<bool> = files.iter().map(|file| file.exists()).collect();
+        if let Some(first) = there.iter().position(|there| !there) {
+            let missing = there.iter().filter(|there| !**there).count();
+            let first = files[first].display().to_string();
+            let of = count(there.len(), "picture");
+            self.warnings.push(format!("{missing} of {of} are missing and left out (first: {first})"));
+            self.keep(&there);
+        }
+        if let Some(depth) = &mut self.depth {
+            let all = depth.by_time.len();
+            depth.by_time.retain(|(_, file)| file.exists());
+            let missing = all - depth.by_time.len();
+            if missing > 0 {
+                self.warnings.push(format!("{missing} of {} are missing and left out", count(all, "depth picture")));
+            }
+        }
+    }
+
+    /// Leaves out the frames that repeat the one before.
+    pub fn leave_out_repeats(&mut self) -> Result<(), RecordingError> {
+        let mut differs = vec![true; self.timestamps_s.len()];
+        repeating(&self.pictures, 0..self.timestamps_s.len(), |frame, repeats| differs[frame] = !repeats)?;
+        let repeated = differs.iter().filter(|differs| !**differs).count();
+        if repeated > 0 {
+            let of = count(differs.len(), "frame");
+            self.warnings.push(format!("{repeated} of {of} repeat the one before and are left out"));
+            self.keep(&differs);
+        }
+        Ok(())
+    }
+
+    /// Keeps the frames of which `kept` says so. Poses, depth and exposure stay: they belong to times.
+    fn keep(&mut self, kept: &[bool]) {
+        fn retain<T>(values: &mut Vec<T>, kept: &[bool]) {
+            let mut kept = kept.iter();
+            values.retain(|_| kept.next().copied().unwrap_or(true));
+        }
+        match &mut self.pictures {
+            Pictures::Stills(files) => retain(files, kept),
+            Pictures::Video(video, numbers) => {
+                let numbers = numbers.get_or_insert_with(|| (0..video.timestamps_s.len()).collect());
+                numbers.truncate(kept.len());
+                retain(numbers, kept);
+            }
+        }
+        retain(&mut self.timestamps_s, kept);
+        if !self.geometries.is_empty() {
+            retain(&mut self.geometries, kept);
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! A sequence of Microsoft's 7-Scenes: `frame-000000.color.png` (or `.jpg`), `.depth.png`, `.pose.txt`. The pose is a
+//! 4×4 matrix of the *depth* camera in the world (camera to world), OpenCV axes, metres. Depth is in millimetres, of
+//! the depth camera's own view, not the colour picture's; 0 and 65535 are nothing. There are no times: 30 frames a
+//! second are taken. Up is not known.
+//! Source: Shotton et al., "Scene coordinate regression forests", CVPR 2013,
+//! <https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/>.
+//!
+//! The depth camera's intrinsics are published. Those of the colour camera, and how far it stands beside the depth
+//! camera, are not: a Kinect's usual focal length is taken, and the distance with which edges of depth and colour lie
+//! on each other best.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3};
+
+use super::depth::{DepthFiles, Stored};
+use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
+use super::rigid::{NOT_RIGID, rigid};
+use super::{OpenOptions, RecordingError, listing};
+use crate::camera::{Geometry, LensModel};
+use crate::depth::DepthCamera;
+use crate::pose::Pose;
+use crate::source::still;
+use crate::tracking::text::{self, TextError};
+
+pub static FORMAT: Format = Format {
+    name: "7-Scenes",
+    marker: "a 7-Scenes folder (frame-000000.color.png)",
+    has_times: false,
+    is_metric: true,
+    find: |path| (path.is_dir() && has_picture(path)).then(|| path.to_owned()),
+    open: |folder, _, options| open(folder, options),
+};
+
+const CODES_PER_METRE: f64 = 1000.0;
+/// For pictures of 640×480.
+const DEPTH_FOCAL_PX: f64 = 585.0;
+const COLOUR_FOCAL_PX: f64 = 525.0;
+/// Where the colour camera stands in the depth camera's axes: to its right.
+const COLOUR_AT_M: DVec3 = DVec3::new(0.025, 0.0, 0.0);
+
+/// `frame-000000`, of the name of a colour picture.
+fn stem(file: &Path) -> Option<&str> {
+    let name = file.file_name()?.to_str()?;
+    let stem = [".color.png", ".color.jpg"].into_iter().find_map(|ending| name.strip_suffix(ending))?;
+    stem.strip_prefix("frame-")?.bytes().all(|c| c.is_ascii_digit()).then_some(stem)
+}
+
+fn has_picture(folder: &Path) -> bool {
+    std::fs::read_dir(folder)
+        .is_ok_and(|entries| entries.flatten().any(|entry| stem(Path::new(&entry.file_name())).is_some()))
+}
+
+fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+    let mut files = listing::pictures_in(folder)?;
+    files.retain(|file| stem(file).is_some());
+    let beside = |file: &Path, ending: &str| folder.join(format!("{}{ending}", stem(file).unwrap_or_default()));
+    let number_of = |file: &PathBuf| {
+        let digits = stem(file).and_then(|stem| stem.strip_prefix("frame-")).unwrap_or_default();
+        digits.parse::<u32>().map_err(|_| RecordingError::content(file, "its number is too large"))
+    };
+    let numbers = files.iter().map(number_of).collect::<Result<Vec<u32>, _>>()?;
+    // Frames that are missing keep their time.
+    let times_s: Vec<f64> = numbers.iter().map(|n| f64::from(n - numbers[0]) / NOMINAL_FPS).collect();
+    let (mut poses, mut described_by, mut depths) = (Vec::new(), Vec::new(), Vec::new());
+    for (file, time_s) in files.iter().zip(&times_s) {
+        let pose = beside(file, ".pose.txt");
+        // A frame whose tracking was lost may have none.
+        if pose.exists() {
+            poses.push((*time_s, parse_pose(&text::read(&pose)?, &pose)?));
+            described_by.push(pose);
+        }
+        let depth = beside(file, ".depth.png");
+        if depth.exists() {
+            depths.push((*time_s, depth));
+        }
+    }
+    let colour = files.first().map(|file| camera(file, COLOUR_FOCAL_PX)).transpose()?;
+    let depth_camera = depths.first().map(|(_, file)| camera(file, DEPTH_FOCAL_PX)).transpose()?;
+    let mut parts = Parts::new(folder, Pictures::Stills(files), times_s);
+    parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), folder)?;
+    parts.geometries = vec![colour; parts.timestamps_s.len()];
+    parts.depth = depth_camera.map(|camera| {
+        let camera = Some(DepthCamera::new(camera, colour_from_depth()));
+        let stored = Stored { unknown_from: Some(u16::MAX), camera, ..Stored::plain(CODES_PER_METRE) };
+        DepthFiles { by_time: depths, stored }
+    });
+    parts.described_by = described_by;
+    parts.warnings.push(format!(
+        "7-Scenes says neither when its frames were taken nor how its cameras differ: taken are {NOMINAL_FPS} frames a \
+         second, f = {DEPTH_FOCAL_PX} px for depth and {COLOUR_FOCAL_PX} px for colour at 640x480, and colour {} mm to the \
+         right of depth",
+        1e3 * COLOUR_AT_M.x
+    ));
+    Ok(parts)
+}
+
+fn colour_from_depth() -> Pose {
+    Pose::new(DQuat::IDENTITY, -COLOUR_AT_M)
+}
+
+/// The camera of a picture, with a focal length that is meant for 640 pixels across.
+fn camera(file: &Path, focal_px: f64) -> Result<Geometry, RecordingError> {
+    let header = still::read_header(file)?;
+    let (width, height) = (f64::from(header.width), f64::from(header.height));
+    let focal_px = focal_px * width / 640.0;
+    let values = [
+        ("width_px", width),
+        ("height_px", height),
+        ("fx_px", focal_px),
+        ("fy_px", focal_px),
+        ("cx_px", 0.5 * width),
+        ("cy_px", 0.5 * height),
+    ];
+    geometry_from(LensModel::Opencv, &values).map_err(|e| RecordingError::content(file, e))
+}
+
+/// The colour camera's pose, from the depth camera's in the world.
+fn parse_pose(text: &str, file: &Path) -> Result<Pose, RecordingError> {
+    let mut rows = [[0.0; 4]; 4];
+    let mut records = text::records(text);
+    for row in &mut rows {
+        let (line, mut rest) = records.next().unwrap_or((text.lines().count().max(1), ""));
+        let refuse =
+            |problem: String| TextError::line(file, line, format!("{problem} (a pose is four rows of four numbers)"));
+        for (value, column) in row.iter_mut().zip(["column 1", "column 2", "column 3", "column 4"]) {
+            *value = text::number(&mut rest, column).map_err(refuse)?;
+        }
+        text::end(rest).map_err(refuse)?;
+    }
+    let [a, b, c, last] = rows;
+    let refuse = || RecordingError::content(file, format!("the pose {NOT_RIGID}"));
+    let (turn, at_m) = rigid([a, b, c]).filter(|_| last == [0.0, 0.0, 0.0, 1.0]).ok_or_else(refuse)?;
+    let world_from_depth = DQuat::from_mat3(&turn).normalize();
+    let colour_at_m = at_m + world_from_depth * COLOUR_AT_M;
+    Ok(Pose::from_camera_in_world(colour_at_m, world_from_depth))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_point_worked_by_hand() {
+        // The depth camera is at (1, 2, 3) and turned by 90° about z: its x is the world's y. So the colour camera is
+        // at (1, 2.025, 3).
+        let text = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
+        let pose = parse_pose(text, Path::new("a.pose.txt")).unwrap();
+        assert!((pose.position_in_world_m() - DVec3::new(1.0, 2.025, 3.0)).length() < 1e-12);
+        // 2 m ahead of the depth camera, 0.4 m to its right: f·x/z = 525 · 0.375 / 2 right of the picture's middle.
+        let in_depth = DVec3::new(0.4, 0.0, 2.0);
+        let seen = pose.transform_point(DVec3::new(1.0, 2.4, 5.0));
+        assert!((seen - colour_from_depth().transform_point(in_depth)).length() < 1e-12, "{seen}");
+        let camera = geometry_from(LensModel::Opencv, &[("fx_px", 525.0), ("cx_px", 320.0)]).unwrap();
+        let at = camera.project(seen).unwrap();
+        assert!((at - DVec2::new(418.4375, 240.0)).length() < 1e-9, "{at}");
+    }
+
+    #[test]
+    fn refusals_name_file_and_line() {
+        for (text, said) in [
+            ("", "a.pose.txt, line 1: column 1 is missing"),
+            ("1 0 0 0\n0 1 0\n0 0 1 0\n0 0 0 1", "a.pose.txt, line 2: column 4 is missing"),
+            ("1 0 0 0\n0 1 0 nan\n0 0 1 0\n0 0 0 1", "line 2: column 4 is `nan`; a finite number"),
+            ("1 0 0 0 0\n", "line 1: there is more than expected: `0`"),
+            ("1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1", "the pose is not a turn and a shift"),
+            ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 1 1", "the pose is not a turn and a shift"),
+        ] {
+            let error = parse_pose(text, Path::new("a.pose.txt")).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn names_of_pictures() {
+        assert_eq!(stem(Path::new("a/frame-000012.color.jpg")), Some("frame-000012"));
+        for other in ["frame-000012.depth.png", "frame-x.color.png", "frame.color.png", "12.color.png"] {
+            assert_eq!(stem(Path::new(other)), None, "{other}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", near in "([-0-9.eNa]{0,5}[ \n]){0,20}") {
+            let _ = parse_pose(&text, Path::new("a"));
+            let _ = parse_pose(&near, Path::new("a"));
+        }
+    }
+}

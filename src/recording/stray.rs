@@ -1,0 +1,286 @@
+//! A folder as Stray Scanner exports it from a phone: `rgb.mp4`, `odometry.csv`, `camera_matrix.csv`, `depth/`,
+//! `confidence/`. Frame i is line i of `odometry.csv`: seconds since boot, and the camera in the world with OpenCV's
+//! axes, metres, y up. The principal point is counted from the picture's upper left corner, as ARKit counts it. Depth is
+//! in millimetres, smaller than the video, of the same field of view; where confidence is 0 it counts as not measured.
+//! Source: <https://github.com/strayrobots/scanner>.
+//!
+//! Not read: `imu.csv`. The lens's distortion and the sensor's readout time are not in the export: ARKit delivers
+//! pictures that are nearly free of distortion.
+
+use std::path::Path;
+
+use glam::{DQuat, DVec3};
+
+use super::depth::{DepthFiles, Stored};
+use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, geometry_from, track_from};
+use super::{OpenOptions, RecordingError};
+use crate::camera::{Geometry, LensModel};
+use crate::pose::Pose;
+use crate::source::video::{self, Overrides};
+use crate::tracking::text::{self, TextError};
+use crate::tracking::tum::{NormNotes, unit_quaternion};
+use crate::words::{count, number, quoted};
+
+const ODOMETRY: &str = "odometry.csv";
+const MATRIX: &str = "camera_matrix.csv";
+const CODES_PER_METRE: f64 = 1000.0;
+
+pub static FORMAT: Format = Format {
+    name: "Stray Scanner",
+    marker: "a Stray Scanner folder (odometry.csv, rgb.mp4)",
+    has_times: true,
+    is_metric: true,
+    find: |path| file_or_in_folder(path, ODOMETRY).map(|list| folder_of(&list)),
+    open: |folder, _, options| open(folder, options),
+};
+
+fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
+    let odometry = folder.join(ODOMETRY);
+    let (lines, odd) = parse_odometry(&text::read(&odometry)?, &odometry)?;
+    let video = video::probe(&folder.join("rgb.mp4"), &Overrides::default())?;
+    let frames = lines.len().min(video.timestamps_s.len());
+    let mut warnings = video.warnings.clone();
+    warnings.extend(odd);
+    if lines.len() != video.timestamps_s.len() {
+        warnings.push(format!(
+            "{} has {}, the video {}: the first {frames} of both are taken for each other",
+            odometry.display(),
+            count(lines.len(), "line"),
+            count(video.timestamps_s.len(), "frame")
+        ));
+    }
+    let mut described_by = vec![odometry.clone()];
+    let matrix = folder.join(MATRIX);
+    // Newer versions write each frame's intrinsics; the matrix is the last frame's.
+    let of_all = match lines.iter().any(|line| line.intrinsics.is_none()) {
+        true => {
+            described_by.push(matrix.clone());
+            Some(parse_matrix(&text::read(&matrix)?, &matrix)?)
+        }
+        false => None,
+    };
+    let camera = |line: &Line| {
+        let known = line.intrinsics.or(of_all);
+        known.map(|known| geometry(known, video.width, video.height, &odometry)).transpose()
+    };
+    let geometries = lines[..frames].iter().map(camera).collect::<Result<Vec<_>, _>>()?;
+    let mut parts =
+        Parts::new(folder, Pictures::Video(video, None), lines[..frames].iter().map(|l| l.time_s).collect());
+    parts.geometries = geometries;
+    parts.up = Some(DVec3::Y);
+    let mut poses: Vec<(f64, Pose)> = Vec::new();
+    for line in &lines {
+        // Of two poses at one time the first stays.
+        if poses.last().is_none_or(|before| before.0 < line.time_s) {
+            poses.push((line.time_s, line.pose));
+        }
+    }
+    if poses.len() < lines.len() {
+        warnings.push(format!("{}: {} at the time of the one before", odometry.display(), {
+            let twice = lines.len() - poses.len();
+            if twice == 1 {
+                "1 pose is left out, which stands".to_owned()
+            } else {
+                format!("{twice} poses are left out, which stand")
+            }
+        }));
+    }
+    parts.track = track_from(poses, options.max_gap_s, &odometry)?;
+    if folder.join("depth").is_dir() {
+        let (by_time, warning) = depth_pictures(folder, &lines[..frames], &odometry);
+        warnings.extend(warning);
+        let confidence = folder.join("confidence");
+        let confidence_in = confidence.is_dir().then_some(confidence);
+        parts.depth = Some(DepthFiles { by_time, stored: Stored { confidence_in, ..Stored::plain(CODES_PER_METRE) } });
+    }
+    parts.warnings = warnings;
+    parts.described_by = described_by;
+    Ok(parts)
+}
+
+/// The depth pictures that are there, and a warning with the first that is not.
+fn depth_pictures(folder: &Path, lines: &[Line], odometry: &Path) -> (Vec<(f64, std::path::PathBuf)>, Option<String>) {
+    let named = |line: &Line| folder.join("depth").join(format!("{}.png", line.name));
+    let (there, missing): (Vec<_>, Vec<_>) = lines.iter().partition(|line| named(line).exists());
+    let warning = missing.first().map(|first| {
+        format!(
+            "{}: {} of {} have no depth picture (first: line {}, {})",
+            odometry.display(),
+            missing.len(),
+            count(lines.len(), "line"),
+            first.at,
+            named(first).display()
+        )
+    });
+    (there.into_iter().map(|line| (line.time_s, named(line))).collect(), warning)
+}
+
+fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32, file: &Path) -> Result<Geometry, RecordingError> {
+    let values = [
+        ("width_px", f64::from(width)),
+        ("height_px", f64::from(height)),
+        ("fx_px", fx),
+        ("fy_px", fy),
+        ("cx_px", cx),
+        ("cy_px", cy),
+    ];
+    geometry_from(LensModel::Opencv, &values).map_err(|e| RecordingError::content(file, e))
+}
+
+/// A line of `odometry.csv`.
+#[derive(Debug)]
+struct Line {
+    /// Its number in the file, from 1.
+    at: usize,
+    time_s: f64,
+    /// Of its pictures, without ending.
+    name: String,
+    pose: Pose,
+    /// fx, fy, cx, cy.
+    intrinsics: Option<[f64; 4]>,
+}
+
+const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
+
+fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Option<String>), TextError> {
+    let mut records = text::records(text);
+    let (at, header) = records.next().unwrap_or((1, ""));
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    let column = |name: &str| names.iter().position(|n| *n == name);
+    if let Some(missing) = COLUMNS.into_iter().find(|name| column(name).is_none()) {
+        let problem = format!("column {missing} is missing; the header is `{}`", COLUMNS.join(", "));
+        return Err(TextError::line(file, at, problem));
+    }
+    let own_intrinsics = ["fx", "fy", "cx", "cy"].iter().all(|name| column(name).is_some());
+    let (mut lines, mut odd): (Vec<Line>, _) = (Vec::new(), NormNotes::default());
+    for (at, record) in records {
+        let fields: Vec<&str> = record.split(',').map(str::trim).collect();
+        let refuse = |problem: String| TextError::line(file, at, problem);
+        let field = |name: &str| {
+            let found = column(name).and_then(|i| fields.get(i).copied()).filter(|text| !text.is_empty());
+            found.ok_or_else(|| refuse(format!("column {name} is missing")))
+        };
+        let value = |name: &str| {
+            let found = field(name)?;
+            let finite = found.parse().ok().filter(|n: &f64| n.is_finite());
+            finite.ok_or_else(|| refuse(format!("column {name} is `{}`; a finite number is needed", quoted(found))))
+        };
+        let time_s = value("timestamp")?;
+        if let Some(before) = lines.last().filter(|before| time_s < before.time_s) {
+            let (time, before) = (number(time_s), number(before.time_s));
+            return Err(refuse(format!("column timestamp runs backwards: {time} after {before}")));
+        }
+        let name = field("frame")?;
+        if name.len() > 20 || !name.bytes().all(|c| c.is_ascii_digit()) {
+            return Err(refuse(format!("column frame is `{}`; digits are needed", quoted(name))));
+        }
+        let turn = DQuat::from_xyzw(value("qx")?, value("qy")?, value("qz")?, value("qw")?);
+        let (turn, norm_error) = unit_quaternion(turn).map_err(|e| refuse(format!("columns qx to qw: {e}")))?;
+        odd.note(norm_error, format!("line {at}"));
+        let position_m = DVec3::new(value("x")?, value("y")?, value("z")?);
+        let intrinsics = match own_intrinsics {
+            true => Some([value("fx")?, value("fy")?, value("cx")?, value("cy")?]),
+            false => None,
+        };
+        let pose = Pose::from_camera_in_world(position_m, turn);
+        lines.push(Line { at, time_s, name: name.to_owned(), pose, intrinsics });
+    }
+    let warning = odd.warning(file, lines.len());
+    Ok((lines, warning))
+}
+
+/// fx, fy, cx, cy of a 3×3 matrix, row by row.
+fn parse_matrix(text: &str, file: &Path) -> Result<[f64; 4], TextError> {
+    let mut rows = [[0.0; 3]; 3];
+    let mut records = text::records(text);
+    for row in &mut rows {
+        let (at, record) = records.next().unwrap_or((text.lines().count().max(1), ""));
+        let finite = |field: &str| field.trim().parse().ok().filter(|n: &f64| n.is_finite());
+        let found: Option<Vec<f64>> = record.split(',').map(finite).collect();
+        *row = found.and_then(|found| found.try_into().ok()).ok_or_else(|| {
+            TextError::line(
+                file,
+                at,
+                format!("is `{}`; three finite numbers are needed, as in 1600, 0, 960", quoted(record)),
+            )
+        })?;
+    }
+    let [[fx, _, cx], [_, fy, cy], last] = rows;
+    match last == [0.0, 0.0, 1.0] {
+        true => Ok([fx, fy, cx, cy]),
+        false => Err(TextError::line(file, 3, "the matrix's last row must be 0, 0, 1".to_owned())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const HEAD: &str = "timestamp, frame, x, y, z, qx, qy, qz, qw";
+
+    fn parse(lines: &str) -> Result<Vec<Line>, String> {
+        parse_odometry(lines, Path::new(ODOMETRY)).map(|read| read.0).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_point_worked_by_hand() {
+        // At (1, 2, 3), turned by 180° about x: the camera's y is the world's −y, which is down, and it looks along −z.
+        let line = format!("{HEAD}\n5021.25, 000007, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0\n");
+        let lines = parse(&line).unwrap();
+        let Line { at, time_s, name, pose, intrinsics } = &lines[0];
+        assert_eq!((*at, *time_s, name.as_str(), *intrinsics), (2, 5021.25, "000007", None));
+        // 2 m ahead, 0.5 m to the right, 0.25 m down.
+        let seen = pose.transform_point(DVec3::new(1.5, 1.75, 1.0));
+        assert!((seen - DVec3::new(0.5, 0.25, 2.0)).length() < 1e-12, "{seen}");
+        let matrix = parse_matrix("1600.0,0.0,960.5\n0.0,1601.0,720.25\n0,0,1\n", Path::new(MATRIX)).unwrap();
+        let at = geometry(matrix, 1920, 1440, Path::new(MATRIX)).unwrap().project(seen).unwrap();
+        assert!((at - glam::DVec2::new(1360.5, 920.375)).length() < 1e-9, "{at}");
+    }
+
+    #[test]
+    fn newer_files_have_each_frames_intrinsics_in_any_order() {
+        let lines = parse("frame,timestamp,x,y,z,qx,qy,qz,qw,fx,fy,cx,cy\n0,1,0,0,0,0,0,0,1,9,8,7,6\n").unwrap();
+        assert_eq!((lines[0].time_s, lines[0].intrinsics), (1.0, Some([9.0, 8.0, 7.0, 6.0])));
+    }
+
+    #[test]
+    fn refusals_name_file_line_and_column() {
+        let good = "1, 000000, 0, 0, 0, 0, 0, 0, 1";
+        for (text, said) in [
+            (String::new(), "odometry.csv, line 1: column timestamp is missing"),
+            (HEAD.replace("qz", "q"), "odometry.csv, line 1: column qz is missing"),
+            (format!("{HEAD}\n{good}\n2, 000001, 0, x, 0, 0, 0, 0, 1"), "line 3: column y is `x`; a finite number"),
+            (format!("{HEAD}\n1, 000000, 0, 0, inf, 0, 0, 0, 1"), "line 2: column z is `inf`"),
+            (format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0"), "line 2: column qw is missing"),
+            (
+                format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0, 2"),
+                "line 2: columns qx to qw: the quaternion has length 2",
+            ),
+            (format!("{HEAD}\n1, ../a, 0, 0, 0, 0, 0, 0, 1"), "line 2: column frame is `../a`; digits"),
+            (format!("{HEAD}\n{good}\n0.5, 000001, 0, 0, 0, 0, 0, 0, 1"), "line 3: column timestamp runs backwards"),
+        ] {
+            let error = parse(&text).unwrap_err();
+            assert!(error.contains(said) && error.starts_with(ODOMETRY), "{error}");
+        }
+        for (text, said) in [
+            ("1,0,2\n0,1\n0,0,1", "camera_matrix.csv, line 2: is `0,1`"),
+            ("1,0,2\n0,1,nan\n0,0,1", "line 2: is `0,1,nan`"),
+            ("1,0,2\n0,1,2", "line 2: is ``"),
+            ("1,0,2\n0,1,2\n0,0,2", "line 3: the matrix's last row"),
+        ] {
+            let error = parse_matrix(text, Path::new(MATRIX)).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_text_never_panics(text in "\\PC*", near in "([-0-9.eNa]{0,5}[,\n]){0,40}") {
+            for text in [&text, &near, &format!("{HEAD}\n{near}")] {
+                let _ = parse_odometry(text, Path::new(ODOMETRY));
+                let _ = parse_matrix(text, Path::new(MATRIX));
+            }
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! A depth sensor that is not the frames' camera: with fewer pixels, or beside it with a lens of its own.
+
+use glam::{DQuat, DVec3};
+
+use super::render::{self, Lens, Picture, Snapshot};
+use super::{Layout, Options, SimulateError, Simulation};
+use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::pose::Pose;
+use crate::tracking::PoseTrack;
+
+/// Width of a phone's depth pictures.
+const PHONE_PX: u32 = 256;
+/// How much wider a camera of its own sees, as a factor on its focal length.
+const WIDER: f64 = 0.9;
+
+/// Takes depth alone.
+#[derive(Debug)]
+pub struct DepthSensor {
+    lens: Lens,
+    track: PoseTrack,
+    pub geometry: Geometry,
+    /// Where it stands in the axes of the frames' camera, if it is a camera of its own, metres.
+    pub beside_m: Option<DVec3>,
+}
+
+impl DepthSensor {
+    /// `None` if the frames' own pixels have depth.
+    pub fn new(simulation: &Simulation) -> Result<Option<Self>, SimulateError> {
+        let Options { width_px, height_px, depth_width_px, depth_beside_mm, layout, .. } = *simulation.options();
+        let width = depth_width_px.or((layout == Some(Layout::Stray)).then_some(PHONE_PX.min(width_px)));
+        if width.is_none() && depth_beside_mm.is_none() {
+            return Ok(None);
+        }
+        let width = width.unwrap_or(width_px);
+        let share = f64::from(width) / f64::from(width_px);
+        let height = (share * f64::from(height_px)).round().max(1.0) as u32;
+        let Some(beside_mm) = depth_beside_mm else {
+            let geometry = simulation.geometry().resized(width, height);
+            let track = simulation.track().clone();
+            return Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: None }));
+        };
+        let focal_px = WIDER * share * simulation.options().focal_px;
+        let intrinsics = Intrinsics {
+            width_px: width,
+            height_px: height,
+            fx_px: focal_px,
+            fy_px: focal_px,
+            cx_px: 0.5 * f64::from(width),
+            cy_px: 0.5 * f64::from(height),
+            ..Intrinsics::default()
+        };
+        let geometry = Geometry::new(intrinsics, Distortion::default());
+        // To the left is where the frames' camera has negative x.
+        let at_m = DVec3::new(-1e-3 * beside_mm, 0.0, 0.0);
+        let moved = |pose: &Pose| Pose::new(pose.rotation, pose.translation_m - at_m);
+        let poses = simulation.track().poses().iter().map(|(time_s, pose)| (*time_s, moved(pose))).collect();
+        let track = PoseTrack::new(poses, f64::INFINITY)?;
+        Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: Some(at_m) }))
+    }
+
+    /// What it measures at a frame's time, of which only the depth counts.
+    pub fn picture(&self, simulation: &Simulation, frame: usize) -> Picture {
+        let snapshot =
+            Snapshot { exposure_time_s: 0.0, samples: 1, aperture_diameter_m: 0.0, ..simulation.snapshot(frame) };
+        render::shoot(&simulation.site, &self.lens, &self.track, &snapshot, simulation.threads)
+    }
+}
+
+/// Takes the site's axes (z up) to those of a phone's world (y up).
+pub fn phone_from_site() -> DQuat {
+    DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)
+}
