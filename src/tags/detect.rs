@@ -25,6 +25,12 @@ pub struct DetectError {
     problem: String,
 }
 
+impl DetectError {
+    pub(super) fn new(width: u32, height: u32, problem: &str) -> Self {
+        Self { width: width as usize, height: height as usize, problem: problem.to_owned() }
+    }
+}
+
 /// Finds the tags of one family in pictures of one size.
 pub struct Detector {
     /// At half the resolution, which takes a quarter of the time; corners come from the whole one.

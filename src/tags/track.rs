@@ -29,6 +29,10 @@ pub struct Searcher {
 impl Searcher {
     pub fn new(board: Board, geometry: Geometry, response: &Response) -> Result<Self, DetectError> {
         let intrinsics = &geometry.intrinsics;
+        if geometry.is_round() {
+            let problem = "360° pictures are not tracked; crop a view out of them";
+            return Err(DetectError::new(intrinsics.width_px, intrinsics.height_px, problem));
+        }
         let detector = Detector::new(board.family, intrinsics.width_px, intrinsics.height_px)?;
         Ok(Self { board, geometry, light: Grey::table(response), detector })
     }
@@ -179,4 +183,27 @@ fn runs<'a, T, U>(all: &'a [T], of: impl Fn(&'a T) -> Option<U>) -> Vec<(Range<u
         }
     }
     runs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Distortion, Intrinsics, LensModel};
+    use crate::tags::{Paper, Sheet};
+
+    #[test]
+    fn round_pictures_are_refused() {
+        let intrinsics = Intrinsics { width_px: 640, height_px: 320, ..Intrinsics::default() };
+        let round = Distortion { model: LensModel::Equirectangular, ..Distortion::default() };
+        let searcher = |distortion| {
+            Searcher::new(
+                Sheet::new(Paper::A4).board,
+                Geometry::new(intrinsics.clone(), distortion),
+                &Response::default(),
+            )
+        };
+        let error = searcher(round).err().unwrap().to_string();
+        assert!(error.contains("640x320 px: 360° pictures are not tracked"), "{error}");
+        assert!(searcher(Distortion::default()).is_ok());
+    }
 }
