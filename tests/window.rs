@@ -20,7 +20,7 @@ use locard::params::{Kind, Params, Value};
 use locard::recording::OpenOptions;
 use locard::shot::{Given, Shot};
 use locard::window::{App, Origin, Project};
-use worked::{called, codes, settle, shown, until, window};
+use worked::{called, codes, search, settle, shown, until, window};
 
 fn given(profile: Option<&Path>) -> Given {
     Given { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..Given::default() }
@@ -44,16 +44,6 @@ fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Value {
     let edit = window.state().project().edit();
     let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
     tables.into_iter().find(|t| t.table() == table).unwrap().get(name).unwrap()
-}
-
-/// Opens every group, and leaves those whose text has the words.
-fn search(window: &mut Harness<'_, App>, words: &str) {
-    window.get_by_role_and_label(Role::TextInput, "Search parameters").focus();
-    window.step();
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.step();
-    window.get_by_role_and_label(Role::TextInput, "Search parameters").type_text(words);
-    window.run_steps(3);
 }
 
 #[test]

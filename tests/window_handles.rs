@@ -19,7 +19,7 @@ use locard::recording::OpenOptions;
 use locard::scene::{Entry, Size, Stance};
 use locard::shot::{Given, Shot};
 use locard::window::{App, Project};
-use worked::{codes, settle, shown, window};
+use worked::{click_at, codes, settle, shown, window};
 
 const MARKER: Entry = Entry { object: 0, instance: None };
 const CASE: Entry = Entry { object: 2, instance: Some(0) };
@@ -39,15 +39,6 @@ fn open(frame: usize) -> Harness<'static, App> {
 fn at(window: &Harness<'_, App>, frame: usize, point_m: [f64; 3]) -> Pos2 {
     let px = window.state().project().shot().eye(frame).unwrap().project(point_m.into()).unwrap();
     window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
-}
-
-fn click(window: &mut Harness<'_, App>, at: Pos2) {
-    window.hover_at(at);
-    window.step();
-    window.drag_at(at);
-    window.step();
-    window.drop_at(at);
-    window.run_steps(2);
 }
 
 /// Presses, moves in small steps as a hand does, and lets go.
@@ -90,7 +81,7 @@ fn steps(window: &Harness<'_, App>) -> Vec<String> {
 fn with_marker(frame: usize) -> Harness<'static, App> {
     let mut window = open(frame);
     let on_marker = at(&window, frame, [0.0, 0.12, 0.03]);
-    click(&mut window, on_marker);
+    click_at(&mut window, on_marker);
     assert_eq!(window.state().selected(), Some(MARKER));
     window
 }
@@ -100,7 +91,7 @@ fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
     let mut window = open(0);
     assert_eq!(window.state().selected(), None);
     let on_marker = at(&window, 0, [0.0, 0.12, 0.03]);
-    click(&mut window, on_marker);
+    click_at(&mut window, on_marker);
     assert_eq!(window.state().selected(), Some(MARKER));
     // Its numbers stand at the left.
     // (A slider to those who cannot see it.)
@@ -114,9 +105,9 @@ fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
     assert_eq!(window.state().selected(), Some(CASE));
     press(&mut window, Key::Escape);
     let beside = at(&window, 0, [-0.4, 0.4, 0.0]);
-    click(&mut window, beside);
+    click_at(&mut window, beside);
     assert_eq!(window.state().selected(), None);
-    click(&mut window, on_case);
+    click_at(&mut window, on_case);
     assert_eq!(window.state().selected(), Some(CASE));
     assert_eq!(steps(&window).len(), 1, "looking changes nothing");
 }
@@ -240,7 +231,7 @@ fn escape_and_the_right_button_leave_everything_as_it_was() {
 fn an_instance_moves_alone_and_is_written_to_its_own_entry() {
     let mut window = open(0);
     let on_case = at(&window, 0, [0.03, -0.05, 0.005]);
-    click(&mut window, on_case);
+    click_at(&mut window, on_case);
     assert_eq!(window.state().selected(), Some(CASE));
     press(&mut window, Key::G);
     press(&mut window, Key::Y);

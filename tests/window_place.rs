@@ -18,7 +18,7 @@ use locard::recording::OpenOptions;
 use locard::scene::Entry;
 use locard::shot::Given;
 use locard::window::{App, Project};
-use worked::{settle, shown, until, window};
+use worked::{click_at, settle, shown, until, window};
 
 const FRAME: usize = 30;
 
@@ -35,12 +35,7 @@ fn open() -> Harness<'static, App> {
 fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
     let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
     let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
-    window.hover_at(at);
-    window.step();
-    window.drag_at(at);
-    window.step();
-    window.drop_at(at);
-    window.run_steps(2);
+    click_at(window, at);
 }
 
 #[test]

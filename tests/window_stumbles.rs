@@ -21,7 +21,7 @@ use locard::recording::OpenOptions;
 use locard::scene::Entry;
 use locard::shot::Given;
 use locard::window::{App, DEMO, DEMO_SCENE, Project, Start};
-use worked::{Device, settle, until, window};
+use worked::{Device, click_at, has, search, settle, shows, until, window};
 
 fn open_at(recording: &Path) -> Harness<'static, App> {
     let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
@@ -30,38 +30,6 @@ fn open_at(recording: &Path) -> Harness<'static, App> {
 
 fn open() -> Harness<'static, App> {
     open_at(Path::new(DEMO))
-}
-
-fn search(window: &mut Harness<'_, App>, words: &str) {
-    window.get_by_role_and_label(Role::TextInput, "Search parameters").focus();
-    window.step();
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.step();
-    window.get_by_role_and_label(Role::TextInput, "Search parameters").type_text(words);
-    window.run_steps(3);
-}
-
-fn press_at<S>(window: &mut Harness<'_, S>, at: Pos2) {
-    window.hover_at(at);
-    window.step();
-    window.drag_at(at);
-    window.step();
-    window.drop_at(at);
-    window.run_steps(2);
-}
-
-fn has<S>(window: &Harness<'_, S>, label: &str) -> bool {
-    window.query_all_by_label(label).count() > 0
-}
-
-/// Files are looked at on threads of their own.
-fn shows<S>(window: &mut Harness<'_, S>, label: &str) {
-    let begun = Instant::now();
-    while !has(window, label) {
-        assert!(begun.elapsed() < Duration::from_secs(60), "{label} is not shown");
-        window.step();
-        std::thread::yield_now();
-    }
 }
 
 fn scale(window: &Harness<'_, App>) -> f64 {
@@ -79,7 +47,7 @@ fn steps(window: &Harness<'_, App>) -> Vec<String> {
 fn type_number(window: &mut Harness<'_, App>, text: &str) {
     let all: Vec<_> = window.query_all_by_role(Role::SpinButton).map(|node| node.rect()).collect();
     assert_eq!(all.len(), 1, "one field beside one slider");
-    press_at(window, all[0].center());
+    click_at(window, all[0].center());
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.event(egui::Event::Text(text.to_owned()));
     window.run_steps(3);
@@ -120,7 +88,7 @@ fn esc_takes_back_what_was_typed() {
     assert_eq!((title(&window), steps(&window)), (before, steps_before));
     let stance = window.state().project().edit().scene.stance(object);
     let at = window.get_by_role_and_label(Role::Slider, "position x").rect().center();
-    press_at(&mut window, at);
+    click_at(&mut window, at);
     window.event(egui::Event::Text("0.5".to_owned()));
     window.run_steps(2);
     window.key_press(Key::Escape);
@@ -140,7 +108,7 @@ fn a_press_on_a_handle_changes_nothing_and_a_drag_is_one_step() {
     let mut window = open();
     search(&mut window, "noise scale");
     let at = handle(&window) + egui::vec2(3.0, 0.0);
-    press_at(&mut window, at);
+    click_at(&mut window, at);
     assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{}", scale(&window));
     // It is moved by as much as the pointer is.
     let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
@@ -162,7 +130,7 @@ fn a_press_on_a_handle_changes_nothing_and_a_drag_is_one_step() {
     window.run_steps(3);
     assert!(steps(&window) == ["opened", "Noise: Scale", "Noise: Scale"], "{:?}", steps(&window));
     // Beside the handle a press brings it there.
-    press_at(&mut window, rail.center());
+    click_at(&mut window, rail.center());
     assert!((scale(&window) - 4.0).abs() < 0.1, "{}", scale(&window));
     assert_eq!(steps(&window).len(), 4);
 }
@@ -202,7 +170,7 @@ fn esc_closes_what_is_open_and_a_message_lets_clicks_through() {
     window.run_steps(3);
     assert!(has(&window, "Copy"));
     let wipe = window.get_by_label("Wipe").rect().center();
-    press_at(&mut window, wipe);
+    click_at(&mut window, wipe);
     assert!(!has(&window, "Copy") && window.state().view.wipe.is_some(), "one click does both");
 }
 

@@ -11,7 +11,7 @@ use glam::{DAffine3, DQuat, DVec3};
 mod changed;
 mod full_picture;
 
-use crate::camera::{Camera, Distortion, Geometry, Intrinsics, NoiseBin, NoiseProfile};
+use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
@@ -140,17 +140,7 @@ fn scene(geometry: &Geometry) -> Scene {
 
 /// A camera with noise, exposed for half the interval.
 fn camera(width: u32, height: u32) -> (Camera, Geometry) {
-    let f = 525.0 * f64::from(width) / 640.0;
-    let intrinsics = Intrinsics {
-        width_px: width,
-        height_px: height,
-        fx_px: f,
-        fy_px: f,
-        cx_px: f64::from(width) / 2.0,
-        cy_px: f64::from(height) / 2.0,
-        ..Intrinsics::default()
-    };
-    let geometry = Geometry::new(intrinsics, Distortion::default());
+    let geometry = Geometry::pinhole(width, height, 525.0 * f64::from(width) / 640.0);
     let bins = vec![
         NoiseBin { code: 0.0, sigma: 1.5 },
         NoiseBin { code: 128.0, sigma: 3.5 },

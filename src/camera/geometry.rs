@@ -53,6 +53,20 @@ impl From<Geometry> for Given {
 const WIDEST_PLANE_RAD: f64 = 85.0 * PI / 180.0;
 
 impl Geometry {
+    /// Square pixels, the principal point in the picture's middle, no distortion, a global shutter.
+    pub fn pinhole(width_px: u32, height_px: u32, focal_px: f64) -> Self {
+        let intrinsics = Intrinsics {
+            width_px,
+            height_px,
+            fx_px: focal_px,
+            fy_px: focal_px,
+            cx_px: 0.5 * f64::from(width_px),
+            cy_px: 0.5 * f64::from(height_px),
+            ..Intrinsics::default()
+        };
+        Self::new(intrinsics, Distortion::default())
+    }
+
     /// A 360° picture's focal lengths (px per radian) and centre follow from its size, whatever the intrinsics say.
     pub fn new(mut intrinsics: Intrinsics, distortion: Distortion) -> Self {
         if distortion.model == LensModel::Equirectangular {

@@ -286,21 +286,8 @@ impl Canvas {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{Distortion, Intrinsics};
+    use crate::camera::Distortion;
     use glam::DQuat;
-
-    fn camera(width_px: u32, height_px: u32, focal_px: f64) -> Geometry {
-        let intrinsics = Intrinsics {
-            width_px,
-            height_px,
-            fx_px: focal_px,
-            fy_px: focal_px,
-            cx_px: 0.5 * f64::from(width_px),
-            cy_px: 0.5 * f64::from(height_px),
-            ..Default::default()
-        };
-        Geometry::new(intrinsics, Distortion::default())
-    }
 
     fn map(width: u32, height: u32, z: impl Fn(u32, u32) -> f64) -> DepthMap {
         let depth_m = (0..width * height).map(|i| z(i % width, i / width) as f32).collect();
@@ -369,8 +356,8 @@ mod tests {
     fn a_shifted_camera_sees_the_parallax() {
         // f·b/z: a wall at 2 m moves left by 100 · 0.1 / 2 = 5 px, a board at 1 m, columns 20 to 39, by 10.
         let board = |x: u32| (20..40).contains(&x);
-        let seen = DepthCamera::new(camera(64, 48, 100.0), beside())
-            .registered(&map(64, 48, |x, _| if board(x) { 1.0 } else { 2.0 }), &camera(64, 48, 100.0));
+        let seen = DepthCamera::new(Geometry::pinhole(64, 48, 100.0), beside())
+            .registered(&map(64, 48, |x, _| if board(x) { 1.0 } else { 2.0 }), &Geometry::pinhole(64, 48, 100.0));
         let row = row(&seen, 24);
         let of = |range: std::ops::Range<usize>, z: f32| row[range].iter().all(|found| (found - z).abs() < 1e-6);
         // The board's edges lie midway between samples: at 20 and 40 in its camera, at 10 and 30 here.
@@ -386,7 +373,7 @@ mod tests {
         // A wall 2 m away, seen by a coarse depth camera that looks 5° to the side, and by a distorting lens.
         let turn = DQuat::from_rotation_y(5f64.to_radians());
         let colour_from_depth = Pose::new(turn, DVec3::new(-0.03, 0.01, 0.005));
-        let small = camera(80, 60, 50.0);
+        let small = Geometry::pinhole(80, 60, 50.0);
         // In the colour camera's axes n·X = 2 with n = z.
         let (n, d) = (turn.inverse() * DVec3::Z, 2.0 - colour_from_depth.translation_m.z);
         let z = |x: u32, y: u32| {
@@ -394,7 +381,7 @@ mod tests {
             d / n.dot(ray)
         };
         let of_map = map(80, 60, z);
-        let mut colour = camera(320, 240, 300.0);
+        let mut colour = Geometry::pinhole(320, 240, 300.0);
         colour = Geometry::new(colour.intrinsics, Distortion { k1: -0.1, k2: 0.02, ..Default::default() });
         let seen = DepthCamera::new(small, colour_from_depth).registered(&of_map, &colour);
         assert_eq!(holes(&seen), 0.0);
@@ -405,11 +392,11 @@ mod tests {
 
     #[test]
     fn maps_of_another_size_and_damaged_depths_make_holes() {
-        let of = DepthCamera::new(camera(8, 6, 8.0), beside());
-        assert_eq!(holes(&of.registered(&map(9, 6, |_, _| 1.0), &camera(8, 6, 8.0))), 1.0);
+        let of = DepthCamera::new(Geometry::pinhole(8, 6, 8.0), beside());
+        assert_eq!(holes(&of.registered(&map(9, 6, |_, _| 1.0), &Geometry::pinhole(8, 6, 8.0))), 1.0);
         let odd = [f64::NAN, f64::INFINITY, -1.0, 0.0, 1e-30, 1e30];
         let odd = map(8, 6, |x, y| odd[(x + 3 * y) as usize % odd.len()]);
-        let seen = of.registered(&odd, &camera(8, 6, 8.0));
+        let seen = of.registered(&odd, &Geometry::pinhole(8, 6, 8.0));
         assert!(seen.depth_m.iter().all(|z| z.is_finite() && *z >= 0.0), "{:?}", seen.depth_m);
         assert!(enlarged(&odd, 16, 12).depth_m.iter().all(|z| z.is_finite() && *z >= 0.0));
         assert_eq!(enlarged(&map(1, 1, |_, _| 3.0), 2, 2).depth_m, [3.0; 4]);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 
 use super::error::LiveError;
-use super::source::{MAX_GAP_S, PoseSource};
+use super::source::PoseSource;
 use crate::pose::Pose;
 use crate::stream::{Clock, Poses};
 use crate::webcam::monotonic_s;
@@ -88,12 +88,6 @@ impl PoseSource for Streamed {
     }
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
-    }
-    fn max_gap_s(&self) -> f64 {
-        MAX_GAP_S
-    }
-    fn is_live(&self) -> bool {
-        true
     }
 }
 

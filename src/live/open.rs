@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::error::LiveError;
 use super::listening::Streamed;
 use super::playing::RecordedPoses;
-use super::source::{MAX_GAP_S, PoseSource};
+use super::source::PoseSource;
 use super::tagged::TaggedPoses;
 use crate::camera::Camera;
 use crate::pose::Pose;
@@ -39,9 +39,6 @@ impl PoseSource for NoPoses {
     }
     fn up(&self) -> Option<DVec3> {
         None
-    }
-    fn max_gap_s(&self) -> f64 {
-        MAX_GAP_S
     }
     fn is_live(&self) -> bool {
         false

@@ -55,7 +55,4 @@ impl PoseSource for RecordedPoses {
     fn max_gap_s(&self) -> f64 {
         self.max_gap_s
     }
-    fn is_live(&self) -> bool {
-        true
-    }
 }

@@ -16,10 +16,14 @@ pub trait PoseSource {
     /// Which way is up in their world.
     fn up(&self) -> Option<DVec3>;
     /// The longest interval across which they may be interpolated, seconds.
-    fn max_gap_s(&self) -> f64;
+    fn max_gap_s(&self) -> f64 {
+        MAX_GAP_S
+    }
     /// Whether frames should wait for them.
-    fn is_live(&self) -> bool;
+    fn is_live(&self) -> bool {
+        true
+    }
 }
 
 /// A tenth of a second: a hand-held camera still moves smoothly.
-pub const MAX_GAP_S: f64 = 0.1;
+const MAX_GAP_S: f64 = 0.1;

@@ -7,7 +7,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::error::LiveError;
-use super::source::{MAX_GAP_S, PoseSource};
+use super::source::PoseSource;
 use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
@@ -60,11 +60,5 @@ impl PoseSource for TaggedPoses {
     /// Out of the board.
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
-    }
-    fn max_gap_s(&self) -> f64 {
-        MAX_GAP_S
-    }
-    fn is_live(&self) -> bool {
-        true
     }
 }

@@ -11,8 +11,8 @@ use super::panorama;
 use super::plan::SamplePlan;
 use super::resample::{Drawn, Face, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
+use crate::camera::Geometry;
 use crate::camera::curved::Curved;
-use crate::camera::{Distortion, Geometry, Intrinsics};
 use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
 use crate::pixels::{LinearImage, Rect};
 use crate::pose::Pose;
@@ -90,7 +90,7 @@ pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<L
             studio.shrunk(&fine, still.pose, false)?
         }
         Projection::Orthographic { px_per_m, .. } => {
-            let fine = parallel_geometry(width * FINER, height * FINER, px_per_m * f64::from(FINER));
+            let fine = Geometry::pinhole(width * FINER, height * FINER, px_per_m * f64::from(FINER));
             studio.shrunk(&fine, still.pose, true)?
         }
         Projection::Curved(curved) => {
@@ -115,19 +115,6 @@ pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<L
         lay_over(&mut image, &still.projection, &panorama::sharp(map), turn);
     }
     Ok(image)
-}
-
-fn parallel_geometry(width_px: u32, height_px: u32, px_per_m: f64) -> Geometry {
-    let intrinsics = Intrinsics {
-        width_px,
-        height_px,
-        fx_px: px_per_m,
-        fy_px: px_per_m,
-        cx_px: 0.5 * f64::from(width_px),
-        cy_px: 0.5 * f64::from(height_px),
-        ..Intrinsics::default()
-    };
-    Geometry::new(intrinsics, Distortion::default())
 }
 
 /// Puts a panorama behind a picture. In a partly seeing pixel the panorama shows in that part alone.

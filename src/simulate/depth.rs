@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 
 use super::render::{self, Lens, Picture, Snapshot};
 use super::{Layout, Options, SimulateError, Simulation};
-use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::camera::Geometry;
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
 
@@ -40,16 +40,7 @@ impl DepthSensor {
             return Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: None }));
         };
         let focal_px = WIDER * share * simulation.options().focal_px;
-        let intrinsics = Intrinsics {
-            width_px: width,
-            height_px: height,
-            fx_px: focal_px,
-            fy_px: focal_px,
-            cx_px: 0.5 * f64::from(width),
-            cy_px: 0.5 * f64::from(height),
-            ..Intrinsics::default()
-        };
-        let geometry = Geometry::new(intrinsics, Distortion::default());
+        let geometry = Geometry::pinhole(width, height, focal_px);
         // To the left is where the frames' camera has negative x.
         let at_m = DVec3::new(-1e-3 * beside_mm, 0.0, 0.0);
         let moved = |pose: &Pose| Pose::new(pose.rotation, pose.translation_m - at_m);

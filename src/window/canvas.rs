@@ -134,7 +134,7 @@ impl CallbackTrait for Canvas {
         let clip = info.clip_rect_in_pixels();
         let clip =
             Area { x: [clip.left_px, clip.left_px + clip.width_px], y: [clip.top_px, clip.top_px + clip.height_px] };
-        let (pictures, grounds) = self.areas(clip, info.pixels_per_point);
+        let (pictures, grounds) = areas(self.placed.rect, self.line_x, clip, info.pixels_per_point);
         let mut draw = |pipeline, bound, area: &Area| {
             let ([x0, x1], [y0, y1]) = (area.x, area.y);
             if x1 > x0 && y1 > y0 {
@@ -156,24 +156,22 @@ struct Area {
     y: [i32; 2],
 }
 
-impl Canvas {
-    /// Where in `clip` each picture is shown, and the ground. A pixel shows what is at its centre. No area meets another, so
-    /// that each pixel is drawn once: a pixel costs more than a draw's beginning.
-    fn areas(&self, clip: Area, ppp: f32) -> ([Area; 2], [Area; 4]) {
-        let within = |edge: f32, [from, to]: [i32; 2]| ((edge * ppp - 0.5).ceil() as i32).clamp(from, to);
-        let (origin, extent) = (self.placed.rect.min, self.placed.scale * self.size);
-        let x = [origin.x, origin.x + extent.x].map(|x| within(x, clip.x));
-        let y = [origin.y, origin.y + extent.y].map(|y| within(y, clip.y));
-        let line = within(self.line_x, x);
-        let pictures = [[x[0], line], [line, x[1]]].map(|x| Area { x, y });
-        let grounds = [
-            Area { y: [clip.y[0], y[0]], ..clip },
-            Area { y: [y[1], clip.y[1]], ..clip },
-            Area { x: [clip.x[0], x[0]], y },
-            Area { x: [x[1], clip.x[1]], y },
-        ];
-        (pictures, grounds)
-    }
+/// Where in `clip` each picture is shown, `placed` (points) and parted at `line_x` (points), and where the ground. A pixel
+/// shows what is at its centre. No area meets another, so that each pixel is drawn once: a pixel costs more than a draw's
+/// beginning.
+fn areas(placed: Rect, line_x: f32, clip: Area, ppp: f32) -> ([Area; 2], [Area; 4]) {
+    let within = |edge: f32, [from, to]: [i32; 2]| ((edge * ppp - 0.5).ceil() as i32).clamp(from, to);
+    let x = [placed.min.x, placed.max.x].map(|x| within(x, clip.x));
+    let y = [placed.min.y, placed.max.y].map(|y| within(y, clip.y));
+    let line = within(line_x, x);
+    let pictures = [[x[0], line], [line, x[1]]].map(|x| Area { x, y });
+    let grounds = [
+        Area { y: [clip.y[0], y[0]], ..clip },
+        Area { y: [y[1], clip.y[1]], ..clip },
+        Area { x: [clip.x[0], x[0]], y },
+        Area { x: [x[1], clip.x[1]], y },
+    ];
+    (pictures, grounds)
 }
 
 #[cfg(test)]
@@ -181,25 +179,9 @@ mod tests {
     use eframe::egui::{pos2, vec2};
 
     use super::*;
-    use crate::window::placed::Placed;
-
-    fn texture() -> wgpu::Texture {
-        let gpu = crate::gpu::Gpu::open().expect("an adapter");
-        gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: None,
-            size: wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba8Unorm,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        })
-    }
 
     #[test]
     fn each_pixel_is_drawn_once_as_its_centre_says() {
-        let texture = texture();
         for (min, scale, line_x, ppp) in [
             (pos2(3.25, 4.5), 0.7, 9.0, 1.0),
             (pos2(3.25, 4.5), 0.7, f32::NEG_INFINITY, 2.0),
@@ -207,11 +189,8 @@ mod tests {
             (pos2(90.0, 4.0), 1.0, f32::INFINITY, 1.0),
         ] {
             let size = vec2(20.0, 10.0);
-            let placed = Placed { rect: Rect::from_min_size(min, scale * size), scale };
-            let pictures = [texture.clone(), texture.clone()];
-            let canvas = Canvas { placed, size, line_x, pictures, ground: Color32::BLACK, squares: false };
             let clip = Area { x: [2, 40], y: [1, 30] };
-            let (pictures, grounds) = canvas.areas(clip, ppp);
+            let (pictures, grounds) = areas(Rect::from_min_size(min, scale * size), line_x, clip, ppp);
             for (x, y) in (clip.y[0]..clip.y[1]).flat_map(|y| (clip.x[0]..clip.x[1]).map(move |x| (x, y))) {
                 let has = |area: &Area| (area.x[0]..area.x[1]).contains(&x) && (area.y[0]..area.y[1]).contains(&y);
                 let at = pos2(x as f32 + 0.5, y as f32 + 0.5) / ppp;

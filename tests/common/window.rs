@@ -4,8 +4,9 @@
 
 use std::time::{Duration, Instant};
 
-use eframe::egui;
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use egui_kittest::kittest::Queryable;
 use egui_kittest::{Harness, TestRenderer};
 use locard::gpu::Gpu;
 use locard::pixels::Pixels;
@@ -65,6 +66,40 @@ pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
             return;
         }
         assert!(begun.elapsed() < Duration::from_secs(120), "it does not come");
+        std::thread::yield_now();
+    }
+}
+
+/// Presses and lets go in a place.
+pub fn click_at<S>(window: &mut Harness<'_, S>, at: egui::Pos2) {
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.step();
+    window.drop_at(at);
+    window.run_steps(2);
+}
+
+/// Opens every group of parameters, and leaves those whose text has the words.
+pub fn search(window: &mut Harness<'_, App>, words: &str) {
+    window.get_by_role_and_label(Role::TextInput, "Search parameters").focus();
+    window.step();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, "Search parameters").type_text(words);
+    window.run_steps(3);
+}
+
+pub fn has<S>(window: &Harness<'_, S>, label: &str) -> bool {
+    window.query_all_by_label(label).count() > 0
+}
+
+/// Files are read on threads of their own: goes on until there is something that is called so.
+pub fn shows<S>(window: &mut Harness<'_, S>, label: &str) {
+    let begun = Instant::now();
+    while !has(window, label) {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{label} does not come");
+        window.step();
         std::thread::yield_now();
     }
 }

@@ -29,7 +29,7 @@ use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
 use locard::shot::{Given, Shot};
 use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, Project, State, Work, command_line};
-use worked::{codes, settle, shown, until, window};
+use worked::{codes, has, settle, shown, shows, until, window};
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };
@@ -88,20 +88,6 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
 
 fn all_over(app: &App) -> bool {
     app.keeper().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
-}
-
-fn has(window: &Harness<'_, App>, label: &str) -> bool {
-    window.query_all_by_label(label).count() > 0
-}
-
-/// Until it is shown: files are listed and written on threads of their own.
-fn shows(window: &mut Harness<'_, App>, label: &str) {
-    let begun = Instant::now();
-    while !has(window, label) {
-        assert!(begun.elapsed() < Duration::from_secs(60), "{label} is not shown");
-        window.step();
-        std::thread::yield_now();
-    }
 }
 
 fn press(window: &mut Harness<'_, App>, label: &str) {
