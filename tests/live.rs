@@ -116,6 +116,7 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> Counts {
         interval_s: INTERVAL_S,
         max_gap_s: MAX_GAP_S,
         up: Some(DVec3::Z),
+        has_floor: false,
         camera: None,
         delivered: None,
         has_exposure: false,

@@ -19,6 +19,7 @@ fn about() -> About {
         interval_s: INTERVAL_S,
         max_gap_s: 0.1,
         up: Some(DVec3::Z),
+        has_floor: true,
         camera: Some("a \"camera\"".to_owned()),
         delivered: Some("2x2 rgb".to_owned()),
         has_exposure: true,

@@ -2,15 +2,17 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "common/filmed.rs"]
+mod filmed;
 #[path = "common/program.rs"]
 mod program;
 #[path = "common/sheet.rs"]
 mod sheet;
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
+use filmed::{AWAY, FPS, FRAMES, Site, place};
 use glam::DVec3;
 use locard::compositor::Settings;
 use locard::live::open_poses;
@@ -19,67 +21,7 @@ use locard::recording::{OpenOptions, Recording};
 use locard::source::video::{Overrides, probe};
 use locard::tracking::tum::Line;
 use program::{refused, said};
-use sheet::{CAMERA, Camera, Place, Sheet};
-
-const FRAMES: usize = 18;
-const FPS: f64 = 30.0;
-/// In these the camera looks away.
-const AWAY: std::ops::Range<usize> = 10..13;
-
-/// A hand-held camera that moves around the sheet, 0.8 m from it.
-fn place(time_s: f64) -> Place {
-    let (a, sway) = (0.8 + 0.5 * time_s, 0.02 * (9.0 * time_s).sin());
-    let at = DVec3::new(0.45 * a.cos() + sway, -0.5 * a.sin(), 0.62 - sway);
-    let away = AWAY.contains(&((time_s * FPS).round() as usize));
-    Place::looking(at, if away { DVec3::new(3.0, 4.0, 0.0) } else { DVec3::new(0.03, 0.05 * time_s, 0.0) }, 0.2 * sway)
-}
-
-/// The sheet, its board's file, the camera's profile and a video of the sheet, in a folder.
-struct Site {
-    folder: tempfile::TempDir,
-}
-
-impl Site {
-    fn new(camera: &Camera) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let site = Self { folder };
-        said(&["board", "-o", &site.path("board.png"), "--quiet"]);
-        let printed = image::open(site.path("board.png")).unwrap().into_luma8();
-        let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
-        std::fs::write(site.path("camera.toml"), camera.profile()).unwrap();
-        let frames = (0..FRAMES).map(|i| {
-            let time_s = i as f64 / FPS;
-            sheet.photograph(camera, 4, 1.0, i as u64, |t| place(time_s + t))
-        });
-        video(Path::new(&site.path("site.mkv")), frames);
-        site
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.folder.path().join(name).to_str().unwrap().to_owned()
-    }
-
-    fn track(&self, board: &str, to: &str) -> Vec<String> {
-        let board = self.path(board);
-        let (video, profile, to) = (self.path("site.mkv"), self.path("camera.toml"), self.path(to));
-        ["track", &video, "--profile", &profile, "--board", &board, "-o", &to].map(str::to_owned).to_vec()
-    }
-}
-
-/// A video that loses nothing.
-fn video(path: &Path, frames: impl Iterator<Item = Vec<u8>>) {
-    let mut ffmpeg = Command::new("ffmpeg")
-        .args(["-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "640x480", "-r", "30", "-i", "-"])
-        .args(["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0"])
-        .arg(path)
-        .stdin(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut into = ffmpeg.stdin.take().unwrap();
-    frames.for_each(|codes| into.write_all(&codes).unwrap());
-    drop(into);
-    assert!(ffmpeg.wait().unwrap().success());
-}
+use sheet::CAMERA;
 
 fn strs(arguments: &[String]) -> Vec<&str> {
     arguments.iter().map(String::as_str).collect()
@@ -155,24 +97,10 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
         })
         .collect();
     std::fs::write(truth.join("poses.txt"), locard::recording::write::trajectory(&lines)).unwrap();
-    let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
-    let scene = format!("version = 1\n[[objects]]\nmodel = \"{}\"\nposition_m = [0.16, 0.0, 0.0]\n", marker.display());
-    std::fs::write(site.path("scene.toml"), scene).unwrap();
+    let scene = site.scene();
     for name in ["tracked", "truth"] {
         let (from, to) = (site.path(name), site.path(&format!("out-{name}")));
-        said(&[
-            "composite",
-            &from,
-            "--scene",
-            &site.path("scene.toml"),
-            "--frames",
-            "4..11",
-            "--without",
-            "noise",
-            "-o",
-            &to,
-            "--quiet",
-        ]);
+        said(&["composite", &from, "--scene", &scene, "--frames", "4..11", "--without", "noise", "-o", &to, "--quiet"]);
     }
     let source = |i: usize| {
         // A frame without a pose is the source's.

@@ -1,18 +1,17 @@
-//! `locard live`, without a window.
+//! `locard live`: in the window, or without one into a file.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 
-use super::watching::{Agreed, CameraArgs, Next, Watching};
+use super::watching::{Agreed, CameraArgs, Watching};
 use super::which::Which;
-use super::{is_closed_stdout, record, say, warn};
+use super::{is_closed_stdout, say, warn};
 use crate::compositor::Composited;
 use crate::gpu::Gpu;
-use crate::live::{Came, Live, Writer};
-use crate::recording::Recording;
+use crate::live::{Came, Live, Next, Writer};
 use crate::recording::recorder::Recorder;
 use crate::shot::{Given, Shot};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
@@ -24,11 +23,11 @@ pub struct Args {
     #[command(flatten)]
     camera: CameraArgs,
     /// A .glb or .gltf in the poses' world coordinates, or a scene.toml
-    #[arg(long)]
-    scene: PathBuf,
+    #[arg(long, required_if_eq("headless", "true"))]
+    scene: Option<PathBuf>,
     /// The camera and the effects' parameters
-    #[arg(long)]
-    profile: PathBuf,
+    #[arg(long, required_if_eq("headless", "true"))]
+    profile: Option<PathBuf>,
     /// Set a parameter, as in --set noise.scale=1.5; `locard params` lists them
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     sets: Vec<String>,
@@ -38,14 +37,14 @@ pub struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Without a window
-    #[arg(long, required = true)]
+    #[arg(long, requires = "output")]
     headless: bool,
     /// Also record what comes into a new folder: `locard composite` makes the same pictures of it
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
     /// A folder (PNG sequence), a .mp4 or .mkv file, or - for raw RGB on stdout
-    #[arg(short = 'o', long = "output", value_name = "OUT")]
-    output: PathBuf,
+    #[arg(short = 'o', long = "output", value_name = "OUT", requires = "headless")]
+    output: Option<PathBuf>,
     /// Keep every code value in a video
     #[arg(long)]
     lossless: bool,
@@ -55,14 +54,43 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let out = OutPath::parse(&args.output)?;
+    match &args.output {
+        Some(output) if args.headless => headless(args, output),
+        _ => in_window(args),
+    }
+}
+
+/// Opens the camera here, so that what is wrong with it is said before there is a window.
+#[cfg(feature = "window")]
+fn in_window(args: &Args) -> Result<()> {
+    use crate::live::LiveFrom;
+    use crate::window::{self, First, Project};
+
+    if args.camera.ends() || args.which.is_asked() || args.force || args.lossless {
+        bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
+    }
+    let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
+    let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone() };
+    let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
+    project.camera = Some(LiveFrom { camera: args.camera.camera.clone(), poses: args.camera.pose.clone() });
+    let (camera, record) = (Some(agreed.opened), args.record.clone());
+    super::tune::opened(window::open(First { project: Some(project), camera, record, ..First::default() }))
+}
+
+#[cfg(not(feature = "window"))]
+fn in_window(_: &Args) -> Result<()> {
+    bail!("this program was built without a window: name --headless and an output")
+}
+
+fn headless(args: &Args, output: &Path) -> Result<()> {
+    let out = OutPath::parse(output)?;
     sink::check(&out, args.force)?;
-    let agreed = Agreed::open(&args.camera, Some(&args.profile))?;
-    let delivered = agreed.camera.given.delivered;
-    let (width, height, interval_s) = (delivered.width, delivered.height, agreed.interval_s);
-    let recording = Recording::arriving(&agreed.camera.given.name, width, height, interval_s, agreed.poses.up());
-    let given = Given { profile: Some(args.profile.clone()), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
-    let mut shot = Shot::of(recording, &given)?;
+    let profile = args.profile.as_deref();
+    let agreed = Agreed::open(&args.camera, profile)?;
+    let delivered = agreed.opened.camera.given.delivered;
+    let (width, height, interval_s) = (delivered.width, delivered.height, agreed.opened.interval_s);
+    let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone() };
+    let mut shot = Shot::of(agreed.opened.recording(), &given)?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
     let geometry = shot.geometry_at(0)?;
@@ -77,10 +105,10 @@ pub fn run(args: &Args) -> Result<()> {
     let options =
         SinkOptions { force: args.force, fps: 1.0 / interval_s, lossless: args.lossless, width, height, bits: 8 };
     let sink = sink::open(&out, &options)?;
-    let about = record::about(&agreed, Some(&args.profile))?;
+    let about = agreed.about(profile)?;
     let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
-    let patience_s = if agreed.poses.is_live() { interval_s } else { 0.0 };
+    let patience_s = agreed.opened.patience_s();
     let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer)?;
     let mut tally = Tally::default();
     let mut watching = agreed.start()?;

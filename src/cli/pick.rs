@@ -96,13 +96,16 @@ impl<'a> Picker<'a> {
             let found = self.shot.triangulate(&views)?;
             return Ok(Picked { point_m: found.point_m, known: Known::Views(found) });
         }
-        if let Some(plane) = self.plane {
+        let on = |plane| {
             let support = self.shot.support_on_plane(self.frame, pick.at_px, plane);
             let Support { point_m, normal } = support.map_err(|error| match error {
                 SurfaceError::Plane { .. } => anyhow::Error::from(error).context("--plane"),
                 other => other.into(),
             })?;
-            return Ok(Picked { point_m, known: Known::Plane { normal } });
+            Ok(Picked { point_m, known: Known::Plane { normal } })
+        };
+        if let Some(plane) = self.plane {
+            return on(plane);
         }
         let picture = match self.picture.get() {
             Some(picture) => picture,
@@ -111,6 +114,9 @@ impl<'a> Picker<'a> {
                 self.picture.get_or_init(|| picture)
             }
         };
+        if let Some(floor) = self.shot.floor().filter(|_| picture.depth.is_none()) {
+            return on(floor.numbers());
+        }
         let surface = self.shot.surface_at(picture, pick.at_px)?;
         Ok(Picked { point_m: surface.point_m, known: Known::Depth(surface) })
     }

@@ -1,14 +1,15 @@
 //! `locard record`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 
 use super::warn;
-use super::watching::{Agreed, CameraArgs, Next};
-use crate::live::{Writer, encoded};
-use crate::recording::recorder::{About, Recorder};
+use super::watching::{Agreed, CameraArgs};
+use crate::live::{Next, Writer, encoded};
+use crate::recording::recorder::Recorder;
 use crate::tracking::tum::Line;
 
 #[derive(clap::Args)]
@@ -23,25 +24,10 @@ pub struct Args {
     output: PathBuf,
 }
 
-/// What a recording says of its camera and poses.
-pub fn about(agreed: &Agreed, profile: Option<&PathBuf>) -> Result<About> {
-    let given = &agreed.camera.given;
-    let read =
-        |path: &PathBuf| std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()));
-    Ok(About {
-        interval_s: agreed.interval_s,
-        max_gap_s: agreed.poses.max_gap_s(),
-        up: agreed.poses.up(),
-        camera: Some(given.name.clone()),
-        delivered: Some(given.delivered.to_string()),
-        has_exposure: given.has_exposure,
-        profile: profile.map(read).transpose()?,
-    })
-}
-
 pub fn run(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
-    let writer = Writer::new(Recorder::create(&args.output, &about(&agreed, args.profile.as_ref())?)?)?;
+    let about = agreed.about(args.profile.as_deref())?;
+    let writer = Writer::new(Recorder::create(&args.output, &about)?)?;
     let mut watching = agreed.start()?;
     let (mut frames, mut not_recorded, mut poses, mut late) = (0, 0, 0, 0);
     let (mut frame_s, mut pose_s) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
@@ -52,7 +38,7 @@ pub fn run(args: &Args) -> Result<()> {
             Next::Picture(came) => {
                 let (picture, pixels) = *came;
                 if picture.time_s > frame_s {
-                    if writer.frame(picture.time_s, encoded(&picture, &pixels), picture.exposure_s) {
+                    if writer.frame(picture.time_s, Arc::new(encoded(&picture, &pixels)), picture.exposure_s) {
                         frames += 1;
                     } else {
                         not_recorded += 1;

@@ -7,7 +7,7 @@ use anyhow::{Result, anyhow};
 
 use crate::recording::OpenOptions;
 use crate::shot::Given;
-use crate::window::{self, DEMO, DEMO_SCENE, Measure, Project};
+use crate::window::{self, DEMO, DEMO_SCENE, First, Measure, Project};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -32,7 +32,7 @@ pub fn run(args: Args) -> Result<()> {
     let Args { recording, mut scene, profile, metres_per_unit, measure } = args;
     let is_demo = recording.is_none();
     if is_demo && !measure && !Path::new(DEMO).exists() {
-        return opened(window::open(None, true, None));
+        return opened(window::open(First { start: true, ..First::default() }));
     }
     if is_demo {
         scene = scene.or_else(|| Some(DEMO_SCENE.into()));
@@ -46,10 +46,10 @@ pub fn run(args: Args) -> Result<()> {
         project.profile = Some(path);
     }
     let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
-    opened(window::open(Some(project), is_demo, measure))
+    opened(window::open(First { project: Some(project), start: is_demo, measure, ..First::default() }))
 }
 
-fn opened(ended: Result<(), eframe::Error>) -> Result<()> {
+pub fn opened(ended: Result<(), eframe::Error>) -> Result<()> {
     ended.map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
 }
 

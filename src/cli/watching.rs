@@ -3,26 +3,25 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
-use crate::compositor::Settings;
-use crate::live::{PoseSource, open_poses};
-use crate::pixels::Pixels;
+use crate::live::{self, Next, Opened, Watched};
 use crate::pose::Pose;
 use crate::profile::Rig;
+use crate::recording::recorder::About;
 use crate::source::video::{ColorMatrix, ColorRange};
-use crate::webcam::{self, Camera, Layout, Newest, Picture, Taken, Wanted};
-use crate::words::{count, fixed, shown};
+use crate::webcam::{Layout, Wanted};
+use crate::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct CameraArgs {
     /// The camera: its number or device (`locard doctor` lists them), or a video that is played in its place
     #[arg(long, value_name = "N|VIDEO")]
-    camera: String,
+    pub camera: String,
     /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml, opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
     #[arg(long, default_value = "none", value_name = "SOURCE")]
-    pose: String,
+    pub pose: String,
     /// Size of the pictures, px; the profile's, else 640x480
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(u32, u32)>,
@@ -47,6 +46,13 @@ pub struct CameraArgs {
     /// No messages but errors
     #[arg(long, short)]
     pub quiet: bool,
+}
+
+impl CameraArgs {
+    /// Whether it is to end by itself.
+    pub fn ends(&self) -> bool {
+        self.frames.is_some() || self.seconds.is_some()
+    }
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {
@@ -87,19 +93,9 @@ fn matrix(text: &str) -> Result<ColorMatrix, String> {
     }
 }
 
-/// What came of a camera.
-pub enum Next {
-    Picture(Box<(Picture, Pixels)>),
-    Nothing,
-    Ended,
-}
-
 /// A camera that has agreed on what it gives, and where its poses come from.
 pub struct Agreed {
-    pub camera: Camera,
-    pub poses: Box<dyn PoseSource>,
-    /// From a picture to the next, seconds.
-    pub interval_s: f64,
+    pub opened: Opened,
     frames: Option<u64>,
     seconds: Option<f64>,
     quiet: bool,
@@ -107,74 +103,50 @@ pub struct Agreed {
 
 /// A camera that is watched until somebody ends it.
 pub struct Watching {
-    newest: Newest<Picture>,
-    poses: Box<dyn PoseSource>,
+    watched: Watched,
     frames: Option<u64>,
     until: Option<Instant>,
-    gone: Option<String>,
-    /// Pictures that could not be decoded.
-    damaged: u64,
+    is_gone: bool,
+    is_damaged: bool,
     began: Instant,
     quiet: bool,
-}
-
-/// Poses that are known beforehand come so far ahead of their frames, seconds.
-const AHEAD_S: f64 = 1.0;
-
-/// The camera that a profile describes.
-fn profiled(profile: &Path) -> Result<crate::camera::Camera> {
-    let mut rig = Rig::default();
-    rig.read(profile, &mut Settings::default())?;
-    Ok(rig.camera())
 }
 
 impl Agreed {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
-        let profiled = profile.map(profiled).transpose()?;
-        let poses = open_poses(&args.pose, profiled.as_ref())?;
-        let geometry = profiled.as_ref().and_then(|camera| camera.geometry.as_ref());
-        let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
-        let usual = Wanted::default();
+        let profiled = profile.map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose()?;
         let wanted = Wanted {
-            size: args.size.or(profile_px).unwrap_or(usual.size),
             rate_hz: args.rate,
             layout: args.format,
             range: args.range,
             matrix: args.matrix,
+            ..Wanted::default()
         };
-        let camera = webcam::open(&args.camera, &wanted)?;
-        let given = &camera.given;
-        let rate_hz = given.rate_hz.unwrap_or(args.rate);
-        let hz = |rate: f64| fixed(rate, 2);
-        let gives = format!("{} gives {} at {} Hz", shown(&given.name), given.delivered, hz(rate_hz));
-        let as_asked = (given.delivered.width, given.delivered.height) == wanted.size
-            && (rate_hz - wanted.rate_hz).abs() < 0.05
-            && wanted.layout.is_none_or(|layout| layout == given.delivered.layout);
-        let asked = format!(
-            "{}x{} {}at {} Hz",
-            wanted.size.0,
-            wanted.size.1,
-            wanted.layout.map_or(String::new(), |layout| format!("{layout} ")),
-            hz(wanted.rate_hz)
-        );
-        warn(args.quiet, &if as_asked { gives } else { format!("{gives}; asked for was {asked}") });
+        let opened = live::open(&args.camera, args.size, wanted, &args.pose, profiled.as_ref())?;
+        warn(args.quiet, &opened.said);
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
-        Ok(Self { camera, poses, interval_s: 1.0 / rate_hz, frames, seconds, quiet })
+        Ok(Self { opened, frames, seconds, quiet })
+    }
+
+    /// What a recording says of its camera and poses; the camera's profile is kept in it.
+    pub fn about(&self, profile: Option<&Path>) -> Result<About> {
+        let read =
+            |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()));
+        Ok(self.opened.about(profile.map(read).transpose()?))
     }
 
     /// Starts the camera. From here on Ctrl-C ends what is written, and then the program.
     pub fn start(self) -> Result<Watching> {
-        let newest = self.camera.start()?;
+        let watched = Watched::new(self.opened.camera.start()?, self.opened.poses);
         ending::gently();
         let began = Instant::now();
         Ok(Watching {
-            newest,
-            poses: self.poses,
+            watched,
             frames: self.frames,
             until: self.seconds.map(|seconds| began + Duration::from_secs_f64(seconds)),
-            gone: None,
-            damaged: 0,
+            is_gone: false,
+            is_damaged: false,
             began,
             quiet: self.quiet,
         })
@@ -190,49 +162,33 @@ impl Watching {
 
     /// The newest picture. Says when the camera goes and when it is back.
     pub fn next(&mut self, until: Instant) -> Next {
-        match self.newest.take(until) {
-            Taken::New(picture) => {
-                if self.gone.take().is_some() {
-                    warn(self.quiet, "the camera is back");
-                }
-                match picture.pixels() {
-                    Ok(pixels) => {
-                        self.poses.picture(picture.time_s, &pixels);
-                        Next::Picture(Box::new((picture, pixels)))
-                    }
-                    Err(error) => {
-                        if self.damaged == 0 {
-                            warn(self.quiet, &format!("{error}; such pictures are left out and counted"));
-                        }
-                        self.damaged += 1;
-                        Next::Nothing
-                    }
-                }
-            }
-            Taken::Nothing => Next::Nothing,
-            Taken::Gone(why) => {
-                if self.gone.is_none() {
-                    warn(self.quiet, &format!("{why}; waiting for it"));
-                    self.gone = Some(why);
-                }
-                Next::Nothing
-            }
-            Taken::Ended => Next::Ended,
+        let next = self.watched.next(until);
+        let gone = self.watched.gone();
+        match gone.filter(|_| !self.is_gone) {
+            Some(why) => warn(self.quiet, &format!("{why}; waiting for it")),
+            None if self.is_gone && gone.is_none() => warn(self.quiet, "the camera is back"),
+            None => {}
         }
+        self.is_gone = gone.is_some();
+        if let Some(error) = self.watched.damage().filter(|_| !self.is_damaged) {
+            warn(self.quiet, &format!("{error}; such pictures are left out and counted"));
+            self.is_damaged = true;
+        }
+        next
     }
 
     /// The poses that have come, for frames up to a time.
     pub fn new_poses(&mut self, last_frame_s: f64) -> Result<Vec<(f64, Pose)>> {
-        Ok(self.poses.poses(last_frame_s + AHEAD_S)?)
+        Ok(self.watched.new_poses(last_frame_s)?)
     }
 
     /// What was left out, in words. `not_recorded`: for the disk was too slow.
     pub fn drops(&self, not_recorded: u64) -> String {
-        let drops = self.newest.drops();
+        let drops = self.watched.drops();
         let parts = [
             (drops.replaced, "replaced by newer ones"),
             (drops.lost, "lost by the driver"),
-            (drops.damaged + self.damaged, "damaged"),
+            (drops.damaged, "damaged"),
             (not_recorded, "more than the disk could take"),
         ];
         let told: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();

@@ -15,6 +15,10 @@ pub struct Which {
 }
 
 impl Which {
+    pub fn is_asked(&self) -> bool {
+        self.only.is_some() || self.without.is_some()
+    }
+
     /// Fails on a name that no effect has, and lists the known ones.
     pub fn apply(&self, settings: &mut Settings) -> Result<()> {
         if self.only.iter().chain(&self.without).flatten().any(String::is_empty) {

@@ -26,6 +26,14 @@ pub fn encoded(picture: &Picture, pixels: &Pixels) -> Encoded {
 }
 
 impl Encoded {
+    /// What it takes in memory.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Jpeg(file) => file.len(),
+            Self::Pixels(pixels) => 3 * pixels.width as usize * pixels.height as usize,
+        }
+    }
+
     /// The file's ending and bytes.
     pub fn file(&self) -> std::io::Result<(&'static str, Cow<'_, [u8]>)> {
         let pixels = match self {

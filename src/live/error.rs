@@ -10,6 +10,7 @@ use crate::recording::recorder::RecorderError;
 use crate::shot::ShotError;
 use crate::stream::StreamError;
 use crate::tags::{BoardError, DetectError};
+use crate::webcam::CameraError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
@@ -23,6 +24,8 @@ pub enum LiveError {
         "poses from tags need the camera's focal length: name its --profile, as `locard calibrate camera` writes one"
     )]
     NoCamera,
+    #[error(transparent)]
+    Camera(#[from] CameraError),
     #[error(transparent)]
     Board(#[from] BoardError),
     #[error(transparent)]

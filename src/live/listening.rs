@@ -89,6 +89,10 @@ impl PoseSource for Streamed {
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
     }
+    /// A stage's origin lies on its floor.
+    fn has_floor(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

@@ -1,10 +1,14 @@
 //! Frames composited as they come, and recorded so that the recording gives the same pictures.
 //!
-//! [`Waiting`] decides when a frame has its poses: pure, told the time. [`Live`] is a shot whose frames come one by one:
-//! it records what it composites, and composites what it would read back. [`PoseSource`] is where poses come from.
+//! [`Waiting`] decides when a frame has its poses: pure, told the time. [`Intake`] records what goes out, and gives out what
+//! it would read back. [`Live`] composites that, frame by frame; [`Feed`] has a camera watched by a thread for whoever
+//! composites himself. [`PoseSource`] is where poses come from.
 
 mod encode;
 mod error;
+mod feed;
+mod intake;
+mod latest;
 mod listening;
 mod open;
 mod playing;
@@ -13,14 +17,19 @@ mod stage;
 mod tagged;
 mod track;
 mod waiting;
+mod watched;
 mod writer;
 
 pub use encode::{Encoded, encoded};
 pub use error::LiveError;
-pub use open::open_poses;
+pub use feed::{Feed, Seen, Status};
+pub use intake::{Arrived, Came, Intake};
+pub use latest::Latest;
+pub use open::{LiveFrom, Opened, open, open_poses};
 pub use playing::RecordedPoses;
 pub use source::PoseSource;
-pub use stage::{Came, Live, Shown, Submitted};
+pub use stage::{Live, Shown, Submitted};
 pub use track::{LiveTrack, PoseTaken, Tracking};
 pub use waiting::{Counts, Ready, Waiting};
+pub use watched::{Next, Watched};
 pub use writer::Writer;

@@ -1,8 +1,9 @@
-//! A source of poses by what a person calls it.
+//! A camera and a source of poses by what a person calls them.
 
 use std::path::Path;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::error::LiveError;
 use super::listening::Streamed;
@@ -11,7 +12,92 @@ use super::source::PoseSource;
 use super::tagged::TaggedPoses;
 use crate::camera::Camera;
 use crate::pose::Pose;
+use crate::recording::Recording;
+use crate::recording::recorder::About;
 use crate::stream::Protocol;
+use crate::webcam::{self, Wanted};
+use crate::words::{fixed, shown};
+
+/// A camera and where its poses come from, in the words of `locard live`.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct LiveFrom {
+    pub camera: String,
+    pub poses: String,
+}
+
+/// A camera that has agreed on what it gives, and where its poses come from.
+pub struct Opened {
+    pub camera: webcam::Camera,
+    pub poses: Box<dyn PoseSource>,
+    /// From a picture to the next, seconds.
+    pub interval_s: f64,
+    /// What the camera gives, and what was asked for where that is something else.
+    pub said: String,
+}
+
+/// Opens a camera by its number or device, or a video in its place, and its poses ([`open_poses`]). Without a size in
+/// `wanted` it is the profile's.
+pub fn open(
+    camera: &str,
+    size: Option<(u32, u32)>,
+    wanted: Wanted,
+    poses: &str,
+    profiled: Option<&Camera>,
+) -> Result<Opened, LiveError> {
+    let poses = open_poses(poses, profiled)?;
+    let geometry = profiled.and_then(|camera| camera.geometry.as_ref());
+    let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
+    let wanted = Wanted { size: size.or(profile_px).unwrap_or(wanted.size), ..wanted };
+    let camera = webcam::open(camera, &wanted)?;
+    let given = &camera.given;
+    let rate_hz = given.rate_hz.unwrap_or(wanted.rate_hz);
+    let hz = |rate: f64| fixed(rate, 2);
+    let gives = format!("{} gives {} at {} Hz", shown(&given.name), given.delivered, hz(rate_hz));
+    let as_asked = (given.delivered.width, given.delivered.height) == wanted.size
+        && (rate_hz - wanted.rate_hz).abs() < 0.05
+        && wanted.layout.is_none_or(|layout| layout == given.delivered.layout);
+    let layout = wanted.layout.map_or(String::new(), |layout| format!("{layout} "));
+    let asked = format!("{}x{} {layout}at {} Hz", wanted.size.0, wanted.size.1, hz(wanted.rate_hz));
+    let said = if as_asked { gives } else { format!("{gives}; asked for was {asked}") };
+    Ok(Opened { interval_s: 1.0 / rate_hz, camera, poses, said })
+}
+
+impl std::fmt::Debug for Opened {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.said)
+    }
+}
+
+impl Opened {
+    /// What a recording says of its camera and poses; `profile` is the camera's, as text.
+    pub fn about(&self, profile: Option<String>) -> About {
+        let given = &self.camera.given;
+        About {
+            interval_s: self.interval_s,
+            max_gap_s: self.poses.max_gap_s(),
+            up: self.poses.up(),
+            has_floor: self.poses.has_floor(),
+            camera: Some(given.name.clone()),
+            delivered: Some(given.delivered.to_string()),
+            has_exposure: given.has_exposure,
+            profile,
+        }
+    }
+
+    /// A recording of what is to come, for the camera, the scene and the settings to be put to.
+    pub fn recording(&self) -> Recording {
+        let (given, poses) = (&self.camera.given, &self.poses);
+        let (width, height) = (given.delivered.width, given.delivered.height);
+        let mut recording = Recording::arriving(&given.name, width, height, self.interval_s, poses.up());
+        recording.has_floor = poses.has_floor();
+        recording
+    }
+
+    /// How long frames wait for their poses at most, seconds.
+    pub fn patience_s(&self) -> f64 {
+        if self.poses.is_live() { self.interval_s } else { 0.0 }
+    }
+}
 
 /// `tags`, `tags:BOARD.toml`, `opentrackio://…`, `freed://…`, `file:RECORDING`, or `none`. Tags are seen by a camera.
 pub fn open_poses(asked: &str, camera: Option<&Camera>) -> Result<Box<dyn PoseSource>, LiveError> {

@@ -17,6 +17,7 @@ pub struct RecordedPoses {
     first_frame_s: f64,
     shift_s: Option<f64>,
     up: Option<DVec3>,
+    has_floor: bool,
     max_gap_s: f64,
 }
 
@@ -31,6 +32,7 @@ impl RecordedPoses {
             poses: recording.track.poses().to_vec().into_iter(),
             shift_s: None,
             up: recording.up,
+            has_floor: recording.has_floor,
             max_gap_s: recording.track.max_gap_s(),
         })
     }
@@ -51,6 +53,9 @@ impl PoseSource for RecordedPoses {
     }
     fn up(&self) -> Option<DVec3> {
         self.up
+    }
+    fn has_floor(&self) -> bool {
+        self.has_floor
     }
     fn max_gap_s(&self) -> f64 {
         self.max_gap_s

@@ -7,7 +7,7 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 
 /// Poses for a camera's frames, by the camera's clock. What finds them in the pictures gets these first.
-pub trait PoseSource {
+pub trait PoseSource: Send {
     /// Sees a frame, before its poses are asked for.
     fn picture(&mut self, _time_s: f64, _pixels: &Pixels) {}
     /// The poses that are known by now and were not given before, ascending in time. Those of a source that knows them
@@ -15,6 +15,10 @@ pub trait PoseSource {
     fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError>;
     /// Which way is up in their world.
     fn up(&self) -> Option<DVec3>;
+    /// Whether the plane through their world's origin, across [`PoseSource::up`], is a surface: a sheet, a stage's floor.
+    fn has_floor(&self) -> bool {
+        false
+    }
     /// The longest interval across which they may be interpolated, seconds.
     fn max_gap_s(&self) -> f64 {
         MAX_GAP_S

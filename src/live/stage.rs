@@ -1,18 +1,17 @@
 //! A shot whose frames come one by one.
 
-use super::encode::encoded;
 use super::error::LiveError;
+use super::intake::{Arrived, Came, Intake};
 use super::track::{PoseTaken, Tracking};
-use super::waiting::{Counts, Ready, Waiting};
+use super::waiting::Counts;
 use super::writer::Writer;
 use crate::camera::{Camera, Geometry};
 use crate::compositor::{Composited, Compositor, Job, Pending, Target, poses_within_s};
-use crate::frame::{Frame, FrameExposure};
+use crate::frame::Frame;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::recording::recorder::RecorderError;
 use crate::shot::Shot;
-use crate::source::exif;
 use crate::webcam::Picture;
 
 /// A composited frame.
@@ -28,26 +27,13 @@ pub struct Shown {
     pub taken_s: f64,
 }
 
-/// What became of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Came {
-    Frame,
-    /// The disk is too slow to record it, so that it is left out altogether.
-    NotRecorded,
-    /// Not behind the one before it.
-    Backwards,
-}
-
 /// Frames in, composites out; the camera, the scene and the settings are the shot's. What is recorded is what is seen.
 pub struct Live<'a> {
     shot: &'a Shot,
     compositor: &'a mut Compositor,
     camera: Camera,
     geometry: Geometry,
-    waiting: Waiting<(Frame, f64)>,
-    writer: Option<Writer>,
-    frames: usize,
-    last_s: f64,
+    intake: Intake,
 }
 
 impl<'a> Live<'a> {
@@ -61,80 +47,52 @@ impl<'a> Live<'a> {
     ) -> Result<Self, LiveError> {
         let (camera, geometry) = (shot.camera(), shot.geometry_at(0)?);
         compositor.place(&shot.scene.objects);
-        Ok(Self {
-            shot,
-            compositor,
-            camera,
-            geometry,
-            waiting: Waiting::new(max_gap_s, patience_s),
-            writer,
-            frames: 0,
-            last_s: f64::NEG_INFINITY,
-        })
+        Ok(Self { shot, compositor, camera, geometry, intake: Intake::new(max_gap_s, patience_s, writer) })
     }
 
     pub fn counts(&self) -> Counts {
-        self.waiting.counts()
+        self.intake.counts()
     }
 
     /// Frames that were taken.
     pub fn frames(&self) -> usize {
-        self.frames
+        self.intake.frames()
     }
 
     pub fn writer(&self) -> Option<&Writer> {
-        self.writer.as_ref()
+        self.intake.writer()
     }
 
     /// Takes the recorder away: the rest is not recorded.
     pub fn take_writer(&mut self) -> Option<Writer> {
-        self.writer.take()
+        self.intake.take_writer()
     }
 
     pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
-        self.waiting.pose(time_s, pose)
+        self.intake.pose(time_s, pose)
     }
 
     /// Takes a picture whose pixels are decoded, and records it.
     pub fn picture(&mut self, picture: &Picture, pixels: Pixels, now_s: f64) -> Came {
-        let time_s = picture.time_s;
-        if time_s.is_nan() || time_s <= self.last_s {
-            return Came::Backwards;
-        }
-        if let Some(writer) = &self.writer {
-            let file = encoded(picture, &pixels);
-            if !writer.frame(time_s, file, picture.exposure_s) {
-                return Came::NotRecorded;
-            }
-        }
-        self.last_s = time_s;
-        // As the recording's reader finds it.
-        let photo = picture.jpeg().map(|file| exif::settings_of(&file)).unwrap_or_default();
-        let exposure = FrameExposure { time_s: picture.exposure_s.or(photo.time_s), photo, ..FrameExposure::default() };
-        let frame = Frame { index: self.frames, timestamp_s: time_s, pixels, depth: None, exposure };
-        self.frames += 1;
+        let (camera, settings, geometry) = (&self.camera, &self.shot.settings, &self.geometry);
         let interval_s = self.shot.recording.frame_interval_s;
-        let needs_s = poses_within_s(&frame, &self.camera, &self.shot.settings, &self.geometry, interval_s);
-        self.waiting.frame((frame, now_s), time_s, needs_s, now_s);
-        Came::Frame
+        let within_s = |frame: &Frame| poses_within_s(frame, camera, settings, geometry, interval_s);
+        self.intake.picture(picture, pixels, within_s, now_s)
     }
 
     /// When the next frame will have waited for its poses.
     pub fn due_s(&self) -> Option<f64> {
-        self.waiting.due_s()
+        self.intake.due_s()
     }
 
     /// Starts the next frame that need not wait any longer.
     pub fn submit(&mut self, now_s: f64) -> Result<Option<Submitted>, LiveError> {
-        let Some(Ready { frame: (frame, came_s), tracking, waited_s }) = self.waiting.next(now_s) else {
+        let Some(Arrived { frame, tracking, waited_s, came_s }) = self.intake.next(now_s) else {
             return Ok(None);
         };
-        if let Some(writer) = &self.writer {
-            writer.poses(self.waiting.take_new());
-        }
         let (index, taken_s) = (frame.index, frame.timestamp_s);
         let (interval_s, settings) = (self.shot.recording.frame_interval_s, &self.shot.settings);
-        let job = Job::of_frame(frame, &self.camera, settings, &self.geometry, self.waiting.track(), interval_s)?;
+        let job = Job::of_frame(frame, &self.camera, settings, &self.geometry, self.intake.track(), interval_s)?;
         let pending = self.compositor.submit(job, &self.camera, settings, Target::Pixels);
         let pending = pending.map_err(|source| LiveError::Submit { frame: index, source })?;
         Ok(Some(Submitted { pending, index, tracking, waited_s, came_s, taken_s }))
@@ -149,11 +107,7 @@ impl<'a> Live<'a> {
 
     /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
     pub fn finish(mut self) -> Option<(usize, Option<RecorderError>)> {
-        let new = self.waiting.take_new();
-        self.writer.take().map(|writer| {
-            writer.poses(new);
-            writer.finish()
-        })
+        self.intake.end_recording()
     }
 }
 

@@ -61,4 +61,7 @@ impl PoseSource for TaggedPoses {
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
     }
+    fn has_floor(&self) -> bool {
+        true
+    }
 }

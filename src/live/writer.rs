@@ -16,7 +16,7 @@ const MOST: usize = 32;
 const IDLE: Duration = Duration::from_millis(500);
 
 enum Work {
-    Frame { time_s: f64, file: Encoded, exposure_s: Option<f64> },
+    Frame { time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64> },
     Poses(Vec<Line>),
 }
 
@@ -62,7 +62,7 @@ impl Writer {
     }
 
     /// Hands a frame on. False if the disk is too slow for it, or the recording has ended: then it is not recorded.
-    pub fn frame(&self, time_s: f64, file: Encoded, exposure_s: Option<f64>) -> bool {
+    pub fn frame(&self, time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>) -> bool {
         self.work.as_ref().is_some_and(|work| work.try_send(Work::Frame { time_s, file, exposure_s }).is_ok())
     }
 

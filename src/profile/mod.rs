@@ -182,6 +182,13 @@ impl Rig {
         self.table_names(settings).join(", ")
     }
 
+    /// What a profile says of the camera alone.
+    pub fn of_file(path: &Path) -> Result<Self, ProfileError> {
+        let mut rig = Self::default();
+        rig.read(path, &mut Settings::default())?;
+        Ok(rig)
+    }
+
     /// Reads a profile, overriding the rig and the settings.
     pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
         let text = file::read_text(path, MOST_DOCUMENT)

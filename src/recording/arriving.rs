@@ -18,6 +18,7 @@ impl Recording {
             path: Path::new(name).to_owned(),
             kind: &own::FORMAT,
             up,
+            has_floor: false,
             width,
             height,
             bits: 8,
@@ -37,5 +38,19 @@ impl Recording {
             pictures: Arc::new(Pictures::Stills(Vec::new())),
             depth: None,
         }
+    }
+
+    /// Whether its frames come from a camera, and none can be read again.
+    pub fn is_arriving(&self) -> bool {
+        matches!(&*self.pictures, Pictures::Stills(files) if files.is_empty())
+    }
+
+    /// Takes the number and time of the frame that came last, with the poses that are known now. Frames are numbered from 0; one that comes again
+    /// begins anew.
+    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack) {
+        // Frames may have been left out by whoever looks.
+        let mut timestamps_s = self.timestamps_s[..frame.min(self.timestamps_s.len())].to_vec();
+        timestamps_s.resize(frame + 1, timestamp_s);
+        (self.timestamps_s, self.track) = (timestamps_s.into(), track);
     }
 }

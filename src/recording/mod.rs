@@ -84,6 +84,8 @@ pub struct Recording {
     pub kind: &'static Format,
     /// The world's up direction, unit length; `None` if the format does not give it.
     pub up: Option<DVec3>,
+    /// Whether the plane through the world's origin, across `up`, is a surface on which things stand.
+    pub has_floor: bool,
     /// Size of every frame, px.
     pub width: u32,
     pub height: u32,
@@ -243,6 +245,12 @@ impl Recording {
     pub fn frames(&self, range: Range<usize>) -> Result<Frames, RecordingError> {
         if range.start > range.end || range.end > self.frame_count() {
             return Err(RecordingError::Range { start: range.start, end: range.end, count: self.frame_count() });
+        }
+        if self.is_arriving() && !range.is_empty() {
+            return Err(RecordingError::content(
+                &self.path,
+                "a camera's frames are gone once they were seen; freeze it",
+            ));
         }
         Frames::new(self, range)
     }

@@ -39,6 +39,9 @@ pub struct Description {
     pub name: Option<String>,
     /// Any length but 0.
     pub up: Option<[f64; 3]>,
+    /// Whether the plane through the world's origin, across `up`, is a surface.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub floor: bool,
     pub frames: FrameFiles,
     #[serde(default, skip_serializing_if = "is_default")]
     pub poses: PoseFile,
@@ -127,6 +130,9 @@ fn check(d: &Description) -> Result<(), String> {
     if d.version != 1 {
         return Err(format!("version = {} is not known; accepted is 1", d.version));
     }
+    if d.floor && d.up.is_none() {
+        return Err("floor = true needs up: it lies across it, through the origin".to_owned());
+    }
     if let Some(up) = d.up.filter(|up| DVec3::from_array(*up).try_normalize().is_none()) {
         return Err(format!("up = {up:?} is no direction"));
     }
@@ -195,6 +201,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         parts.name = name;
     }
     parts.up = description.up.and_then(|up| DVec3::from_array(up).try_normalize());
+    parts.has_floor = description.floor;
     parts.time_offset_s = description.poses.time_offset_s.unwrap_or(0.0);
     let (trajectory, named) = match &description.poses.trajectory {
         Some(name) => {
@@ -287,6 +294,7 @@ mod tests {
             ("version = 1\n[frames]\nvideo = \"a\"\nrange = \"wide\"", "unknown variant `wide`"),
             ("version = 1\n[frames]\nimages = \"a\"\nfps = nan", "frames.fps = NaN"),
             ("version = 1\nup = [0, 0, 0]\n[frames]\nlist = \"a\"", "up = [0.0, 0.0, 0.0]"),
+            ("version = 1\nfloor = true\n[frames]\nlist = \"a\"", "floor = true needs up"),
             ("version = 1\n[frames]\nlist = \"a\"\n[depth]\nlist = \"d\"\nscale = 0.0", "depth.scale = 0"),
             ("version = 1\n[frames]\nlist = \"a\"\n[camera]", "[camera] needs profile, kind"),
             ("version = 1\n[frames]\nlist = \"a\"\n[camera]\nkind = \"round\"", "expected `equirectangular`"),

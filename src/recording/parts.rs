@@ -86,6 +86,7 @@ pub struct Parts {
     pub name: String,
     pub path: PathBuf,
     pub up: Option<DVec3>,
+    pub has_floor: bool,
     pub pictures: Pictures,
     /// One per frame.
     pub timestamps_s: Vec<f64>,
@@ -113,6 +114,7 @@ impl Parts {
             name: absolute.file_name().map_or_else(|| "recording".into(), |n| n.to_string_lossy().into_owned()),
             path: folder.to_owned(),
             up: None,
+            has_floor: false,
             pictures,
             timestamps_s,
             interval_s: None,
@@ -190,6 +192,7 @@ impl Parts {
             path: self.path,
             kind,
             up: self.up,
+            has_floor: self.has_floor,
             width,
             height,
             bits,

@@ -52,6 +52,8 @@ pub struct About {
     /// Longest interval across which poses are interpolated, seconds.
     pub max_gap_s: f64,
     pub up: Option<DVec3>,
+    /// Whether the plane through the world's origin, across `up`, is a surface.
+    pub has_floor: bool,
     pub camera: Option<String>,
     pub delivered: Option<String>,
     /// Whether every frame has an exposure, else none.
@@ -254,6 +256,7 @@ impl About {
             version: 1,
             name: None,
             up: self.up.map(|up| up.to_array()),
+            floor: self.has_floor && self.up.is_some(),
             frames: FrameFiles { list: Some(file(List::Frames)), ..FrameFiles::default() },
             poses: PoseFile {
                 trajectory: Some(file(List::Poses)),

@@ -62,6 +62,7 @@ mod tests {
                 version: 1,
                 name,
                 up: offset.map(|x| [x.min(1e100), -1e-100, 0.1]),
+                floor: round && offset.is_some(),
                 frames,
                 poses: PoseFile { trajectory: trajectory.map(Into::into), time_offset_s: offset, max_gap_s: gap },
                 depth: scale.map(|scale| DepthList {
@@ -88,6 +89,7 @@ mod tests {
             version: 1,
             name: None,
             up: None,
+            floor: false,
             frames: FrameFiles::default(),
             poses: PoseFile::default(),
             depth: None,

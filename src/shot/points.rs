@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::SurfaceError;
+use super::{Shot, SurfaceError};
 
 /// A plane a·x + b·y + c·z = d.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,14 @@ impl FittedPlane {
     pub fn facing(self, towards: DVec3) -> Self {
         let sign = if self.normal.dot(towards) < 0.0 { -1.0 } else { 1.0 };
         Self { normal: sign * self.normal, d_m: sign * self.d_m, ..self }
+    }
+}
+
+impl Shot {
+    /// The plane that the recording says is a surface: through the world's origin, across its up.
+    pub fn floor(&self) -> Option<FittedPlane> {
+        let normal = self.recording.up.filter(|_| self.recording.has_floor)?;
+        Some(FittedPlane { normal, d_m: 0.0, off_m: 0.0, most_m: 0.0 })
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::{Shot, ShotError};
 use crate::camera::Geometry;
-use crate::compositor::{Composited, Compositor, Input, Job, Pending, Stream, SubmitError, Target};
+use crate::compositor::{Composited, Compositor, Input, Job, Pending, Stream, SubmitError, Target, poses_within_s};
 use crate::frame::Frame;
 
 /// The composited frames of a range, in order, from [`Shot::frames`]. After an error there is nothing more.
@@ -63,6 +63,12 @@ impl Shot {
         let job = Job::of_frame(frame, &camera, &self.settings, geometry, track, interval_s)?;
         let job = Job { time_offset_s: self.recording.time_offset_s, want_layer, ..job };
         compositor.submit(job, &camera, &self.settings, target).map_err(failed)
+    }
+
+    /// From how long before a frame's time to how long after it poses matter to its picture, seconds.
+    pub fn poses_within_s(&self, frame: &Frame) -> Result<(f64, f64), ShotError> {
+        let (camera, geometry) = (self.camera(), self.geometry_at(frame.index)?);
+        Ok(poses_within_s(frame, &camera, &self.settings, &geometry, self.interval_s(frame.index)))
     }
 
     /// Composites a range of frames: decoded ahead, with `in_flight` of them on the GPU at a time (at least one).

@@ -200,6 +200,7 @@ fn recording_toml(name: &str, options: &Options, sensor: Option<&DepthSensor>) -
         version: 1,
         name: Some(name.to_owned()),
         up: Some([0.0, 0.0, 1.0]),
+        floor: false,
         frames: FrameFiles { list: Some("rgb.txt".into()), ..FrameFiles::default() },
         poses: PoseFile { trajectory: Some("groundtruth.txt".into()), ..PoseFile::default() },
         depth: Some(DepthList {

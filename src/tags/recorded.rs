@@ -135,6 +135,7 @@ fn texts(name: &str, Parts { video, profile, board, track }: &Parts<'_>) -> Resu
         version: 1,
         name: Some(name.to_owned()),
         up: Some([0.0, 0.0, 1.0]),
+        floor: true,
         frames: FrameFiles {
             video: Some(video_name(video).into()),
             range: Some(video.range),

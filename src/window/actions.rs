@@ -8,6 +8,8 @@ use super::handles::Begin;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Play,
+    /// Freezes the camera, or shows it again.
+    Camera,
     /// Frames on; back where negative.
     Step(isize),
     /// The first frame of what is played over and over; the last; all frames.
@@ -73,7 +75,8 @@ const BINDINGS: &[Binding] = &[
     bind(ALT, Key::ArrowRight, Action::Nudge(1, 0), "move what is selected by a millimetre"),
     bind(ALT, Key::ArrowUp, Action::Nudge(0, 1), "move what is selected by a millimetre"),
     bind(ALT, Key::ArrowDown, Action::Nudge(0, -1), "move what is selected by a millimetre"),
-    bind(NONE, Key::Space, Action::Play, "play, pause"),
+    bind(NONE, Key::Space, Action::Play, "play, pause; freeze the camera"),
+    bind(NONE, Key::C, Action::Camera, "freeze the camera, show it again"),
     bind(SHIFT, Key::ArrowLeft, Action::Step(-10), "ten frames back, on"),
     bind(SHIFT, Key::ArrowRight, Action::Step(10), "ten frames back, on"),
     bind(NONE, Key::ArrowLeft, Action::Step(-1), "one frame back, on"),
@@ -139,7 +142,9 @@ const PARTS: [(Part, &str); 4] =
 
 fn part(action: Action) -> Part {
     match action {
-        Action::Play | Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll => Part::Time,
+        Action::Play | Action::Camera | Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll => {
+            Part::Time
+        }
         Action::Wipe
         | Action::Loupe
         | Action::Compare

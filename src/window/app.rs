@@ -4,7 +4,7 @@ mod acts;
 mod bar;
 mod seen;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
@@ -12,6 +12,7 @@ use glam::DVec2;
 
 use super::actions;
 use super::autosave::Left;
+use super::camera;
 use super::errand::let_go;
 use super::evidence::Evidence;
 use super::fit;
@@ -30,6 +31,7 @@ use super::side::{Side, fixed};
 use super::theme;
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
+use crate::live;
 use crate::scene::Entry;
 
 /// The tuner.
@@ -53,15 +55,24 @@ pub struct App {
 
 impl App {
     /// Takes the window's device.
-    pub fn new(context: &eframe::CreationContext<'_>, project: Project) -> Result<Self, String> {
+    pub fn new(
+        context: &eframe::CreationContext<'_>,
+        project: Project,
+        camera: Option<live::Opened>,
+    ) -> Result<Self, String> {
         theme::install(&context.egui_ctx);
-        Self::begin(&context.egui_ctx, painter::of_window(context)?, project)
+        Self::begin(&context.egui_ctx, painter::of_window(context)?, project, camera)
     }
 
-    /// In a window that has its painter already.
-    pub fn begin(ctx: &egui::Context, window: RenderState, project: Project) -> Result<Self, String> {
+    /// In a window that has its painter already. The project is a recording's, or that of a camera, which starts now.
+    pub fn begin(
+        ctx: &egui::Context,
+        window: RenderState,
+        project: Project,
+        camera: Option<live::Opened>,
+    ) -> Result<Self, String> {
         Ok(Self {
-            session: Session::new(window.clone(), ctx, project)?,
+            session: session(&window, ctx, project, camera)?,
             view: View::default(),
             side: Side::default(),
             evidence: Evidence::default(),
@@ -90,7 +101,9 @@ impl App {
 
     /// Goes on where one was, with the work that was left there.
     pub fn go_on(&mut self, at: At, left: Option<Left>) {
-        self.session.player.seek(at.frame);
+        if !self.session.is_live() {
+            self.session.player.seek(at.frame);
+        }
         self.view.look_at(at.zoom, at.centre);
         if let Some(left) = left {
             self.keeper.take_up(left);
@@ -105,6 +118,11 @@ impl App {
     /// Shows the page that says what can be opened.
     pub fn show_start(&mut self, shows: bool) {
         self.keeper.shows_start = shows;
+    }
+
+    /// Records what comes from the camera into a new folder.
+    pub fn record(&mut self, folder: PathBuf) {
+        self.session.record(folder);
     }
 
     /// How the program starts anew where the graphics device is lost; `restart` says why it did not.
@@ -156,6 +174,11 @@ impl App {
         self.session.problem()
     }
 
+    /// What was done, as the window says it.
+    pub fn said(&self) -> Option<&str> {
+        self.session.said()
+    }
+
     /// Whether the picture that is shown is finished, and is that of all that is set now.
     pub fn is_settled(&self) -> bool {
         self.session.is_settled()
@@ -182,9 +205,9 @@ impl App {
 
     /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
     fn keep(&mut self, ctx: &egui::Context) {
-        let Some(Turn { project, at }) = self.keeper.work(ctx, &mut self.session) else { return };
+        let Some(Turn { project, camera, at }) = self.keeper.work(ctx, &mut self.session) else { return };
         self.keeper.leaves(&self.session.project, self.at());
-        match Session::new(self.window.clone(), ctx, project) {
+        match session(&self.window, ctx, project, camera) {
             Ok(session) => {
                 // Its threads end when what they decode and draw is done.
                 let_go(std::mem::replace(&mut self.session, session));
@@ -225,6 +248,18 @@ impl App {
         if let Some(step) = chosen {
             self.session.project.go_to(step);
         }
+    }
+}
+
+fn session(
+    window: &RenderState,
+    ctx: &egui::Context,
+    project: Project,
+    camera: Option<live::Opened>,
+) -> Result<Session, String> {
+    match camera {
+        Some(camera) => Session::live(window.clone(), ctx, project, camera),
+        None => Session::new(window.clone(), ctx, project),
     }
 }
 
@@ -275,10 +310,17 @@ impl eframe::App for App {
             // From the first frame on: a recording's own clock may count from 1970.
             let of = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
             let time_s = of(session.player.frame()) - of(0);
-            let told = Told { time_s, shown_per_s: session.pictures_per_s(), reduced_by: session.reduced_by() };
-            timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.held);
-            ui.add_space(3.0);
-            timeline::show(ui, &mut session.player, &told);
+            if session.is_live() {
+                camera::show(ui, session);
+            } else {
+                let told = Told { time_s, shown_per_s: session.pictures_per_s(), reduced_by: session.reduced_by() };
+                timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.held);
+                ui.add_space(3.0);
+                timeline::show(ui, &mut session.player, &told);
+            }
+            if let Some(asked) = camera::buttons(ui, session) {
+                self.keeper.of_camera(ui.ctx(), session, asked);
+            }
             ui.add_space(2.0);
         });
         if !self.view.alone {

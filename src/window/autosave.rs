@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::project::Edit;
 use super::recent::{At, Opened};
+use crate::live::LiveFrom;
 use crate::sink::atomic::write_atomically;
 use crate::source::file::{self, MOST_LISTING};
 
@@ -39,6 +40,9 @@ pub struct Work {
     pub profile: Option<PathBuf>,
     pub scene: Option<PathBuf>,
     pub frame: usize,
+    /// In place of the recording.
+    #[serde(default)]
+    pub camera: Option<LiveFrom>,
     pub edit: Edit,
 }
 
@@ -59,7 +63,17 @@ impl Work {
         }
         let at_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         let (profile, scene) = (profile.map(absolute), scene.map(absolute));
-        Self { version: VERSION, at_s, recording: absolute(recording), metres_per_unit, profile, scene, frame: 0, edit }
+        Self {
+            version: VERSION,
+            at_s,
+            recording: absolute(recording),
+            metres_per_unit,
+            profile,
+            scene,
+            frame: 0,
+            camera: None,
+            edit,
+        }
     }
 }
 
@@ -150,10 +164,13 @@ impl Left {
 
     /// What is to be opened to take it up.
     pub fn opened(&self) -> Opened {
-        let Work { recording, scene, profile, metres_per_unit, frame, .. } = &*self.work;
-        let (recording, scene, profile) = (recording.clone(), scene.clone(), profile.clone());
+        let Work { recording, scene, profile, metres_per_unit, frame, camera, .. } = &*self.work;
+        let (scene, profile) = (scene.clone(), profile.clone());
+        if let Some(from) = camera {
+            return Opened::camera(from.clone(), profile, scene);
+        }
         let at = At { frame: *frame, ..At::default() };
-        Opened { recording, scene, profile, metres_per_unit: *metres_per_unit, at }
+        Opened { scene, profile, metres_per_unit: *metres_per_unit, at, ..Opened::recording(recording.clone()) }
     }
 
     /// Nobody wants it.

@@ -168,6 +168,7 @@ pub fn message(ctx: &Context, text: &str) -> bool {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Start {
     Open,
+    Camera,
     Recent(Opened),
     Leave,
 }
@@ -193,6 +194,9 @@ pub fn start<'a>(
         ui.horizontal(|ui| {
             if ui.button("Open a recording…").clicked() {
                 chosen = Some(Start::Open);
+            }
+            if ui.button("Live camera…").clicked() {
+                chosen = Some(Start::Camera);
             }
             if lacking.is_none() && ui.button("Stay with the demonstration").clicked() {
                 chosen = Some(Start::Leave);

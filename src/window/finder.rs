@@ -40,9 +40,14 @@ impl Finder {
         self.first.is_some()
     }
 
+    /// What a click meets: what was chosen, or the recording's floor where the frame has no depth.
+    fn plane(&self, shot: &Shot, frame: &Frame) -> Option<FittedPlane> {
+        self.plane.or_else(|| shot.floor().filter(|_| frame.depth.is_none()))
+    }
+
     /// What a click would find, where one click is enough.
     pub fn look(&self, shot: &Shot, frame: &Frame, at_px: DVec2) -> Option<Support> {
-        match (self.first, self.plane) {
+        match (self.first, self.plane(shot, frame)) {
             (Some(_), _) => None,
             (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.numbers()).ok(),
             (None, None) => {
@@ -55,7 +60,7 @@ impl Finder {
     /// Takes a click in a frame.
     pub fn click(&mut self, shot: &Shot, up: DVec3, frame: &Frame, at_px: DVec2) -> Result<Click, String> {
         self.told = None;
-        if let (Some(plane), None) = (self.plane, self.first) {
+        if let (Some(plane), None) = (self.plane(shot, frame), self.first) {
             let support = shot.support_on_plane(frame.index, at_px, plane.numbers()).map_err(|e| e.to_string())?;
             return Ok(Click::Point(support));
         }

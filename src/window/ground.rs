@@ -119,12 +119,21 @@ impl Ground {
             match self.finder.plane {
                 Some(_) => {
                     ui.label("a plane");
-                    let back = if has_depth { "As the depth shows" } else { "None" };
+                    let back = match has_depth {
+                        true => "As the depth shows",
+                        false if project.shot().floor().is_some() => "The floor",
+                        false => "None",
+                    };
                     if ui.button(back).clicked() {
                         self.finder.plane = None;
                     }
                 }
-                None => _ = ui.label(if has_depth { "as the depth shows" } else { "each point in two frames" }),
+                None if has_depth => _ = ui.label("as the depth shows"),
+                None if project.shot().floor().is_some() => {
+                    let hint = "The plane through the world's origin: a sheet of tags, a stage's floor.";
+                    ui.label("the floor").on_hover_text(hint);
+                }
+                None => _ = ui.label("each point in two frames"),
             }
             let hint = "Click three points of a floor or a desk; things are placed on the plane through them.";
             if ui.button("Three points…").on_hover_text(hint).clicked() {

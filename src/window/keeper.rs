@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use eframe::egui;
 
+use super::air::Air;
 use super::autosave::{Autosave, Left, Work};
 use super::chooser::{Chooser, Seeks};
 use super::dialogs;
@@ -24,6 +25,7 @@ use super::restart;
 use super::saving::Saved;
 use super::session::Session;
 use super::watch::{Change, Watch};
+use crate::live;
 
 /// What a dialog chooses a path for.
 #[derive(Debug)]
@@ -34,6 +36,9 @@ enum Purpose {
     SaveProfile,
     SaveScene,
     Put(Ask),
+    /// A camera's pictures from now on; its last seconds.
+    Record,
+    Keep,
 }
 
 impl Purpose {
@@ -42,7 +47,7 @@ impl Purpose {
             Self::Open => Use::Recording,
             Self::OpenProfile | Self::SaveProfile => Use::Profile,
             Self::OpenScene | Self::SaveScene => Use::Scene,
-            Self::Put(_) => Use::Output,
+            Self::Put(_) | Self::Record | Self::Keep => Use::Output,
         }
     }
 }
@@ -58,6 +63,8 @@ enum Then {
 #[derive(Debug)]
 pub struct Turn {
     pub project: Project,
+    /// In place of a recording.
+    pub camera: Option<live::Opened>,
     pub at: At,
 }
 
@@ -96,6 +103,10 @@ pub struct Keeper {
     /// A message, all of it.
     pub message: Option<String>,
     chooser: Option<(Purpose, Chooser)>,
+    /// Asks for a camera.
+    air: Option<Air>,
+    /// The user's folder for what lies between two sessions.
+    folder: Option<PathBuf>,
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Vec<(PathBuf, Errand<Kind>)>,
@@ -127,6 +138,7 @@ impl Keeper {
     pub fn keep_in(&mut self, folder: &Path, session: &mut Session) {
         self.recent = Recent::read(folder.join("recent.json"));
         self.habits = Habits::read(folder.join("habits.json"));
+        self.folder = Some(folder.to_owned());
         let work = folder.join("work");
         match Autosave::begin(&work) {
             Ok(autosave) => self.autosave = Some(autosave),
@@ -138,6 +150,9 @@ impl Keeper {
 
     /// What is open is left, or the window ends: it opens again where one was.
     pub fn leaves(&mut self, project: &Project, at: At) {
+        if project.is_frozen() {
+            return;
+        }
         self.recent.add(Opened { at, ..Opened::of(project) });
     }
 
@@ -159,7 +174,9 @@ impl Keeper {
     /// A recording is open: from now on its files are watched.
     fn opened(&mut self, session: &Session) {
         let project = &session.project;
-        self.recent.add(Opened::of(project));
+        if !project.is_frozen() {
+            self.recent.add(Opened::of(project));
+        }
         self.passed_over.clear();
         if let Some(watch) = &mut self.watch {
             watch.forget();
@@ -294,6 +311,11 @@ impl Keeper {
         if !self.shows_output {
             return;
         }
+        if session.is_live() {
+            self.shows_output = false;
+            return session
+                .say("Freeze the camera first (Space): its last seconds can be exported and photographed then");
+        }
         let player = &session.player;
         let looped = Some(player.range()).filter(|range| range.len() < player.count());
         let now = Situation { frame: player.frame(), count: player.count(), looped };
@@ -332,7 +354,7 @@ impl Keeper {
     pub fn is_asking(&self) -> bool {
         let asks =
             self.chooser.is_some() || self.asks_whether.is_some() || self.then.is_some() || self.opening.is_some();
-        let asks = asks || self.asks_first.is_some();
+        let asks = asks || self.asks_first.is_some() || self.air.is_some();
         asks || !self.left.is_empty()
     }
 
@@ -356,5 +378,6 @@ fn work(session: &Session) -> Option<Work> {
     let (profile, scene) = (project.profile.as_deref(), project.scene.as_deref());
     let mut work = Work::new(recording, unit, profile, scene, project.edit().clone());
     work.frame = session.player.frame();
+    work.camera = project.camera.clone().filter(|_| session.is_live());
     Some(work)
 }

@@ -80,7 +80,7 @@ impl Library {
     pub fn show(&mut self, ui: &mut Ui, gpu: &Gpu) -> Option<PathBuf> {
         self.take_drawn(ui.ctx());
         if self.models.is_empty() {
-            ui.label("No .glb beside the scene file. Drop one into the window.");
+            ui.label("No .glb beside the scene file or in scenes. Drop one into the window.");
             return None;
         }
         let mut chosen = None;

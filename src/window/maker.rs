@@ -42,6 +42,8 @@ pub struct Order {
     pub made: Made,
     /// As all is set at this moment.
     pub shot: Shot,
+    /// The frame, where it is a camera's; else the recording's is decoded.
+    pub given: Option<Arc<Frame>>,
     /// Where it goes: of the picture's size.
     pub texture: wgpu::Texture,
     pub wants: Wants,
@@ -110,7 +112,11 @@ impl Maker {
                 if order.wants.times {
                     compositor.time_next();
                 }
-                let (frame, pending) = match reader.frame(order.made.frame) {
+                if !reader.is_of(&order.shot.recording) {
+                    reader = Reader::new(Arc::clone(&order.shot.recording));
+                }
+                let frame = order.given.clone().map_or_else(|| reader.frame(order.made.frame), Ok);
+                let (frame, pending) = match frame {
                     Ok(frame) => {
                         let submit = || {
                             if order.made.by > 1 {

@@ -4,6 +4,7 @@
 //! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
 //!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into; `canvas` shows them,
 //!   `placed` where they lie on the screen. `painter` paints the window again where `changes` says.
+//!   A camera in a recording's place: `session/live`, with `camera` below the picture; `air` asks for it.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
 //!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
 //!   with its verdict. `plots`: how plots look.
@@ -22,11 +23,13 @@
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
 mod actions;
+mod air;
 mod analysis;
 mod app;
 mod autosave;
 mod background;
 mod calibrating;
+mod camera;
 mod canvas;
 mod changes;
 mod chooser;
@@ -81,6 +84,7 @@ mod watch;
 mod wrongs;
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use eframe::egui;
@@ -99,10 +103,24 @@ pub use saving::{DEMO, DEMO_SCENE};
 pub use start::Start;
 
 use crate::gpu::Gpu;
+use crate::live;
 
-/// Opens the window and waits until it is closed. `start`: with the page that says what can be opened, and with nothing else
-/// where there is no project. With a [`Measure`] it works by itself, and keeps nothing.
-pub fn open(project: Option<Project>, start: bool, measure: Option<Measure>) -> Result<(), eframe::Error> {
+/// What the window begins with.
+#[derive(Default)]
+pub struct First {
+    pub project: Option<Project>,
+    /// The project is of its recording, which arrives from now on.
+    pub camera: Option<live::Opened>,
+    /// What comes from the camera is recorded into this folder.
+    pub record: Option<PathBuf>,
+    /// The page that says what can be opened; there is nothing else where there is no project.
+    pub start: bool,
+    /// It works by itself, and keeps nothing.
+    pub measure: Option<Measure>,
+}
+
+/// Opens the window and waits until it is closed.
+pub fn open(first: First) -> Result<(), eframe::Error> {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.device_descriptor = Arc::new(Gpu::wanted);
     let size = egui::vec2(1280.0, 800.0);
@@ -126,10 +144,11 @@ pub fn open(project: Option<Project>, start: bool, measure: Option<Measure>) -> 
             if let Some(state) = context.wgpu_render_state.clone() {
                 let _ = of_window.set(state);
             }
+            let First { project, camera, record, start, measure } = first;
             let Some(project) = project else {
                 return Ok(Box::new(Start::new(context, state::folder().as_deref())?));
             };
-            let mut app = App::new(context, project)?;
+            let mut app = App::new(context, project, camera)?;
             if let Some(measure) = measure {
                 return Ok(Box::new(app.measured(measure)));
             }
@@ -138,6 +157,7 @@ pub fn open(project: Option<Project>, start: bool, measure: Option<Measure>) -> 
             }
             context.egui_ctx.set_theme(app.keeper().theme());
             app.show_start(start);
+            record.into_iter().for_each(|folder| app.record(folder));
             Ok(Box::new(app))
         };
         eframe::run_native("locard", options, Box::new(app))

@@ -1,19 +1,25 @@
 //! A recording that is being opened: on a thread of its own, since the headers of all its frames are read.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use super::autosave::Left;
 use super::errand::Errand;
 use super::project::Project;
 use super::recent::Opened;
-use crate::recording::OpenOptions;
+use crate::live::{self, LiveFrom};
+use crate::profile::Rig;
+use crate::recording::{OpenOptions, Recording};
 use crate::shot::Given;
+use crate::webcam::{CameraError, Wanted};
+use crate::words::without_options;
 
 /// What came of it.
 #[derive(Debug)]
 pub struct Done {
     pub opened: Opened,
-    pub project: Result<Box<Project>, String>,
+    pub project: Result<(Box<Project>, Option<live::Opened>), String>,
     /// Work that is taken up with it.
     pub left: Option<Left>,
     /// They are the files that are open.
@@ -26,26 +32,41 @@ pub struct Opening {
     opened: Opened,
     left: Option<Left>,
     is_again: bool,
-    errand: Errand<Result<Box<Project>, String>>,
+    errand: Errand<Result<(Box<Project>, Option<live::Opened>), String>>,
 }
 
 impl Opening {
     /// `wake` is called from the thread when it is over. Work that was left goes into what is opened.
     pub fn begin(opened: Opened, left: Option<Left>, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
+        Self::of(opened, left, None, wake)
+    }
+
+    /// A recording that is open already is not opened again.
+    fn of(
+        opened: Opened,
+        left: Option<Left>,
+        open_already: Option<Arc<Recording>>,
+        wake: impl FnOnce() + Send + 'static,
+    ) -> std::io::Result<Self> {
         let (wanted, edit) = (opened.clone(), left.as_ref().map(|left| left.work.edit.clone()));
         let errand = Errand::begin("opening", wake, move || {
-            let mut project = open(&wanted)?;
+            let (mut project, camera) = match (&wanted.camera, open_already) {
+                (_, Some(recording)) => (put_to(Recording::clone(&recording), &wanted)?, None),
+                (Some(from), None) => open_camera(&wanted, from)?,
+                (None, None) => (open(&wanted)?, None),
+            };
             if let Some(edit) = edit {
                 project.take_up(edit).map_err(|error| error.to_string())?;
             }
-            Ok(Box::new(project))
+            Ok((Box::new(project), camera))
         })?;
         Ok(Self { opened, left, is_again: false, errand })
     }
 
-    /// Reads the files that are open again.
-    pub fn again(opened: Opened, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
-        Ok(Self { is_again: true, ..Self::begin(opened, None, wake)? })
+    /// Reads the files that are open again; a camera goes on.
+    pub fn again(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
+        let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
+        Ok(Self { is_again: true, ..Self::of(Opened::of(project), None, recording, wake)? })
     }
 
     pub fn what(&self) -> &Path {
@@ -58,6 +79,34 @@ impl Opening {
         let project = project.and_then(|project| project);
         Ok(Done { opened: self.opened, project, left: self.left, is_again: self.is_again })
     }
+}
+
+/// A camera that was shown until now may need so long to be free.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Opens a camera; it is not started.
+fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), String> {
+    let failed = |error: &dyn std::fmt::Display| without_options(&error.to_string());
+    let profiled = opened.profile.as_deref().map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose();
+    let profiled = profiled.map_err(|error| failed(&error))?;
+    let begun = Instant::now();
+    let camera = loop {
+        match live::open(&from.camera, None, Wanted::default(), &from.poses, profiled.as_ref()) {
+            Err(live::LiveError::Camera(CameraError::Busy { .. })) if begun.elapsed() < PATIENCE => {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            other => break other.map_err(|error| failed(&error))?,
+        }
+    };
+    Ok((put_to(camera.recording(), opened)?, Some(camera)))
+}
+
+/// A camera's recording with what is put to it.
+fn put_to(recording: Recording, opened: &Opened) -> Result<Project, String> {
+    let given = Given { profile: opened.profile.clone(), sets: Vec::new(), scene: opened.scene.clone() };
+    let mut project = Project::of(recording, 1.0, &given).map_err(|error| without_options(&error.to_string()))?;
+    project.camera.clone_from(&opened.camera);
+    Ok(project)
 }
 
 /// Opens what is there. A profile that is not there is one that will be made.

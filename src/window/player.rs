@@ -9,6 +9,8 @@ pub enum Pace {
     Recorded(f64),
     /// Every frame, as fast as they come.
     EveryFrame,
+    /// As a camera gives them: there is no other frame than the newest.
+    Arriving,
 }
 
 /// Where a recording stands. Knows no clock: it is told how much time has passed.
@@ -34,6 +36,16 @@ impl Player {
         let range = 0..timestamps_s.len().max(1);
         let pace = Pace::Recorded(1.0);
         Self { timestamps_s: timestamps_s.to_vec(), frame: 0, playing: false, pace, range, time_s, dropped: 0 }
+    }
+
+    /// Of a camera: it plays until it is told otherwise.
+    pub fn arriving() -> Self {
+        Self { playing: true, pace: Pace::Arriving, ..Self::new(&[]) }
+    }
+
+    /// A camera's newest frame.
+    pub fn arrive(&mut self, frame: usize) {
+        self.frame = frame;
     }
 
     pub fn frame(&self) -> usize {
@@ -84,6 +96,7 @@ impl Player {
         }
         let next = if self.frame + 1 < self.range.end { self.frame + 1 } else { self.range.start };
         match self.pace {
+            Pace::Arriving => {}
             Pace::EveryFrame => {
                 if is_begun {
                     self.seek(next);

@@ -5,16 +5,19 @@ mod scene;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::History;
 use super::watch::{Stamp, stamp};
 use crate::camera::NoiseProfile;
 use crate::compositor::Settings;
+use crate::live::LiveFrom;
 use crate::params::{ParamError, Params, Value, called, title};
 use crate::profile::Rig;
-use crate::recording::OpenOptions;
+use crate::recording::{OpenOptions, Recording};
 use crate::scene::{self as scenes, Models, SceneFile};
 use crate::shot::{Given, Shot, ShotError};
+use crate::tracking::PoseTrack;
 
 pub use save::{Draft, SaveError, Written};
 
@@ -67,6 +70,8 @@ pub struct Project {
     pub scene: Option<PathBuf>,
     /// Of the recording, as it was opened.
     pub metres_per_unit: f64,
+    /// Where its frames come from as long as the recording is still arriving.
+    pub camera: Option<LiveFrom>,
     scene_text: Option<scenes::Document>,
     /// What the shot's scene was loaded from.
     loaded: SceneFile,
@@ -88,11 +93,18 @@ pub struct Project {
 impl Project {
     /// Opens a recording and what is given with it, as [`Shot::open`].
     pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+        let before = stamp(recording);
+        let mut project = Self::of(Recording::open(recording, options)?, options.metres_per_unit, given)?;
+        project.stamps.extend([recording.to_owned(), project.shot.recording.path.clone()].map(|path| (path, before)));
+        Ok(project)
+    }
+
+    /// Like [`Project::open`], for a recording that is open.
+    pub fn of(recording: Recording, metres_per_unit: f64, given: &Given) -> Result<Self, ShotError> {
         // Before they are read: what is changed in between is noticed.
-        let files = [Some(recording), given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
-        let mut stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
-        let shot = Shot::open(recording, options, given)?;
-        stamps.extend(stamps.get(recording).map(|stamp| (shot.recording.path.clone(), *stamp)));
+        let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
+        let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
+        let shot = Shot::of(recording, given)?;
         // A model alone stands where its own coordinates put it, which no scene file can say.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
@@ -110,7 +122,8 @@ impl Project {
             },
             profile: given.profile.clone(),
             scene: given.scene.clone(),
-            metres_per_unit: options.metres_per_unit,
+            metres_per_unit,
+            camera: None,
             scene_text,
             loaded: edit.scene.clone(),
             models: Models::default(),
@@ -136,6 +149,23 @@ impl Project {
 
     pub fn edit(&self) -> &Edit {
         self.history.now()
+    }
+
+    /// Whether it stands on a camera's last seconds.
+    pub fn is_frozen(&self) -> bool {
+        self.camera.is_some() && !self.shot.recording.is_arriving()
+    }
+
+    /// A frame has come, with the poses that are known now ([`Recording::arrive`]).
+    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack) {
+        Arc::make_mut(&mut self.shot.recording).arrive(frame, timestamp_s, track);
+    }
+
+    /// Goes on with another recording by the same camera, in the same world.
+    pub fn stand_on(&mut self, recording: Arc<Recording>) {
+        self.stamps.insert(recording.path.clone(), stamp(&recording.path));
+        self.shot.recording = recording;
+        self.version += 1;
     }
 
     /// Each change gives another number.

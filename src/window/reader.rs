@@ -22,6 +22,10 @@ impl Reader {
         Self { recording, held: None, stream: None }
     }
 
+    pub fn is_of(&self, recording: &Arc<Recording>) -> bool {
+        Arc::ptr_eq(&self.recording, recording)
+    }
+
     /// A frame. Waits for it.
     pub fn frame(&mut self, frame: usize) -> Result<Arc<Frame>, RecordingError> {
         if let Some(held) = self.held.as_ref().filter(|held| held.index == frame) {

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::errand::Errand;
 use super::project::Project;
 use super::state;
+use crate::live::LiveFrom;
 
 const MOST: usize = 12;
 /// How often it is looked whether they are still there.
@@ -25,6 +26,9 @@ pub struct Opened {
     pub metres_per_unit: f64,
     #[serde(default)]
     pub at: At,
+    /// In place of a recording; its path is the camera's name then.
+    #[serde(default)]
+    pub camera: Option<LiveFrom>,
 }
 
 /// Where one was: the frame, and how it was looked at.
@@ -39,15 +43,29 @@ pub struct At {
 }
 
 impl Opened {
+    /// A recording alone.
+    pub fn recording(recording: PathBuf) -> Self {
+        Self { recording, scene: None, profile: None, metres_per_unit: 1.0, at: At::default(), camera: None }
+    }
+
+    /// A camera, with what is put to it.
+    pub fn camera(from: LiveFrom, profile: Option<PathBuf>, scene: Option<PathBuf>) -> Self {
+        let name = PathBuf::from(format!("camera {}", from.camera));
+        Self { scene, profile, camera: Some(from), ..Self::recording(name) }
+    }
+
     /// What is open, at its beginning.
     pub fn of(project: &Project) -> Self {
         let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        Self {
-            recording: whole(&project.shot().recording.path),
-            scene: project.scene.as_deref().map(whole),
-            profile: project.profile.as_deref().map(whole),
-            metres_per_unit: project.metres_per_unit,
-            at: At::default(),
+        let (scene, profile) = (project.scene.as_deref().map(whole), project.profile.as_deref().map(whole));
+        match project.camera.clone().filter(|_| project.shot().recording.is_arriving()) {
+            Some(from) => Self::camera(from, profile, scene),
+            None => Self {
+                scene,
+                profile,
+                metres_per_unit: project.metres_per_unit,
+                ..Self::recording(whole(&project.shot().recording.path))
+            },
         }
     }
 }
@@ -129,7 +147,8 @@ impl Recent {
             (self.gone, self.looking) = (gone.unwrap_or_default(), None);
         }
         if self.looking.is_none() && self.looked.is_none_or(|looked| looked.elapsed() >= LOOKED_EVERY) {
-            let (wake, paths) = (ctx.clone(), self.list.iter().map(|opened| opened.recording.clone()));
+            let recordings = self.list.iter().filter(|opened| opened.camera.is_none());
+            let (wake, paths) = (ctx.clone(), recordings.map(|opened| opened.recording.clone()));
             let paths: Vec<PathBuf> = paths.collect();
             let gone = move || paths.into_iter().filter(|path| !path.exists()).collect();
             self.looking = Errand::begin("recent there", move || wake.request_repaint(), gone).ok();
@@ -148,11 +167,9 @@ mod tests {
         let temp = tempfile::tempdir().unwrap();
         let file = temp.path().join("new/recent.json");
         let opened = |n: usize| Opened {
-            recording: format!("/r/{n}").into(),
-            scene: None,
             profile: Some("/p.toml".into()),
-            metres_per_unit: 1.0,
             at: At { frame: n, ..At::default() },
+            ..Opened::recording(format!("/r/{n}").into())
         };
         let mut recent = Recent::read(file.clone());
         let mut other = Recent::read(file.clone());

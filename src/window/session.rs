@@ -1,5 +1,7 @@
 //! A recording that is open: what a person edits, where it stands, and its pictures as they are decoded and composited.
 
+mod live;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,6 +9,8 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
+use self::live::Live;
+pub use self::live::{PAST_S, Told};
 use super::maker::{Finished, Made, Wants};
 use super::player::{Pace, Player};
 use super::project::Project;
@@ -80,6 +84,8 @@ pub struct Session {
     lacks_camera: bool,
     /// What was told last.
     message: Option<Message>,
+    /// A camera in place of a recording.
+    live: Option<Live>,
 }
 
 /// What was done, or went wrong.
@@ -124,6 +130,7 @@ impl Session {
             picture_problem: None,
             lacks_camera: false,
             message: None,
+            live: None,
         })
     }
 
@@ -255,6 +262,7 @@ impl Session {
     /// Takes what was made. To be called first in a frame of the window; never waits.
     pub fn take(&mut self, ctx: &egui::Context) {
         self.take_finished();
+        self.take_arrived(ctx);
         self.forget(ctx);
         // A device says that it is lost when it is looked after; the window's own shapes would break off without it.
         let gpu = self.viewer.gpu();
@@ -319,6 +327,9 @@ impl Session {
                     if made.is_other {
                         continue;
                     }
+                    if let Some(live) = &mut self.live {
+                        live.shown(frame.timestamp_s);
+                    }
                     self.now = Some(Now { made, frame, stats, codes });
                     self.finished.push_back(instant);
                     self.pictures += 1;
@@ -362,12 +373,16 @@ impl Session {
         if self.ended || self.is_lost || begun.is_some() && !lacks_codes && !lacks_size {
             return false;
         }
+        // A camera's first frame is still to come.
+        if self.is_live() && self.arrived().is_none() {
+            return false;
+        }
         let by = if begun.is_some() { 1 } else { self.reduction() };
         if begun.is_none() {
             self.changed = Some(Instant::now());
         }
         let made = Made { by, ..wanted };
-        self.viewer.begin(made, self.project.shot().clone(), self.wants);
+        self.viewer.begin(made, self.project.shot().clone(), self.arrived(), self.wants);
         self.begun = Some(made);
         true
     }
@@ -381,7 +396,7 @@ impl Session {
             return;
         }
         if let Some(shot) = self.project.other_shot() {
-            self.viewer.begin(wanted, shot, Wants::default());
+            self.viewer.begin(wanted, shot, self.arrived(), Wants::default());
             self.begun_other = Some(wanted);
         }
     }

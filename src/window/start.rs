@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 
+use super::air::Air;
 use super::app::App;
 use super::autosave::Left;
 use super::chooser::{Chooser, Chosen, Seeks};
@@ -17,7 +18,7 @@ use super::keeper::Turn;
 use super::kind::Kind;
 use super::opening::Opening;
 use super::painter;
-use super::recent::{At, Opened, Recent};
+use super::recent::{Opened, Recent};
 use super::saving::DEMO;
 use super::theme;
 
@@ -33,6 +34,7 @@ pub struct Start {
     habits: Habits,
     left: Vec<Left>,
     chooser: Option<Chooser>,
+    air: Option<Air>,
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Option<(PathBuf, Errand<Kind>)>,
@@ -58,6 +60,7 @@ impl Start {
             habits,
             left: read("work").map_or_else(Vec::new, |work| Left::found(&work)),
             chooser: None,
+            air: None,
             opening: None,
             looked_at: None,
             told: None,
@@ -94,7 +97,7 @@ impl Start {
         if let Some((path, kind)) = self.looked_at.take() {
             match kind.take() {
                 None => self.looked_at = Some((path, kind)),
-                Some(Ok(Kind::Recording)) => self.begin(ctx, recording(path), None),
+                Some(Ok(Kind::Recording)) => self.begin(ctx, Opened::recording(path), None),
                 Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(why),
                 Some(Ok(Kind::Scene | Kind::Profile)) => {
                     self.told = Some(format!("{}: open a recording first, then drop it again", path.display()));
@@ -108,8 +111,8 @@ impl Start {
                     self.opening = Some(*opening);
                 }
                 Ok(done) => match done.project {
-                    Ok(project) => {
-                        return Some((Turn { project: *project, at: done.opened.at }, done.left));
+                    Ok((project, camera)) => {
+                        return Some((Turn { project: *project, camera, at: done.opened.at }, done.left));
                     }
                     Err(why) => {
                         self.left.extend(done.left);
@@ -131,6 +134,17 @@ impl Start {
             }
             return None;
         }
+        if let Some(air) = &mut self.air {
+            match air.show(ctx) {
+                Some(Some(opened)) => {
+                    self.air = None;
+                    self.begin(ctx, opened, None);
+                }
+                Some(None) => self.air = None,
+                None => {}
+            }
+            return None;
+        }
         if let Some(left) = self.left.pop() {
             match dialogs::left(ctx, &left.work) {
                 Some(Answer::Yes) => self.begin(ctx, left.opened(), Some(left)),
@@ -148,6 +162,7 @@ impl Start {
                 let folder = last.or_else(std::env::home_dir).unwrap_or_default();
                 self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, &folder));
             }
+            Some(dialogs::Start::Camera) => self.air = Some(Air::new(ctx, None, None)),
             Some(dialogs::Start::Recent(opened)) => self.begin(ctx, opened, None),
             Some(dialogs::Start::Leave) | None => {}
         }
@@ -158,11 +173,6 @@ impl Start {
         }
         None
     }
-}
-
-/// A recording alone.
-fn recording(recording: PathBuf) -> Opened {
-    Opened { recording, scene: None, profile: None, metres_per_unit: 1.0, at: At::default() }
 }
 
 impl eframe::App for Start {
@@ -178,7 +188,7 @@ impl eframe::App for Start {
         fit::to_screen(&ctx);
         egui::CentralPanel::default().show(ui, |_| ());
         let Some((turn, left)) = self.show(&ctx) else { return };
-        match App::begin(&ctx, self.window.clone(), turn.project) {
+        match App::begin(&ctx, self.window.clone(), turn.project, turn.camera) {
             Ok(mut app) => {
                 // What is left is the tuner's to offer from now on.
                 (self.left, self.recent) = (Vec::new(), Recent::default());

@@ -6,7 +6,7 @@ use super::thumbnails::Thumbnails;
 use super::{Pace, Player};
 
 /// Of the strip, points.
-const HEIGHT: f32 = 40.0;
+pub const HEIGHT: f32 = 40.0;
 /// How near an end of the loop a drag takes hold of it, points.
 const GRIP: f32 = 6.0;
 
@@ -104,7 +104,7 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
             player.step(isize::MAX);
         }
         let pace = match player.pace {
-            Pace::EveryFrame => "every frame".to_owned(),
+            Pace::EveryFrame | Pace::Arriving => "every frame".to_owned(),
             Pace::Recorded(speed) => format!("{}×", crate::words::number(speed)),
         };
         let combo = egui::ComboBox::from_id_salt("pace").width(92.0).selected_text(pace);

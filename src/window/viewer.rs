@@ -1,6 +1,7 @@
 //! Textures of the window's own device: composites go into them and are shown from there, never through the processor.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
@@ -91,13 +92,13 @@ impl Viewer {
         &self.plain.insert((frame.index, plain)).1
     }
 
-    /// Begins a frame's composite as all is set in the shot.
-    pub fn begin(&mut self, made: Made, shot: Shot, wants: Wants) {
+    /// Begins a frame's composite as all is set in the shot; `given` is a camera's frame.
+    pub fn begin(&mut self, made: Made, shot: Shot, given: Option<Arc<Frame>>, wants: Wants) {
         let size = (shot.recording.width, shot.recording.height);
         let picture = fitting(&self.window, self.free.pop(), size, made.by);
         let texture = picture.texture.clone();
         self.drawn.push_back(picture);
-        self.maker.make(Order { made, shot, texture, wants });
+        self.maker.make(Order { made, shot, given, texture, wants });
     }
 
     /// The next picture that is finished, which is shown from now on; `Err` where nothing more will come.

@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
@@ -21,7 +23,7 @@ impl Device {
     pub fn new() -> Self {
         let mut setup = WgpuSetupCreateNew::without_display_handle();
         setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
-        setup.device_descriptor = std::sync::Arc::new(Gpu::wanted);
+        setup.device_descriptor = Arc::new(Gpu::wanted);
         let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
         let state = pollster::block_on(async {
             let instance = configuration.wgpu_setup.new_instance().await;
@@ -46,7 +48,7 @@ impl TestRenderer for Device {
 /// Opens a window of that size, with its first picture.
 pub fn window(project: Project, size: egui::Vec2) -> Harness<'static, App> {
     let builder = Harness::builder().with_size(size).renderer(Device::new());
-    let mut window = builder.build_eframe(|context| App::new(context, project).unwrap());
+    let mut window = builder.build_eframe(|context| App::new(context, project, None).unwrap());
     settle(&mut window);
     window
 }
@@ -78,6 +80,24 @@ pub fn click_at<S>(window: &mut Harness<'_, S>, at: egui::Pos2) {
     window.step();
     window.drop_at(at);
     window.run_steps(2);
+}
+
+/// A file is dropped into the window in its next frame.
+pub fn drop_file<S>(window: &mut Harness<'_, S>, path: PathBuf) {
+    window.input_mut().dropped_files.push(Arc::new(Dropped(path)));
+}
+
+#[derive(Debug)]
+struct Dropped(PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|error| error.to_string())
+    }
 }
 
 /// Opens every group of parameters, and leaves those whose text has the words.

@@ -228,25 +228,12 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 1.5"));
 }
 
-#[derive(Debug)]
-struct Dropped(PathBuf);
-
-impl egui::DroppedFile for Dropped {
-    fn path(&self) -> &Path {
-        &self.0
-    }
-
-    fn bytes(&self) -> Result<Vec<u8>, String> {
-        std::fs::read(&self.0).map_err(|error| error.to_string())
-    }
-}
-
 #[test]
 fn a_message_is_shown_whole_and_can_be_copied() {
     let mut window = demo();
     window.event(egui::Event::PointerGone);
     let nowhere = PathBuf::from("/nowhere/at all/in a rather long folder/with a rather long name.toml");
-    window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(nowhere)));
+    drop_file(&mut window, nowhere);
     until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
     let told = window.state().problem().unwrap().to_owned();

@@ -3,6 +3,7 @@
 use eframe::egui::{self, Key};
 
 use super::super::actions::{self, Action};
+use super::super::camera::Asked;
 use super::super::fields;
 use super::super::handles::Handles;
 use super::super::picture;
@@ -10,9 +11,16 @@ use super::App;
 
 impl App {
     pub(super) fn act(&mut self, action: Action, ctx: &egui::Context) {
+        let is_live = self.session.is_live();
         let player = &mut self.session.player;
         let zoom = self.view.zoom.or(self.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
         match action {
+            Action::Play | Action::Camera if is_live => {
+                self.keeper.of_camera(ctx, &mut self.session, Asked::Freeze);
+            }
+            Action::Camera => self.keeper.of_camera(ctx, &mut self.session, Asked::Live),
+            // There is no other frame than the newest.
+            Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll if is_live => {}
             Action::Play => player.play(!player.playing),
             Action::Step(by) => player.step(by),
             Action::LoopFrom => player.set_range(player.frame()..player.range().end.max(player.frame() + 1)),
@@ -37,7 +45,9 @@ impl App {
                 ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
             }
             Action::Begin(what) => {
-                player.play(false);
+                if !is_live {
+                    player.play(false);
+                }
                 self.handles.begin(what);
             }
             Action::Nudge(right, up) => {

@@ -37,7 +37,7 @@ impl App {
             view: &self.view,
             frame: &frame,
             is_free: !is_placing && !is_picking && asked.is_none(),
-            is_hidden: self.view.plain || self.session.player.playing,
+            is_hidden: self.view.plain || (self.session.player.playing && !self.session.is_live()),
         };
         match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
             Some(Ok(done)) => self.session.say(done),

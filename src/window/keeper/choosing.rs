@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui;
 
+use super::super::air::Air;
+use super::super::camera::Asked;
 use super::super::chooser::{Chooser, Chosen, Seeks};
 use super::super::command;
 use super::super::jobs::Jobs;
@@ -31,7 +33,7 @@ impl Keeper {
         let own = match purpose {
             Purpose::OpenProfile | Purpose::SaveProfile => project.profile.clone(),
             Purpose::OpenScene | Purpose::SaveScene => project.scene.clone().filter(|scene| !saving::is_demo(scene)),
-            Purpose::Open | Purpose::Put(_) => None,
+            Purpose::Open | Purpose::Put(_) | Purpose::Record | Purpose::Keep => None,
         };
         let recording = std::path::absolute(&project.shot().recording.path).unwrap_or_default();
         let is_demo = saving::same(&recording, Path::new(saving::DEMO));
@@ -80,6 +82,7 @@ impl Keeper {
                 }
             };
             item(ui, true, "Open a recording…");
+            item(ui, true, "Live camera…");
             item(ui, true, "Open a scene…");
             item(ui, true, "Open a profile…");
             ui.separator();
@@ -108,6 +111,7 @@ impl Keeper {
         let project = &session.project;
         match chosen.as_deref() {
             Some("Open a recording…") => self.open(project),
+            Some("Live camera…") => self.asks_camera(ui.ctx(), project),
             Some("Open a scene…") => {
                 let seeks = Seeks::File(&["toml", "glb", "gltf"]);
                 self.choose(project, Purpose::OpenScene, "Open a scene", seeks, None);
@@ -124,6 +128,31 @@ impl Keeper {
             Some("Copy as a command") => copy_command(ui.ctx(), session),
             Some("Start page") => self.shows_start = true,
             _ => {}
+        }
+    }
+
+    /// Asks for a camera, with the profile and the scene that are open.
+    pub fn asks_camera(&mut self, ctx: &egui::Context, project: &Project) {
+        let scene = project.scene.clone().filter(|scene| !saving::is_demo(scene));
+        self.air = Some(Air::new(ctx, project.profile.clone(), scene));
+    }
+
+    /// What is asked of the camera that is shown.
+    pub fn of_camera(&mut self, ctx: &egui::Context, session: &mut Session, asked: Asked) {
+        let seeks = Seeks::NewFolder;
+        match asked {
+            Asked::Freeze => {
+                let folder = self.folder.clone().unwrap_or_else(|| std::env::temp_dir().join("locard"));
+                session.freeze(ctx, &folder.join("live"));
+            }
+            Asked::Live => session.go_live(ctx),
+            Asked::Record => {
+                self.choose(&session.project, Purpose::Record, "Record into a new folder", seeks, Some("recording"));
+            }
+            Asked::Stop => session.stop_recording(),
+            Asked::Keep => {
+                self.choose(&session.project, Purpose::Keep, "Keep it in a new folder", seeks, Some("recording"));
+            }
         }
     }
 
@@ -160,6 +189,8 @@ impl Keeper {
                 self.write(ctx, session, &Step::WriteProfile(path), true);
             }
             Purpose::SaveScene => self.write(ctx, session, &Step::WriteScene(path), true),
+            Purpose::Record => session.record(path),
+            Purpose::Keep => session.keep(ctx, path),
             Purpose::Put(ask) => {
                 let name = path.display().to_string();
                 if self.jobs.is_none() {

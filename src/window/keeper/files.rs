@@ -11,7 +11,7 @@ use super::super::jobs::Jobs;
 use super::super::kind::Kind;
 use super::super::opening::Opening;
 use super::super::project::SaveError;
-use super::super::recent::{At, Opened};
+use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
 use super::super::watch::Change;
@@ -40,9 +40,7 @@ impl Keeper {
                 self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None))
             }
             Ok(Kind::Recording) => {
-                let opened =
-                    Opened { recording: path, scene: None, profile: None, metres_per_unit: 1.0, at: At::default() };
-                self.then = Some(Then::Open(opened, None));
+                self.then = Some(Then::Open(Opened::recording(path), None));
             }
             Ok(Kind::Neither(why)) | Err(why) => session.wrong(why),
         }
@@ -134,6 +132,13 @@ impl Keeper {
         if self.chooser.is_some() || self.opening.is_some() {
             return;
         }
+        if let Some(air) = &mut self.air {
+            if let Some(answer) = air.show(ctx) {
+                self.air = None;
+                self.then = answer.map(|opened| Then::Open(opened, None));
+            }
+            return;
+        }
         if let Some(path) = self.asks_whether.clone() {
             match dialogs::whether_to_replace(ctx, &path) {
                 Some(Answer::Yes) => {
@@ -182,6 +187,7 @@ impl Keeper {
         if self.shows_start {
             match dialogs::start(ctx, self.recent.shown(ctx), None) {
                 Some(dialogs::Start::Open) => self.open(&session.project),
+                Some(dialogs::Start::Camera) => self.asks_camera(ctx, &session.project),
                 Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(opened, None)),
                 Some(dialogs::Start::Leave) => self.shows_start = false,
                 None => {}
@@ -233,10 +239,14 @@ impl Keeper {
 
     fn read_again(&mut self, ctx: &egui::Context, session: &mut Session) {
         let wake = ctx.clone();
-        self.begun(session, Opening::again(Opened::of(&session.project), move || wake.request_repaint()));
+        self.begun(session, Opening::again(&session.project, move || wake.request_repaint()));
     }
 
     fn begin(&mut self, ctx: &egui::Context, session: &mut Session, opened: Opened, left: Option<Left>) {
+        // A camera is one program's, and one window's.
+        if opened.camera.is_some() {
+            session.let_camera_go();
+        }
         let wake = ctx.clone();
         self.begun(session, Opening::begin(opened, left, move || wake.request_repaint()));
     }
@@ -259,19 +269,19 @@ impl Keeper {
             }
         };
         match done.project {
-            Ok(fresh) if done.is_again => {
+            Ok((fresh, _)) if done.is_again => {
                 session.project.read_again(*fresh);
                 session.say("Read again from the files; undo brings back what you had");
                 self.passed_over.clear();
                 self.watch_files(&session.project);
                 None
             }
-            Ok(project) => {
+            Ok((project, camera)) => {
                 if let Some(left) = done.left {
                     self.take_up(left);
                 }
                 (self.shows_start, self.not_opened) = (false, None);
-                Some(Turn { project: *project, at: done.opened.at })
+                Some(Turn { project: *project, camera, at: done.opened.at })
             }
             Err(why) => {
                 let lacks_profile = done.opened.profile.is_none();

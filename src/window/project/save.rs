@@ -137,6 +137,13 @@ impl Project {
         Draft { path: path.to_owned(), known: None, what }
     }
 
+    /// The whole camera and all settings as a profile's text, to be put together on another thread.
+    pub fn profile_text(&self) -> impl FnOnce() -> Result<String, SaveError> + Send + 'static {
+        let (recording, edit) = (Arc::clone(&self.shot.recording), self.edit().clone());
+        let path = self.profile.clone().unwrap_or_default();
+        move || profile_text(&recording, &edit, &path)
+    }
+
     /// The scene file, whose comments and order stay. In another folder it names the same models.
     pub fn scene_draft(&mut self, path: &Path) -> Result<Draft, SaveError> {
         let from = self.scene_path();

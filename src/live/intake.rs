@@ -1,0 +1,162 @@
+//! Pictures and poses in; frames that have their poses out.
+
+use std::sync::Arc;
+
+use super::encode::encoded;
+use super::latest::Latest;
+use super::track::{PoseTaken, Tracking};
+use super::waiting::{Counts, Ready, Waiting};
+use super::writer::Writer;
+use crate::frame::{Frame, FrameExposure};
+use crate::pixels::Pixels;
+use crate::pose::Pose;
+use crate::recording::recorder::RecorderError;
+use crate::source::exif;
+use crate::tracking::PoseTrack;
+use crate::webcam::Picture;
+
+/// What became of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Came {
+    Frame,
+    /// The disk is too slow to record it, so that it is left out altogether.
+    NotRecorded,
+    /// Not behind the one before it.
+    Backwards,
+}
+
+/// A frame that need not wait any longer.
+#[derive(Clone, Debug)]
+pub struct Arrived {
+    pub frame: Frame,
+    pub tracking: Tracking,
+    /// How long it waited for its poses, seconds.
+    pub waited_s: f64,
+    /// When its picture came, by the clock that [`Intake::picture`] was told.
+    pub came_s: f64,
+}
+
+/// Frames wait for their poses. What goes out is what a recording of it gives, number for number.
+#[derive(Debug)]
+pub struct Intake {
+    waiting: Waiting<(Frame, f64)>,
+    writer: Option<Writer>,
+    latest: Option<Latest>,
+    frames: usize,
+    last_s: f64,
+}
+
+impl Intake {
+    /// Poses are interpolated across at most `max_gap_s`; frames wait for theirs at most `patience_s`.
+    pub fn new(max_gap_s: f64, patience_s: f64, writer: Option<Writer>) -> Self {
+        let waiting = Waiting::new(max_gap_s, patience_s);
+        Self { waiting, writer, latest: None, frames: 0, last_s: f64::NEG_INFINITY }
+    }
+
+    /// Keeps the last seconds in memory.
+    pub fn keeping(self, latest: Latest) -> Self {
+        Self { latest: Some(latest), ..self }
+    }
+
+    pub fn counts(&self) -> Counts {
+        self.waiting.counts()
+    }
+
+    /// Frames that were taken, since the recording began if there is one.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    pub fn writer(&self) -> Option<&Writer> {
+        self.writer.as_ref()
+    }
+
+    /// Takes the recorder away: the rest is not recorded.
+    pub fn take_writer(&mut self) -> Option<Writer> {
+        self.writer.take()
+    }
+
+    /// Records from the next picture on, which is number 0 from now on.
+    pub fn record(&mut self, writer: Writer) {
+        // The first frames are blurred by what was before them.
+        if let Some(latest) = &self.latest {
+            writer.poses(latest.poses());
+        }
+        (self.writer, self.frames) = (Some(writer), 0);
+    }
+
+    pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
+        self.waiting.pose(time_s, pose)
+    }
+
+    /// The poses as they are when a frame goes out: what is added later does not change them for it.
+    pub fn track(&self) -> &PoseTrack {
+        self.waiting.track()
+    }
+
+    /// The last seconds of what was taken, if they are kept.
+    pub fn latest(&self) -> Option<&Latest> {
+        self.latest.as_ref()
+    }
+
+    /// Takes a picture whose pixels are decoded, and records it. `within_s` says from how long before the frame to how
+    /// long after it poses matter.
+    pub fn picture(
+        &mut self,
+        picture: &Picture,
+        pixels: Pixels,
+        within_s: impl FnOnce(&Frame) -> (f64, f64),
+        now_s: f64,
+    ) -> Came {
+        let (time_s, exposure_s) = (picture.time_s, picture.exposure_s);
+        if time_s.is_nan() || time_s <= self.last_s {
+            return Came::Backwards;
+        }
+        if self.writer.is_some() || self.latest.is_some() {
+            let file = Arc::new(encoded(picture, &pixels));
+            if self.writer.as_ref().is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s)) {
+                return Came::NotRecorded;
+            }
+            if let Some(latest) = &mut self.latest {
+                latest.frame(time_s, file, exposure_s);
+            }
+        }
+        self.last_s = time_s;
+        // As the recording's reader finds it.
+        let photo = picture.jpeg().map(|file| exif::settings_of(&file)).unwrap_or_default();
+        let exposure = FrameExposure { time_s: exposure_s.or(photo.time_s), photo, ..FrameExposure::default() };
+        let frame = Frame { index: self.frames, timestamp_s: time_s, pixels, depth: None, exposure };
+        self.frames += 1;
+        let needs_s = within_s(&frame);
+        self.waiting.frame((frame, now_s), time_s, needs_s, now_s);
+        Came::Frame
+    }
+
+    /// When the next frame will have waited for its poses.
+    pub fn due_s(&self) -> Option<f64> {
+        self.waiting.due_s()
+    }
+
+    /// The next frame that need not wait any longer.
+    pub fn next(&mut self, now_s: f64) -> Option<Arrived> {
+        let Ready { frame: (frame, came_s), tracking, waited_s } = self.waiting.next(now_s)?;
+        self.give_poses();
+        Some(Arrived { frame, tracking, waited_s, came_s })
+    }
+
+    fn give_poses(&mut self) {
+        let new = self.waiting.take_new();
+        if let Some(latest) = &mut self.latest {
+            latest.add_poses(&new);
+        }
+        if let Some(writer) = &self.writer {
+            writer.poses(new);
+        }
+    }
+
+    /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
+    pub fn end_recording(&mut self) -> Option<(usize, Option<RecorderError>)> {
+        self.give_poses();
+        self.writer.take().map(Writer::finish)
+    }
+}

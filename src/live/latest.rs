@@ -1,0 +1,134 @@
+//! The last seconds of what a camera gave, in memory.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::encode::Encoded;
+use crate::recording::recorder::{About, Recorder, RecorderError};
+use crate::tracking::tum::Line;
+
+/// So long, seconds.
+const KEPT_S: f64 = 10.0;
+/// Or as much as this, bytes: pictures that are not compressed may be large.
+const MOST: usize = 512 << 20;
+/// Poses from so long before the first frame, seconds.
+const BEFORE_S: f64 = 2.0;
+
+#[derive(Clone, Debug)]
+struct Kept {
+    time_s: f64,
+    file: Arc<Encoded>,
+    exposure_s: Option<f64>,
+}
+
+/// Frames and poses of the last ten seconds; fewer where they take more than 512 MiB. Cheap to clone.
+#[derive(Clone, Debug, Default)]
+pub struct Latest {
+    frames: VecDeque<Kept>,
+    poses: VecDeque<Line>,
+    bytes: usize,
+}
+
+impl Latest {
+    pub fn frame(&mut self, time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>) {
+        self.bytes += file.bytes();
+        self.frames.push_back(Kept { time_s, file, exposure_s });
+        while self.frames.len() > 1
+            && (self.bytes > MOST || self.frames.front().is_some_and(|first| first.time_s < time_s - KEPT_S))
+        {
+            self.bytes -= self.frames.pop_front().map_or(0, |first| first.file.bytes());
+        }
+        let first_s = self.frames.front().map_or(time_s, |first| first.time_s);
+        while self.poses.front().is_some_and(|line| line.time_s < first_s - BEFORE_S) {
+            self.poses.pop_front();
+        }
+    }
+
+    pub fn add_poses(&mut self, lines: &[Line]) {
+        self.poses.extend(lines);
+    }
+
+    pub fn poses(&self) -> Vec<Line> {
+        self.poses.iter().copied().collect()
+    }
+
+    pub fn frames(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// From the first frame to the last, seconds.
+    pub fn span_s(&self) -> f64 {
+        self.frames.front().zip(self.frames.back()).map_or(0.0, |(first, last)| last.time_s - first.time_s)
+    }
+
+    /// Without the frames after a time.
+    pub fn until(mut self, time_s: f64) -> Self {
+        while self.frames.back().is_some_and(|last| last.time_s > time_s) {
+            self.bytes -= self.frames.pop_back().map_or(0, |last| last.file.bytes());
+        }
+        self
+    }
+
+    /// Writes a recording into a new folder: how many frames it has.
+    pub fn write(&self, folder: &Path, about: &About) -> Result<usize, RecorderError> {
+        let mut recorder = Recorder::create(folder, about)?;
+        self.poses.iter().for_each(|line| recorder.pose(*line));
+        for Kept { time_s, file, exposure_s } in &self.frames {
+            let unwritten = |source| RecorderError::Write { path: folder.to_owned(), source };
+            let (ending, bytes) = file.file().map_err(unwritten)?;
+            recorder.frame(*time_s, ending, &bytes, *exposure_s)?;
+        }
+        recorder.finish()?;
+        Ok(self.frames.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pixels::Pixels;
+    use crate::pose::Pose;
+    use crate::recording::{OpenOptions, Recording};
+
+    fn filled(frames: u32) -> Latest {
+        let mut latest = Latest::default();
+        for i in 0..frames {
+            let time_s = 100.0 + 0.1 * f64::from(i);
+            latest.add_poses(&[Line::new(time_s, &Pose::IDENTITY)]);
+            let pixels = Pixels::from_u8(16, 16, vec![i as u8; 768]).unwrap();
+            latest.frame(time_s, Arc::new(Encoded::Pixels(pixels)), None);
+        }
+        latest
+    }
+
+    #[test]
+    fn ten_seconds_stay_and_are_a_recording() {
+        // 30 s of them.
+        let latest = filled(300);
+        assert_eq!((latest.frames(), latest.bytes), (101, 101 * 768));
+        assert!((latest.span_s() - 10.0).abs() < 1e-9);
+        assert!((latest.poses[0].time_s - 117.9).abs() < 1e-9, "poses of two seconds before");
+        let temp = tempfile::tempdir().unwrap();
+        let about = About {
+            interval_s: 0.1,
+            max_gap_s: 0.1,
+            up: None,
+            has_floor: false,
+            camera: None,
+            delivered: None,
+            has_exposure: false,
+            profile: None,
+        };
+        let folder = temp.path().join("last");
+        assert_eq!(latest.until(128.05).write(&folder, &about).unwrap(), 82);
+        let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
+        assert_eq!(recording.timestamps_s.len(), 82);
+        let last = recording.frames(81..82).unwrap().next().unwrap().unwrap();
+        assert_eq!(
+            (last.timestamp_s, last.pixels),
+            (128.0, Pixels::from_u8(16, 16, vec![(280 % 256) as u8; 768]).unwrap())
+        );
+        assert!(recording.pose_at_frame(0).is_ok());
+    }
+}

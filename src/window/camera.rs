@@ -1,0 +1,140 @@
+//! What stands below the picture of a camera: how it goes, and what can be done with it.
+
+use eframe::egui::{self, Color32, RichText, Stroke, Ui};
+
+use super::session::{PAST_S, Session, Told};
+use super::timeline;
+use crate::live::Tracking;
+use crate::words::count;
+
+/// What is asked of the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    /// Its last seconds are to be a recording; or it is to be seen again.
+    Freeze,
+    Live,
+    /// A recording is to begin, or to end.
+    Record,
+    Stop,
+    /// The last seconds are to be kept.
+    Keep,
+}
+
+/// A picture that is as late reaches up to the top, seconds.
+const LATE_S: f64 = 0.2;
+/// A light that is on while something runs.
+const LIGHT: Color32 = Color32::from_rgb(222, 54, 54);
+
+/// In place of the time line, while the camera is shown.
+pub fn show(ui: &mut Ui, session: &Session) {
+    let Some(told) = session.told() else { return };
+    strip(ui, session);
+    ui.add_space(3.0);
+    ui.horizontal(|ui| {
+        light(ui, told.status.gone.is_none() && !told.status.is_over);
+        ui.separator();
+        how_it_goes(ui, session, &told);
+    });
+}
+
+/// What can be done with the camera; nothing where there is none.
+pub fn buttons(ui: &mut Ui, session: &Session) -> Option<Asked> {
+    let told = session.told()?;
+    let mut asked = None;
+    ui.horizontal(|ui| {
+        let mut button = |ui: &mut Ui, enabled: bool, text: &str, hint: &str, what: Asked| {
+            if ui.add_enabled(enabled, egui::Button::new(text)).on_hover_text(hint).clicked() {
+                asked = Some(what);
+            }
+        };
+        if session.is_frozen() {
+            button(ui, true, "Back to live", "The camera again (C)", Asked::Live);
+            button(ui, true, "Keep as a recording…", "A copy in a folder of yours", Asked::Keep);
+            ui.label("The last seconds, as they were seen");
+            return;
+        }
+        button(ui, !told.is_freezing, "Freeze", "Its last seconds become a recording (Space)", Asked::Freeze);
+        match told.status.recorded {
+            None => button(ui, true, "Record…", "What comes from now on, into a new folder", Asked::Record),
+            Some(frames) => {
+                button(ui, true, "Stop", "Ends the recording", Asked::Stop);
+                ui.colored_label(LIGHT, format!("recording, {}", count(frames, "frame")));
+            }
+        }
+    });
+    asked
+}
+
+/// The last seconds: a line for each picture that was shown, as long as it took to be composited.
+fn strip(ui: &mut Ui, session: &Session) {
+    let (rect, response) =
+        ui.allocate_exact_size(egui::vec2(ui.available_width(), timeline::HEIGHT), egui::Sense::hover());
+    let Some(camera) = session.camera() else { return };
+    let (past, now_s) = camera.past();
+    let painter = ui.painter().with_clip_rect(rect);
+    painter.rect_filled(rect, 0.0, ui.visuals().extreme_bg_color);
+    let good = ui.visuals().selection.bg_fill;
+    for shown in past {
+        let x = rect.max.x - rect.width() * ((now_s - shown.taken_s) / PAST_S) as f32;
+        let height = rect.height() * (shown.latency_s / LATE_S).min(1.0) as f32;
+        let color = match shown.tracking {
+            Tracking::Tracked => good,
+            Tracking::Predicted => ui.visuals().warn_fg_color,
+            Tracking::Lost => LIGHT,
+        };
+        painter.vline(x, (rect.max.y - height)..=rect.max.y, Stroke::new(2.0, color));
+    }
+    response.on_hover_text(format!(
+        "The last {PAST_S:.0} s: a line for each picture, as high as it was late ({:.0} ms is the whole height); orange where \
+         its pose was predicted, red where there was none",
+        1e3 * LATE_S
+    ));
+}
+
+fn light(ui: &mut Ui, is_on: bool) {
+    let (rect, _) = ui.allocate_exact_size(egui::vec2(12.0, 24.0), egui::Sense::hover());
+    let color = if is_on { LIGHT } else { ui.visuals().weak_text_color() };
+    ui.painter().circle_filled(rect.center(), 5.0, color);
+    ui.label(RichText::new(if is_on { "LIVE" } else { "no picture" }).strong());
+}
+
+fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
+    let status = &told.status;
+    if told.is_freezing {
+        ui.spinner();
+        ui.label("the last seconds are being written");
+        return;
+    }
+    if let Some(why) = &status.gone {
+        ui.colored_label(ui.visuals().warn_fg_color, format!("{why}; waiting for it"));
+        return;
+    }
+    if status.is_over {
+        ui.label("the camera has ended");
+        return;
+    }
+    match told.tracking {
+        Tracking::Tracked => _ = ui.label("tracked"),
+        Tracking::Predicted => _ = ui.colored_label(ui.visuals().warn_fg_color, "predicted"),
+        Tracking::Lost => {
+            let hint = "No pose is known for this frame: nothing is drawn into it";
+            ui.colored_label(ui.visuals().warn_fg_color, "not tracked").on_hover_text(hint);
+        }
+    }
+    let latency = told.latency_s.map_or(String::new(), |latency_s| format!(", {:3.0} ms old", 1e3 * latency_s));
+    ui.monospace(format!("{:2.0}/s{latency}", session.pictures_per_s()))
+        .on_hover_text("Pictures of the last second; from when they were taken until they were composited");
+    let drops = status.drops;
+    let parts = [
+        (drops.lost, "by the driver"),
+        (drops.damaged, "damaged"),
+        (drops.replaced, "before they were decoded"),
+        (status.not_recorded, "for the disk"),
+        (told.not_shown, "not shown"),
+    ];
+    let lost: u64 = parts.iter().map(|(n, _)| n).sum();
+    if lost > 0 {
+        let hint = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}"));
+        ui.label(format!("{lost} dropped")).on_hover_text(hint.collect::<Vec<_>>().join("\n"));
+    }
+}

@@ -1,0 +1,351 @@
+//! A camera in place of a recording. Its frames are shown as they come; frozen, its last seconds are a recording like any
+//! other, and the camera goes on behind it.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eframe::egui;
+use eframe::egui_wgpu::RenderState;
+
+use super::super::errand::Errand;
+use super::super::player::Player;
+use super::super::project::Project;
+use super::super::thumbnails::Thumbnails;
+use super::Session;
+use crate::frame::Frame;
+use crate::live::{Feed, Opened, Status, Tracking, Writer};
+use crate::recording::recorder::Recorder;
+use crate::recording::{OpenOptions, Recording};
+use crate::webcam::monotonic_s;
+
+/// A picture of the past, by the camera's clock, seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
+    pub taken_s: f64,
+    /// From when it was taken until it was composited.
+    pub latency_s: f64,
+    pub tracking: Tracking,
+}
+
+/// How much of the past is told of, seconds.
+pub const PAST_S: f64 = 10.0;
+/// Figures are those of the last second.
+const LAST_S: f64 = 1.0;
+
+enum State {
+    Showing,
+    /// The last seconds are being written.
+    Freezing(Errand<Result<Recording, String>>),
+    Frozen,
+}
+
+/// A camera, and how far it is.
+pub struct Live {
+    feed: Feed,
+    state: State,
+    /// What the project stands on while the camera is shown.
+    arriving: Arc<Recording>,
+    frame: Option<Arc<Frame>>,
+    tracking: Tracking,
+    /// The project's version that the feed follows.
+    followed: Option<u64>,
+    /// The pictures of the last seconds that were shown.
+    past: VecDeque<Shown>,
+    status: Status,
+    is_recording: Option<PathBuf>,
+    /// The last seconds are being copied.
+    keeping: Option<Errand<Result<PathBuf, String>>>,
+}
+
+/// What is said of a camera.
+#[derive(Clone, Debug)]
+pub struct Told {
+    pub status: Status,
+    pub tracking: Tracking,
+    /// Frames for which the window was too slow; they are recorded all the same.
+    pub not_shown: u64,
+    /// From when pictures were taken until they were composited, the median of the last second.
+    pub latency_s: Option<f64>,
+    pub is_freezing: bool,
+}
+
+impl Live {
+    /// A picture was composited, which was taken at a time of the camera's clock.
+    pub(super) fn shown(&mut self, taken_s: f64) {
+        let is_new = self.past.back().is_none_or(|last| last.taken_s < taken_s);
+        // What is changed beneath the pointer shows the same picture again.
+        if !is_new || !matches!(self.state, State::Showing) {
+            return;
+        }
+        // Of the newest frame; with two under way it may be of the one before it.
+        let tracking = self.tracking;
+        self.past.push_back(Shown { taken_s, latency_s: monotonic_s() - taken_s, tracking });
+        self.past.retain(|shown| shown.taken_s > taken_s - PAST_S);
+    }
+
+    /// The pictures that were shown in the last seconds, and the time that it is now by their clock.
+    pub fn past(&self) -> (impl Iterator<Item = &Shown>, f64) {
+        (self.past.iter(), monotonic_s())
+    }
+
+    fn told(&self) -> Told {
+        let now_s = monotonic_s();
+        let last = self.past.iter().filter(|shown| shown.taken_s > now_s - LAST_S);
+        let mut latencies: Vec<f64> = last.map(|shown| shown.latency_s).collect();
+        latencies.sort_by(f64::total_cmp);
+        Told {
+            status: self.status.clone(),
+            tracking: self.tracking,
+            not_shown: self.feed.replaced(),
+            latency_s: latencies.get(latencies.len() / 2).copied(),
+            is_freezing: matches!(self.state, State::Freezing(_)),
+        }
+    }
+}
+
+impl Session {
+    /// Of a camera, which starts now. The project is of its [`Opened::recording`].
+    pub fn live(window: RenderState, ctx: &egui::Context, project: Project, camera: Opened) -> Result<Self, String> {
+        let mut session = Self::new(window, ctx, project)?;
+        let (wake, shot) = (ctx.clone(), session.project.shot());
+        let feed = Feed::start(camera, shot, move || wake.request_repaint()).map_err(|error| error.to_string())?;
+        session.live = Some(Live {
+            feed,
+            state: State::Showing,
+            arriving: Arc::clone(&shot.recording),
+            frame: None,
+            tracking: Tracking::Lost,
+            followed: None,
+            past: VecDeque::new(),
+            status: Status::default(),
+            is_recording: None,
+            keeping: None,
+        });
+        (session.player, session.thumbnails) = (Player::arriving(), None);
+        Ok(session)
+    }
+
+    /// Whether what is shown comes from a camera, now.
+    pub fn is_live(&self) -> bool {
+        self.live.as_ref().is_some_and(|live| !matches!(live.state, State::Frozen))
+    }
+
+    /// Whether what is shown are a camera's last seconds, and it can be seen again.
+    pub fn is_frozen(&self) -> bool {
+        self.live.is_some() && !self.is_live()
+    }
+
+    /// The camera, if there is one.
+    pub fn camera(&self) -> Option<&Live> {
+        self.live.as_ref()
+    }
+
+    /// What is said of the camera, if there is one.
+    pub fn told(&self) -> Option<Told> {
+        self.live.as_ref().map(Live::told)
+    }
+
+    /// The camera's newest frame, while it is shown.
+    pub(super) fn arrived(&self) -> Option<Arc<Frame>> {
+        self.live.as_ref().filter(|_| self.is_live()).and_then(|live| live.frame.clone())
+    }
+
+    /// Takes what has come from the camera. Never waits.
+    pub(super) fn take_arrived(&mut self, ctx: &egui::Context) {
+        let Some(live) = &mut self.live else { return };
+        let before = std::mem::replace(&mut live.status, live.feed.status());
+        let version = self.project.version();
+        if live.followed != Some(version) && matches!(live.state, State::Showing) {
+            live.feed.follow(self.project.shot());
+            live.followed = Some(version);
+        }
+        // What is not taken is replaced by what is newer.
+        if matches!(live.state, State::Showing)
+            && self.viewer.under_way() < 2
+            && let Some(seen) = live.feed.take()
+        {
+            let frame = seen.arrived.frame;
+            self.project.arrive(frame.index, frame.timestamp_s, seen.track);
+            self.player.arrive(frame.index);
+            (live.tracking, live.frame) = (seen.arrived.tracking, Some(Arc::new(frame)));
+        }
+        let status = live.status.clone();
+        if status.written != before.written
+            && let (Some((frames, why)), Some(path)) = (&status.written, live.is_recording.take())
+        {
+            let name = path.display();
+            match why {
+                None => self.say(format!("Recorded {}: {name}", crate::words::count(*frames, "frame"))),
+                Some(why) => self.wrong(format!("{name}: {why}; the recording is whole up to there")),
+            }
+        }
+        if status.no_poses != before.no_poses
+            && let Some(why) = &status.no_poses
+        {
+            self.wrong(why.clone());
+        }
+        self.take_frozen(ctx);
+        let Some(live) = &mut self.live else { return };
+        let Some(kept) = live.keeping.as_ref().and_then(Errand::take) else { return };
+        live.keeping = None;
+        match kept.and_then(|kept| kept) {
+            Ok(path) => self.say(format!("Kept: {}", path.display())),
+            Err(why) => self.wrong(format!("Not kept: {why}")),
+        }
+    }
+
+    /// The last seconds are a recording: it is shown.
+    fn take_frozen(&mut self, ctx: &egui::Context) {
+        let Some(live) = &mut self.live else { return };
+        let State::Freezing(errand) = &live.state else { return };
+        let Some(done) = errand.take() else { return };
+        match done.and_then(|recording| recording) {
+            Ok(recording) => {
+                live.state = State::Frozen;
+                let recording = Arc::new(recording);
+                self.stand_on(ctx, recording);
+                self.player.step(isize::MAX);
+            }
+            Err(why) => {
+                live.state = State::Showing;
+                self.player.playing = true;
+                self.wrong(format!("Not frozen: {why}"));
+            }
+        }
+    }
+
+    /// Shows another recording of the same camera.
+    fn stand_on(&mut self, ctx: &egui::Context, recording: Arc<Recording>) {
+        self.player = match recording.is_arriving() {
+            true => Player::arriving(),
+            false => Player::new(&recording.timestamps_s),
+        };
+        self.thumbnails =
+            (!recording.is_arriving()).then(|| Thumbnails::new(Arc::clone(&recording), ctx).ok()).flatten();
+        self.project.stand_on(recording);
+    }
+
+    /// Has the camera's last seconds written into a new folder of `folder`, and shows them then.
+    pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
+        let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, State::Showing)) else { return };
+        let Some(until_s) = live.frame.as_ref().map(|frame| frame.timestamp_s) else { return };
+        let (latest, mut about) = (live.feed.latest(until_s), live.feed.about.clone());
+        let name = live.arriving.name.clone();
+        let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(), ctx.clone());
+        let begun = Errand::begin(
+            "freezing",
+            move || wake.request_repaint(),
+            move || {
+                about.profile = Some(draft().map_err(|error| error.to_string())?);
+                let folder = fresh(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+                latest.write(&folder, &about).map_err(|error| error.to_string())?;
+                let mut recording =
+                    Recording::open(&folder, &OpenOptions::default()).map_err(|error| error.to_string())?;
+                recording.name = format!("{name}, frozen");
+                Ok(recording)
+            },
+        );
+        match begun {
+            Ok(errand) => {
+                live.state = State::Freezing(errand);
+                self.player.playing = false;
+            }
+            Err(error) => self.wrong(format!("no thread can be started that freezes it: {error}")),
+        }
+    }
+
+    /// Copies the recording that is shown into a new folder.
+    pub fn keep(&mut self, ctx: &egui::Context, to: PathBuf) {
+        let from = self.project.shot().recording.path.clone();
+        let Some(live) = &mut self.live else { return };
+        let wake = ctx.clone();
+        let begun = Errand::begin(
+            "keeping",
+            move || wake.request_repaint(),
+            move || {
+                let copied = match std::fs::read_dir(&to).is_ok_and(|mut entries| entries.next().is_some()) {
+                    true => return Err(format!("{}: exists already; name a new folder", to.display())),
+                    false => copy(&from, &to),
+                };
+                copied.map(|()| to.clone()).map_err(|error| format!("{}: {error}", to.display()))
+            },
+        );
+        match begun {
+            Ok(errand) => live.keeping = Some(errand),
+            Err(error) => self.wrong(format!("no thread can be started that copies it: {error}")),
+        }
+    }
+
+    /// Ends the camera, and what it records. What it showed last stays.
+    pub fn let_camera_go(&mut self) {
+        self.live = None;
+        self.player.play(false);
+    }
+
+    /// Shows the camera again.
+    pub fn go_live(&mut self, ctx: &egui::Context) {
+        if !self.is_frozen() {
+            return;
+        }
+        let Some(live) = &mut self.live else { return };
+        (live.state, live.followed, live.frame) = (State::Showing, None, None);
+        let arriving = Arc::clone(&live.arriving);
+        self.stand_on(ctx, arriving);
+    }
+
+    /// Records what comes from now on into a new folder.
+    pub fn record(&mut self, folder: PathBuf) {
+        let Some(live) = &mut self.live else { return };
+        let mut about = live.feed.about.clone();
+        let begun = self.project.profile_text()().map_err(|error| error.to_string()).and_then(|profile| {
+            about.profile = Some(profile);
+            let recorder = Recorder::create(&folder, &about).map_err(|error| error.to_string())?;
+            Writer::new(recorder).map_err(|error| error.to_string())
+        });
+        match begun {
+            Ok(writer) => {
+                live.feed.record(writer);
+                live.is_recording = Some(folder);
+            }
+            Err(why) => self.wrong(why),
+        }
+    }
+
+    pub fn stop_recording(&mut self) {
+        if let Some(live) = &self.live {
+            live.feed.stop_recording();
+        }
+    }
+}
+
+/// So many frozen recordings are kept.
+const KEPT: usize = 5;
+
+/// A folder that is not there yet; the oldest of those before it are removed.
+fn fresh(folder: &Path) -> std::io::Result<PathBuf> {
+    std::fs::create_dir_all(folder)?;
+    let mut there: Vec<PathBuf> = std::fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
+    there.retain(|path| path.join("recording.toml").is_file());
+    there.sort();
+    let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("frozen-")?.parse::<u64>().ok();
+    let last = there.iter().filter_map(number).max().unwrap_or(0);
+    for old in there.iter().take((there.len() + 1).saturating_sub(KEPT)) {
+        std::fs::remove_dir_all(old)?;
+    }
+    Ok(folder.join(format!("frozen-{:06}", last + 1)))
+}
+
+/// A folder with all that is in it.
+fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(to)?;
+    for entry in std::fs::read_dir(from)? {
+        let entry = entry?;
+        let to = to.join(entry.file_name());
+        match entry.file_type()?.is_dir() {
+            true => copy(&entry.path(), &to)?,
+            false => _ = std::fs::copy(entry.path(), to)?,
+        }
+    }
+    Ok(())
+}

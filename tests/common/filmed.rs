@@ -1,0 +1,89 @@
+//! A video of a printed sheet of tags, with the camera's profile and the truth about its path.
+
+#![allow(dead_code, reason = "each test file uses some of it")]
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use glam::DVec3;
+
+use super::program::said;
+use super::sheet::{Camera, Place, Sheet};
+
+pub const FRAMES: usize = 18;
+pub const FPS: f64 = 30.0;
+/// In these the camera looks away.
+pub const AWAY: std::ops::Range<usize> = 10..13;
+
+/// A hand-held camera that moves around the sheet, 0.8 m from it.
+pub fn place(time_s: f64) -> Place {
+    let (a, sway) = (0.8 + 0.5 * time_s, 0.02 * (9.0 * time_s).sin());
+    let at = DVec3::new(0.45 * a.cos() + sway, -0.5 * a.sin(), 0.62 - sway);
+    let away = AWAY.contains(&((time_s * FPS).round() as usize));
+    Place::looking(at, if away { DVec3::new(3.0, 4.0, 0.0) } else { DVec3::new(0.03, 0.05 * time_s, 0.0) }, 0.2 * sway)
+}
+
+/// The sheet, its board's file, the camera's profile and a video of the sheet, in a folder.
+pub struct Site {
+    pub folder: tempfile::TempDir,
+}
+
+impl Site {
+    pub fn new(camera: &Camera) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let site = Self { folder };
+        said(&["board", "-o", &site.path("board.png"), "--quiet"]);
+        let printed = image::open(site.path("board.png")).unwrap().into_luma8();
+        let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
+        std::fs::write(site.path("camera.toml"), camera.profile()).unwrap();
+        let frames = (0..FRAMES).map(|i| {
+            let time_s = i as f64 / FPS;
+            sheet.photograph(camera, 4, 1.0, i as u64, |t| place(time_s + t))
+        });
+        video(Path::new(&site.path("site.mkv")), frames);
+        site
+    }
+
+    /// A marker that stands beside the sheet, as a scene: its file.
+    pub fn scene(&self) -> String {
+        let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
+        let scene =
+            format!("version = 1\n[[objects]]\nmodel = \"{}\"\nposition_m = [0.16, 0.0, 0.0]\n", marker.display());
+        std::fs::write(self.path("scene.toml"), scene).unwrap();
+        self.path("scene.toml")
+    }
+
+    /// The video over and over, for so long that nobody sees its end.
+    pub fn endless(&self) -> String {
+        let (from, to) = (self.path("site.mkv"), self.path("endless.mkv"));
+        let arguments = ["-v", "error", "-stream_loop", "300", "-i", &from, "-c", "copy", &to];
+        assert!(Command::new("ffmpeg").args(arguments).status().unwrap().success());
+        to
+    }
+
+    pub fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    pub fn track(&self, board: &str, to: &str) -> Vec<String> {
+        let board = self.path(board);
+        let (video, profile, to) = (self.path("site.mkv"), self.path("camera.toml"), self.path(to));
+        ["track", &video, "--profile", &profile, "--board", &board, "-o", &to].map(str::to_owned).to_vec()
+    }
+}
+
+/// A video that loses nothing.
+fn video(path: &Path, frames: impl Iterator<Item = Vec<u8>>) {
+    let mut ffmpeg = Command::new("ffmpeg")
+        .args(["-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "640x480", "-r", "30", "-i", "-"])
+        .args(["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0"])
+        .arg(path)
+        .stdin(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut into = ffmpeg.stdin.take().unwrap();
+    frames.for_each(|codes| into.write_all(&codes).unwrap());
+    drop(into);
+    assert!(ffmpeg.wait().unwrap().success());
+}

@@ -1,0 +1,137 @@
+//! A camera in the window. A video stands in for it, of a printed sheet; what is asserted does not depend on how fast the
+//! machine is.
+
+#![cfg(feature = "window")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "common/filmed.rs"]
+mod filmed;
+#[path = "common/gpu.rs"]
+mod gpu;
+#[path = "common/program.rs"]
+mod program;
+#[path = "common/sheet.rs"]
+mod sheet;
+#[path = "common/window.rs"]
+mod worked;
+
+use std::path::Path;
+
+use eframe::egui::{self, Key};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use filmed::Site;
+use glam::DVec2;
+use locard::compositor::Target;
+use locard::live::{self, LiveFrom};
+use locard::recording::{OpenOptions, Recording};
+use locard::shot::{Given, Shot};
+use locard::webcam::Wanted;
+use locard::window::{App, Project};
+use sheet::CAMERA;
+use worked::{Device, click_at, codes, drop_file, has, shown, shows, until};
+
+/// The window with a camera that plays the site's video, poses from the tags in it, and the marker beside the sheet.
+fn live_window(site: &Site, sets: &[&str]) -> Harness<'static, App> {
+    let profile = Path::new(&site.path("camera.toml")).to_owned();
+    let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
+    let (video, tags) = (site.endless(), format!("tags:{}", site.path("board.toml")));
+    let opened = live::open(&video, None, Wanted::default(), &tags, Some(&camera)).unwrap();
+    let sets = sets.iter().map(ToString::to_string).collect();
+    let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()) };
+    let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
+    project.camera = Some(LiveFrom { camera: video, poses: tags });
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
+    until(&mut window, |app| app.viewer().composite().is_some());
+    window
+}
+
+/// A shot's frame, composited anew.
+fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
+    let mut shot = shot.clone();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
+    codes(&compositor.collect(pending).unwrap().pixels)
+}
+
+#[test]
+fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back() {
+    let site = Site::new(&CAMERA);
+    // The numbers of frames, by which noise is drawn, begin anew.
+    let mut window = live_window(&site, &["noise.scale=0"]);
+    assert!(has(&window, "Freeze") && has(&window, "LIVE") && !has(&window, "Play"));
+    until(&mut window, |app| app.player().frame() > 4);
+    window.key_press(Key::Space);
+    window.step();
+    until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+    assert_eq!(window.state().problem(), None);
+    assert!(has(&window, "Back to live") && has(&window, "Play") && !has(&window, "Freeze"));
+    let shot = window.state().project().shot().clone();
+    let (count, frame) = (shot.recording.frame_count(), window.state().player().frame());
+    assert!(count > 4 && frame == count - 1, "{frame} of {count}");
+    assert_eq!(shown(&window), composited(&shot, frame));
+    // Its own profile and poses are all that it needs.
+    let path = &shot.recording.path;
+    let alone = Given { scene: Some(site.path("scene.toml").into()), ..Given::default() };
+    let alone = Shot::open(path, &OpenOptions::default(), &alone).unwrap();
+    assert_eq!(shown(&window), composited(&alone, frame));
+    assert!(shown(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
+    // What is changed while it is frozen stays.
+    window.state_mut().project_mut().switch("motion_blur", false);
+    window.key_press(Key::C);
+    window.step();
+    until(&mut window, |app| app.project().shot().recording.is_arriving() && app.player().frame() > frame);
+    assert!(!window.state().project().edit().settings.is_on("motion_blur") && has(&window, "Freeze"));
+}
+
+#[test]
+fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    let folder = Path::new(&site.path("recorded")).to_owned();
+    until(&mut window, |app| app.player().frame() > 20);
+    window.state_mut().record(folder.clone());
+    // Frames are numbered anew from the first that is recorded.
+    until(&mut window, |app| app.player().frame() < 20);
+    shows(&mut window, "Stop");
+    let mut seen: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
+    while seen.len() < 4 {
+        until(&mut window, App::is_settled);
+        let frame = window.state().player().frame();
+        if seen.last().is_none_or(|(last, _)| *last < frame) {
+            seen.push((frame, shown(&window)));
+        }
+    }
+    window.get_by_label("Stop").click();
+    shows(&mut window, "Record…");
+    let given = Given { scene: Some(site.path("scene.toml").into()), ..Given::default() };
+    let shot = Shot::of(Recording::open(&folder, &OpenOptions::default()).unwrap(), &given).unwrap();
+    for (frame, codes) in seen {
+        assert!(codes == composited(&shot, frame), "frame {frame}");
+    }
+    assert!(window.state().said().unwrap().starts_with("Recorded "), "{:?}", window.state().said());
+}
+
+#[test]
+fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    assert!(has(&window, "the floor"));
+    let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
+    let before = window.state().project().edit().scene.objects.len();
+    drop_file(&mut window, marker);
+    window.step();
+    let at_px = DVec2::new(320.0, 250.0);
+    let at = window.state().on_screen(egui::vec2(320.0, 250.0)).unwrap();
+    // Now and then the camera looks away, and there is nothing to place it on.
+    while window.state().project().edit().scene.objects.len() == before {
+        click_at(&mut window, at);
+    }
+    let [x, y, z] = window.state().project().edit().scene.objects[before].position_m.unwrap();
+    // It stands on the sheet's plane, within rounding, where some frame of these shows that place.
+    assert!(z.abs() < 1e-4, "{z}");
+    let truth = (0..filmed::FRAMES).map(|i| filmed::place(i as f64 / filmed::FPS));
+    let off_px = truth.map(|place| place.sees(&CAMERA, glam::DVec3::new(x, y, z)).distance(at_px));
+    assert!(off_px.fold(f64::INFINITY, f64::min) < 1.0);
+}
