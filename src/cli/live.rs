@@ -72,7 +72,7 @@ fn in_window(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone() };
     let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
-    project.camera = Some(LiveFrom { camera: args.camera.camera.clone(), poses: args.camera.pose.clone() });
+    project.camera = Some(LiveFrom::new(&args.camera.camera, &args.camera.pose));
     let (camera, record) = (Some(agreed.opened), args.record.clone());
     super::tune::opened(window::open(First { project: Some(project), camera, record, ..First::default() }))
 }

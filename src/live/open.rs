@@ -25,6 +25,27 @@ pub struct LiveFrom {
     pub poses: String,
 }
 
+impl LiveFrom {
+    /// Files are named from the root on.
+    pub fn new(camera: &str, poses: &str) -> Self {
+        let whole = |path: &str| match Path::new(path).exists() {
+            true => std::path::absolute(path).map_or_else(|_| path.to_owned(), |path| path.display().to_string()),
+            false => path.to_owned(),
+        };
+        let poses = match poses.split_once(':') {
+            Some((kind @ ("tags" | "file"), path)) => format!("{kind}:{}", whole(path)),
+            _ => poses.to_owned(),
+        };
+        Self { camera: whole(camera), poses }
+    }
+
+    /// What a person calls it.
+    pub fn name(&self) -> String {
+        let name = Path::new(&self.camera).file_name().unwrap_or(self.camera.as_ref());
+        format!("camera {}", name.to_string_lossy())
+    }
+}
+
 /// A camera that has agreed on what it gives, and where its poses come from.
 pub struct Opened {
     pub camera: webcam::Camera,
@@ -134,6 +155,17 @@ impl PoseSource for NoPoses {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_choice_holds_wherever_it_is_read() {
+        let from = LiveFrom::new("Cargo.toml", "tags:src/lib.rs");
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(from.camera, here.join("Cargo.toml").display().to_string());
+        assert_eq!(from.poses, format!("tags:{}", here.join("src/lib.rs").display()));
+        assert_eq!(from.name(), "camera Cargo.toml");
+        let from = LiveFrom::new("0", "opentrackio://:7");
+        assert_eq!((from.name().as_str(), from.poses.as_str()), ("camera 0", "opentrackio://:7"));
+    }
 
     #[test]
     fn what_gives_no_poses_is_refused() {

@@ -146,7 +146,7 @@ impl Air {
             Poses::Stream => self.address.trim().to_owned(),
             Poses::None => "none".to_owned(),
         };
-        let from = LiveFrom { camera: self.camera.trim().to_owned(), poses };
+        let from = LiveFrom::new(self.camera.trim(), &poses);
         let scene = self.scene.clone().filter(|_| self.with_scene);
         Opened::camera(from, typed(&self.profile).map(PathBuf::from), scene)
     }

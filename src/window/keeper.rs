@@ -56,7 +56,7 @@ impl Purpose {
 #[derive(Debug)]
 enum Then {
     Close,
-    Open(Opened, Option<Left>),
+    Open(Box<Opened>, Option<Left>),
 }
 
 /// Something that was opened, to be shown from now on.

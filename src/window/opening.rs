@@ -15,11 +15,14 @@ use crate::shot::Given;
 use crate::webcam::{CameraError, Wanted};
 use crate::words::without_options;
 
+/// A project, with the camera of which it is.
+pub type Fresh = (Box<Project>, Option<live::Opened>);
+
 /// What came of it.
 #[derive(Debug)]
 pub struct Done {
     pub opened: Opened,
-    pub project: Result<(Box<Project>, Option<live::Opened>), String>,
+    pub project: Result<Fresh, String>,
     /// Work that is taken up with it.
     pub left: Option<Left>,
     /// They are the files that are open.
@@ -32,7 +35,7 @@ pub struct Opening {
     opened: Opened,
     left: Option<Left>,
     is_again: bool,
-    errand: Errand<Result<(Box<Project>, Option<live::Opened>), String>>,
+    errand: Errand<Result<Fresh, String>>,
 }
 
 impl Opening {

@@ -50,7 +50,7 @@ impl Opened {
 
     /// A camera, with what is put to it.
     pub fn camera(from: LiveFrom, profile: Option<PathBuf>, scene: Option<PathBuf>) -> Self {
-        let name = PathBuf::from(format!("camera {}", from.camera));
+        let name = PathBuf::from(from.name());
         Self { scene, profile, camera: Some(from), ..Self::recording(name) }
     }
 

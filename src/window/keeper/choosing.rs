@@ -181,7 +181,8 @@ impl Keeper {
             Purpose::Open => self.dropped(ctx, path, session),
             Purpose::OpenProfile => self.open_profile(path, session),
             Purpose::OpenScene => {
-                self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None));
+                self.then =
+                    Some(Then::Open(Box::new(Opened { scene: Some(path), ..Opened::of(&session.project) }), None));
             }
             Purpose::SaveProfile => {
                 // It was named.

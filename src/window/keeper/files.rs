@@ -37,10 +37,11 @@ impl Keeper {
         match kind {
             Ok(Kind::Profile) => self.open_profile(path, session),
             Ok(Kind::Scene) => {
-                self.then = Some(Then::Open(Opened { scene: Some(path), ..Opened::of(&session.project) }, None))
+                self.then =
+                    Some(Then::Open(Box::new(Opened { scene: Some(path), ..Opened::of(&session.project) }), None))
             }
             Ok(Kind::Recording) => {
-                self.then = Some(Then::Open(Opened::recording(path), None));
+                self.then = Some(Then::Open(Box::new(Opened::recording(path)), None));
             }
             Ok(Kind::Neither(why)) | Err(why) => session.wrong(why),
         }
@@ -49,7 +50,7 @@ impl Keeper {
     /// Opens what is open with another profile, or what could not be opened without one.
     pub(super) fn open_profile(&mut self, path: PathBuf, session: &Session) {
         let opened = self.not_opened.take().unwrap_or_else(|| Opened::of(&session.project));
-        self.then = Some(Then::Open(Opened { profile: Some(path), ..opened }, None));
+        self.then = Some(Then::Open(Box::new(Opened { profile: Some(path), ..opened }), None));
     }
 
     /// Begins to write a file as all is set now. `chosen`: a person has just chosen it by name, and agreed that it is
@@ -135,7 +136,7 @@ impl Keeper {
         if let Some(air) = &mut self.air {
             if let Some(answer) = air.show(ctx) {
                 self.air = None;
-                self.then = answer.map(|opened| Then::Open(opened, None));
+                self.then = answer.map(|opened| Then::Open(Box::new(opened), None));
             }
             return;
         }
@@ -175,7 +176,7 @@ impl Keeper {
         }
         if let Some(left) = self.left.pop() {
             match dialogs::left(ctx, &left.work) {
-                Some(Answer::Yes) => self.then = Some(Then::Open(left.opened(), Some(left))),
+                Some(Answer::Yes) => self.then = Some(Then::Open(Box::new(left.opened()), Some(left))),
                 Some(Answer::No) => left.throw_away(),
                 // It stays where it is, and is offered at the next start.
                 Some(Answer::Stay) => drop(left),
@@ -188,7 +189,7 @@ impl Keeper {
             match dialogs::start(ctx, self.recent.shown(ctx), None) {
                 Some(dialogs::Start::Open) => self.open(&session.project),
                 Some(dialogs::Start::Camera) => self.asks_camera(ctx, &session.project),
-                Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(opened, None)),
+                Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(Box::new(opened), None)),
                 Some(dialogs::Start::Leave) => self.shows_start = false,
                 None => {}
             }
@@ -217,7 +218,7 @@ impl Keeper {
                 }
                 ctx.send_viewport_cmd(egui::ViewportCommand::Close);
             }
-            (Some(Answer::No), Then::Open(opened, left)) => self.begin(ctx, session, opened, left),
+            (Some(Answer::No), Then::Open(opened, left)) => self.begin(ctx, session, *opened, left),
         }
     }
 
