@@ -1,11 +1,14 @@
 //! A Gaussian over a layer, for effects that spread light: along rows, then along columns.
 //!
-//! Its taps are the discrete Gaussian exp(−σ²)·Iₙ(σ²) (Lindeberg 1990), whose variance is exactly σ² however small σ is
-//! (a sampled or integrated Gaussian misses σ below a pixel). They sum to 1, so that light is kept; less than 1e-4 is
-//! left out at the ends.
+//! Its taps are a Gaussian at whole pixels, exp(−n²/2s²), with the s whose taps have the variance σ². From 1 px on s is σ to
+//! 1e-8 (Poisson's summation: the sampled Gaussian's variance misses σ² by 8π²σ⁴·exp(−2π²σ²)); below, s is larger: 0.53 px
+//! for 0.5. They sum to 1, so that light is kept; less than 1e-4 is left out at the ends.
 //!
-//! Their excess kurtosis is 1/σ²: below some 2 px the middle is higher and the tails are longer than a Gaussian's. An edge to
-//! which a Gaussian is fitted then measures less than σ, at 1 px 0.86 to 0.94 (docs/calibration.md, Sharpness).
+//! An edge that was drawn by coverage and is then blurred so measures what is set, by the fit of `calibrate sharpness`, within
+//! 2 % from 0.8 px on (docs/calibration.md, Sharpness). The discrete Gaussian exp(−σ²)·Iₙ(σ²) (Lindeberg 1990) has the
+//! variance, too, but longer tails and a higher middle: its edge of 1 px measures 0.86 to 0.94. Below 0.7 px three taps are no
+//! Gaussian, whatever their weights: what is drawn measures less than what is set. Weights that fit best there have negative
+//! sides, which make coverage that nothing covers.
 //!
 //! A blur wider than [`WIDE_PX`] is made at half the resolution, recursively. Means of 2×2 pixels and linear
 //! interpolation between them add a variance of 1 px² (1/4 by a mean of two, 3/4 by interpolation between texels two
@@ -24,32 +27,49 @@ const MOST_TAPS: usize = 40;
 /// The variance added by halving and doubling, px².
 const HALVING_PX2: f64 = 1.0;
 
-/// exp(−t)·Iₙ(t), by the series of the modified Bessel function; t from 0 to some hundreds.
-fn discrete_gaussian(n: u32, t: f64) -> f64 {
-    // Terms (t/2)^(2k+n) / (k! (k+n)!), all positive. The first is built factor by factor so that none overflows.
-    let mut term = (1..=n).fold((-t).exp(), |product, i| product * 0.5 * t / f64::from(i));
-    let mut sum = term;
-    for k in 1..1000 {
-        let k = f64::from(k);
-        term *= 0.25 * t * t / (k * (k + f64::from(n)));
-        sum += term;
-        if term < 1e-17 * sum {
-            break;
-        }
+/// A Gaussian at the pixels 0, 1, … of one side, by its parameter; all of both sides sum to 1.
+fn sampled(s_px: f64) -> Vec<f64> {
+    let tap = |n: usize| (-0.5 * (n as f64 / s_px).powi(2)).exp();
+    let taps: Vec<f64> = (0..MOST_TAPS).map(tap).take_while(|tap| *tap > 1e-18).collect();
+    let sum = 2.0 * taps.iter().sum::<f64>() - 1.0;
+    taps.iter().map(|tap| tap / sum).collect()
+}
+
+fn variance_px2(taps: &[f64]) -> f64 {
+    taps.iter().enumerate().map(|(n, tap)| 2.0 * (n * n) as f64 * tap).sum()
+}
+
+/// The parameter of the Gaussian whose samples have the variance σ².
+fn parameter_px(sigma_px: f64) -> f64 {
+    if sigma_px >= 1.0 {
+        return sigma_px;
     }
-    sum
+    // The variance grows with the parameter, which is at most 0.25 px larger than σ.
+    let (mut low, mut high) = (sigma_px, sigma_px + 0.25);
+    for _ in 0..52 {
+        let middle = 0.5 * (low + high);
+        let is_narrow = variance_px2(&sampled(middle)) < sigma_px * sigma_px;
+        *if is_narrow { &mut low } else { &mut high } = middle;
+    }
+    0.5 * (low + high)
 }
 
 /// The tap in the middle and those on one side of it, for σ up to [`WIDE_PX`]; all of them sum to 1.
 pub fn taps(sigma_px: f64) -> Vec<f64> {
-    let t = sigma_px * sigma_px;
-    let mut taps = vec![discrete_gaussian(0, t)];
-    let mut sum = taps[0];
-    while sum < 1.0 - LEFT_OUT && taps.len() < MOST_TAPS {
-        let tap = discrete_gaussian(taps.len() as u32, t);
-        taps.push(tap);
-        sum += 2.0 * tap;
+    if sigma_px == 0.0 {
+        return vec![1.0];
     }
+    let mut taps = sampled(parameter_px(sigma_px));
+    let mut sum = taps[0];
+    let kept = 1 + taps[1..]
+        .iter()
+        .take_while(|tap| {
+            let goes_on = sum < 1.0 - LEFT_OUT;
+            sum += if goes_on { 2.0 * **tap } else { 0.0 };
+            goes_on
+        })
+        .count();
+    taps.truncate(kept);
     taps.iter().map(|tap| tap / sum).collect()
 }
 
@@ -99,13 +119,16 @@ mod tests {
 
     #[test]
     fn taps_worked_by_hand() {
-        // exp(−1) times I₀(1) = 1.266066, I₁(1) = 0.565159, I₂(1) = 0.135748 (Abramowitz and Stegun, table 9.8).
-        for (n, expected) in [(0, 1.266_066), (1, 0.565_159), (2, 0.135_748)] {
-            assert!((discrete_gaussian(n, 1.0) - expected * (-1f64).exp()).abs() < 1e-6);
-        }
-        assert_eq!(taps(0.0), [1.0]);
-        // For large σ it is the continuous Gaussian: 1/(8·√2π).
-        assert!((taps(WIDE_PX)[0] / 0.049_867_8 - 1.0).abs() < 3e-3, "{}", taps(WIDE_PX)[0]);
+        // exp(−1/2) = 0.606531, exp(−2) = 0.135335, exp(−4.5) = 0.011109, exp(−8) = 0.000335: in all 2.506621, √2π.
+        let of_one = [1.0, 0.606_531, 0.135_335, 0.011_109, 0.000_335].map(|tap| tap / 2.506_621);
+        assert_eq!(taps(1.0).len(), of_one.len());
+        assert!(taps(1.0).iter().zip(of_one).all(|(tap, hand)| (tap - hand).abs() < 3e-6), "{:?}", taps(1.0));
+        // Three taps of the variance 0.01: 0.005, 0.99, 0.005.
+        assert!((taps(0.1)[0] - 0.99).abs() < 1e-7 && (taps(0.1)[1] - 0.005).abs() < 1e-7, "{:?}", taps(0.1));
+        assert!((parameter_px(0.5) - 0.525).abs() < 0.01, "{}", parameter_px(0.5));
+        assert_eq!((taps(0.0), taps(1e-3)), (vec![1.0], vec![1.0]));
+        // 1/(8·√2π).
+        assert!((taps(WIDE_PX)[0] / 0.049_867_8 - 1.0).abs() < 1e-4, "{}", taps(WIDE_PX)[0]);
         assert!(taps(WIDE_PX).len() <= MOST_TAPS);
     }
 
@@ -114,7 +137,7 @@ mod tests {
         fn light_is_kept_and_the_variance_is_sigmas(sigma in 0.1f64..8.0) {
             let taps = taps(sigma);
             let sum: f64 = taps[0] + 2.0 * taps[1..].iter().sum::<f64>();
-            let variance: f64 = taps.iter().enumerate().map(|(n, tap)| 2.0 * (n * n) as f64 * tap).sum();
+            let variance = variance_px2(&taps);
             prop_assert!((sum - 1.0).abs() < 1e-12);
             // Minus what the ends would add: at most 1e-4 at 4 σ, or at a pixel or two if σ is small.
             prop_assert!((variance - sigma * sigma).abs() < 4e-3 * sigma * sigma + 4e-4, "{variance}");

@@ -1,7 +1,7 @@
 //! Point spread: the blur of lens and sensor in focus, as one measured width.
 //!
-//! A Gaussian of `sigma_px` over premultiplied light and coverage (blur.rs), whose variance is exactly σ²: an edge that
-//! the renderer has covered by area becomes as wide as the camera's. σ is an edge's 10-90 % width over 2.563.
+//! A Gaussian of `sigma_px` over premultiplied light and coverage (blur.rs), whose variance is σ²: an edge that the renderer
+//! has covered by area becomes as wide as the camera's, from 0.8 px on. σ is an edge's 10-90 % width over 2.563.
 //!
 //! Not modelled: a width that varies over the picture, by colour or with the opening; tails (veiling glare); the
 //! camera's own sharpening of edges; the coarseness of the renderer's four samples per pixel compared with areas.
