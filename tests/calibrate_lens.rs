@@ -12,9 +12,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use locard::calibrate::board::{Board, NoBoard, Plane, Seen, find};
+use locard::calibrate::board::{Board, NoBoard, Plane, Seen, Target, Wanted, find};
 use locard::calibrate::geometry::{Calibrated, LensError, LensOptions, NamedView, Views, calibrate, views_from_paths};
-use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use locard::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use locard::compositor::Settings;
 use locard::profile::Rig;
 use program::{refused, said};
@@ -200,7 +200,7 @@ fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut
             at_px.push(at + error);
         }
     }
-    Seen { board, at_px, extent: Board::new(BOARD.0, BOARD.1) }
+    Seen { board, at_px, of: Target::Chessboard(Board::new(BOARD.0, BOARD.1)) }
 }
 
 /// The deviations are what they are called: over many seeds errors are as large as told, not smaller and not larger.
@@ -283,14 +283,14 @@ fn a_board_is_found_in_part_and_a_larger_one_is_refused() {
     let facing = (DMat3::from_quat(DQuat::from_rotation_y(0.3)), DVec3::new(-3.5, -2.0, 9.0));
     let mut picture = camera.photograph(&facing, 1.0, 4);
     let whole = find(&picture, Some(Board::new(5, 8))).unwrap();
-    assert_eq!((whole.at_px.len(), whole.extent), (40, Board::new(8, 5)));
+    assert_eq!((whole.at_px.len(), whole.of), (40, Target::Chessboard(Board::new(8, 5))));
     assert!(matches!(find(&picture, Some(Board::new(6, 5))), Err(NoBoard::Larger { .. })));
     for y in 0..SIZE.1 as usize {
         let row = &mut picture.values[y * SIZE.0 as usize..(y + 1) * SIZE.0 as usize];
         row[330..].iter_mut().for_each(|value| *value = 40.0);
     }
     let part = find(&picture, Some(Board::new(8, 5))).unwrap();
-    assert!((15..30).contains(&part.at_px.len()) && part.extent.columns <= 5, "{:?}", part.extent);
+    assert!((15..30).contains(&part.at_px.len()) && part.of.corners() <= 25, "{:?}", part.of);
 }
 
 fn photos() -> Option<Vec<PathBuf>> {
@@ -301,7 +301,8 @@ fn photos() -> Option<Vec<PathBuf>> {
 #[test]
 fn real_photographs_give_what_opencv_finds() {
     let Some(paths) = photos() else { return };
-    let Views { size, views, refused } = views_from_paths(&paths, None, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    let go_on = &mut |_, _| ControlFlow::Continue(());
+    let Views { size, views, refused } = views_from_paths(&paths, &Wanted::Any, &Response::default(), go_on).unwrap();
     assert_eq!(size, (1280, 720));
     assert_eq!((views.len(), refused.len()), (18, 2), "{refused:?}");
     assert!(refused.iter().all(|refused| refused.reason.contains("is 1281x721 px where most are 1280x720")));
@@ -311,7 +312,7 @@ fn real_photographs_give_what_opencv_finds() {
     assert!((i.fx_px / 1159.1 - 1.0).abs() < 0.02 && (i.fy_px / 1154.5 - 1.0).abs() < 0.02, "{calibrated}");
     assert!((d.k1 / -0.2577 - 1.0).abs() < 0.05, "{calibrated}");
     assert!((i.cx_px - 669.6).abs() < 15.0 && (i.cy_px - 388.1).abs() < 15.0, "{calibrated}");
-    assert_eq!(calibrated.board, Board::new(9, 6));
+    assert_eq!(calibrated.target, Target::Chessboard(Board::new(9, 6)));
 }
 
 fn path(path: &Path) -> String {
@@ -372,6 +373,7 @@ fn a_profile_takes_the_lens_and_keeps_the_rest() {
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     for (extra, told) in [
         (["--board", "2x9"], "3 to 200 each"),
+        (["--board", "none.toml"], "there is no such file; accepted are the inner corners"),
         (["--square-mm", "-1"], "0.01 to 100000 mm"),
         (["--model", "equirectangular"], "opencv and opencv_fisheye"),
     ] {

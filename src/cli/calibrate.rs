@@ -25,7 +25,7 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum What {
-    /// Focal length, principal point and distortion, from photographs of a chessboard
+    /// Focal length, principal point and distortion, from pictures of a chessboard or of printed tags
     Camera(camera::Args),
     /// Noise by channel and intensity, from scenes at rest or from a moving camera's textureless places
     Noise(NoiseArgs),

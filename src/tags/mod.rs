@@ -27,7 +27,7 @@ pub use family::Family;
 pub use grey::Grey;
 pub use print::{pdf, picture, png};
 pub use recorded::{Parts, RecordError, check, record};
-pub use refine::refined;
+pub use refine::{refined, refined_of_any_lens};
 pub use rolling::rolled;
 pub use sheet::{Mark, Paper, Rect, Sheet};
 pub use sight::{Lost, Sight};

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use nalgebra::DMatrix;
 
-use crate::calibrate::board::{Board, Seen};
+use crate::calibrate::board::{Board, Seen, Target};
 use crate::camera::{Geometry, LensModel};
 use crate::fit::Stand;
 
@@ -29,9 +29,9 @@ pub struct Refused {
 /// What is known beforehand.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LensOptions {
-    /// The board's inner corners; otherwise the largest that is seen.
+    /// A chessboard's inner corners; otherwise the largest that is seen.
     pub board: Option<Board>,
-    /// The side of a square, mm; distances are told in squares without it.
+    /// The side of a chessboard's square, mm; distances are told in squares without it.
     pub square_mm: Option<f64>,
     /// The lens's model; otherwise `opencv`, or the fisheye's where that explains the views far better.
     pub model: Option<LensModel>,
@@ -58,11 +58,12 @@ pub struct Calibrated {
     pub rms_px: f64,
     /// Half of the residuals are shorter, px.
     pub median_px: f64,
-    pub board: Board,
-    pub square_mm: Option<f64>,
+    pub target: Target,
+    /// The board's unit of length, mm, if it is known.
+    pub unit_mm: Option<f64>,
     /// The views that were used.
     pub views: Vec<NamedView>,
-    /// For each of those, where its board stood (squares, its x right and y down, z away from whoever looks at it), and the way of each corner from where it is projected to where it is
+    /// For each of those, where its board stood (in the board's unit, its x right and y down, z away from whoever looks at it), and the way of each corner from where it is projected to where it is
     /// seen, px.
     pub stands: Vec<Stand>,
     pub residuals_px: Vec<Vec<DVec2>>,

@@ -7,7 +7,7 @@ use super::calibrated::{Calibrated, ENOUGH_VIEWS, LEAST_VIEWS, LensOptions, Name
 use super::missing::missing;
 use super::model::Lens;
 use super::solve::{Fit, finish, fit};
-use crate::calibrate::board::{Board, Seen};
+use crate::calibrate::board::{Board, Seen, Target};
 use crate::camera::{Geometry, LensModel};
 use crate::words::{count, fixed};
 
@@ -33,6 +33,8 @@ fn first_reason(refused: &[Refused]) -> String {
 
 /// The fisheye's model is chosen if its residuals are this share of the other's.
 const FAR_BETTER: f64 = 0.75;
+/// Places of tags are in metres.
+const METRE_MM: f64 = 1000.0;
 /// A coefficient below this many of its deviations might as well be 0.
 const TELLING: f64 = 2.0;
 /// A view whose median residual is this many times that of most views does not belong to them...
@@ -83,7 +85,10 @@ pub fn calibrate(
     let parameters: Vec<Parameter> =
         named.map(|(i, name)| Parameter { name, value: fit.lens.values[i], sigma: sigma(i) }).collect();
     notes.extend(odd_things(&fit.lens, &parameters, &geometry, &views));
-    let board = options.board.unwrap_or_else(|| largest(&views));
+    let (target, unit_mm) = match largest(&views) {
+        tags @ Target::Tags(_) => (tags, Some(METRE_MM)),
+        chessboard => (options.board.map_or(chessboard, Target::Chessboard), options.square_mm),
+    };
     let missing = missing(&geometry, &parameters, &views, &fit.stands);
     Ok(Calibrated {
         rms_px: fit.rms_px(),
@@ -91,8 +96,8 @@ pub fn calibrate(
         geometry,
         parameters,
         covariance,
-        board,
-        square_mm: options.square_mm,
+        target,
+        unit_mm,
         views,
         stands: fit.stands,
         residuals_px: fit.residuals_px,
@@ -107,10 +112,14 @@ fn seen(views: &[NamedView]) -> Vec<&Seen> {
 }
 
 /// The most that was seen of a board.
-fn largest(views: &[NamedView]) -> Board {
-    let extents = || views.iter().map(|view| view.seen.extent);
-    let most = |of: fn(&Board) -> u32| extents().map(|extent| of(&extent)).max().unwrap_or(0);
-    Board::new(most(|extent| extent.columns), most(|extent| extent.rows))
+fn largest(views: &[NamedView]) -> Target {
+    let larger = |a: Target, b: Target| match (a, b) {
+        (Target::Chessboard(a), Target::Chessboard(b)) => {
+            Target::Chessboard(Board::new(a.columns.max(b.columns), a.rows.max(b.rows)))
+        }
+        (tags @ Target::Tags(_), _) | (_, tags) => tags,
+    };
+    views.iter().map(|view| view.seen.of).reduce(larger).unwrap_or(Target::Tags(0))
 }
 
 /// The model, and what to say about it.

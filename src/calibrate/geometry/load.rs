@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use glam::DVec2;
 
 use super::calibrated::{NamedView, Refused};
-use crate::calibrate::board::{self, Board, Plane, Seen};
+use crate::calibrate::board::{Search, Seen, Slanted, Wanted};
 use crate::calibrate::is_picture;
-use crate::pixels::{Codes, Pixels};
+use crate::camera::Response;
 use crate::rows::{over_rows, processors};
 use crate::source::video::{Overrides, Video, probe};
 use crate::source::{SourceError, still};
@@ -35,7 +35,9 @@ pub enum LoadError {
     Source(#[from] SourceError),
     #[error("{}: the folder cannot be read: {}", folder.display(), reason(source))]
     Folder { folder: PathBuf, source: std::io::Error },
-    #[error("no photographs: give PNG or JPEG files of a chessboard, folders of them, or a video")]
+    #[error(transparent)]
+    Slanted(#[from] Slanted),
+    #[error("no photographs: give PNG or JPEG files of a chessboard or of printed tags, folders of them, or a video")]
     Nothing,
     #[error("stopped")]
     Stopped,
@@ -50,13 +52,16 @@ pub struct Views {
     pub refused: Vec<Refused>,
 }
 
-/// Looks for a chessboard in photographs, folders of them and videos. Pictures of another size than most are refused: they
-/// were cropped or scaled.
+/// Looks for a board in photographs, folders of them and videos. Pictures of another size than most are refused: they were
+/// cropped or scaled. So are those of another kind of board. `response` turns the camera's codes to light.
 pub fn views_from_paths(
     paths: &[PathBuf],
-    board: Option<Board>,
+    wanted: &Wanted,
+    response: &Response,
     progress: LensProgress<'_>,
 ) -> Result<Views, LoadError> {
+    let begin = || Search::new(wanted, response);
+    let mut search = begin()?;
     let (mut photos, mut videos) = (Vec::new(), Vec::new());
     for path in paths {
         if path.is_dir() {
@@ -72,10 +77,10 @@ pub fn views_from_paths(
     if all == 0 {
         return Err(LoadError::Nothing);
     }
-    let mut found = from_photos(&photos, board, all, progress)?;
+    let mut found = from_photos(&photos, &begin, all, progress)?;
     for video in &videos {
         let done = found.len();
-        found.extend(from_video(video, every(video), board, &mut |n| progress(done + n, all))?);
+        found.extend(from_video(video, every(video), &mut search, &mut |n| progress(done + n, all))?);
     }
     Ok(sorted(found))
 }
@@ -102,12 +107,18 @@ fn sorted(found: Vec<Searched>) -> Views {
     let often = |size: (u32, u32)| sizes().filter(|own| *own == size).count();
     // Of two that are as frequent the larger one.
     let size = sizes().max_by_key(|size| (often(*size), *size)).unwrap_or_default();
+    let kinds = || found.iter().filter_map(|searched| Some(searched.found.as_ref().ok()?.of.kind()));
+    let kind = kinds().max_by_key(|kind| kinds().filter(|own| own == kind).count()).unwrap_or_default();
     let (mut views, mut refused) = (Vec::new(), Vec::new());
     for Searched { name, size: own, found } in found {
         match found {
             Ok(_) if own != size => {
                 let reason =
                     format!("is {}x{} px where most are {}x{}: cropped or scaled?", own.0, own.1, size.0, size.1);
+                refused.push(Refused { name, reason });
+            }
+            Ok(seen) if seen.of.kind() != kind => {
+                let reason = format!("shows {} where most show {kind}", seen.of.kind());
                 refused.push(Refused { name, reason });
             }
             Ok(seen) => views.push(NamedView { name, seen }),
@@ -117,37 +128,23 @@ fn sorted(found: Vec<Searched>) -> Views {
     Views { size, views, refused }
 }
 
-/// Codes of 8 bits, BT.709 luma.
-fn grey(pixels: &Pixels) -> Plane {
-    let (width, height) = (pixels.width as usize, pixels.height as usize);
-    let luma = |rgb: [f32; 3]| 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-    Plane::new(width, height, |x, y| {
-        let i = 3 * (y * width + x);
-        match &pixels.codes {
-            Codes::U8(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]))),
-            Codes::U16(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]) / 257.0)),
-        }
-    })
-}
-
-fn search(pixels: &Pixels, board: Option<Board>) -> Result<Seen, String> {
-    board::find(&grey(pixels), board).map_err(|error| error.to_string())
-}
-
 /// Photographs are read on all processors; the order stays.
 fn from_photos(
     files: &[PathBuf],
-    board: Option<Board>,
+    begin: &(impl Fn() -> Result<Search, Slanted> + Sync),
     all: usize,
     progress: LensProgress<'_>,
 ) -> Result<Vec<Searched>, LoadError> {
     let read = |file: &Path| {
         let name = file.display().to_string();
         match still::read_pixels(file) {
-            Ok(pixels) => Ok(Searched { name, size: (pixels.width, pixels.height), found: search(&pixels, board) }),
+            Ok(pixels) => {
+                let found = begin()?.find(&pixels);
+                Ok(Searched { name, size: (pixels.width, pixels.height), found })
+            }
             // One that is damaged is one fewer; one that is not there was meant.
             Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), found: Err(problem) }),
-            Err(error) => Err(error),
+            Err(error) => Err(error.into()),
         }
     };
     let mut found = Vec::new();
@@ -155,7 +152,7 @@ fn from_photos(
         if progress(found.len(), all).is_break() {
             return Err(LoadError::Stopped);
         }
-        let mut searched: Vec<Option<Result<Searched, SourceError>>> = batch.iter().map(|_| None).collect();
+        let mut searched: Vec<Option<Result<Searched, LoadError>>> = batch.iter().map(|_| None).collect();
         over_rows(&mut searched, 1, processors(), |n, slot| slot[0] = batch.get(n).map(|file| read(file)));
         for searched in searched.into_iter().flatten() {
             found.push(searched?);
@@ -168,7 +165,7 @@ fn from_photos(
 fn from_video(
     video: &Video,
     every: usize,
-    board: Option<Board>,
+    search: &mut Search,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<Vec<Searched>, LoadError> {
     let count = video.timestamps_s.len();
@@ -179,18 +176,15 @@ fn from_video(
             if progress(n / every).is_break() {
                 return Err(LoadError::Stopped);
             }
-            seen.extend(search(&pixels, board).ok().map(|found| (n, found)));
+            seen.extend(search.find(&pixels).ok().map(|found| (n, found)));
         }
     }
     let size = (video.width, video.height);
     let name = |frame: usize| format!("{} frame {frame}", video.file.display());
     let chosen = stillest(&seen, f64::from(size.0).hypot(f64::from(size.1)));
     if chosen.is_empty() {
-        let what = if seen.is_empty() {
-            "no chessboard is seen in any frame"
-        } else {
-            "the chessboard moves too fast in all frames"
-        };
+        let what =
+            if seen.is_empty() { "no board is seen in any frame" } else { "the board moves too fast in all frames" };
         return Ok(vec![Searched { name: video.file.display().to_string(), size, found: Err(what.to_owned()) }]);
     }
     Ok(chosen.into_iter().map(|i| Searched { name: name(seen[i].0), size, found: Ok(seen[i].1.clone()) }).collect())
@@ -235,12 +229,13 @@ fn stillest(seen: &[(usize, Seen)], diagonal_px: f64) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::board::{Board, Target};
 
     /// A board whose corners are a grid `side` px wide, from a place on.
     fn seen(x: f64, y: f64, side: f64) -> Seen {
         let board: Vec<DVec2> = (0..20).map(|i| DVec2::new(f64::from(i % 5), f64::from(i / 5))).collect();
         let at_px = board.iter().map(|place| DVec2::new(x, y) + side * *place).collect();
-        Seen { board, at_px, extent: Board::new(5, 4) }
+        Seen { board, at_px, of: Target::Chessboard(Board::new(5, 4)) }
     }
 
     #[test]

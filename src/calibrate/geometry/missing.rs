@@ -28,7 +28,7 @@ pub fn tilt_deg(stand: &Stand) -> DVec2 {
     DVec2::new(-normal.x.atan2(normal.z), -normal.y.atan2(normal.z)) * 1f64.to_degrees()
 }
 
-/// The distance of what is seen of a board, in squares.
+/// The distance of what is seen of a board, in its unit.
 pub fn distance(view: &NamedView, stand: &Stand) -> f64 {
     let middle = view.seen.board.iter().sum::<DVec2>() / view.seen.board.len().max(1) as f64;
     stand.point(middle.extend(0.0)).length()
@@ -101,7 +101,7 @@ mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
-    use crate::calibrate::board::{Board, Seen};
+    use crate::calibrate::board::{Board, Seen, Target};
     use crate::camera::{Distortion, Intrinsics};
 
     fn stand(turn: DVec3, z: f64) -> Stand {
@@ -110,7 +110,7 @@ mod tests {
 
     fn view(at_px: Vec<DVec2>) -> NamedView {
         let board = vec![DVec2::ZERO; at_px.len()];
-        NamedView { name: "a".to_owned(), seen: Seen { board, at_px, extent: Board::new(9, 6) } }
+        NamedView { name: "a".to_owned(), seen: Seen { board, at_px, of: Target::Chessboard(Board::new(9, 6)) } }
     }
 
     #[test]

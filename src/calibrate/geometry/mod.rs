@@ -1,4 +1,4 @@
-//! Photographs of a chessboard in, a camera's intrinsics and distortion out.
+//! Photographs of a chessboard or of printed tags in, a camera's intrinsics and distortion out.
 //!
 //! `board` finds the corners; here are the projection with its derivatives (`model`), where to begin (`start`), the fit
 //! (`solve`), which model, coefficients and views count (`choose`), what views are wanted (`missing`), and the files that

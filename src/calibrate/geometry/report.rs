@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::calibrated::{Calibrated, Parameter};
 use super::missing::{distance, tilt_deg};
+use crate::calibrate::board::Target;
 use crate::params::Field;
 use crate::words::{count, fixed, millimetres};
 
@@ -24,12 +25,11 @@ impl Calibrated {
     /// One line on what the calibration rests on.
     pub fn origin(&self) -> String {
         let corners: usize = self.views.iter().map(|view| view.seen.at_px.len()).sum();
-        format!(
-            "{} of a board of {} corners, {corners} in all: rms {} px",
-            count(self.views.len(), "view"),
-            self.board,
-            fixed(self.rms_px, 3)
-        )
+        let board = match self.target {
+            Target::Chessboard(board) => format!("a board of {board} corners, {corners} in all"),
+            Target::Tags(tags) => format!("a board of {}, {corners} corners in all", count(tags, "tag")),
+        };
+        format!("{} of {board}: rms {} px", count(self.views.len(), "view"), fixed(self.rms_px, 3))
     }
 
     /// The parameters with their deviations, in one line.
@@ -40,7 +40,7 @@ impl Calibrated {
 
     /// A length that is known in squares.
     fn length(&self, squares: f64) -> String {
-        match self.square_mm {
+        match self.unit_mm {
             Some(mm) => millimetres(1e-3 * mm * squares),
             None => format!("{} squares", fixed(squares, 1)),
         }
@@ -60,7 +60,7 @@ impl fmt::Display for Calibrated {
             let rms = (squares / residuals.len().max(1) as f64).sqrt();
             let corners = view.seen.at_px.len();
             let part =
-                if corners < self.board.corners() { format!(" of {}", self.board.corners()) } else { String::new() };
+                if corners < self.target.corners() { format!(" of {}", self.target.corners()) } else { String::new() };
             writeln!(
                 f,
                 "view       {}: {corners}{part} corners, rms {} px, tilted by {}°, {} away",

@@ -2,12 +2,12 @@
 
 use std::io::Write;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
 use super::existing::{existing, pictures_beside};
-use crate::calibrate::board::Board;
+use crate::calibrate::board::{Board, Wanted};
 use crate::calibrate::geometry::{LensOptions, Views, calibrate, residuals, views_from_paths};
 use crate::camera::LensModel;
 use crate::compositor::Settings;
@@ -16,15 +16,16 @@ use crate::params::{Field, Value};
 use crate::profile::Rig;
 use crate::sink::atomic::write_atomically;
 use crate::sink::photograph;
+use crate::tags;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Photographs of a chessboard, folders of them, or videos: one camera, one zoom, one focus
+    /// Photographs of a chessboard or of the sheet that `locard board` prints, folders of them, or videos: one camera, one zoom, one focus
     #[arg(required = true)]
     photos: Vec<PathBuf>,
-    /// The board's inner corners, where four squares meet, as 9x6; otherwise the largest that is seen
-    #[arg(long, value_name = "COLUMNSxROWS", value_parser = board)]
-    board: Option<Board>,
+    /// A chessboard's inner corners, where four squares meet, as 9x6, or the file of a board of tags; otherwise what is seen
+    #[arg(long, value_name = "COLUMNSxROWS|FILE", value_parser = board)]
+    board: Option<BoardArg>,
     /// The side of a square, to tell distances in millimetres
     #[arg(long, value_name = "MM", value_parser = square, allow_negative_numbers = true)]
     square_mm: Option<f64>,
@@ -42,13 +43,35 @@ pub struct Args {
     force: bool,
 }
 
-fn board(text: &str) -> Result<Board, String> {
+/// A chessboard's size, or the file of a board of tags.
+#[derive(Clone, Debug)]
+enum BoardArg {
+    Size(Board),
+    File(PathBuf),
+}
+
+impl BoardArg {
+    fn wanted(&self) -> Result<Wanted> {
+        Ok(match self {
+            Self::Size(board) => Wanted::Chessboard(*board),
+            Self::File(file) => Wanted::Tags(tags::Board::read(file)?),
+        })
+    }
+}
+
+fn board(text: &str) -> Result<BoardArg, String> {
+    let accepted = "accepted are the inner corners of both sides of a chessboard, 3 to 200 each, as in 9x6, or the file of a \
+                    board of tags";
     let sides = text.trim().split_once(['x', 'X', '×']);
     let sides = sides.and_then(|(columns, rows)| Some((columns.trim().parse().ok()?, rows.trim().parse().ok()?)));
-    sides.filter(|&(columns, rows)| (3..=200).contains(&columns) && (3..=200).contains(&rows)).map_or_else(
-        || Err("accepted are the inner corners of both sides, 3 to 200 each, as in 9x6".to_owned()),
-        |(columns, rows)| Ok(Board::new(columns, rows)),
-    )
+    match sides {
+        Some((columns, rows)) if (3..=200).contains(&columns) && (3..=200).contains(&rows) => {
+            Ok(BoardArg::Size(Board::new(columns, rows)))
+        }
+        None if Path::new(text).is_file() => Ok(BoardArg::File(text.into())),
+        Some(_) => Err(accepted.to_owned()),
+        None => Err(format!("there is no such file; {accepted}")),
+    }
 }
 
 fn square(text: &str) -> Result<f64, String> {
@@ -66,10 +89,16 @@ fn model(text: &str) -> Result<LensModel, String> {
 pub fn run(args: &Args) -> Result<()> {
     // Checked before the work starts, so that nothing the user has is lost.
     let inputs = Inputs::default().and(&args.photos).and(&pictures_beside(args.photos.iter()));
+    let board_file = match &args.board {
+        Some(BoardArg::File(file)) => Some(file),
+        _ => None,
+    };
+    let inputs = inputs.and(board_file);
     inputs.check_file(&args.output)?;
+    let wanted = args.board.as_ref().map(BoardArg::wanted).transpose()?.unwrap_or_default();
     let (is_there, mut profile) = existing(&args.output)?;
+    let mut rig = Rig::default();
     if is_there {
-        let mut rig = Rig::default();
         rig.read(&args.output, &mut Settings::default())?;
         if rig.gives_lens() && !args.force {
             bail!(
@@ -83,14 +112,18 @@ pub fn run(args: &Args) -> Result<()> {
         photograph::check(picture, args.force)?;
     }
     let bar = crate::cli::progress(false, 0);
-    let found = views_from_paths(&args.photos, args.board, &mut |done, all| {
+    let found = views_from_paths(&args.photos, &wanted, &rig.camera().response, &mut |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     });
     bar.finish_and_clear();
     let Views { size, views, refused } = found?;
-    let options = LensOptions { board: args.board, square_mm: args.square_mm, model: args.model };
+    let board = match wanted {
+        Wanted::Chessboard(board) => Some(board),
+        _ => None,
+    };
+    let options = LensOptions { board, square_mm: args.square_mm, model: args.model };
     let calibrated = calibrate(size, views, refused, &options)?;
     let origin = format!("`, from {}.\nOne standard deviation: {}.", calibrated.origin(), calibrated.deviations());
     profile.set_geometry(&calibrated.geometry, &origin);
