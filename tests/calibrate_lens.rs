@@ -266,7 +266,7 @@ fn too_little_says_what_is_needed() {
     let facing: Vec<_> = (0..5).map(|n| (DMat3::IDENTITY, DVec3::new(-3.0 - 0.3 * f64::from(n), -2.0, 12.0))).collect();
     let flat = facing.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random)));
     match calibrate(SIZE, flat.collect(), Vec::new(), &LensOptions::default()) {
-        Ok(calibrated) => assert!(calibrated.missing.iter().any(|m| m.contains("tilted")), "{calibrated}"),
+        Ok(calibrated) => assert!(calibrated.missing.iter().any(|m| m.to_string().contains("tilted")), "{calibrated}"),
         Err(error) => assert!(matches!(error, LensError::Undetermined | LensError::Unexplained), "{error}"),
     }
     let blank = Plane::new(300, 200, |x, y| ((x * 7 + y * 13) % 11) as f32);

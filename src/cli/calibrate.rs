@@ -3,6 +3,7 @@
 mod camera;
 mod existing;
 mod sharpness;
+mod watched;
 
 use std::io::Write;
 use std::ops::ControlFlow;

@@ -66,7 +66,7 @@ fn in_window(args: &Args) -> Result<()> {
     use crate::live::LiveFrom;
     use crate::window::{self, First, Project};
 
-    if args.camera.ends() || args.which.is_asked() || args.force || args.lossless {
+    if args.camera.pictures.ends() || args.which.is_asked() || args.force || args.lossless {
         bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
     }
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
@@ -96,11 +96,11 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let geometry = shot.geometry_at(0)?;
     shot.settings.check(&shot.camera(), &geometry)?;
     for note in shot.notes(0..0) {
-        warn(args.camera.quiet, &note.to_string());
+        warn(args.camera.pictures.quiet, &note.to_string());
     }
     let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
-        warn(args.camera.quiet, &text);
+        warn(args.camera.pictures.quiet, &text);
     }
     let options =
         SinkOptions { force: args.force, fps: 1.0 / interval_s, lossless: args.lossless, width, height, bits: 8 };
@@ -112,7 +112,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer)?;
     let mut tally = Tally::default();
     let mut watching = agreed.start()?;
-    let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.quiet, send));
+    let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.pictures.quiet, send));
     let (frames, counts) = (live.frames(), live.counts());
     let recorded = live.finish();
     match done {
@@ -120,7 +120,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         _ => {}
     }
     watching.close("", frames, tally.not_recorded);
-    if !args.camera.quiet {
+    if !args.camera.pictures.quiet {
         say(&format!(
             "{} tracked, {} by predicted poses, {} without; {} of poses came late",
             count(counts.tracked as usize, "frame"),

@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<()> {
         bail!("{error}; the recording ends after {}, and is whole", crate::words::count(kept, "frame"));
     }
     if late > 0 {
-        warn(args.camera.quiet, &format!("{late} poses went back in time, and are left out"));
+        warn(args.camera.pictures.quiet, &format!("{late} poses went back in time, and are left out"));
     }
     watching.close(&format!("{}: {poses} poses, ", args.output.display()), kept, not_recorded);
     Ok(())

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
+use crate::camera::Camera;
 use crate::live::{self, Next, Opened, Watched};
 use crate::pose::Pose;
 use crate::profile::Rig;
@@ -22,12 +23,19 @@ pub struct CameraArgs {
     /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml, opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pub pose: String,
+    #[command(flatten)]
+    pub pictures: PicturesArgs,
+}
+
+/// What a camera is asked for.
+#[derive(clap::Args)]
+pub struct PicturesArgs {
     /// Size of the pictures, px; the profile's, else 640x480
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(u32, u32)>,
-    /// Pictures a second
-    #[arg(long, default_value_t = 30.0, value_name = "HZ", value_parser = rate)]
-    rate: f64,
+    /// Pictures a second; 30 without it
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
     /// How the camera delivers them: rgb, yuyv, nv12 or mjpeg; without it, the best that comes at this size and rate
     #[arg(long, value_parser = layout)]
     format: Option<Layout>,
@@ -48,10 +56,24 @@ pub struct CameraArgs {
     pub quiet: bool,
 }
 
-impl CameraArgs {
+impl PicturesArgs {
     /// Whether it is to end by itself.
     pub fn ends(&self) -> bool {
         self.frames.is_some() || self.seconds.is_some()
+    }
+
+    /// An option that only a camera takes, if one is given.
+    pub fn given(&self) -> Option<&'static str> {
+        let options = [
+            ("--size", self.size.is_some()),
+            ("--rate", self.rate.is_some()),
+            ("--format", self.format.is_some()),
+            ("--range", self.range.is_some()),
+            ("--matrix", self.matrix.is_some()),
+            ("--frames", self.frames.is_some()),
+            ("--seconds", self.seconds.is_some()),
+        ];
+        options.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
     }
 }
 
@@ -112,18 +134,30 @@ pub struct Watching {
     quiet: bool,
 }
 
+/// Pictures a second that are asked for if nobody says.
+const RATE_HZ: f64 = 30.0;
+
 impl Agreed {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
         let profiled = profile.map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose()?;
+        Self::with(&args.camera, &args.pictures, &args.pose, profiled.as_ref())
+    }
+
+    /// Opens a camera of which nobody asks where it is.
+    pub fn without_poses(camera: &str, pictures: &PicturesArgs) -> Result<Self> {
+        Self::with(camera, pictures, "none", None)
+    }
+
+    fn with(camera: &str, args: &PicturesArgs, poses: &str, profiled: Option<&Camera>) -> Result<Self> {
         let wanted = Wanted {
-            rate_hz: args.rate,
+            rate_hz: args.rate.unwrap_or(RATE_HZ),
             layout: args.format,
             range: args.range,
             matrix: args.matrix,
             ..Wanted::default()
         };
-        let opened = live::open(&args.camera, args.size, wanted, &args.pose, profiled.as_ref())?;
+        let opened = live::open(camera, args.size, wanted, poses, profiled)?;
         warn(args.quiet, &opened.said);
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })

@@ -3,6 +3,8 @@
 use glam::DVec2;
 use nalgebra::DMatrix;
 
+use super::missing::Wish;
+use super::parameter::Parameter;
 use crate::calibrate::board::{Board, Seen, Target};
 use crate::camera::{Geometry, LensModel};
 use crate::fit::Stand;
@@ -37,16 +39,6 @@ pub struct LensOptions {
     pub model: Option<LensModel>,
 }
 
-/// A parameter with what is known of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Parameter {
-    /// As in a profile.
-    pub name: &'static str,
-    pub value: f64,
-    /// One standard deviation, in the parameter's unit.
-    pub sigma: f64,
-}
-
 /// A calibrated camera and what it rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibrated {
@@ -69,6 +61,6 @@ pub struct Calibrated {
     pub residuals_px: Vec<Vec<DVec2>>,
     pub refused: Vec<Refused>,
     /// Views that would make it better, each with what to do.
-    pub missing: Vec<String>,
+    pub missing: Vec<Wish>,
     pub notes: Vec<String>,
 }

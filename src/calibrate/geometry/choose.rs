@@ -3,9 +3,10 @@
 use glam::DVec2;
 use nalgebra::DMatrix;
 
-use super::calibrated::{Calibrated, ENOUGH_VIEWS, LEAST_VIEWS, LensOptions, NamedView, Parameter, Refused};
+use super::calibrated::{Calibrated, ENOUGH_VIEWS, LEAST_VIEWS, LensOptions, NamedView, Refused};
 use super::missing::missing;
 use super::model::Lens;
+use super::parameter::Parameter;
 use super::solve::{Fit, finish, fit};
 use crate::calibrate::board::{Board, Seen, Target};
 use crate::camera::{Geometry, LensModel};
@@ -89,7 +90,7 @@ pub fn calibrate(
         tags @ Target::Tags(_) => (tags, Some(METRE_MM)),
         chessboard => (options.board.map_or(chessboard, Target::Chessboard), options.square_mm),
     };
-    let missing = missing(&geometry, &parameters, &views, &fit.stands);
+    let missing = missing(size_px, &parameters, &seen(&views), &fit.stands, ENOUGH_VIEWS);
     Ok(Calibrated {
         rms_px: fit.rms_px(),
         median_px: fit.median_px(),

@@ -3,10 +3,12 @@
 //! Distortion is strongest in the picture's corners. The focal length and the principal point are told from a board's
 //! depth by its tilt alone. Different distances keep the two apart.
 
+use std::fmt;
+
 use glam::{DVec2, DVec3};
 
-use super::calibrated::{ENOUGH_VIEWS, NamedView, Parameter};
-use crate::camera::Geometry;
+use super::parameter::Parameter;
+use crate::calibrate::board::Seen;
 use crate::fit::Stand;
 use crate::words::{count, fixed};
 
@@ -19,6 +21,137 @@ const SPREAD: f64 = 1.4;
 /// A focal length is known to this share, σ.
 const KNOWN: f64 = 0.01;
 
+/// An edge of a board as it is seen in the picture, which should be the farther one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Edge {
+    Right,
+    Left,
+    Lower,
+    Upper,
+}
+
+impl Edge {
+    const ALL: [Self; 4] = [Self::Right, Self::Left, Self::Lower, Self::Upper];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Right => "right",
+            Self::Left => "left",
+            Self::Lower => "lower",
+            Self::Upper => "upper",
+        }
+    }
+
+    /// Where [`tilt_deg`] points when this edge is the farther one.
+    fn towards(self) -> DVec2 {
+        match self {
+            Self::Right => DVec2::X,
+            Self::Left => DVec2::NEG_X,
+            Self::Lower => DVec2::Y,
+            Self::Upper => DVec2::NEG_Y,
+        }
+    }
+}
+
+/// A corner of the picture: whether it is at the right, and whether it is at the bottom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PictureCorner {
+    pub right: bool,
+    pub lower: bool,
+}
+
+impl PictureCorner {
+    const ALL: [Self; 4] = [
+        Self { right: false, lower: false },
+        Self { right: true, lower: false },
+        Self { right: false, lower: true },
+        Self { right: true, lower: true },
+    ];
+
+    fn name(self) -> &'static str {
+        match (self.lower, self.right) {
+            (false, false) => "upper left",
+            (false, true) => "upper right",
+            (true, false) => "lower left",
+            (true, true) => "lower right",
+        }
+    }
+
+    /// As a share of the picture's width and height.
+    fn at(self) -> DVec2 {
+        DVec2::new(f64::from(u8::from(self.right)), f64::from(u8::from(self.lower)))
+    }
+}
+
+/// What a calibration still wants.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Wish {
+    /// More views.
+    Views { taken: usize, wanted: usize },
+    /// Boards tilted so that these edges are farther away.
+    Tilts(Vec<Edge>),
+    /// Boards in these corners of the picture.
+    Corners(Vec<PictureCorner>),
+    /// Boards nearer and farther than the others.
+    Distances,
+    /// A parameter is known to so many percent only.
+    Focal { name: &'static str, percent: f64 },
+}
+
+impl Wish {
+    /// As many things as it takes to fulfil it; more views of any kind are none.
+    pub fn things(&self) -> usize {
+        match self {
+            Self::Views { .. } | Self::Focal { .. } => 0,
+            Self::Tilts(edges) => edges.len(),
+            Self::Corners(corners) => corners.len(),
+            Self::Distances => 1,
+        }
+    }
+
+    /// What to do next, for somebody who holds the board.
+    pub fn hint(&self) -> String {
+        match self {
+            Self::Views { .. } => "hold it somewhere else, or otherwise tilted".to_owned(),
+            Self::Tilts(edges) => {
+                let edge = edges.first().map_or("", |edge| edge.name());
+                format!("tilt it by 20° to 45°, its {edge} edge away from the camera")
+            }
+            Self::Corners(corners) => {
+                let corner = corners.first().map_or("", |corner| corner.name());
+                format!("hold it into the picture's {corner} corner")
+            }
+            Self::Distances => "hold it nearer, or farther away".to_owned(),
+            Self::Focal { .. } => "hold it tilted by 20° to 45°, to any side".to_owned(),
+        }
+    }
+}
+
+impl fmt::Display for Wish {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Views { taken, wanted } => write!(f, "{} so far: take {wanted} or more", count(*taken, "view")),
+            Self::Tilts(edges) => write!(
+                f,
+                "no board is tilted so that its {} edge is farther away: tilt it by 20° to 45°",
+                listed(&edges.iter().map(|edge| edge.name()).collect::<Vec<_>>(), "or")
+            ),
+            Self::Corners(corners) => write!(
+                f,
+                "no board is seen in the picture's {} {}, where distortion is strongest: hold it there",
+                listed(&corners.iter().map(|corner| corner.name()).collect::<Vec<_>>(), "and"),
+                if corners.len() > 1 { "corners" } else { "corner" }
+            ),
+            Self::Distances => {
+                f.write_str("all boards are about as far away: take some from nearer and some from farther")
+            }
+            Self::Focal { name, percent } => {
+                write!(f, "{name} is known to ±{} % only: more views, tilted more", fixed(*percent, 1))
+            }
+        }
+    }
+}
+
 /// How far a board is turned about the picture's vertical (positive: its right edge is the farther one) and about its
 /// horizontal (its lower edge), degrees.
 pub fn tilt_deg(stand: &Stand) -> DVec2 {
@@ -29,55 +162,44 @@ pub fn tilt_deg(stand: &Stand) -> DVec2 {
 }
 
 /// The distance of what is seen of a board, in its unit.
-pub fn distance(view: &NamedView, stand: &Stand) -> f64 {
-    let middle = view.seen.board.iter().sum::<DVec2>() / view.seen.board.len().max(1) as f64;
+pub fn distance(seen: &Seen, stand: &Stand) -> f64 {
+    let middle = seen.board.iter().sum::<DVec2>() / seen.board.len().max(1) as f64;
     stand.point(middle.extend(0.0)).length()
 }
 
-/// Says what to photograph next, most needed first.
-pub(super) fn missing(
-    geometry: &Geometry,
+/// What views of a picture of this size still want, most needed first: `wanted` views, and that they differ.
+pub fn missing(
+    size_px: DVec2,
     parameters: &[Parameter],
-    views: &[NamedView],
+    views: &[&Seen],
     stands: &[Stand],
-) -> Vec<String> {
-    let mut wanted = Vec::new();
-    if views.len() < ENOUGH_VIEWS {
-        wanted.push(format!("{} so far: take {} or more", count(views.len(), "view"), ENOUGH_VIEWS));
+    wanted: usize,
+) -> Vec<Wish> {
+    let mut wishes = Vec::new();
+    if views.len() < wanted {
+        wishes.push(Wish::Views { taken: views.len(), wanted });
     }
     let tilts: Vec<DVec2> = stands.iter().map(tilt_deg).collect();
-    let farther = [("right", DVec2::X), ("left", DVec2::NEG_X), ("lower", DVec2::Y), ("upper", DVec2::NEG_Y)];
-    let absent = farther.iter().filter(|(_, towards)| !tilts.iter().any(|tilt| tilt.dot(*towards) >= TILTED_DEG));
-    let absent: Vec<&str> = absent.map(|(edge, _)| *edge).collect();
+    let is_tilted = |edge: Edge| tilts.iter().any(|tilt| tilt.dot(edge.towards()) >= TILTED_DEG);
+    let absent: Vec<Edge> = Edge::ALL.into_iter().filter(|edge| !is_tilted(*edge)).collect();
     if !absent.is_empty() {
-        wanted.push(format!(
-            "no board is tilted so that its {} edge is farther away: tilt it by 20° to 45°",
-            or(&absent)
-        ));
+        wishes.push(Wish::Tilts(absent));
     }
-    let size = DVec2::new(geometry.intrinsics.width_px.into(), geometry.intrinsics.height_px.into());
-    let seen = || views.iter().flat_map(|view| &view.seen.at_px).map(|at| *at / size);
-    let corners =
-        [("upper left", 0.0, 0.0), ("upper right", 1.0, 0.0), ("lower left", 0.0, 1.0), ("lower right", 1.0, 1.0)];
-    let is_seen = |x: f64, y: f64| seen().any(|at| (at - DVec2::new(x, y)).abs().max_element() < CORNER);
-    let absent: Vec<&str> = corners.iter().filter(|(_, x, y)| !is_seen(*x, *y)).map(|(name, ..)| *name).collect();
+    let seen = || views.iter().flat_map(|view| &view.at_px).map(|at| *at / size_px);
+    let is_seen = |corner: PictureCorner| seen().any(|at| (at - corner.at()).abs().max_element() < CORNER);
+    let absent: Vec<PictureCorner> = PictureCorner::ALL.into_iter().filter(|corner| !is_seen(*corner)).collect();
     if !absent.is_empty() {
-        let plural = if absent.len() > 1 { "corners" } else { "corner" };
-        wanted.push(format!(
-            "no board is seen in the picture's {} {plural}, where distortion is strongest: hold it there",
-            and(&absent)
-        ));
+        wishes.push(Wish::Corners(absent));
     }
     let distances = || views.iter().zip(stands).map(|(view, stand)| distance(view, stand));
     let (near, far) = (distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max));
     if far < SPREAD * near {
-        wanted.push("all boards are about as far away: take some from nearer and some from farther".to_owned());
+        wishes.push(Wish::Distances);
     }
     for parameter in parameters.iter().take(2).filter(|p| p.sigma > KNOWN * p.value) {
-        let percent = fixed(100.0 * parameter.sigma / parameter.value, 1);
-        wanted.push(format!("{} is known to ±{percent} % only: more views, tilted more", parameter.name));
+        wishes.push(Wish::Focal { name: parameter.name, percent: 100.0 * parameter.sigma / parameter.value });
     }
-    wanted
+    wishes
 }
 
 fn listed(names: &[&str], word: &str) -> String {
@@ -88,29 +210,27 @@ fn listed(names: &[&str], word: &str) -> String {
     }
 }
 
-fn or(names: &[&str]) -> String {
-    listed(names, "or")
-}
-
-fn and(names: &[&str]) -> String {
-    listed(names, "and")
-}
-
 #[cfg(test)]
 mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
-    use crate::calibrate::board::{Board, Seen, Target};
-    use crate::camera::{Distortion, Intrinsics};
+    use crate::calibrate::board::{Board, Target};
+
+    const SIZE_PX: DVec2 = DVec2::new(640.0, 480.0);
 
     fn stand(turn: DVec3, z: f64) -> Stand {
         Stand { rotation: DMat3::from_quat(DQuat::from_scaled_axis(turn)), translation: DVec3::new(0.0, 0.0, z) }
     }
 
-    fn view(at_px: Vec<DVec2>) -> NamedView {
-        let board = vec![DVec2::ZERO; at_px.len()];
-        NamedView { name: "a".to_owned(), seen: Seen { board, at_px, of: Target::Chessboard(Board::new(9, 6)) } }
+    fn view(at_px: Vec<DVec2>) -> Seen {
+        Seen { board: vec![DVec2::ZERO; at_px.len()], at_px, of: Target::Chessboard(Board::new(9, 6)) }
+    }
+
+    /// As it is told to people, of ten views that are wanted.
+    fn told(known: &[Parameter], view: &Seen, stands: &[Stand]) -> Vec<String> {
+        let wishes = missing(SIZE_PX, known, &vec![view; stands.len()], stands, 10);
+        wishes.iter().map(Wish::to_string).collect()
     }
 
     #[test]
@@ -125,34 +245,30 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_told_and_nothing_when_all_is_there() {
-        let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
         let known = [Parameter { name: "fx_px", value: 500.0, sigma: 1.0 }; 2];
         let middle = view(vec![DVec2::new(320.0, 240.0)]);
-        let told = missing(&geometry, &known, &vec![middle.clone(); 3], &[stand(DVec3::ZERO, 10.0); 3]).join("\n");
+        let all = told(&known, &middle, &[stand(DVec3::ZERO, 10.0); 3]).join("\n");
         for part in [
             "3 views so far",
             "its right, left, lower or upper edge",
             "upper left, upper right, lower left and lower right corners",
             "as far away",
         ] {
-            assert!(told.contains(part), "{told}");
+            assert!(all.contains(part), "{all}");
         }
-        assert!(!told.contains("known to"));
+        assert!(!all.contains("known to"));
         let poor = [Parameter { name: "fx_px", value: 500.0, sigma: 20.0 }];
         let tilts = [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3)];
         let mut stands: Vec<Stand> = tilts.iter().map(|(x, y)| stand(DVec3::new(*x, *y, 0.0), 10.0)).collect();
         stands.resize(10, stand(DVec3::ZERO, 20.0));
         let corners = [(9.0, 9.0), (630.0, 9.0), (9.0, 470.0), (630.0, 470.0)];
-        let views = vec![view(corners.iter().map(|c| DVec2::from(*c)).collect()); 10];
-        assert_eq!(missing(&geometry, &known, &views, &stands), Vec::<String>::new());
-        assert_eq!(
-            missing(&geometry, &poor, &views, &stands),
-            ["fx_px is known to ±4.0 % only: more views, tilted more"]
-        );
+        let everywhere = view(corners.iter().map(|c| DVec2::from(*c)).collect());
+        assert_eq!(told(&known, &everywhere, &stands), Vec::<String>::new());
+        assert_eq!(told(&poor, &everywhere, &stands), ["fx_px is known to ±4.0 % only: more views, tilted more"]);
         // Without what is turned to the left, and without the lower right corner.
         stands[1] = stands[9];
-        let views = vec![view(corners[..3].iter().map(|c| DVec2::from(*c)).collect()); 10];
-        let told = missing(&geometry, &known, &views, &stands);
+        let without = view(corners[..3].iter().map(|c| DVec2::from(*c)).collect());
+        let told = told(&known, &without, &stands);
         assert!(told[0].contains("upper edge") || told[0].contains("right edge"), "{told:?}");
         assert!(told.len() == 2 && told[1].contains("picture's lower right corner,"), "{told:?}");
     }

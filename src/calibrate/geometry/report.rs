@@ -2,8 +2,9 @@
 
 use std::fmt;
 
-use super::calibrated::{Calibrated, Parameter};
+use super::calibrated::Calibrated;
 use super::missing::{distance, tilt_deg};
+use super::parameter::Parameter;
 use crate::calibrate::board::Target;
 use crate::params::Field;
 use crate::words::{count, fixed, millimetres};
@@ -67,7 +68,7 @@ impl fmt::Display for Calibrated {
                 view.name,
                 fixed(rms, 2),
                 fixed(tilt_deg(stand).length(), 0),
-                self.length(distance(view, stand))
+                self.length(distance(&view.seen, stand))
             )?;
         }
         for refused in &self.refused {

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 
 use super::existing::{existing, pictures_beside};
+use super::watched::taken;
 use crate::calibrate::board::{Board, Wanted};
-use crate::calibrate::geometry::{LensOptions, Views, calibrate, residuals, views_from_paths};
-use crate::camera::LensModel;
+use crate::calibrate::geometry::{Calibrated, LensOptions, Views, calibrate, residuals, views_from_paths};
+use crate::camera::{LensModel, Response};
+use crate::cli::watching::PicturesArgs;
 use crate::compositor::Settings;
 use crate::export::Inputs;
 use crate::params::{Field, Value};
@@ -21,8 +23,14 @@ use crate::tags;
 #[derive(clap::Args)]
 pub struct Args {
     /// Photographs of a chessboard or of the sheet that `locard board` prints, folders of them, or videos: one camera, one zoom, one focus
-    #[arg(required = true)]
+    #[arg(required_unless_present = "camera")]
     photos: Vec<PathBuf>,
+    /// Instead of photographs, a camera (its number or device), or a video that is played in its place: views are taken while the board is held still
+    #[arg(long, value_name = "N|VIDEO", conflicts_with = "photos")]
+    camera: Option<String>,
+    /// With --camera: so many views at least, and until nothing is missing
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(3..=200))]
+    views: u64,
     /// A chessboard's inner corners, where four squares meet, as 9x6, or the file of a board of tags; otherwise what is seen
     #[arg(long, value_name = "COLUMNSxROWS|FILE", value_parser = board)]
     board: Option<BoardArg>,
@@ -41,6 +49,8 @@ pub struct Args {
     /// Replace the lens of a profile that has one, and a picture that is there
     #[arg(long)]
     force: bool,
+    #[command(flatten, next_help_heading = "With --camera")]
+    pictures: PicturesArgs,
 }
 
 /// A chessboard's size, or the file of a board of tags.
@@ -86,6 +96,21 @@ fn model(text: &str) -> Result<LensModel, String> {
     named.ok_or_else(|| "accepted are opencv and opencv_fisheye".to_owned())
 }
 
+fn from_photos(args: &Args, wanted: &Wanted, response: &Response, options: &LensOptions) -> Result<Calibrated> {
+    if let Some(option) = args.pictures.given() {
+        bail!("{option} is for a camera: name one with --camera");
+    }
+    let bar = crate::cli::progress(args.pictures.quiet, 0);
+    let found = views_from_paths(&args.photos, wanted, response, &mut |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    let Views { size, views, refused } = found?;
+    Ok(calibrate(size, views, refused, options)?)
+}
+
 pub fn run(args: &Args) -> Result<()> {
     // Checked before the work starts, so that nothing the user has is lost.
     let inputs = Inputs::default().and(&args.photos).and(&pictures_beside(args.photos.iter()));
@@ -111,20 +136,18 @@ pub fn run(args: &Args) -> Result<()> {
         inputs.and([&args.output]).check_file(picture)?;
         photograph::check(picture, args.force)?;
     }
-    let bar = crate::cli::progress(false, 0);
-    let found = views_from_paths(&args.photos, &wanted, &rig.camera().response, &mut |done, all| {
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
-        ControlFlow::Continue(())
-    });
-    bar.finish_and_clear();
-    let Views { size, views, refused } = found?;
     let board = match wanted {
         Wanted::Chessboard(board) => Some(board),
         _ => None,
     };
     let options = LensOptions { board, square_mm: args.square_mm, model: args.model };
-    let calibrated = calibrate(size, views, refused, &options)?;
+    let response = &rig.camera().response;
+    let calibrated = match &args.camera {
+        Some(camera) => {
+            taken(camera, &args.pictures, args.views as usize, (&wanted, response), options)?.calibrated()?
+        }
+        None => from_photos(args, &wanted, response, &options)?,
+    };
     let origin = format!("`, from {}.\nOne standard deviation: {}.", calibrated.origin(), calibrated.deviations());
     profile.set_geometry(&calibrated.geometry, &origin);
     write_atomically(&args.output, is_there, |file| file.write_all(profile.to_string().as_bytes()))?;

@@ -1,0 +1,11 @@
+//! A number that is calibrated.
+
+/// A parameter with what is known of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// As in a profile.
+    pub name: &'static str,
+    pub value: f64,
+    /// One standard deviation, in the parameter's unit.
+    pub sigma: f64,
+}
