@@ -225,6 +225,59 @@ fn deviations_are_those_of_the_errors() {
     assert!((0.45..1.3).contains(&mean), "{mean} over {count}");
 }
 
+/// Boards that bend by a twelfth of a square have errors that all corners of a view share. With few views the deviations are
+/// still those of the errors.
+#[test]
+fn deviations_know_of_bent_boards() {
+    let geometry = brown();
+    let (mut squares, mut count) = (0.0, 0.0);
+    for seed in 0..16 {
+        let mut random = Random::new(300 + seed);
+        let views = stands(&geometry, 4, 40 + seed).into_iter().enumerate().map(|(n, (rotation, translation))| {
+            let mut seen = read(&geometry, &(rotation, translation), 0.1, &mut random);
+            let bend = if n % 2 == 0 { 0.08 } else { 0.02 };
+            for (place, at) in seen.board.iter().zip(&mut seen.at_px) {
+                let bent = place.extend(bend * (place.x / 3.5 - 1.0).powi(2));
+                let way = |point: DVec3| geometry.project(rotation * point + translation).unwrap();
+                *at += way(bent) - way(place.extend(0.0));
+            }
+            named(n, seen)
+        });
+        let Ok(calibrated) = calibrate(SIZE, views.collect(), Vec::new(), &LensOptions::default()) else { continue };
+        for (_, off) in off(&calibrated, &geometry) {
+            squares += off * off;
+            count += 1.0;
+        }
+    }
+    let mean = squares / count;
+    println!("{mean:.2} over {count}");
+    assert!(count > 100.0 && (0.1..2.0).contains(&mean), "{mean} over {count}");
+}
+
+/// The last radial coefficient is kept where the views tell it, and left at 0 where they do not: one
+/// in twenty that is 0 seems to be more than two deviations from it.
+#[test]
+fn the_last_coefficient_is_kept_where_the_views_tell_it() {
+    for (k3, count, told) in [(0.25, 10, 6..7), (0.0, 4, 0..3)] {
+        let geometry =
+            Geometry::new(brown().intrinsics, Distortion { k1: -0.1, k2: 0.02, k3, ..Distortion::default() });
+        let mut kept = 0;
+        for seed in 0..6 {
+            let mut random = Random::new(900 + seed);
+            let stands = stands(&geometry, count, seed);
+            let views =
+                stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.05, &mut random))).collect();
+            let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
+            let last = calibrated.parameters.last().unwrap();
+            kept += usize::from(last.value != 0.0);
+            assert!((last.value - k3).abs() < 4.0 * last.sigma, "seed {seed}: {calibrated}");
+            let left = calibrated.notes.iter().any(|note| note.starts_with("k3 is left at 0"));
+            assert_eq!(left, last.value == 0.0, "{calibrated}");
+        }
+        assert!(told.contains(&kept), "k3 = {k3}: kept in {kept} of 6");
+    }
+}
+
 /// Misread corners, a view with another zoom, a board that was read wrongly: told and left out, and the rest is as good.
 #[test]
 fn what_does_not_belong_is_refused_or_does_little() {

@@ -79,9 +79,11 @@ impl Fit {
     }
 
     /// The covariance of the camera's parameters, in their order and units. Two estimates are made: from the scatter of
-    /// all residuals, as if each had an error of its own, and from how much the views disagree, which also sees errors
-    /// that a view's corners share, such as of a board that is not flat (White 1980, clustered). For each parameter the
-    /// larger deviation counts, with the correlations of the first. `None` if the views do not determine the camera.
+    /// all residuals, as if each had an error of its own, and from how far the camera goes when a view is left out, in
+    /// one step of Newton's (the jackknife: Tukey 1958), which also sees errors that a view's corners share, such as of a
+    /// board that is not flat. Of few views each pulls the camera to itself; what their residuals show of that is too
+    /// small, what leaving them out shows is not. For each parameter the larger deviation counts, with the correlations
+    /// of the first. `None` if the views do not determine the camera.
     pub fn covariance(&self, views: &[&Seen]) -> Option<DMatrix<f64>> {
         let n = self.lens.count();
         let blocks = blocks(views, &self.lens, &self.stands, self.delta_px)?;
@@ -90,8 +92,8 @@ impl Fit {
         // Parameters differ by many powers of ten.
         let scale = DVector::from_fn(n, |i, _| information[(i, i)].max(1e-300).sqrt().recip());
         let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] * scale[i] * scale[j]);
-        let inverse = scaled.cholesky()?.inverse();
-        let inverse = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]);
+        let scaled_inverse = scaled.cholesky()?.inverse();
+        let inverse = DMatrix::from_fn(n, n, |i, j| scaled_inverse[(i, j)] * scale[i] * scale[j]);
         let corners: usize = views.iter().map(|view| view.at_px.len()).sum();
         let freedom = (2 * corners) as f64 - (n + 6 * views.len()) as f64;
         if freedom < 1.0 {
@@ -101,12 +103,16 @@ impl Fit {
             self.residuals_px.iter().flatten().map(|r| weight(*r, self.delta_px) * r.length_squared()).sum();
         let alone = &inverse * (squares / freedom);
         let count = views.len() as f64;
-        let mut between = DMatrix::<f64>::zeros(n, n);
+        let mut together = DMatrix::<f64>::zeros(n, n);
         for block in &blocks {
-            let own = DVector::from_fn(n, |i, _| block.by_lens[i]);
-            between += &own * own.transpose();
+            let (part, own) = seen_of_lens(block, 0.0)?;
+            let own = DVector::from_fn(n, |i, _| own[i] * scale[i]);
+            let others = DMatrix::from_fn(n, n, |i, j| (information[(i, j)] - part[(i, j)]) * scale[i] * scale[j]);
+            // Where the others alone do not determine the camera, it goes as far as all of them let it.
+            let by = others.cholesky().map_or_else(|| &scaled_inverse * &own, |others| others.solve(&own));
+            let by = DVector::from_fn(n, |i, _| by[i] * scale[i]);
+            together += &by * by.transpose() * ((count - 1.0) / count);
         }
-        let together = &inverse * between * &inverse * (count / (count - 1.0).max(1.0));
         let larger = |i: usize| (together[(i, i)] / alone[(i, i)]).max(1.0).sqrt();
         let covariance = DMatrix::from_fn(n, n, |i, j| alone[(i, j)] * larger(i) * larger(j));
         covariance.iter().all(|value| value.is_finite()).then_some(covariance)
@@ -195,15 +201,20 @@ fn damped<const N: usize>(m: &SMatrix<f64, N, N>, damping: f64) -> SMatrix<f64, 
     m
 }
 
+/// A view's part of the equations for the camera alone, wherever its board stands.
+fn seen_of_lens(block: &Block, damping: f64) -> Option<(SMatrix<f64, MOST, MOST>, SVector<f64, MOST>)> {
+    let across = block.mixed * damped(&block.stand, damping).cholesky()?.inverse();
+    let lens = damped(&block.lens, damping) - across * block.mixed.transpose();
+    Some((lens, block.by_lens - across * block.by_stand))
+}
+
 /// The equations for the camera alone.
 fn eliminated(blocks: &[Block], damping: f64) -> Option<(SMatrix<f64, MOST, MOST>, SVector<f64, MOST>)> {
-    let sum = blocks.iter().fold(SMatrix::<f64, MOST, MOST>::zeros(), |sum, block| sum + block.lens);
-    let (mut reduced, mut right) = (damped(&sum, damping), SVector::zeros());
+    let (mut reduced, mut right) = (SMatrix::zeros(), SVector::zeros());
     for block in blocks {
-        let inverse = damped(&block.stand, damping).cholesky()?.inverse();
-        let across = block.mixed * inverse;
-        reduced -= across * block.mixed.transpose();
-        right += block.by_lens - across * block.by_stand;
+        let (lens, by_lens) = seen_of_lens(block, damping)?;
+        reduced += lens;
+        right += by_lens;
     }
     Some((reduced, right))
 }
