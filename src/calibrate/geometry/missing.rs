@@ -109,20 +109,20 @@ impl Wish {
         }
     }
 
-    /// What to do next, for somebody who holds the board.
+    /// Where to hold the board next, in half a line.
     pub fn hint(&self) -> String {
         match self {
-            Self::Views { .. } => "hold it somewhere else, or otherwise tilted".to_owned(),
+            Self::Views { .. } => "somewhere else, or otherwise tilted".to_owned(),
             Self::Tilts(edges) => {
                 let edge = edges.first().map_or("", |edge| edge.name());
-                format!("tilt it by 20° to 45°, its {edge} edge away from the camera")
+                format!("tilt it, its {edge} edge away from the camera")
             }
             Self::Corners(corners) => {
                 let corner = corners.first().map_or("", |corner| corner.name());
-                format!("hold it into the picture's {corner} corner")
+                format!("into the picture's {corner} corner")
             }
-            Self::Distances => "hold it nearer, or farther away".to_owned(),
-            Self::Focal { .. } => "hold it tilted by 20° to 45°, to any side".to_owned(),
+            Self::Distances => "nearer, or farther away".to_owned(),
+            Self::Focal { .. } => "tilt it by 20° to 45°, to any side".to_owned(),
         }
     }
 }

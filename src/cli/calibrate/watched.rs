@@ -50,15 +50,15 @@ pub fn taken(
     Ok(taking)
 }
 
-/// How far it is, and what to do.
+/// How far it is, and what to do: in 80 columns.
 fn told(taking: &Taking, look: Look) -> String {
     let (views, share) = (taking.views().len(), fixed(100.0 * taking.coverage().share(), 0));
-    let next = taking.hint().map_or("nothing is missing".to_owned(), |hint| format!("next: {hint}"));
+    let next = taking.hint().unwrap_or("nothing is missing".to_owned());
     let now = match look {
-        Look::NoBoard => "no board is seen; ",
-        Look::Moving => "keep it still; ",
+        Look::NoBoard => "no board; ",
+        Look::Moving => "moving; ",
         Look::Taken => "taken; ",
         Look::Known => "",
     };
-    format!("{views} of {} views, {share} % of the picture; {now}{next}", taking.wanted())
+    format!("{views} of {} views, {share} % seen; {now}{next}", taking.wanted())
 }
