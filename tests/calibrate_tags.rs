@@ -106,8 +106,8 @@ fn the_program_finds_by_itself_what_is_photographed() {
         save(photograph(&CAMERA, n), &photos.join(format!("{n}.png")));
     }
     // Squares of 60 px that fill the picture.
-    let squares =
-        (0..SIZE.0 * SIZE.1).flat_map(|i| [if (i % SIZE.0 / 60 + i / SIZE.0 / 60) % 2 == 0 { 30 } else { 200 }; 3]);
+    let squares = (0..SIZE.0 * SIZE.1)
+        .flat_map(|i| [if (i % SIZE.0 / 60 + i / SIZE.0 / 60).is_multiple_of(2) { 30 } else { 200 }; 3]);
     save(squares.collect(), &photos.join("squares.png"));
     save(vec![128; (3 * SIZE.0 * SIZE.1) as usize], &photos.join("wall.png"));
     let (profile, photos) = (path(&folder.path().join("mine.toml")), path(&photos));
