@@ -24,6 +24,7 @@ struct Composite {
     gain: f32,               // on the real light
     noise_left: f32,         // share of the variance of the real pixels' noise
     gamma: f32,              // of the camera's response
+    presence: f32,           // share of the layer that is seen
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -51,7 +52,12 @@ fn layer_at(p: vec2<i32>) -> vec4<f32> {
         return vec4<f32>(0.0);
     }
     let texel = textureLoad(layer, q, 0);
-    return select(vec4<f32>(0.0), texel, texel.a > 0.0 || light_alone);
+    return present(select(vec4<f32>(0.0), texel, texel.a > 0.0 || light_alone));
+}
+
+// What is seen of the layer's light or coverage. All of it stays as it is to the last bit.
+fn present(whole_layer: vec4<f32>) -> vec4<f32> {
+    return select(whole_layer, composite.presence * whole_layer, composite.presence < 1.0);
 }
 
 // The coverage of each colour there. `mean` is the layer's own.
@@ -62,7 +68,7 @@ fn coverage_at(p: vec2<i32>, mean: f32) -> vec3<f32> {
     let q = p + composite.in_layer;
     // If the whole picture is made, there are pixels outside the layer too.
     let inside = all(q >= vec2<i32>(0)) && all(q < composite.layer_size);
-    return select(vec3<f32>(0.0), textureLoad(coverage, q, 0).rgb, inside);
+    return select(vec3<f32>(0.0), present(textureLoad(coverage, q, 0)).rgb, inside);
 }
 
 fn inside_picture(p: vec2<i32>) -> bool {

@@ -13,6 +13,9 @@ pub struct Frame {
     /// Depth of the site, registered to the colour picture. `None` without a sensor.
     pub depth: Option<DepthMap>,
     pub exposure: FrameExposure,
+    /// Share of the virtual layer that is seen, its light and its coverage, 0 to 1; 1 unless said otherwise. Live lets it
+    /// fall while the camera is lost.
+    pub presence: f64,
 }
 
 /// Seconds from a frame to the next, from their timestamps if the next one's is known. Otherwise, at a recording's end

@@ -123,6 +123,13 @@ impl LayerImage {
             light_alone: false,
         }
     }
+
+    /// Leaves a share of its light and coverage, 0 to 1.
+    pub fn fade(&mut self, presence: f32) {
+        if presence < 1.0 {
+            self.rgba.iter_mut().flatten().for_each(|value| *value *= presence);
+        }
+    }
 }
 
 /// A picture of light: linear, premultiplied R, G, B, A, row by row from the top left, `width * height` values.

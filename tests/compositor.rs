@@ -8,7 +8,7 @@ mod board;
 mod gpu;
 
 use board::{FOCAL_PX, board, sideways};
-use locard::camera::{Capture, FilmUsed};
+use locard::camera::{Capture, FilmUsed, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings, SubmitError, Target};
 use locard::frame::Frame;
 use locard::params::Value;
@@ -143,4 +143,55 @@ fn light_without_coverage_is_dropped_in_frames_and_in_photographs() {
         let done = made(Settings::default(), ghost.clone(), &still, 0.0, frame, photograph).unwrap();
         assert_eq!(done.pixels, gpu::grey(320, 240, 60), "photograph: {photograph}");
     }
+}
+
+#[test]
+fn a_layer_that_fades_lets_as_much_of_its_light_and_coverage_through() {
+    let still = sideways([0.0, 0.0]);
+    let done = |presence| {
+        let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
+        submitted(Settings::default(), board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap()
+    };
+    let curve = Response::default();
+    let code = |share: f64| {
+        let light = share * 0.5 + (1.0 - share) * curve.decode(60.0 / 255.0);
+        (255.0 * curve.encode(light)).round() as u32
+    };
+    for presence in [1.0, 0.75, 0.5, 0.1] {
+        let done = done(presence);
+        let seen = done.pixels.at(160, 120)[1];
+        // The layer has 11 bits, and so has a product of them.
+        assert!(seen.abs_diff(code(presence)) <= 1, "{presence}: {seen}");
+        assert_eq!(done.pixels.at(20, 20), [60; 3]);
+        assert_eq!(done.stats.presence, Some(presence).filter(|share| *share < 1.0));
+    }
+    assert_eq!(done(0.0).pixels, gpu::grey(320, 240, 60));
+}
+
+#[test]
+fn what_has_nearly_faded_leaves_the_camera_as_it_is() {
+    let (width, height) = (320u32, 240u32);
+    let code = |x: u32, y: u32| (60 + (x * 37 + y * 91 + x * y) % 120) as u8;
+    let codes = (0..height).flat_map(|y| (0..width).flat_map(move |x| [code(x, y); 3])).collect();
+    let plain = Pixels::from_u8(width, height, codes).unwrap();
+    let sets = [("edge_blend", "impact", Value::Number(1.0)), ("noise", "scale", Value::Number(4.0))];
+    let (still, mut difference) = (sideways([0.0, 0.0]), Vec::new());
+    for presence in [1.0, 1e-4] {
+        let geometry = gpu::pinhole(width, height, FOCAL_PX);
+        let gpu = gpu::gpu();
+        let mut camera = gpu::camera(&geometry, 0.0);
+        let bin = |code| NoiseBin { code, sigma: 3.0 };
+        let bins = std::array::from_fn(|_| vec![bin(0.0), bin(255.0)]);
+        camera.noise = Some(NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] });
+        let settings = gpu::settings(&sets);
+        let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
+        let frame = Frame { presence, ..gpu::frame(0, 0.0, plain.clone()) };
+        let job = Job::of_frame(frame, &camera, &settings, &geometry, &still, 1.0 / 30.0);
+        let pending = compositor.submit(job.unwrap(), &camera, &settings, Target::Pixels).unwrap();
+        let done = compositor.collect(pending).unwrap();
+        assert_eq!(done.stats.effects, ["edge_blend", "noise"]);
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        difference.push(places.map(|(x, y)| done.pixels.at(x, y)[0].abs_diff(plain.at(x, y)[0])).max());
+    }
+    assert!(difference[0] > Some(60) && difference[1] <= Some(1), "{difference:?}");
 }

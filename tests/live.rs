@@ -103,8 +103,9 @@ fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
     events
 }
 
-/// Composites as live, and then from the recording that it wrote.
-fn both(layout: Layout, frames: usize, sets: &[&str]) -> Counts {
+/// Composites as live, and then from the recording that it wrote. Returns how much of the marker was seen in each frame that
+/// had a pose, too.
+fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64>>) {
     let temp = tempfile::tempdir().unwrap();
     let (profile, folder) = (temp.path().join("camera.toml"), temp.path().join("site"));
     std::fs::write(&profile, PROFILE).unwrap();
@@ -126,10 +127,11 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> Counts {
     let gpu = gpu();
     let mut compositor = shot.compositor(gpu.clone());
     let mut live = Live::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer)).unwrap();
-    let mut seen = Vec::new();
+    let (mut seen, mut told) = (Vec::new(), Vec::new());
     let mut show = |live: &mut Live<'_>, now_s: f64| {
         while let Some(submitted) = live.submit(now_s).unwrap() {
             let shown = live.collect(submitted).unwrap();
+            told.push(shown.presence);
             seen.push(shown.done);
         }
     };
@@ -155,9 +157,10 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> Counts {
     let given = Given { sets, scene, ..Given::default() };
     let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
     assert_eq!(shot.recording.frame_count(), frames);
+    (0..frames).for_each(|frame| assert_eq!(shot.recording.presence(frame), told[frame], "frame {frame}"));
     let mut compositor = shot.compositor(gpu.clone());
     let replayed = shot.frames(&mut compositor, 0..frames, false, 2).unwrap();
-    let mut drawn = 0;
+    let (mut drawn, mut presence) = (0, Vec::new());
     for (live, again) in seen.iter().zip(replayed) {
         let again = again.unwrap();
         assert_eq!(live.stats.no_pose.is_some(), again.stats.no_pose.is_some(), "frame {}", live.frame);
@@ -165,18 +168,24 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> Counts {
         let plain = shot.read(live.frame).unwrap().pixels;
         let (Codes::U8(live), Codes::U8(plain)) = (&live.pixels.codes, &plain.codes) else { panic!("8 bits") };
         drawn += usize::from(live != plain);
+        presence.push(again.stats.no_pose.is_none().then(|| shot.recording.presence(again.frame)));
     }
-    // The marker is in the picture wherever there is a pose.
-    assert_eq!(drawn as u64, counts.tracked + counts.predicted, "{counts:?}");
-    counts
+    // The marker is in the picture wherever there is a pose, unless it has faded.
+    assert_eq!(drawn, presence.iter().filter(|share| share.is_some_and(|share| share > 0.02)).count(), "{counts:?}");
+    assert_eq!(presence.iter().flatten().count() as u64, counts.tracked + counts.predicted, "{counts:?}");
+    (counts, presence)
 }
 
 #[test]
 fn three_hundred_frames_replay_bit_for_bit() {
-    let counts = both(Layout::Yuyv, 300, &[]);
+    let (counts, presence) = both(Layout::Yuyv, 300, &[]);
     // Everything happened.
     let Counts { tracked, predicted, lost, late, .. } = counts;
     assert!(tracked > 100 && predicted > 15 && lost > 15 && late > 15, "{counts:?}");
+    let faded = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a > b);
+    let rose = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a < b);
+    let [fell, rose] = [presence.windows(2).filter(faded).count(), presence.windows(2).filter(rose).count()];
+    assert!(fell > 5 && rose > 5, "{fell} {rose} {presence:?}");
 }
 
 #[test]

@@ -80,6 +80,7 @@ fn photo_of_frame(
         frame: 3,
         timestamp_s: 0.0,
         exposure,
+        presence: 1.0,
         summed: &[],
         depth: None,
         hiding: &[],

@@ -67,6 +67,7 @@ fn photo_with(
         frame: 3,
         timestamp_s: 0.0,
         exposure: Default::default(),
+        presence: 1.0,
         summed: &[],
         depth: Some(depth),
         hiding: &[],

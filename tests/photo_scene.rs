@@ -52,6 +52,7 @@ impl Taken<'_> {
             frame: 3,
             timestamp_s: 0.0,
             exposure: Default::default(),
+            presence: 1.0,
             summed: self.summed,
             depth: self.depth,
             hiding,

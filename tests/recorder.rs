@@ -47,7 +47,7 @@ fn line(i: usize) -> Line {
 
 fn add<S: Store>(recorder: &mut Recorder<S>, i: usize, picture: &[u8]) -> Result<(), RecorderError> {
     recorder.pose(line(i));
-    recorder.frame(time_s(i), "png", picture, Some(0.01 + 1e-5 * i as f64))
+    recorder.frame(time_s(i), "png", picture, Some(0.01 + 1e-5 * i as f64), Some(1.0))
 }
 
 fn open(path: &Path) -> Recording {
@@ -86,12 +86,48 @@ fn what_is_recorded_reads_back_to_the_bit() {
 }
 
 #[test]
+fn a_frame_is_listed_once_its_presence_is_told_and_the_first_at_once() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
+    let picture = png();
+    let frame =
+        |recorder: &mut Recorder<Folder>, i| recorder.frame(time_s(i), "png", &picture, Some(0.01), None).unwrap();
+    frame(&mut recorder, 0);
+    frame(&mut recorder, 1);
+    recorder.commit().unwrap();
+    let error = Recording::open(temp.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.ends_with("the recording has no frames"), "{error}");
+    recorder.settle(time_s(0), 1.0).unwrap();
+    assert_eq!(open(temp.path()).frame_count(), 1);
+    // Whatever is written by then, nothing of a frame whose presence is to come.
+    let share = |i: usize| (i as f64 * 0.37).sin().abs();
+    for i in 2..40 {
+        recorder.settle(time_s(i - 1), share(i - 1)).unwrap();
+        frame(&mut recorder, i);
+    }
+    let recording = open(temp.path());
+    assert!((25..40).contains(&recording.frame_count()), "{}", recording.frame_count());
+    recorder.settle(time_s(39), share(39)).unwrap();
+    recorder.commit().unwrap();
+    frame(&mut recorder, 40);
+    // Nobody told it.
+    drop(recorder);
+    let recording = open(temp.path());
+    assert_eq!(recording.frame_count(), 41);
+    assert_eq!([0, 40].map(|i| recording.presence(i)), [1.0; 2]);
+    let frames = recording.frames(0..40).unwrap().skip(1).zip(1..);
+    frames.for_each(|(frame, i)| assert_eq!(frame.unwrap().presence, share(i)));
+    let list = std::fs::read_to_string(temp.path().join("frames.txt")).unwrap();
+    assert_eq!(list.matches("presence=").count(), 39);
+}
+
+#[test]
 fn a_frame_that_goes_back_in_time_is_refused_and_costs_nothing() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     add(&mut recorder, 5, &png()).unwrap();
     for back in [5, 4] {
-        let error = recorder.frame(time_s(back), "png", &png(), None).unwrap_err();
+        let error = recorder.frame(time_s(back), "png", &png(), None, Some(1.0)).unwrap_err();
         assert!(matches!(error, RecorderError::Backwards { .. }), "{error}");
     }
     add(&mut recorder, 6, &png()).unwrap();
@@ -159,7 +195,8 @@ fn a_recorder_that_is_killed_loses_less_than_a_second() {
             .unwrap();
         // Lehmer's generator.
         state = state * 48_271 % 2_147_483_647;
-        let until = 16 + state as usize % 100;
+        // Every fourth in its first half second.
+        let until = 1 + state as usize % if round % 4 == 0 { 15 } else { 115 };
         let lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
         let mut counts = lines.filter_map(|line| line.strip_prefix("recorded ")?.parse::<usize>().ok());
         assert!(counts.any(|count| count >= until), "the recorder ended by itself");
@@ -237,7 +274,7 @@ fn a_full_disk_ends_the_recording_with_what_is_whole() {
         assert!(error.to_string().contains("the disk is full; make room, or write elsewhere"), "{error}");
         let frames = recorder.frames();
         // It has ended, even if there is room again.
-        assert!(matches!(recorder.frame(1e9, "png", &picture, None), Err(RecorderError::Ended)));
+        assert!(matches!(recorder.frame(1e9, "png", &picture, None, Some(1.0)), Err(RecorderError::Ended)));
         drop(recorder);
         match Recording::open(temp.path(), &OpenOptions::default()) {
             Ok(recording) => {

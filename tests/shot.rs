@@ -262,6 +262,7 @@ fn notes_follow_what_is_set() {
         no_occlusion: no_occlusion.map(str::to_owned),
         rect_px: None,
         objects_in_sight: no_occlusion.is_some(),
+        presence: None,
         exposure_time_s: 0.0,
         fastest_px_per_s: 0.0,
         effects: Vec::new(),

@@ -21,7 +21,11 @@ fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
 fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
     let recorded = camera_factor(pixel.code);
     let brought = pixel.camera_variance * recorded;
-    let wanted = max(wanted_variance(pixel.code), least_variance(p, pixel.code) * recorded);
+    let whole_layer = max(wanted_variance(pixel.code), least_variance(p, pixel.code) * recorded);
+    // What fades ends with the camera's own noise, whatever the scale and the film.
+    let s = sigma_at(pixel.code);
+    let fading = mix(s * s * recorded, whole_layer, composite.presence);
+    let wanted = select(whole_layer, fading, composite.presence < 1.0);
     let missing = max(wanted - brought, vec3<f32>(0.0));
     let n = pattern_at(p + composite.in_picture);
     return Mixed(pixel.code + sqrt(missing) * n / 255.0, brought + missing);

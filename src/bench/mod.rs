@@ -235,7 +235,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         let frame = || {
             index += 1;
             let exposure = FrameExposure::default();
-            Frame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure }
+            Frame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure, presence: 1.0 }
         };
         let ms = median_ms(frame, |frame| {
             let job = Job::of_frame(frame, camera, &settings, geometry, track, INTERVAL_S)?;

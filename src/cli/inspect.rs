@@ -213,6 +213,10 @@ fn recording(args: &Args) -> Result<()> {
         0 => writeln!(out, "exposure   unknown")?,
         _ => writeln!(out, "exposure   known for {exposed} of {}", count(frames, "frame"))?,
     }
+    let faded = (0..frames).filter(|&i| recording.presence(i) < 1.0).count();
+    if faded > 0 {
+        writeln!(out, "presence   below 1 in {faded} of {}: evidence fades there", count(frames, "frame"))?;
+    }
     match &geometry {
         Some(g) if g.is_round() => writeln!(out, "camera     360°, longitude and latitude")?,
         Some(g) => writeln!(
@@ -314,6 +318,10 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
             writeln!(out, "camera at  {}, looks along {:.3} {:.3} {:.3}", shown(p), forward.x, forward.y, forward.z)?;
         }
         Err(reason) => writeln!(out, "no pose    {reason}")?,
+    }
+    let presence = recording.presence(frame);
+    if presence < 1.0 {
+        writeln!(out, "presence   {}: so much of the evidence is seen", fixed(presence, 3))?;
     }
     if args.picks.is_empty() {
         return Ok(());

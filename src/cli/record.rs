@@ -38,7 +38,8 @@ pub fn run(args: &Args) -> Result<()> {
             Next::Picture(came) => {
                 let (picture, pixels) = *came;
                 if picture.time_s > frame_s {
-                    if writer.frame(picture.time_s, Arc::new(encoded(&picture, &pixels)), picture.exposure_s) {
+                    if writer.frame(picture.time_s, Arc::new(encoded(&picture, &pixels)), picture.exposure_s, Some(1.0))
+                    {
                         frames += 1;
                     } else {
                         not_recorded += 1;

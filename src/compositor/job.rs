@@ -100,6 +100,9 @@ pub struct FrameStats {
     /// Whether objects may be in the part of the picture that was made. A photograph is made even without any.
     pub objects_in_sight: bool,
     pub exposure_time_s: f64,
+    /// The frame's, where it is not 1: the share of the layer that is seen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub presence: Option<f64>,
     /// An upper bound on how fast any point of the objects moves.
     pub fastest_px_per_s: f32,
     pub effects: Vec<&'static str>,
@@ -115,6 +118,7 @@ impl FrameStats {
             rect_px: None,
             objects_in_sight: false,
             exposure_time_s: job.capture.exposure_time_s,
+            presence: Some(job.frame.presence).filter(|presence| *presence != 1.0),
             fastest_px_per_s: 0.0,
             effects: Vec::new(),
         }

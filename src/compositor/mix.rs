@@ -1,8 +1,9 @@
 //! The composite, with the mixed stage's effects in the same pass, and drawing the whole picture into a view.
 
+use super::job::Job;
 use super::rgba::rgba;
 use crate::camera::exposure::photographic_gain;
-use crate::camera::{Camera, Capture, NoiseProfile};
+use crate::camera::{Camera, NoiseProfile};
 use crate::effects::{MixedPart, curve_choice};
 use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
 use crate::pixels::{Codes, Pixels, Rect};
@@ -74,6 +75,7 @@ crate::uniform! {
         gain: f32,
         noise_left: f32,
         gamma: f32,
+        presence: f32,
     }
 }
 
@@ -108,13 +110,13 @@ pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, St
 pub fn mix(
     recorder: &mut Recorder,
     camera: &Camera,
-    capture: &Capture<'_>,
+    job: &Job<'_>,
     sent: &Sent,
     layer: &Layer,
     piece: &Piece,
     parts: Vec<MixedPart>,
 ) -> Texture {
-    let Piece { shown, drawn } = *piece;
+    let (Piece { shown, drawn }, capture) = (*piece, &job.capture);
     let size = (shown.width(), shown.height());
     let uniform = Composite {
         in_picture: [shown.x0, shown.y0],
@@ -126,6 +128,7 @@ pub fn mix(
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
         gamma: camera.response.gamma as f32,
+        presence: job.frame.presence as f32,
     };
     let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
     let entry = Entry::from("main")

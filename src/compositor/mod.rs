@@ -88,6 +88,7 @@ struct LayerBack {
     drawn: Rect,
     over_seam: bool,
     light_alone: bool,
+    presence: f32,
     parts: [Readback; 2],
 }
 
@@ -148,6 +149,10 @@ impl Compositor {
             stats.no_pose = Some(reason.to_string());
             return Ok(self.untouched(job, stats, target));
         }
+        // A photograph is made even without any of it.
+        if job.frame.presence <= 0.0 && !job.capture.whole {
+            return Ok(self.untouched(job, stats, target));
+        }
         let sight = Sight::new(&self.renderer, &job, settings);
         let moment = moment(&job, camera, settings, &sight);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight.footprint)?;
@@ -200,7 +205,7 @@ impl Compositor {
         for (i, piece) in places.pieces.iter().enumerate() {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
             let sent = sent.get(i).unwrap_or(&sent[0]);
-            let made = mix(run.recorder, camera, &job.capture, sent, &layer, piece, parts);
+            let made = mix(run.recorder, camera, &job, sent, &layer, piece, parts);
             match target {
                 Target::Pixels => {
                     let size = (piece.shown.width(), piece.shown.height());
@@ -216,6 +221,7 @@ impl Compositor {
             drawn: places.pieces.first().map_or(places.drawn, |piece| piece.drawn),
             over_seam: places.pieces.len() > 1,
             light_alone: layer.light_alone,
+            presence: job.frame.presence as f32,
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
         });
         let submission = self.recorder.submit();
@@ -285,8 +291,10 @@ impl Compositor {
             self.readbacks.give_back(codes);
         }
         if let (Some(image), Some(back)) = (&mut layer, back) {
-            let LayerBack { drawn, over_seam, light_alone, parts: [color, geometry] } = back;
-            paste_layer(self.gpu(), &color, &geometry, drawn, over_seam, light_alone, image)?;
+            let LayerBack { drawn, over_seam, light_alone, presence, parts: [color, geometry] } = back;
+            image.light_alone = light_alone;
+            paste_layer(self.gpu(), &color, &geometry, drawn, over_seam, image)?;
+            image.fade(presence);
             self.readbacks.give_back(color);
             self.readbacks.give_back(geometry);
         }

@@ -34,11 +34,9 @@ pub fn paste_layer(
     geometry: &Readback,
     rect: Rect,
     over_seam: bool,
-    light_alone: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
-    out.light_alone = light_alone;
-    let (width, height) = (out.width as i32, out.height as i32);
+    let (light_alone, width, height) = (out.light_alone, out.width as i32, out.height as i32);
     let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
     let at = |row: usize, column: usize| {
         let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);

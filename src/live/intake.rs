@@ -28,6 +28,7 @@ pub enum Came {
 /// A frame that need not wait any longer.
 #[derive(Clone, Debug)]
 pub struct Arrived {
+    /// With the [presence](Frame::presence) that is recorded.
     pub frame: Frame,
     pub tracking: Tracking,
     /// How long it waited for its poses, seconds.
@@ -114,7 +115,7 @@ impl Intake {
         }
         if self.writer.is_some() || self.latest.is_some() {
             let file = Arc::new(encoded(picture, &pixels));
-            if self.writer.as_ref().is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s)) {
+            if self.writer.as_ref().is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s, None)) {
                 return Came::NotRecorded;
             }
             if let Some(latest) = &mut self.latest {
@@ -125,7 +126,7 @@ impl Intake {
         // As the recording's reader finds it.
         let photo = picture.jpeg().map(|file| exif::settings_of(&file)).unwrap_or_default();
         let exposure = FrameExposure { time_s: exposure_s.or(photo.time_s), photo, ..FrameExposure::default() };
-        let frame = Frame { index: self.frames, timestamp_s: time_s, pixels, depth: None, exposure };
+        let frame = Frame { index: self.frames, timestamp_s: time_s, pixels, depth: None, exposure, presence: 1.0 };
         self.frames += 1;
         let needs_s = within_s(&frame);
         self.waiting.frame((frame, now_s), time_s, needs_s, now_s);
@@ -139,8 +140,15 @@ impl Intake {
 
     /// The next frame that need not wait any longer.
     pub fn next(&mut self, now_s: f64) -> Option<Arrived> {
-        let Ready { frame: (frame, came_s), tracking, waited_s } = self.waiting.next(now_s)?;
+        let Ready { frame: (mut frame, came_s), tracking, presence, waited_s } = self.waiting.next(now_s)?;
+        frame.presence = presence;
         self.give_poses();
+        if let Some(writer) = &self.writer {
+            writer.settle(frame.timestamp_s, presence);
+        }
+        if let Some(latest) = &mut self.latest {
+            latest.settle(frame.timestamp_s, presence);
+        }
         Some(Arrived { frame, tracking, waited_s, came_s })
     }
 

@@ -20,6 +20,7 @@ struct Kept {
     time_s: f64,
     file: Arc<Encoded>,
     exposure_s: Option<f64>,
+    presence: f64,
 }
 
 /// Frames and poses of the last ten seconds; fewer where they take more than 512 MiB. Cheap to clone.
@@ -33,7 +34,7 @@ pub struct Latest {
 impl Latest {
     pub fn frame(&mut self, time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>) {
         self.bytes += file.bytes();
-        self.frames.push_back(Kept { time_s, file, exposure_s });
+        self.frames.push_back(Kept { time_s, file, exposure_s, presence: 1.0 });
         while self.frames.len() > 1
             && (self.bytes > MOST || self.frames.front().is_some_and(|first| first.time_s < time_s - KEPT_S))
         {
@@ -42,6 +43,13 @@ impl Latest {
         let first_s = self.frames.front().map_or(time_s, |first| first.time_s);
         while self.poses.front().is_some_and(|line| line.time_s < first_s - BEFORE_S) {
             self.poses.pop_front();
+        }
+    }
+
+    /// Tells the presence of a frame that is kept.
+    pub fn settle(&mut self, time_s: f64, presence: f64) {
+        if let Some(kept) = self.frames.iter_mut().rev().find(|kept| kept.time_s == time_s) {
+            kept.presence = presence;
         }
     }
 
@@ -74,10 +82,10 @@ impl Latest {
     pub fn write(&self, folder: &Path, about: &About) -> Result<usize, RecorderError> {
         let mut recorder = Recorder::create(folder, about)?;
         self.poses.iter().for_each(|line| recorder.pose(*line));
-        for Kept { time_s, file, exposure_s } in &self.frames {
+        for Kept { time_s, file, exposure_s, presence } in &self.frames {
             let unwritten = |source| RecorderError::Write { path: folder.to_owned(), source };
             let (ending, bytes) = file.file().map_err(unwritten)?;
-            recorder.frame(*time_s, ending, &bytes, *exposure_s)?;
+            recorder.frame(*time_s, ending, &bytes, *exposure_s, Some(*presence))?;
         }
         recorder.finish()?;
         Ok(self.frames.len())
@@ -105,7 +113,7 @@ mod tests {
     #[test]
     fn ten_seconds_stay_and_are_a_recording() {
         // 30 s of them.
-        let latest = filled(300);
+        let mut latest = filled(300);
         assert_eq!((latest.frames(), latest.bytes), (101, 101 * 768));
         assert!((latest.span_s() - 10.0).abs() < 1e-9);
         assert!((latest.poses[0].time_s - 117.9).abs() < 1e-9, "poses of two seconds before");
@@ -121,6 +129,7 @@ mod tests {
             profile: None,
         };
         let folder = temp.path().join("last");
+        latest.settle(100.0 + 0.1 * 200.0, 0.25);
         assert_eq!(latest.until(128.05).write(&folder, &about).unwrap(), 82);
         let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
         assert_eq!(recording.timestamps_s.len(), 82);
@@ -130,5 +139,6 @@ mod tests {
             (128.0, Pixels::from_u8(16, 16, vec![(280 % 256) as u8; 768]).unwrap())
         );
         assert!(recording.pose_at_frame(0).is_ok());
+        assert_eq!([0, 1].map(|frame| recording.presence(frame)), [1.0, 0.25]);
     }
 }

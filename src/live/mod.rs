@@ -12,6 +12,7 @@ mod latest;
 mod listening;
 mod open;
 mod playing;
+mod presence;
 mod source;
 mod stage;
 mod tagged;

@@ -19,6 +19,8 @@ use crate::webcam::Picture;
 pub struct Shown {
     pub done: Composited,
     pub tracking: Tracking,
+    /// The share of the evidence that is seen: it fades while the camera is lost.
+    pub presence: f64,
     /// How long it waited for its poses, seconds.
     pub waited_s: f64,
     /// When its picture came, by the clock that [`Live::picture`] was told.
@@ -90,23 +92,25 @@ impl<'a> Live<'a> {
         let Some(Arrived { frame, tracking, waited_s, came_s }) = self.intake.next(now_s) else {
             return Ok(None);
         };
-        let (index, taken_s) = (frame.index, frame.timestamp_s);
+        let (index, taken_s, presence) = (frame.index, frame.timestamp_s, frame.presence);
         let (interval_s, settings) = (self.shot.recording.frame_interval_s, &self.shot.settings);
         let job = Job::of_frame(frame, &self.camera, settings, &self.geometry, self.intake.track(), interval_s)?;
         let pending = self.compositor.submit(job, &self.camera, settings, Target::Pixels);
         let pending = pending.map_err(|source| LiveError::Submit { frame: index, source })?;
-        Ok(Some(Submitted { pending, index, tracking, waited_s, came_s, taken_s }))
+        Ok(Some(Submitted { pending, index, tracking, presence, waited_s, came_s, taken_s }))
     }
 
     /// Waits for a frame that was started.
     pub fn collect(&mut self, submitted: Submitted) -> Result<Shown, LiveError> {
-        let Submitted { pending, index, tracking, waited_s, came_s, taken_s } = submitted;
+        let Submitted { pending, index, tracking, presence, waited_s, came_s, taken_s } = submitted;
         let done = self.compositor.collect(pending).map_err(|source| LiveError::Gpu { frame: index, source })?;
-        Ok(Shown { done, tracking, waited_s, came_s, taken_s })
+        Ok(Shown { done, tracking, presence, waited_s, came_s, taken_s })
     }
 
     /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
     pub fn finish(mut self) -> Option<(usize, Option<RecorderError>)> {
+        // What nobody waits for any more is recorded all the same.
+        while self.intake.next(f64::INFINITY).is_some() {}
         self.intake.end_recording()
     }
 }
@@ -117,6 +121,7 @@ pub struct Submitted {
     pending: Pending,
     index: usize,
     tracking: Tracking,
+    presence: f64,
     waited_s: f64,
     came_s: f64,
     taken_s: f64,

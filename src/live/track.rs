@@ -4,8 +4,12 @@
 //! Poses are only ever added behind the last one, and every one is given out to be recorded. So a frame's poses are the
 //! same in the recording, as long as nothing that is added later reaches into the frame: the track must end behind the
 //! frame ([`LiveTrack::reaches`]), or the frame is given up, and then no pose is taken from which the recording's reader
-//! would bridge the gap that the frame is in.
+//! would bridge the gap that the frame is in. Poses behind a gap wait until a frame needs them, for those in it are
+//! predicted, or held still while the evidence fades.
 
+use std::collections::VecDeque;
+
+use super::presence::{FADE_S, WHOLE_S};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
 use crate::tracking::tum::Line;
@@ -42,6 +46,8 @@ pub struct LiveTrack {
     predict_s: f64,
     /// The newest real poses, over [`MEASURED_S`] or a little more.
     real: Vec<(f64, Pose)>,
+    /// Poses that came behind a gap.
+    ahead: VecDeque<(f64, Pose)>,
     last_s: f64,
     /// Poses up to here come too late for a frame that was given up.
     given_up_s: f64,
@@ -57,6 +63,7 @@ impl LiveTrack {
             max_gap_s,
             predict_s: max_gap_s,
             real: Vec::new(),
+            ahead: VecDeque::new(),
             last_s: f64::NEG_INFINITY,
             given_up_s: f64::NEG_INFINITY,
             is_lost: true,
@@ -79,10 +86,23 @@ impl LiveTrack {
         if !numbers.into_iter().all(f64::is_finite) || (pose.rotation.length() - 1.0).abs() > 1e-3 {
             return PoseTaken::Odd;
         }
-        // The same difference as the reader's, so that both see a gap.
-        let is_apart = self.last_s == f64::NEG_INFINITY || time_s - self.last_s > self.max_gap_s;
-        let too_late = time_s <= self.last_s || time_s <= self.given_up_s || (self.is_lost && !is_apart);
-        if too_late {
+        match self.ahead.back() {
+            Some((newest_s, _)) if time_s <= *newest_s => return PoseTaken::Late,
+            None if self.is_lost || !self.is_apart(time_s) => return self.take(time_s, pose),
+            _ => self.ahead.push_back((time_s, *pose)),
+        }
+        PoseTaken::Added
+    }
+
+    /// Whether no pose is interpolated between the last one and one at a time: the same difference as the reader's.
+    fn is_apart(&self, time_s: f64) -> bool {
+        self.last_s == f64::NEG_INFINITY || time_s - self.last_s > self.max_gap_s
+    }
+
+    /// Adds a pose to the track, unless it is too late.
+    fn take(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
+        let bridges = self.is_lost && !self.is_apart(time_s);
+        if time_s <= self.last_s || time_s <= self.given_up_s || bridges {
             return PoseTaken::Late;
         }
         let pose = self.push(time_s, pose);
@@ -110,18 +130,36 @@ impl LiveTrack {
 
     /// Whether nothing that is added from now on changes poses up to a time.
     pub fn reaches(&self, to_s: f64) -> bool {
-        self.last_s >= to_s + NEAR_S
+        self.ahead.back().map_or(self.last_s, |(time_s, _)| *time_s) >= to_s + NEAR_S
+    }
+
+    /// Takes the poses behind a gap once a frame reaches them, or what was predicted does; up to the next gap.
+    fn take_ahead(&mut self, to_s: f64) {
+        while let Some((time_s, pose)) = self.ahead.front().copied() {
+            let is_reached = time_s <= to_s + 3.0 * NEAR_S || !(self.is_lost || self.is_apart(time_s));
+            if !is_reached {
+                return;
+            }
+            self.take(time_s, &pose);
+            self.ahead.pop_front();
+        }
+    }
+
+    /// How long before a time the last real pose was, seconds; less than nothing if one behind it is known.
+    pub fn since_real_s(&self, time_s: f64) -> f64 {
+        time_s - self.real.last().map_or(f64::NEG_INFINITY, |(real_s, _)| *real_s)
     }
 
     /// Sees to it that a frame at a time, which needs poses from before to after it, need not wait any longer: they are
     /// there, or are predicted, or it is given up.
     pub fn settle(&mut self, at_s: f64, [from_s, to_s]: [f64; 2]) -> Tracking {
         let has_pose = |track: &PoseTrack, then| if track.at(at_s).is_ok() { then } else { Tracking::Lost };
-        if self.reaches(to_s) {
+        self.take_ahead(to_s);
+        if self.last_s >= to_s + NEAR_S {
             return has_pose(&self.track, Tracking::Tracked);
         }
         let real_s = self.real.last().map_or(f64::NEG_INFINITY, |(time_s, _)| *time_s);
-        if self.is_lost || from_s > real_s + self.predict_s {
+        if self.is_lost || from_s > real_s + self.predict_s.max(WHOLE_S + FADE_S) {
             self.is_lost = true;
             // Where predictions reach into it, the last of them must stay nearer than any pose to come.
             let beyond_s = if self.last_s > from_s { to_s - self.last_s } else { 0.0 };
@@ -141,9 +179,10 @@ impl LiveTrack {
         has_pose(&self.track, Tracking::Predicted)
     }
 
-    /// The last real motion, on.
+    /// The last real motion, on as far as it may be, and still from there.
     fn predicted(&self, time_s: f64) -> Option<Pose> {
         let (newest_s, newest) = self.real.last()?;
+        let time_s = time_s.min(newest_s + self.predict_s);
         let (oldest_s, oldest) = self.real.first()?;
         let span_s = newest_s - oldest_s;
         if span_s < 1e-4 {
@@ -195,15 +234,19 @@ mod tests {
         t.add(1.0, &at(0.0));
         t.add(1.02, &at(0.1));
         assert_eq!(t.settle(1.115, [1.11, 1.12]), Tracking::Predicted);
-        assert_eq!(t.settle(1.135, [1.13, 1.14]), Tracking::Lost);
+        assert_eq!(t.settle(1.295, [1.29, 1.30]), Tracking::Predicted);
+        // 5 m/s for a tenth of a second, and still from there.
+        let x = |t: &LiveTrack, time_s| t.track().at(time_s).unwrap().position_in_world_m().x;
+        assert!((x(&t, 1.12) - 0.6).abs() < 1e-4 && (x(&t, 1.295) - 0.6).abs() < 1e-9);
+        assert_eq!(t.settle(1.335, [1.33, 1.34]), Tracking::Lost);
         // From here the reader would bridge the frame.
-        assert_eq!(t.add(1.15, &at(0.2)), PoseTaken::Late);
-        assert_eq!(t.add(1.3, &at(0.3)), PoseTaken::Added);
-        assert_eq!(t.add(1.31, &at(0.3)), PoseTaken::Added);
+        assert_eq!(t.add(1.36, &at(0.2)), PoseTaken::Late);
+        assert_eq!(t.add(1.5, &at(0.3)), PoseTaken::Added);
+        assert_eq!(t.add(1.51, &at(0.3)), PoseTaken::Added);
         let whole = PoseTrack::new(t.track().poses().to_vec(), 0.1).unwrap();
-        assert!(whole.at(1.135).is_err() && whole.at(1.305).is_ok());
+        assert!(whole.at(1.335).is_err() && whole.at(1.505).is_ok());
         // What is predicted after it knows nothing of what was before.
-        assert_eq!(t.settle(1.325, [1.32, 1.33]), Tracking::Predicted);
-        assert!((t.track().at(1.33).unwrap().position_in_world_m().x - 0.3).abs() < 1e-9);
+        assert_eq!(t.settle(1.525, [1.52, 1.53]), Tracking::Predicted);
+        assert!((x(&t, 1.53) - 0.3).abs() < 1e-9);
     }
 }

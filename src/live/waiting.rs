@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use super::presence::Presence;
 use super::track::{LiveTrack, PoseTaken, Tracking};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
@@ -30,6 +31,8 @@ pub struct Counts {
 pub struct Ready<F> {
     pub frame: F,
     pub tracking: Tracking,
+    /// The share of the virtual layer that is seen in it, 0 to 1; of a frame without a pose 1, for nothing is drawn.
+    pub presence: f64,
     /// How long it waited, seconds.
     pub waited_s: f64,
 }
@@ -52,13 +55,14 @@ pub struct Waiting<F> {
     /// A frame waits at most so long, seconds.
     patience_s: f64,
     held: VecDeque<Held<F>>,
+    presence: Presence,
     counts: Counts,
 }
 
 impl<F> Waiting<F> {
     pub fn new(max_gap_s: f64, patience_s: f64) -> Self {
         let track = LiveTrack::new(max_gap_s);
-        Self { track, patience_s, held: VecDeque::new(), counts: Counts::default() }
+        Self { track, patience_s, held: VecDeque::new(), presence: Presence::default(), counts: Counts::default() }
     }
 
     pub fn counts(&self) -> Counts {
@@ -106,7 +110,10 @@ impl<F> Waiting<F> {
             Tracking::Predicted => &mut self.counts.predicted,
             Tracking::Lost => &mut self.counts.lost,
         } += 1;
-        Some(Ready { frame, tracking, waited_s: (now_s - came_s).max(0.0) })
+        let since_real_s = (tracking != Tracking::Lost).then(|| self.track.since_real_s(at_s));
+        let share = self.presence.next(at_s, since_real_s);
+        let presence = since_real_s.map_or(1.0, |_| share);
+        Some(Ready { frame, tracking, presence, waited_s: (now_s - came_s).max(0.0) })
     }
 
     /// When the next frame will have waited.
@@ -134,7 +141,10 @@ mod tests {
         w.pose(10.01, &pose(0.1));
         assert_eq!(w.next(0.02), None);
         w.pose(10.03, &pose(0.2));
-        assert_eq!(w.next(0.03), Some(Ready { frame: 'a', tracking: Tracking::Tracked, waited_s: 0.03 }));
+        assert_eq!(
+            w.next(0.03),
+            Some(Ready { frame: 'a', tracking: Tracking::Tracked, presence: 1.0, waited_s: 0.03 })
+        );
         w.frame('b', 10.05, (0.01, 0.01), 0.04);
         assert_eq!(w.next(0.08), None);
         assert_eq!(w.next(0.1).map(|ready| ready.tracking), Some(Tracking::Predicted));
@@ -154,6 +164,36 @@ mod tests {
         assert_eq!(out, 100 - MOST);
     }
 
+    #[test]
+    fn before_a_gap_that_is_known_evidence_fades_too() {
+        let mut w = Waiting::new(0.1, 0.05);
+        let known = (0..10).chain(80..100).map(|i| 0.01 * f64::from(i));
+        known.for_each(|time_s| assert_eq!(w.pose(time_s, &pose(time_s)), PoseTaken::Added));
+        let mut seen = Vec::new();
+        for i in 1..29 {
+            let at_s = f64::from(i) / 30.0;
+            w.frame(at_s, at_s, (0.005, 0.005), at_s);
+            while let Some(ready) = w.next(at_s) {
+                // Nothing is waited for: what comes next is known.
+                assert_eq!(ready.frame, at_s);
+                let x = w.track().at(at_s).map(|pose| pose.position_in_world_m().x);
+                seen.push((ready.tracking, ready.presence, x.ok()));
+            }
+        }
+        assert_eq!(seen.len(), 28);
+        let tracked = |n: &usize| seen[*n].0 == Tracking::Tracked;
+        assert!((0..2).chain(23..28).all(|n| tracked(&n)) && !(2..23).any(|n| tracked(&n)), "{seen:?}");
+        // The last pose is at 0.09 s: all of it until 0.19 s, nothing from 0.39 s on. Then it rises from nothing.
+        assert!(seen[..5].iter().all(|(_, presence, _)| *presence == 1.0), "{seen:?}");
+        let falling: Vec<f64> = seen[5..11].iter().map(|seen| (600.0 * seen.1).round()).collect();
+        assert_eq!(falling, [570.0, 470.0, 370.0, 270.0, 170.0, 70.0]);
+        assert_eq!([23, 24].map(|n| (600.0 * seen[n].1).round()), [100.0, 200.0]);
+        // From 0.19 s on it is held still; the frame at 0.2 s lies between two poses that were predicted.
+        assert!(seen[6..11].iter().all(|seen| seen.2.is_some_and(|x| (x - 0.19).abs() < 1e-9)), "{seen:?}");
+        assert!(seen[13..23].iter().all(|seen| (seen.0, seen.1) == (Tracking::Lost, 1.0)), "{seen:?}");
+        assert_eq!(w.counts().late, 0);
+    }
+
     proptest! {
         /// Whatever is dropped, late or lost: each frame's poses are those of the whole track that was recorded.
         #[test]
@@ -167,7 +207,8 @@ mod tests {
                 now_s += if kind == 3 { step } else { 0.03 * step };
                 match kind {
                     0 => w.frame(now_s, now_s, (0.012, 0.012), now_s),
-                    1 | 2 => while next_pose_s < now_s - 0.01 * f64::from(late) {
+                    // A source may know them beforehand.
+                    1 | 2 => while next_pose_s < now_s - 0.01 * f64::from(late) + if late == 9 { 0.5 } else { 0.0 } {
                         w.pose(next_pose_s, &pose(next_pose_s));
                         next_pose_s += 0.008;
                     },

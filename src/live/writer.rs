@@ -16,7 +16,8 @@ const MOST: usize = 32;
 const IDLE: Duration = Duration::from_millis(500);
 
 enum Work {
-    Frame { time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64> },
+    Frame { time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>, presence: Option<f64> },
+    Settled { time_s: f64, presence: f64 },
     Poses(Vec<Line>),
 }
 
@@ -40,7 +41,10 @@ impl Writer {
                         lines.into_iter().for_each(|line| recorder.pose(line));
                         Ok(())
                     }
-                    Ok(Work::Frame { time_s, file, exposure_s }) => frame(&mut recorder, time_s, &file, exposure_s),
+                    Ok(Work::Settled { time_s, presence }) => recorder.settle(time_s, presence),
+                    Ok(Work::Frame { time_s, file, exposure_s, presence }) => {
+                        frame(&mut recorder, time_s, &file, exposure_s, presence)
+                    }
                     Err(RecvTimeoutError::Timeout) => recorder.commit(),
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
@@ -61,9 +65,18 @@ impl Writer {
         Ok(Self { work: Some(sender), failed, thread: Some(thread) })
     }
 
-    /// Hands a frame on. False if the disk is too slow for it, or the recording has ended: then it is not recorded.
-    pub fn frame(&self, time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>) -> bool {
-        self.work.as_ref().is_some_and(|work| work.try_send(Work::Frame { time_s, file, exposure_s }).is_ok())
+    /// Hands a frame on. False if the disk is too slow for it, or the recording has ended: then it is not recorded. A frame
+    /// whose presence is not known yet is listed once it is [told](Self::settle).
+    pub fn frame(&self, time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>, presence: Option<f64>) -> bool {
+        let frame = Work::Frame { time_s, file, exposure_s, presence };
+        self.work.as_ref().is_some_and(|work| work.try_send(frame).is_ok())
+    }
+
+    /// Tells the presence of a frame, if it is recorded. Its poses were given before.
+    pub fn settle(&self, time_s: f64, presence: f64) {
+        if let Some(work) = self.work.as_ref() {
+            let _ = work.send(Work::Settled { time_s, presence });
+        }
     }
 
     pub fn poses(&self, lines: Vec<Line>) {
@@ -99,9 +112,10 @@ fn frame<S: Store>(
     time_s: f64,
     file: &Encoded,
     exposure_s: Option<f64>,
+    presence: Option<f64>,
 ) -> Result<(), RecorderError> {
     match file.file() {
-        Ok((ending, bytes)) => recorder.frame(time_s, ending, &bytes, exposure_s),
+        Ok((ending, bytes)) => recorder.frame(time_s, ending, &bytes, exposure_s, presence),
         // Only a picture without pixels cannot be encoded.
         Err(source) => Err(RecorderError::Write { path: "a frame".into(), source }),
     }

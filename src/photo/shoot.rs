@@ -138,6 +138,7 @@ impl Shoot<'_> {
             frame: index,
             timestamp_s: self.frame.timestamp_s,
             exposure: self.frame.exposure,
+            presence: self.frame.presence,
             summed: &summed,
             depth: self.frame.depth.as_ref(),
             hiding: &hiding,

@@ -35,6 +35,8 @@ pub struct Standpoint<'a> {
     pub summed: &'a [Summed],
     /// The frame's exposure as the recording reports it.
     pub exposure: FrameExposure,
+    /// Share of the virtual layer that is seen in the frame.
+    pub presence: f64,
     /// Depth that hides virtual things, and on which the real part's depth of field depends.
     pub depth: Option<&'a DepthMap>,
     /// What hides them in each of the summed frames ([`Hiding`](super::Hiding)), with its time in seconds from the
@@ -137,6 +139,7 @@ pub fn take(
             pixels,
             depth: None,
             exposure: standpoint.exposure,
+            presence: standpoint.presence,
         };
         let job = Job {
             frame,

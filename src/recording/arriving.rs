@@ -23,6 +23,7 @@ impl Recording {
             height,
             bits: 8,
             timestamps_s: Arc::default(),
+            presence: Arc::default(),
             frame_interval_s: interval_s,
             has_even_intervals: true,
             track: PoseTrack::default(),

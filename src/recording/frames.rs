@@ -24,6 +24,7 @@ pub struct Frames {
     end: usize,
     size: (u32, u32),
     timestamps_s: Arc<[f64]>,
+    presence: Arc<[f64]>,
     exposure: Arc<[FrameExposure]>,
     pictures: Arc<Pictures>,
 }
@@ -93,6 +94,7 @@ impl Frames {
             end,
             size,
             timestamps_s: Arc::clone(&recording.timestamps_s),
+            presence: Arc::clone(&recording.presence),
             exposure: Arc::clone(&recording.exposure),
             pictures: Arc::clone(&recording.pictures),
         })
@@ -119,6 +121,7 @@ impl Frames {
             pixels,
             depth,
             exposure: self.exposure.get(index).copied().unwrap_or_default(),
+            presence: self.presence.get(index).copied().unwrap_or(1.0),
         })
     }
 }

@@ -12,27 +12,61 @@ use crate::words::{self, number, quoted, reason};
 
 /// Reads a list of `timestamp filename` lines: times in seconds, files relative to the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
-    pictures(&text::read(list)?, list)
+    let folder = list.parent().unwrap_or(Path::new(""));
+    let names = parse_pictures(&text::read(list)?, list)?;
+    Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
 }
 
-/// Like [`read_pictures`], of a list's text.
-pub fn pictures(text: &str, list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
+/// A frame of our own format's list: its time, its file, and the share of the virtual layer that is seen in it.
+pub type ListedFrame<N> = (f64, N, f64);
+
+/// Before the share of the layer, at a line's end.
+const PRESENCE: &str = " presence=";
+
+/// Reads a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1, and 1 without it.
+pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
-    let names = parse_pictures(text, list)?;
-    Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
+    let frame = |rest: &str| {
+        let (name, presence) =
+            rest.rsplit_once(PRESENCE).map_or((rest, Ok(1.0)), |(name, text)| (name, presence(text)));
+        Ok((folder.join(file_name(name, NO_NAME)?), presence?))
+    };
+    Ok(by_time(text, list, frame)?.into_iter().map(|(time_s, (file, presence))| (time_s, file, presence)).collect())
+}
+
+fn presence(text: &str) -> Result<f64, String> {
+    let presence = text.trim().parse().ok().filter(|presence| (0.0..=1.0).contains(presence));
+    presence.ok_or_else(|| format!("presence is `{}`; accepted is a number from 0 to 1", quoted(text)))
+}
+
+/// Frames as text, which [`frames`] reads back bit for bit. The share of the layer is written where it is not 1.
+pub fn write_frames<'a>(entries: impl IntoIterator<Item = ListedFrame<&'a str>>) -> Result<String, String> {
+    let mut text = HEAD.to_owned();
+    for (time_s, name, presence) in entries {
+        text += &line(time_s, name)?;
+        if presence != 1.0 {
+            text += &format!("{PRESENCE}{}", number(presence));
+        }
+        text += "\n";
+    }
+    Ok(text)
+}
+
+const HEAD: &str = "# timestamp filename\n";
+const NO_NAME: &str = "the file's name is missing (a line is `timestamp filename`)";
+
+/// A line without its end.
+fn line(time_s: f64, name: &str) -> Result<String, String> {
+    if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) || name.contains(PRESENCE) {
+        return Err(format!("a list cannot hold the name \"{}\"", quoted(name)));
+    }
+    Ok(format!("{} {name}", number(time_s)))
 }
 
 /// A list of pictures as text, which [`read_pictures`] reads back bit for bit. Fails on a name that cannot be in a
 /// line.
 pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> Result<String, String> {
-    let mut text = "# timestamp filename\n".to_owned();
-    for (time_s, name) in entries {
-        if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) {
-            return Err(format!("a list cannot hold the name \"{}\"", quoted(name)));
-        }
-        text += &format!("{} {name}\n", number(time_s));
-    }
-    Ok(text)
+    write_frames(entries.into_iter().map(|(time_s, name)| (time_s, name, 1.0)))
 }
 
 /// A list of exposures as text, which [`parse_exposures`] reads back bit for bit. Exposures without a time are left out.
@@ -46,7 +80,7 @@ pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
 }
 
 fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextError> {
-    by_time(text, list, |rest| file_name(rest, "the file's name is missing (a line is `timestamp filename`)"))
+    by_time(text, list, |rest| file_name(rest, NO_NAME))
 }
 
 /// No system opens a longer path, bytes.
@@ -144,7 +178,10 @@ pub fn named_in<'a>(
     for list in lists {
         let text = text::read(list).unwrap_or_default();
         // The name follows a time.
-        let name = |record: &str| Some(record.split_once([' ', '\t', ','])?.1.trim().to_owned());
+        let name = |record: &str| {
+            let rest = record.split_once([' ', '\t', ','])?.1;
+            Some(rest.rsplit_once(PRESENCE).map_or(rest, |(name, _)| name).trim().to_owned())
+        };
         let names = |record: &str| name(record).is_some_and(|name| !name.is_empty() && file.ends_with(name));
         if let Some((line, _)) = text::records(&text).find(|(_, record)| names(record)) {
             return TextError::line(list, line, format!("{}: {problem}", file.display())).into();
@@ -229,6 +266,21 @@ mod tests {
     }
 
     #[test]
+    fn frames_of_which_a_share_is_seen() {
+        let read = |text: &str| frames(text, Path::new("site/frames.txt"));
+        let file = |name: &str| Path::new("site").join(name);
+        let seen = read("1 f/a b.png\n2 f/c.png presence=0.25\n3 presence=0.5 presence=1\n").unwrap();
+        let expected = [(1.0, file("f/a b.png"), 1.0), (2.0, file("f/c.png"), 0.25), (3.0, file("presence=0.5"), 1.0)];
+        assert_eq!(seen, expected);
+        for (bad, found) in [("-0.1", "-0.1"), ("1.5", "1.5"), ("nan", "nan"), ("", ""), ("0.5 x", "0.5 x")] {
+            let error = read(&format!("1 a.png\n2 b.png presence={bad}")).unwrap_err().to_string();
+            let told = format!("frames.txt, line 2: presence is `{found}`; accepted is a number from 0 to 1");
+            assert!(error.ends_with(&told), "{error}");
+        }
+        assert!(read("1  presence=0.5").unwrap_err().to_string().contains("the file's name is missing"));
+    }
+
+    #[test]
     fn exposures_by_time() {
         let read = parse_exposures("1 0.02 1.5\n2 0.01\n", list()).unwrap();
         assert_eq!(read[0].1, FrameExposure { time_s: Some(0.02), gain: Some(1.5), ..Default::default() });
@@ -242,7 +294,7 @@ mod tests {
 
     #[test]
     fn names_that_no_line_holds_are_refused() {
-        for name in ["", " a", "a ", "a\nb", "a\rb"] {
+        for name in ["", " a", "a ", "a\nb", "a\rb", "a presence=1"] {
             assert!(write_pictures([(1.0, name)]).is_err(), "{name:?}");
         }
     }
@@ -282,6 +334,7 @@ mod tests {
         fn arbitrary_text_never_panics(text in "\\PC*", near in "([-0-9.eNa]{0,5}[ \n]){0,30}") {
             for text in [text, near] {
                 let _ = parse_pictures(&text, list());
+                let _ = frames(&text, list());
                 let _ = parse_exposures(&text, list());
             }
         }
@@ -295,6 +348,10 @@ mod tests {
             let pictures: Vec<_> = rows.iter().map(|row| (row.0, row.1.clone())).collect();
             let text = write_pictures(pictures.iter().map(|(t, name)| (*t, name.as_str()))).unwrap();
             prop_assert_eq!(format!("{:?}", parse_pictures(&text, list()).unwrap()), format!("{pictures:?}"));
+            let listed: Vec<_> = rows.iter().map(|row| (row.0, row.1.as_str(), row.2 / 60.0)).collect();
+            let text = write_frames(listed.iter().copied()).unwrap();
+            let expected: Vec<_> = listed.iter().map(|(t, name, share)| (*t, PathBuf::from(name), *share)).collect();
+            prop_assert_eq!(format!("{:?}", frames(&text, Path::new("f.txt")).unwrap()), format!("{expected:?}"));
             let exposures = rows.iter().map(|(t, _, time_s, gain)| {
                 (*t, FrameExposure { time_s: Some(*time_s), gain: *gain, ..FrameExposure::default() })
             });

@@ -93,6 +93,8 @@ pub struct Recording {
     pub bits: u32,
     /// One per frame, never descending: the middle of the middle row's exposure.
     pub timestamps_s: Arc<[f64]>,
+    /// One per frame, or empty where all are 1: the share of the virtual layer that is seen ([`crate::frame::Frame::presence`]).
+    presence: Arc<[f64]>,
     /// The median interval between frames, or what the recording says; 1/30 s for a single frame.
     pub frame_interval_s: f64,
     /// Whether [`Recording::interval_s`] is that for every frame: of a camera whose pictures were dropped now and then,
@@ -150,6 +152,11 @@ impl Recording {
     pub fn interval_s(&self, frame: usize) -> f64 {
         let timestamps_s: &[f64] = if self.has_even_intervals { &[] } else { &self.timestamps_s };
         interval_s(timestamps_s, frame, self.frame_interval_s)
+    }
+
+    /// The share of the virtual layer that is seen in a frame, 0 to 1: below 1 where live let it fade.
+    pub fn presence(&self, frame: usize) -> f64 {
+        self.presence.get(frame).copied().unwrap_or(1.0)
     }
 
     pub fn frame_count(&self) -> usize {

@@ -188,8 +188,9 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         }
         Ok(text)
     };
-    let (pictures, timestamps_s) = open_frames(&description.frames, folder, file, &mut read)?;
+    let (pictures, timestamps_s, presence) = open_frames(&description.frames, folder, file, &mut read)?;
     let mut parts = Parts::new(folder, pictures, timestamps_s);
+    parts.presence = presence;
     parts.interval_s = description.live.as_ref().map(|live| live.interval_s);
     if let Pictures::Video(video, _) = &parts.pictures {
         parts.warnings.extend(video.warnings.iter().cloned());
@@ -240,27 +241,33 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
+/// The pictures, their times, and what is seen of the layer in each if the list says it.
 fn open_frames(
     frames: &FrameFiles,
     folder: &Path,
     file: &Path,
     mut read: impl FnMut(&Path) -> Result<String, RecordingError>,
-) -> Result<(Pictures, Vec<f64>), RecordingError> {
+) -> Result<(Pictures, Vec<f64>, Vec<f64>), RecordingError> {
     if let Some(name) = &frames.video {
         let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
         let video = video::probe(&folder.join(name), &overrides)?;
         let timestamps_s = video.timestamps_s.clone();
-        return Ok((Pictures::Video(video, None), timestamps_s));
+        return Ok((Pictures::Video(video, None), timestamps_s, Vec::new()));
     }
     if let (Some(name), Some(fps)) = (&frames.images, frames.fps) {
         let files = listing::pictures_in(&folder.join(name))?;
         let timestamps_s = (0..files.len()).map(|i| i as f64 / fps).collect();
-        return Ok((Pictures::Stills(files), timestamps_s));
+        return Ok((Pictures::Stills(files), timestamps_s, Vec::new()));
     }
     let list = frames.list.as_ref().ok_or_else(|| RecordingError::content(file, "[frames] names nothing"))?;
     let list = folder.join(list);
-    let (timestamps_s, files) = listing::pictures(&read(&list)?, &list)?.into_iter().unzip();
-    Ok((Pictures::Stills(files), timestamps_s))
+    let (mut files, mut timestamps_s, mut presence) = (Vec::new(), Vec::new(), Vec::new());
+    for (time_s, file, present) in listing::frames(&read(&list)?, &list)? {
+        files.push(file);
+        timestamps_s.push(time_s);
+        presence.push(present);
+    }
+    Ok((Pictures::Stills(files), timestamps_s, presence))
 }
 
 #[cfg(test)]

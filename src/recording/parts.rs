@@ -90,6 +90,8 @@ pub struct Parts {
     pub pictures: Pictures,
     /// One per frame.
     pub timestamps_s: Vec<f64>,
+    /// One per frame, or empty where all are 1: [`Frame::presence`](crate::frame::Frame::presence).
+    pub presence: Vec<f64>,
     /// From every frame to the next, seconds, where the recording says it.
     pub interval_s: Option<f64>,
     pub track: PoseTrack,
@@ -117,6 +119,7 @@ impl Parts {
             has_floor: false,
             pictures,
             timestamps_s,
+            presence: Vec::new(),
             interval_s: None,
             track: PoseTrack::default(),
             time_offset_s: 0.0,
@@ -197,6 +200,7 @@ impl Parts {
             height,
             bits,
             timestamps_s: self.timestamps_s.into(),
+            presence: self.presence.into(),
             frame_interval_s,
             has_even_intervals: self.interval_s.is_some(),
             track: self.track,

@@ -1,7 +1,7 @@
 //! Writes a recording of our own format while it is seen.
 //!
-//! Pictures are files; their lines, the poses' and the exposures' follow together, at least every half second of the
-//! frames' time. A line is written after what it names is on the disk, so that a program that is killed and a power cut
+//! Pictures are files; their lines, the poses' and the exposures' follow together: at once for the first, then at least
+//! every half second of the frames' time. A frame of which something is still to be told waits for it. A line is written after what it names is on the disk, so that a program that is killed and a power cut
 //! cost that half second, and leave at most one line without an end, which the reader drops. If the disk is full, the
 //! recording ends with the last frame whose line finds room.
 
@@ -90,8 +90,15 @@ pub enum RecorderError {
     Recording(#[from] RecordingError),
 }
 
-/// Frames by time and name, poses, exposures.
-type Held = (Vec<(f64, String)>, Vec<Line>, Vec<(f64, FrameExposure)>);
+/// A frame whose picture is written, and its line is not.
+#[derive(Clone, Debug)]
+struct Held {
+    time_s: f64,
+    name: String,
+    exposure_s: Option<f64>,
+    /// `None` until it is told.
+    presence: Option<f64>,
+}
 
 /// A recording that is being written. Dropped, it keeps what it has.
 #[derive(Debug)]
@@ -100,10 +107,9 @@ pub struct Recorder<S: Store> {
     path: PathBuf,
     frames: usize,
     last_s: f64,
-    held_from_s: f64,
-    /// Time, name.
-    held: Vec<(f64, String)>,
-    exposure: Vec<(f64, FrameExposure)>,
+    held: Vec<Held>,
+    /// Whether a frame's line is written.
+    has_frames: bool,
     has_exposure: bool,
     poses: Vec<Line>,
     failed: bool,
@@ -127,7 +133,7 @@ impl<S: Store> Recorder<S> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         let description = write::description(about.description())?.to_string();
         let mut begin = || -> io::Result<()> {
-            store.append(lists(&[], &[], &[])?.each_ref().map(String::as_str))?;
+            store.append(lists(&[], &[], false)?.each_ref().map(String::as_str))?;
             if let Some(profile) = &about.profile {
                 store.file(Path::new(PROFILE), profile.as_bytes())?;
             }
@@ -141,9 +147,8 @@ impl<S: Store> Recorder<S> {
             path: path.to_owned(),
             frames: 0,
             last_s: f64::NEG_INFINITY,
-            held_from_s: f64::INFINITY,
             held: Vec::new(),
-            exposure: Vec::new(),
+            has_frames: false,
             has_exposure: about.has_exposure,
             poses: Vec::new(),
             failed: false,
@@ -155,14 +160,16 @@ impl<S: Store> Recorder<S> {
         self.frames
     }
 
-    /// Adds a frame by its picture's file: a PNG or a JPEG, by its ending. Times ascend. After an error nothing is
-    /// written any more, and the frames before it stay.
+    /// Adds a frame by its picture's file: a PNG or a JPEG, by its ending. Times ascend. Its presence
+    /// ([`crate::frame::Frame::presence`]) may be [told](Self::settle) later. After an error nothing is written any more,
+    /// and the frames before it stay.
     pub fn frame(
         &mut self,
         time_s: f64,
         ending: &str,
         bytes: &[u8],
         exposure_s: Option<f64>,
+        presence: Option<f64>,
     ) -> Result<(), RecorderError> {
         if self.failed {
             return Err(RecorderError::Ended);
@@ -175,15 +182,32 @@ impl<S: Store> Recorder<S> {
             self.make_room();
             return Err(RecorderError::Write { path: self.path.join(name), source });
         }
-        (self.last_s, self.held_from_s) = (time_s, self.held_from_s.min(time_s));
+        self.last_s = time_s;
         self.frames += 1;
-        self.held.push((time_s, name));
-        let exposure = FrameExposure { time_s: exposure_s, ..FrameExposure::default() };
-        self.exposure.extend(self.has_exposure.then_some((time_s, exposure)));
-        if time_s - self.held_from_s >= HELD_S || self.held.len() >= MOST_HELD {
-            self.commit()?;
+        self.held.push(Held { time_s, name, exposure_s, presence });
+        self.commit_if_due()
+    }
+
+    /// Tells the presence of the frame of a time, if it is one that waits for it.
+    pub fn settle(&mut self, time_s: f64, presence: f64) -> Result<(), RecorderError> {
+        if let Some(held) = self.held.iter_mut().find(|held| held.time_s == time_s) {
+            held.presence.get_or_insert(presence);
         }
-        Ok(())
+        self.commit_if_due()
+    }
+
+    fn commit_if_due(&mut self) -> Result<(), RecorderError> {
+        let settled = self.settled();
+        let Some((first, last)) = settled.checked_sub(1).map(|last| (&self.held[0], &self.held[last])) else {
+            return Ok(());
+        };
+        let is_due = !self.has_frames || last.time_s - first.time_s >= HELD_S || settled >= MOST_HELD;
+        if is_due { self.commit() } else { Ok(()) }
+    }
+
+    /// How many of the frames that are held wait for nothing.
+    fn settled(&self) -> usize {
+        self.held.iter().take_while(|held| held.presence.is_some()).count()
     }
 
     /// Adds a pose. Times ascend; the caller sees to it.
@@ -191,62 +215,73 @@ impl<S: Store> Recorder<S> {
         self.poses.push(line);
     }
 
-    /// Writes all that is held.
+    /// Writes all that is held, except frames that wait for something.
     pub fn commit(&mut self) -> Result<(), RecorderError> {
         if self.failed {
             return Ok(());
         }
-        let (frames, poses, exposure) = self.take_held();
-        let Err(source) = self.write(&frames, &poses, &exposure) else { return Ok(()) };
-        (self.held, self.poses, self.exposure) = (frames, poses, exposure);
-        self.make_room();
-        Err(RecorderError::Write { path: self.path.clone(), source })
+        let settled = self.settled();
+        if let Err(source) = self.write(settled) {
+            self.make_room();
+            return Err(RecorderError::Write { path: self.path.clone(), source });
+        }
+        self.held.drain(..settled);
+        self.poses.clear();
+        self.has_frames |= settled > 0;
+        Ok(())
     }
 
-    fn take_held(&mut self) -> Held {
-        self.held_from_s = f64::INFINITY;
-        (std::mem::take(&mut self.held), std::mem::take(&mut self.poses), std::mem::take(&mut self.exposure))
-    }
-
-    fn write(&mut self, frames: &[(f64, String)], poses: &[Line], exposure: &[(f64, FrameExposure)]) -> io::Result<()> {
+    /// Writes the lines of so many frames, and of all poses.
+    fn write(&mut self, frames: usize) -> io::Result<()> {
         // A list's first line is its head.
-        let lists = lists(frames, poses, exposure)?;
+        let lists = lists(&self.held[..frames], &self.poses, self.has_exposure)?;
         let lines = lists.each_ref().map(|text| text.split_once('\n').map_or("", |(_, lines)| lines));
         self.store.sync()?;
         self.store.append(lines)
     }
 
     /// Ends a recording on a full disk: what is held is written at the cost of its last pictures, if the lines find no
-    /// room.
+    /// room, and of those that wait for something.
     fn make_room(&mut self) {
         self.failed = true;
-        let (mut frames, poses, mut exposure) = self.take_held();
-        while self.write(&frames, &poses, &exposure).is_err() {
-            let Some((_, name)) = frames.pop() else { return };
-            exposure.truncate(frames.len());
+        let settled = self.settled();
+        while self.held.len() > settled || self.write(self.held.len()).is_err() {
+            let Some(Held { name, .. }) = self.held.pop() else { return };
             self.frames -= 1;
             let _ = self.store.remove(Path::new(&name));
         }
+        self.held.clear();
+        self.poses.clear();
     }
 
-    /// Ends the recording, and says how many frames it has.
+    /// Ends the recording, and says how many frames it has. Those that wait for something are as if nothing were to be said.
     pub fn finish(mut self) -> Result<usize, RecorderError> {
-        self.commit()?;
+        self.end()?;
         Ok(self.frames)
+    }
+
+    fn end(&mut self) -> Result<(), RecorderError> {
+        self.held.iter_mut().for_each(|held| _ = held.presence.get_or_insert(1.0));
+        self.commit()
     }
 }
 
 impl<S: Store> Drop for Recorder<S> {
     fn drop(&mut self) {
-        let _ = self.commit();
+        let _ = self.end();
     }
 }
 
 /// The texts of the lists, with their heads.
-fn lists(frames: &[(f64, String)], poses: &[Line], exposure: &[(f64, FrameExposure)]) -> io::Result<[String; 3]> {
-    let names = frames.iter().map(|(time_s, name)| (*time_s, name.as_str()));
-    let names = listing::write_pictures(names).map_err(io::Error::other)?;
-    Ok([names, write::trajectory(poses), write::exposures(exposure)])
+fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[String; 3]> {
+    let listed = frames.iter().map(|held| (held.time_s, held.name.as_str(), held.presence.unwrap_or(1.0)));
+    let listed = listing::write_frames(listed).map_err(io::Error::other)?;
+    let exposure = |held: &Held| {
+        let exposure = FrameExposure { time_s: held.exposure_s, ..FrameExposure::default() };
+        (held.time_s, exposure)
+    };
+    let exposures: Vec<_> = frames.iter().filter(|_| has_exposure).map(exposure).collect();
+    Ok([listed, write::trajectory(poses), write::exposures(&exposures)])
 }
 
 impl About {

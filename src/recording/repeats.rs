@@ -126,6 +126,7 @@ impl Parts {
             }
         }
         retain(&mut self.timestamps_s, kept);
+        retain(&mut self.presence, kept);
         if !self.geometries.is_empty() {
             retain(&mut self.geometries, kept);
         }

@@ -27,8 +27,8 @@ impl Reduced {
         };
         let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
         let pixels = Pixels { width, height, codes };
-        let Frame { index, timestamp_s, exposure, .. } = *frame;
-        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure }, by }
+        let Frame { index, timestamp_s, exposure, presence, .. } = *frame;
+        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence }, by }
     }
 
     pub fn by(&self) -> u32 {

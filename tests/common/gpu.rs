@@ -35,7 +35,7 @@ pub fn grey(width: u32, height: u32, code: u8) -> Pixels {
 }
 
 pub fn frame(index: usize, timestamp_s: f64, pixels: Pixels) -> Frame {
-    Frame { index, timestamp_s, pixels, depth: None, exposure: FrameExposure::default() }
+    Frame { index, timestamp_s, pixels, depth: None, exposure: FrameExposure::default(), presence: 1.0 }
 }
 
 /// A camera without distortion, principal point in the middle.
