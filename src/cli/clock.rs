@@ -31,12 +31,8 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
         }
         before = now.map(|now| (time_s, now));
     }
-    let turned = |from_s: f64, to_s: f64| {
-        let at = |time_s: f64| recording.track.at(time_s + recording.time_offset_s).ok();
-        let (from, to) = (at(from_s)?, at(to_s)?);
-        // The camera's own turn: world_from_to⁻¹ · world_from_from.
-        Some((to.world_from_camera_rotation().inverse() * from.world_from_camera_rotation()).to_scaled_axis())
-    };
+    let offset_s = recording.time_offset_s;
+    let turned = |from_s: f64, to_s: f64| recording.track.turn_between(from_s + offset_s, to_s + offset_s);
     Ok(match estimate(&motions, turned, REACH_S) {
         Ok(found) => {
             let milliseconds = |s: f64| fixed(1e3 * s, 1);

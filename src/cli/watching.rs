@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
 use crate::camera::Camera;
-use crate::live::{self, Next, Opened, Watched};
+use crate::live::{self, Added, Next, Opened, Watched, delayed};
 use crate::pose::Pose;
 use crate::profile::Rig;
 use crate::recording::recorder::About;
@@ -23,6 +23,9 @@ pub struct CameraArgs {
     /// Where poses come from: tags (printed by `locard board`), tags:BOARD.toml, opentrackio://HOST:PORT, freed://HOST:PORT, file:RECORDING (played again), or none
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pub pose: String,
+    /// Added to the time of each pose, seconds: what the camera is behind. auto: what fits the pictures best, found while they come; the camera has to turn
+    #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = delay)]
+    delay: Added,
     #[command(flatten)]
     pub pictures: PicturesArgs,
 }
@@ -83,6 +86,15 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     sides.ok_or_else(|| format!("{text} is refused: accepted is WIDTHxHEIGHT, as in 640x480"))
 }
 
+/// Longer ones belong to clocks that have nothing to do with each other, seconds.
+const LONGEST_DELAY_S: f64 = 60.0;
+
+fn delay(text: &str) -> Result<Added, String> {
+    let told = || text.parse().ok().filter(|s: &f64| s.abs() <= LONGEST_DELAY_S).map(Added::Told);
+    let added = if text == "auto" { Some(Added::Found) } else { told() };
+    added.ok_or_else(|| format!("{text} is refused: accepted are seconds from -60 to 60, or auto"))
+}
+
 fn rate(text: &str) -> Result<f64, String> {
     let rate = text.parse().ok().filter(|rate| (0.1..=1000.0).contains(rate));
     rate.ok_or_else(|| format!("{text} is refused: accepted is a number from 0.1 to 1000"))
@@ -141,7 +153,9 @@ impl Agreed {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
         let profiled = profile.map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose()?;
-        Self::with(&args.camera, &args.pictures, &args.pose, profiled.as_ref())
+        let mut agreed = Self::with(&args.camera, &args.pictures, &args.pose, profiled.as_ref())?;
+        agreed.opened.poses = delayed(agreed.opened.poses, args.delay, profiled.as_ref())?;
+        Ok(agreed)
     }
 
     /// Opens a camera of which nobody asks where it is.
@@ -213,7 +227,11 @@ impl Watching {
 
     /// The poses that have come, for frames up to a time.
     pub fn new_poses(&mut self, last_frame_s: f64) -> Result<Vec<(f64, Pose)>> {
-        Ok(self.watched.new_poses(last_frame_s)?)
+        let poses = self.watched.new_poses(last_frame_s)?;
+        if let Some(text) = self.watched.told() {
+            warn(self.quiet, &text);
+        }
+        Ok(poses)
     }
 
     /// What was left out, in words. `not_recorded`: for the disk was too slow.

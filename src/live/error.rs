@@ -24,6 +24,12 @@ pub enum LiveError {
         "poses from tags need the camera's focal length: name its --profile, as `locard calibrate camera` writes one"
     )]
     NoCamera,
+    #[error("a delay is refused: these poses come from the pictures themselves, or there are none; leave --delay out")]
+    NoDelay,
+    #[error(
+        "--delay auto needs the camera's focal length, and pictures that fit a plane: name its --profile, as `locard calibrate camera` writes one, or give --delay in seconds"
+    )]
+    DelayNeedsCamera,
     #[error(transparent)]
     Camera(#[from] CameraError),
     #[error(transparent)]

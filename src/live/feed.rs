@@ -37,6 +37,8 @@ pub struct Status {
     pub gone: Option<String>,
     /// What went wrong with the poses; there are none any more.
     pub no_poses: Option<String>,
+    /// What was told of the poses last ([`PoseSource::told`](super::PoseSource::told)).
+    pub told: Option<String>,
     /// A recording that is over: how many frames it has, and why it ended if nobody ended it.
     pub written: Option<(usize, Option<String>)>,
     /// Nothing will come any more.
@@ -176,6 +178,7 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
                 Err(error) => status.no_poses = Some(error.to_string()),
             }
         }
+        status.told = watched.told().or(status.told);
         let mut is_new = false;
         while let Some(arrived) = intake.next(monotonic_s()) {
             putter.put(Seen { arrived, track: intake.track().clone() });
@@ -193,6 +196,7 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
         let mut shared = lock(shared);
         let is_told = shared.status.gone != status.gone
             || shared.status.no_poses != status.no_poses
+            || shared.status.told != status.told
             || shared.status.written != status.written
             || status.is_over;
         if is_new && let Some(latest) = intake.latest() {

@@ -4,6 +4,8 @@
 //! it would read back. [`Live`] composites that, frame by frame; [`Feed`] has a camera watched by a thread for whoever
 //! composites himself. [`PoseSource`] is where poses come from.
 
+mod delay_search;
+mod delayed;
 mod encode;
 mod error;
 mod feed;
@@ -21,6 +23,8 @@ mod waiting;
 mod watched;
 mod writer;
 
+pub use delay_search::{DelaySearch, Unknown};
+pub use delayed::{Added, delayed};
 pub use encode::{Encoded, encoded};
 pub use error::LiveError;
 pub use feed::{Feed, Seen, Status};

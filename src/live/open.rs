@@ -150,6 +150,9 @@ impl PoseSource for NoPoses {
     fn is_live(&self) -> bool {
         false
     }
+    fn has_clock(&self) -> bool {
+        false
+    }
 }
 
 #[cfg(test)]

@@ -23,6 +23,14 @@ pub trait PoseSource: Send {
     fn max_gap_s(&self) -> f64 {
         MAX_GAP_S
     }
+    /// Whether they come by a clock of their own, which may be apart from the pictures'.
+    fn has_clock(&self) -> bool {
+        true
+    }
+    /// What a person should know of them by now; each once.
+    fn told(&mut self) -> Option<String> {
+        None
+    }
     /// Whether frames should wait for them.
     fn is_live(&self) -> bool {
         true

@@ -57,6 +57,10 @@ impl PoseSource for TaggedPoses {
             None => Ok(std::mem::take(&mut self.found)),
         }
     }
+    /// They are of the pictures themselves.
+    fn has_clock(&self) -> bool {
+        false
+    }
     /// Out of the board.
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)

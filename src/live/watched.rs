@@ -63,6 +63,11 @@ impl Watched {
         self.poses.poses(last_frame_s + AHEAD_S)
     }
 
+    /// What a person should know of the poses by now; each once.
+    pub fn told(&mut self) -> Option<String> {
+        self.poses.told()
+    }
+
     /// Why nothing comes for now: unplugged, say.
     pub fn gone(&self) -> Option<&str> {
         self.gone.as_deref()

@@ -5,7 +5,7 @@ pub mod text;
 pub mod tum;
 pub mod turn;
 
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 
 use crate::pose::Pose;
 use crate::words::fixed;
@@ -156,6 +156,14 @@ impl PoseTrack {
         }
     }
 
+    /// How the camera turns from one time to another: along the axis in the camera's axes, radians. `None` where either has no
+    /// pose.
+    pub fn turn_between(&self, from_s: f64, to_s: f64) -> Option<DVec3> {
+        let (from, to) = (self.at(from_s).ok()?, self.at(to_s).ok()?);
+        // world_from_to⁻¹ · world_from_from.
+        Some((to.world_from_camera_rotation().inverse() * from.world_from_camera_rotation()).to_scaled_axis())
+    }
+
     /// Like [`PoseTrack::at`], but before the track's start, after its end and inside a gap it is the nearest pose: for
     /// the edges of a shutter whose middle has a pose. `None` if empty.
     pub fn at_or_nearest(&self, time_s: f64) -> Option<Pose> {
@@ -177,7 +185,6 @@ impl PoseTrack {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
 
     fn track() -> PoseTrack {
         let at = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::IDENTITY);

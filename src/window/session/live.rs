@@ -185,6 +185,11 @@ impl Session {
         {
             self.wrong(why.clone());
         }
+        if status.told != before.told
+            && let Some(text) = &status.told
+        {
+            self.say(text.clone());
+        }
         self.take_frozen(ctx);
         let Some(live) = &mut self.live else { return };
         let Some(kept) = live.keeping.as_ref().and_then(Errand::take) else { return };

@@ -1,0 +1,204 @@
+//! Poses whose clock is not the camera's: a delay that is told, or found in the pictures while they come.
+
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+
+use glam::DVec3;
+
+use super::delay_search::{DelaySearch, Unknown};
+use super::error::LiveError;
+use super::source::PoseSource;
+use crate::camera::Camera;
+use crate::pixels::Pixels;
+use crate::pose::Pose;
+use crate::tracking::delay::Delay;
+use crate::tracking::turn::Reduced;
+use crate::words::{count, fixed};
+
+/// What is added to the time of each pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Added {
+    /// So much, seconds.
+    Told(f64),
+    /// What fits the pictures.
+    Found,
+}
+
+/// The delay that is used follows the one that is wanted by so much of the poses' time: evidence goes a tenth faster or slower
+/// for a while, and never jumps.
+const SLEW: f64 = 0.1;
+/// Pictures and poses on their way to the search. What is more is left out of it.
+const MOST: usize = 4096;
+
+/// The delay that is in use.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Following {
+    wanted_s: f64,
+    used_s: f64,
+    last_s: Option<f64>,
+}
+
+impl Following {
+    /// The time by the camera's clock of a pose. Times that ascend do so again.
+    fn ours(&mut self, time_s: f64) -> f64 {
+        let most_s = SLEW * self.last_s.map_or(0.0, |last_s| (time_s - last_s).max(0.0));
+        self.used_s += (self.wanted_s - self.used_s).clamp(-most_s, most_s);
+        self.last_s = Some(self.last_s.map_or(time_s, |last_s| last_s.max(time_s)));
+        time_s + self.used_s
+    }
+}
+
+enum Seen {
+    Picture(f64, Reduced),
+    Pose(f64, Pose),
+}
+
+struct Search {
+    seen: SyncSender<Seen>,
+    found: Receiver<Result<Delay, Unknown>>,
+}
+
+/// A source's poses at other times.
+struct Delayed {
+    source: Box<dyn PoseSource>,
+    following: Following,
+    /// On a thread of its own, which ends with this.
+    search: Option<Search>,
+    told: Option<String>,
+    has_refused: bool,
+}
+
+/// Delays the poses of a source. The camera's geometry is needed to find the delay.
+pub fn delayed(
+    source: Box<dyn PoseSource>,
+    added: Added,
+    camera: Option<&Camera>,
+) -> Result<Box<dyn PoseSource>, LiveError> {
+    if added == Added::Told(0.0) {
+        return Ok(source);
+    }
+    if !source.has_clock() {
+        return Err(LiveError::NoDelay);
+    }
+    let (following, search) = match added {
+        Added::Told(s) => (Following { wanted_s: s, used_s: s, last_s: None }, None),
+        Added::Found => {
+            let geometry =
+                camera.and_then(|camera| camera.geometry.as_ref()).filter(|geometry| !geometry.sees_around());
+            let camera = geometry.ok_or(LiveError::DelayNeedsCamera)?.intrinsics.clone();
+            (Following::default(), Some(begin(DelaySearch::new(camera, source.max_gap_s()))?))
+        }
+    };
+    Ok(Box::new(Delayed { source, following, search, told: None, has_refused: false }))
+}
+
+fn begin(mut search: DelaySearch) -> Result<Search, LiveError> {
+    let (seen, coming) = sync_channel(MOST);
+    let (tell, found) = sync_channel(MOST);
+    let look = move || {
+        for seen in coming {
+            let result = match seen {
+                Seen::Picture(time_s, picture) => search.picture(time_s, picture),
+                Seen::Pose(time_s, pose) => {
+                    search.pose(time_s, &pose);
+                    None
+                }
+            };
+            if let Some(Err(TrySendError::Disconnected(_))) = result.map(|result| tell.try_send(result)) {
+                return;
+            }
+        }
+    };
+    std::thread::Builder::new().name("delay".to_owned()).spawn(look).map_err(LiveError::Thread)?;
+    Ok(Search { seen, found })
+}
+
+impl Delayed {
+    fn take(&mut self, found: Result<Delay, Unknown>) {
+        match found {
+            Ok(Delay { delay_s, sigma_s, likeness, motions, .. }) => {
+                // What is added to a frame's time to get the poses' is taken from theirs.
+                self.following.wanted_s = -delay_s;
+                self.told = Some(format!(
+                    "the poses' delay is found: --delay {} ± {} s, by {}, likeness {}",
+                    fixed(-delay_s, 4),
+                    fixed(sigma_s, 4),
+                    count(motions, "motion"),
+                    fixed(likeness, 2)
+                ));
+            }
+            Err(why) if !self.has_refused => {
+                self.has_refused = true;
+                self.told = Some(format!(
+                    "the poses' delay is not found yet, and is taken for 0: {why}; turn the camera about"
+                ));
+            }
+            Err(_) => {}
+        }
+    }
+}
+
+impl PoseSource for Delayed {
+    fn picture(&mut self, time_s: f64, pixels: &Pixels) {
+        self.source.picture(time_s, pixels);
+        if let Some(search) = &self.search {
+            if let Some(picture) = Reduced::new(pixels) {
+                let _ = search.seen.try_send(Seen::Picture(time_s, picture));
+            }
+            let found: Vec<_> = search.found.try_iter().collect();
+            found.into_iter().for_each(|found| self.take(found));
+        }
+    }
+
+    fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+        let mut poses = self.source.poses(until_s - self.following.used_s)?;
+        for (time_s, pose) in &mut poses {
+            if let Some(search) = &self.search {
+                let _ = search.seen.try_send(Seen::Pose(*time_s, *pose));
+            }
+            *time_s = self.following.ours(*time_s);
+        }
+        Ok(poses)
+    }
+
+    fn up(&self) -> Option<DVec3> {
+        self.source.up()
+    }
+    fn has_floor(&self) -> bool {
+        self.source.has_floor()
+    }
+    fn max_gap_s(&self) -> f64 {
+        self.source.max_gap_s()
+    }
+    fn is_live(&self) -> bool {
+        self.source.is_live()
+    }
+    fn told(&mut self) -> Option<String> {
+        self.told.take()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_delay_that_changes_is_followed_without_a_jump() {
+        let mut following = Following::default();
+        assert_eq!(following.ours(5.0), 5.0);
+        following.wanted_s = -0.08;
+        // 0.1 s later: by a hundredth of a second.
+        assert!((following.ours(5.1) - 5.09).abs() < 1e-12);
+        let mut last_s = 5.09;
+        for i in 1..100 {
+            let time_s = 5.1 + 0.01 * f64::from(i);
+            let ours_s = following.ours(time_s);
+            assert!((0.009 - 1e-9..0.01 + 1e-9).contains(&(ours_s - last_s)), "{ours_s} {last_s}");
+            last_s = ours_s;
+        }
+        assert_eq!(following.used_s, -0.08);
+        // One that came late does not turn time back.
+        following.wanted_s = 0.0;
+        assert_eq!(following.ours(3.0), 2.92);
+        assert!((following.ours(6.1) - 6.021).abs() < 2e-3);
+    }
+}
