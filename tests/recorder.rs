@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use glam::{DQuat, DVec3};
 use locard::pose::Pose;
 use locard::recording::recorder::{About, Folder, Recorder, RecorderError, Store};
-use locard::recording::write::Line;
+use locard::recording::write::{Covariance, Line, covariances};
 use locard::recording::{OpenOptions, Recording};
 
 const INTERVAL_S: f64 = 1.0 / 30.0;
@@ -119,6 +119,27 @@ fn a_frame_is_listed_once_its_presence_is_told_and_the_first_at_once() {
     frames.for_each(|(frame, i)| assert_eq!(frame.unwrap().presence, share(i)));
     let list = std::fs::read_to_string(temp.path().join("frames.txt")).unwrap();
     assert_eq!(list.matches("presence=").count(), 39);
+}
+
+#[test]
+fn covariances_are_listed_where_there_are_some() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
+    let list = temp.path().join("covariance.txt");
+    add(&mut recorder, 0, &png()).unwrap();
+    assert!(!list.exists());
+    let of =
+        |i: usize| Covariance { time_s: line(i).time_s, upper: std::array::from_fn(|k| 1e-7 / (i * 21 + k) as f64) };
+    for i in 1..50 {
+        recorder.covariance(of(i));
+        add(&mut recorder, i, &png()).unwrap();
+    }
+    recorder.finish().unwrap();
+    let all: Vec<Covariance> = (1..50).map(of).collect();
+    assert_eq!(std::fs::read_to_string(&list).unwrap(), covariances(&all, true));
+    let read: Vec<f64> = covariances(&all[..1], false).split_whitespace().map(|n| n.parse().unwrap()).collect();
+    assert!(read[0] == all[0].time_s && read[1..] == all[0].upper);
+    assert_eq!(open(temp.path()).frame_count(), 50);
 }
 
 #[test]
@@ -247,7 +268,7 @@ impl Store for Small {
         self.folder.remove(name)
     }
 
-    fn append(&mut self, lines: [&str; 3]) -> io::Result<()> {
+    fn append(&mut self, lines: [&str; 4]) -> io::Result<()> {
         let (bytes, before) = (lines.iter().map(|lines| lines.len()).sum(), self.room);
         if let Err(error) = self.take(bytes) {
             self.room = before;

@@ -164,6 +164,11 @@ fn a_live_picture_has_its_pose_from_the_tags_in_it() {
         poses.picture(time_s, &pixels.unwrap());
         let found = poses.poses(time_s).unwrap();
         assert_eq!(found.len(), usize::from(!AWAY.contains(&i)), "frame {i}");
+        // Each has its covariance, like those of `track`.
+        let covariance = poses.covariance(time_s);
+        assert_eq!(covariance.is_some(), found.len() == 1, "frame {i}");
+        let sigma = |n: usize| covariance.unwrap().upper[n].sqrt();
+        assert!(found.is_empty() || [0, 6, 11, 15, 18, 20].into_iter().all(|n| sigma(n) > 0.0 && sigma(n) < 2e-3));
         let Some((at_s, pose)) = found.first() else { continue };
         assert_eq!(*at_s, time_s);
         let truth = place(i as f64 / FPS);

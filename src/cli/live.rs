@@ -11,7 +11,7 @@ use super::which::Which;
 use super::{is_closed_stdout, say, warn};
 use crate::compositor::Composited;
 use crate::gpu::Gpu;
-use crate::live::{Came, Live, Next, Writer};
+use crate::live::{Came, Live, Next, PoseTaken, Writer};
 use crate::recording::recorder::Recorder;
 use crate::shot::{Given, Shot};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
@@ -172,7 +172,9 @@ fn follow(
             }
         }
         for (time_s, pose) in watching.new_poses(last_s)? {
-            live.pose(time_s, &pose);
+            if live.pose(time_s, &pose) == PoseTaken::Added {
+                watching.covariance(time_s).into_iter().for_each(|covariance| live.covariance(covariance));
+            }
         }
         while let Some(submitted) = live.submit(monotonic_s())? {
             let shown = live.collect(submitted)?;

@@ -56,6 +56,7 @@ pub fn run(args: &Args) -> Result<()> {
             if time_s.is_finite() && time_s > pose_s {
                 pose_s = time_s;
                 lines.push(Line::new(time_s, &pose));
+                watching.covariance(time_s).into_iter().for_each(|covariance| writer.covariance(covariance));
             } else {
                 late += 1;
             }

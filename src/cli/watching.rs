@@ -12,6 +12,7 @@ use crate::pose::Pose;
 use crate::profile::Rig;
 use crate::recording::recorder::About;
 use crate::source::video::{ColorMatrix, ColorRange};
+use crate::tracking::covariance::Covariance;
 use crate::webcam::{Layout, Wanted};
 use crate::words::{count, fixed};
 
@@ -232,6 +233,11 @@ impl Watching {
             warn(self.quiet, &text);
         }
         Ok(poses)
+    }
+
+    /// How sure a pose is that was given last, by its time.
+    pub fn covariance(&self, time_s: f64) -> Option<Covariance> {
+        self.watched.covariance(time_s)
     }
 
     /// What was left out, in words. `not_recorded`: for the disk was too slow.

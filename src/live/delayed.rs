@@ -172,6 +172,7 @@ impl PoseSource for Delayed {
     fn is_live(&self) -> bool {
         self.source.is_live()
     }
+    // What has a delay has no covariances: poses of tags are the pictures' own.
     fn told(&mut self) -> Option<String> {
         self.told.take()
     }

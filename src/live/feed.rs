@@ -8,6 +8,7 @@ use super::error::LiveError;
 use super::intake::{Arrived, Came, Intake};
 use super::latest::Latest;
 use super::open::Opened;
+use super::track::PoseTaken;
 use super::waiting::Counts;
 use super::watched::{Next, Watched};
 use super::writer::Writer;
@@ -174,7 +175,14 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
         }
         if status.no_poses.is_none() {
             match watched.new_poses(last_s) {
-                Ok(poses) => poses.iter().for_each(|(time_s, pose)| _ = intake.pose(*time_s, pose)),
+                Ok(poses) => {
+                    for (time_s, pose) in &poses {
+                        if intake.pose(*time_s, pose) == PoseTaken::Added {
+                            let covariance = watched.covariance(*time_s);
+                            covariance.into_iter().for_each(|covariance| intake.covariance(covariance));
+                        }
+                    }
+                }
                 Err(error) => status.no_poses = Some(error.to_string()),
             }
         }

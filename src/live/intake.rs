@@ -13,6 +13,7 @@ use crate::pose::Pose;
 use crate::recording::recorder::RecorderError;
 use crate::source::exif;
 use crate::tracking::PoseTrack;
+use crate::tracking::covariance::Covariance;
 use crate::webcam::Picture;
 
 /// What became of a picture.
@@ -88,6 +89,16 @@ impl Intake {
 
     pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
         self.waiting.pose(time_s, pose)
+    }
+
+    /// Records and keeps how sure a pose is that was taken.
+    pub fn covariance(&mut self, covariance: Covariance) {
+        if let Some(writer) = &self.writer {
+            writer.covariance(covariance);
+        }
+        if let Some(latest) = &mut self.latest {
+            latest.covariance(covariance);
+        }
     }
 
     /// The poses as they are when a frame goes out: what is added later does not change them for it.

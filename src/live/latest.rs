@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::encode::Encoded;
 use crate::recording::recorder::{About, Recorder, RecorderError};
+use crate::tracking::covariance::Covariance;
 use crate::tracking::tum::Line;
 
 /// So long, seconds.
@@ -28,6 +29,7 @@ struct Kept {
 pub struct Latest {
     frames: VecDeque<Kept>,
     poses: VecDeque<Line>,
+    covariances: VecDeque<Covariance>,
     bytes: usize,
 }
 
@@ -44,6 +46,9 @@ impl Latest {
         while self.poses.front().is_some_and(|line| line.time_s < first_s - BEFORE_S) {
             self.poses.pop_front();
         }
+        while self.covariances.front().is_some_and(|covariance| covariance.time_s < first_s - BEFORE_S) {
+            self.covariances.pop_front();
+        }
     }
 
     /// Tells the presence of a frame that is kept.
@@ -51,6 +56,10 @@ impl Latest {
         if let Some(kept) = self.frames.iter_mut().rev().find(|kept| kept.time_s == time_s) {
             kept.presence = presence;
         }
+    }
+
+    pub fn covariance(&mut self, covariance: Covariance) {
+        self.covariances.push_back(covariance);
     }
 
     pub fn add_poses(&mut self, lines: &[Line]) {
@@ -82,6 +91,7 @@ impl Latest {
     pub fn write(&self, folder: &Path, about: &About) -> Result<usize, RecorderError> {
         let mut recorder = Recorder::create(folder, about)?;
         self.poses.iter().for_each(|line| recorder.pose(*line));
+        self.covariances.iter().for_each(|covariance| recorder.covariance(*covariance));
         for Kept { time_s, file, exposure_s, presence } in &self.frames {
             let unwritten = |source| RecorderError::Write { path: folder.to_owned(), source };
             let (ending, bytes) = file.file().map_err(unwritten)?;
@@ -104,6 +114,7 @@ mod tests {
         for i in 0..frames {
             let time_s = 100.0 + 0.1 * f64::from(i);
             latest.add_poses(&[Line::new(time_s, &Pose::IDENTITY)]);
+            latest.covariance(Covariance { time_s, upper: [1e-6; 21] });
             let pixels = Pixels::from_u8(16, 16, vec![i as u8; 768]).unwrap();
             latest.frame(time_s, Arc::new(Encoded::Pixels(pixels)), None);
         }
@@ -130,7 +141,7 @@ mod tests {
         };
         let folder = temp.path().join("last");
         latest.settle(100.0 + 0.1 * 200.0, 0.25);
-        assert_eq!(latest.until(128.05).write(&folder, &about).unwrap(), 82);
+        assert_eq!(latest.clone().until(128.05).write(&folder, &about).unwrap(), 82);
         let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
         assert_eq!(recording.timestamps_s.len(), 82);
         let last = recording.frames(81..82).unwrap().next().unwrap().unwrap();
@@ -139,6 +150,8 @@ mod tests {
             (128.0, Pixels::from_u8(16, 16, vec![(280 % 256) as u8; 768]).unwrap())
         );
         assert!(recording.pose_at_frame(0).is_ok());
+        let sure = std::fs::read_to_string(folder.join("covariance.txt")).unwrap();
+        assert_eq!(sure.lines().count(), 2 + latest.poses().len());
         assert_eq!([0, 1].map(|frame| recording.presence(frame)), [1.0, 0.25]);
     }
 }

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::error::LiveError;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::tracking::covariance::Covariance;
 
 /// Poses for a camera's frames, by the camera's clock. What finds them in the pictures gets these first.
 pub trait PoseSource: Send {
@@ -22,6 +23,10 @@ pub trait PoseSource: Send {
     /// The longest interval across which they may be interpolated, seconds.
     fn max_gap_s(&self) -> f64 {
         MAX_GAP_S
+    }
+    /// How sure a pose is that was given last, by its time.
+    fn covariance(&self, _time_s: f64) -> Option<Covariance> {
+        None
     }
     /// Whether they come by a clock of their own, which may be apart from the pictures'.
     fn has_clock(&self) -> bool {

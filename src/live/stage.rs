@@ -12,6 +12,7 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::recording::recorder::RecorderError;
 use crate::shot::Shot;
+use crate::tracking::covariance::Covariance;
 use crate::webcam::Picture;
 
 /// A composited frame.
@@ -72,6 +73,11 @@ impl<'a> Live<'a> {
 
     pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
         self.intake.pose(time_s, pose)
+    }
+
+    /// Records how sure a pose is that was taken.
+    pub fn covariance(&mut self, covariance: Covariance) {
+        self.intake.covariance(covariance);
     }
 
     /// Takes a picture whose pixels are decoded, and records it.

@@ -12,6 +12,7 @@ use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::tags::{Board, DetectError, Paper, Searcher, Sheet, chosen, expected};
+use crate::tracking::covariance::Covariance;
 
 /// A board that is searched for in each picture. The world is the board's.
 pub struct TaggedPoses {
@@ -19,6 +20,8 @@ pub struct TaggedPoses {
     /// The last two, by which a flat tag's pose is told from its other one.
     past: Vec<(f64, Pose)>,
     found: Vec<(f64, Pose)>,
+    /// Of those that were found or given last.
+    covariances: Vec<Covariance>,
     failure: Option<DetectError>,
 }
 
@@ -31,7 +34,7 @@ impl TaggedPoses {
         };
         let geometry = camera.geometry.clone().ok_or(LiveError::NoCamera)?;
         let searcher = Searcher::new(board, geometry, &camera.response)?;
-        Ok(Self { searcher, past: Vec::new(), found: Vec::new(), failure: None })
+        Ok(Self { searcher, past: Vec::new(), found: Vec::new(), covariances: Vec::new(), failure: None })
     }
 }
 
@@ -39,7 +42,12 @@ impl PoseSource for TaggedPoses {
     fn picture(&mut self, time_s: f64, pixels: &Pixels) {
         match self.searcher.look(pixels) {
             Ok(Ok(sight)) => {
-                let pose = chosen(time_s, &sight, expected(&self.past, time_s).as_ref()).solved.pose;
+                let chosen = chosen(time_s, &sight, expected(&self.past, time_s).as_ref());
+                let pose = chosen.solved.pose;
+                if self.found.is_empty() {
+                    self.covariances.clear();
+                }
+                self.covariances.push(chosen.covariance());
                 self.past.push((time_s, pose));
                 if self.past.len() > 2 {
                     self.past.remove(0);
@@ -56,6 +64,9 @@ impl PoseSource for TaggedPoses {
             Some(error) => Err(error.into()),
             None => Ok(std::mem::take(&mut self.found)),
         }
+    }
+    fn covariance(&self, time_s: f64) -> Option<Covariance> {
+        self.covariances.iter().find(|covariance| covariance.time_s == time_s).copied()
     }
     /// They are of the pictures themselves.
     fn has_clock(&self) -> bool {

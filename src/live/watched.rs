@@ -6,6 +6,7 @@ use super::error::LiveError;
 use super::source::PoseSource;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::tracking::covariance::Covariance;
 use crate::webcam::{Drops, Newest, Picture, PictureError, Taken};
 
 /// Poses that are known beforehand come so far ahead of their frames, seconds.
@@ -61,6 +62,11 @@ impl Watched {
     /// The poses that have come, for frames up to a time.
     pub fn new_poses(&mut self, last_frame_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
         self.poses.poses(last_frame_s + AHEAD_S)
+    }
+
+    /// How sure a pose is that was given last, by its time.
+    pub fn covariance(&self, time_s: f64) -> Option<Covariance> {
+        self.poses.covariance(time_s)
     }
 
     /// What a person should know of the poses by now; each once.

@@ -8,6 +8,7 @@ use std::time::Duration;
 use super::encode::Encoded;
 use super::error::LiveError;
 use crate::recording::recorder::{Recorder, RecorderError, Store};
+use crate::tracking::covariance::Covariance;
 use crate::tracking::tum::Line;
 
 /// Frames on their way to the disk at once: a second of a camera, for disks that pause.
@@ -19,6 +20,7 @@ enum Work {
     Frame { time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>, presence: Option<f64> },
     Settled { time_s: f64, presence: f64 },
     Poses(Vec<Line>),
+    Covariance(Covariance),
 }
 
 /// The sending end of a recorder.
@@ -39,6 +41,10 @@ impl Writer {
                 let done = match work.recv_timeout(IDLE) {
                     Ok(Work::Poses(lines)) => {
                         lines.into_iter().for_each(|line| recorder.pose(line));
+                        Ok(())
+                    }
+                    Ok(Work::Covariance(covariance)) => {
+                        recorder.covariance(covariance);
                         Ok(())
                     }
                     Ok(Work::Settled { time_s, presence }) => recorder.settle(time_s, presence),
@@ -76,6 +82,12 @@ impl Writer {
     pub fn settle(&self, time_s: f64, presence: f64) {
         if let Some(work) = self.work.as_ref() {
             let _ = work.send(Work::Settled { time_s, presence });
+        }
+    }
+
+    pub fn covariance(&self, covariance: Covariance) {
+        if let Some(work) = self.work.as_ref() {
+            let _ = work.send(Work::Covariance(covariance));
         }
     }
 

@@ -9,6 +9,7 @@ mod colmap;
 mod depth;
 mod error;
 mod euroc;
+mod folder;
 mod frames;
 mod listing;
 mod nerfstudio;

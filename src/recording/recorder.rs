@@ -5,13 +5,17 @@
 //! cost that half second, and leave at most one line without an end, which the reader drops. If the disk is full, the
 //! recording ends with the last frame whose line finds room.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::write::{self, CameraFile, Description, ExposureList, FILE_NAME, FrameFiles, Line, LiveFacts, PoseFile};
+pub use super::folder::{Folder, List, Store};
+
+use super::folder::PICTURES;
+use super::write::{
+    self, CameraFile, Covariance, Description, ExposureList, FILE_NAME, FrameFiles, Line, LiveFacts, PoseFile,
+};
 use super::{RecordingError, listing};
 use crate::frame::FrameExposure;
 use crate::words::reason;
@@ -21,28 +25,7 @@ const HELD_S: f64 = 0.5;
 /// And after so many pictures, whatever their times say.
 const MOST_HELD: usize = 64;
 
-const PICTURES: &str = "frames";
 const PROFILE: &str = "camera.toml";
-
-/// The lists of a recording.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum List {
-    Frames,
-    Poses,
-    Exposure,
-}
-
-impl List {
-    pub const ALL: [Self; 3] = [Self::Frames, Self::Poses, Self::Exposure];
-
-    pub fn file_name(self) -> &'static str {
-        match self {
-            Self::Frames => "frames.txt",
-            Self::Poses => "poses.txt",
-            Self::Exposure => "exposure.txt",
-        }
-    }
-}
 
 /// What is known of a recording before its first frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,19 +43,6 @@ pub struct About {
     pub has_exposure: bool,
     /// The camera's profile, as text.
     pub profile: Option<String>,
-}
-
-/// Where a recording is written: a folder, or in a test one that is full.
-pub trait Store {
-    /// Writes a new file. What is left of one that fails is removed.
-    fn file(&mut self, name: &Path, bytes: &[u8]) -> io::Result<()>;
-    /// Removes a file that was written.
-    fn remove(&mut self, name: &Path) -> io::Result<()>;
-    /// Appends whole lines to each of [`List::ALL`], and returns once they are on the disk. If that fails, none of them
-    /// is there.
-    fn append(&mut self, lines: [&str; 3]) -> io::Result<()>;
-    /// Returns once all files are on the disk.
-    fn sync(&mut self) -> io::Result<()>;
 }
 
 /// Why a recording has ended.
@@ -112,6 +82,9 @@ pub struct Recorder<S: Store> {
     has_frames: bool,
     has_exposure: bool,
     poses: Vec<Line>,
+    covariances: Vec<Covariance>,
+    /// Whether there are some in their list.
+    has_covariances: bool,
     failed: bool,
 }
 
@@ -133,7 +106,8 @@ impl<S: Store> Recorder<S> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         let description = write::description(about.description())?.to_string();
         let mut begin = || -> io::Result<()> {
-            store.append(lists(&[], &[], false)?.each_ref().map(String::as_str))?;
+            let [frames, poses, exposures] = lists(&[], &[], false)?;
+            store.append([&poses, &exposures, "", &frames])?;
             if let Some(profile) = &about.profile {
                 store.file(Path::new(PROFILE), profile.as_bytes())?;
             }
@@ -151,6 +125,8 @@ impl<S: Store> Recorder<S> {
             has_frames: false,
             has_exposure: about.has_exposure,
             poses: Vec::new(),
+            covariances: Vec::new(),
+            has_covariances: false,
             failed: false,
         })
     }
@@ -215,6 +191,11 @@ impl<S: Store> Recorder<S> {
         self.poses.push(line);
     }
 
+    /// Adds the covariance of a pose; their list is there once there is one.
+    pub fn covariance(&mut self, covariance: Covariance) {
+        self.covariances.push(covariance);
+    }
+
     /// Writes all that is held, except frames that wait for something.
     pub fn commit(&mut self) -> Result<(), RecorderError> {
         if self.failed {
@@ -227,6 +208,8 @@ impl<S: Store> Recorder<S> {
         }
         self.held.drain(..settled);
         self.poses.clear();
+        self.has_covariances |= !self.covariances.is_empty();
+        self.covariances.clear();
         self.has_frames |= settled > 0;
         Ok(())
     }
@@ -235,9 +218,14 @@ impl<S: Store> Recorder<S> {
     fn write(&mut self, frames: usize) -> io::Result<()> {
         // A list's first line is its head.
         let lists = lists(&self.held[..frames], &self.poses, self.has_exposure)?;
-        let lines = lists.each_ref().map(|text| text.split_once('\n').map_or("", |(_, lines)| lines));
+        let [frames, poses, exposures] =
+            lists.each_ref().map(|text| text.split_once('\n').map_or("", |(_, lines)| lines));
+        let covariances = match self.covariances.as_slice() {
+            [] => String::new(),
+            some => write::covariances(some, !self.has_covariances),
+        };
         self.store.sync()?;
-        self.store.append(lines)
+        self.store.append([poses, exposures, &covariances, frames])
     }
 
     /// Ends a recording on a full disk: what is held is written at the cost of its last pictures, if the lines find no
@@ -272,7 +260,7 @@ impl<S: Store> Drop for Recorder<S> {
     }
 }
 
-/// The texts of the lists, with their heads.
+/// The texts of the first lists, with their heads.
 fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[String; 3]> {
     let listed = frames.iter().map(|held| (held.time_s, held.name.as_str(), held.presence.unwrap_or(1.0)));
     let listed = listing::write_frames(listed).map_err(io::Error::other)?;
@@ -307,71 +295,5 @@ impl About {
                 delivered: self.delivered.clone(),
             }),
         }
-    }
-}
-
-/// A folder on a disk.
-#[derive(Debug)]
-pub struct Folder {
-    path: PathBuf,
-    lists: [(File, u64); 3],
-    unsynced: Vec<File>,
-}
-
-impl Folder {
-    /// In a folder that exists.
-    pub fn new(path: &Path) -> io::Result<Self> {
-        let open = |list: List| File::create_new(path.join(list.file_name()));
-        let [frames, poses, exposure] = List::ALL.map(open);
-        let lists = [(frames?, 0), (poses?, 0), (exposure?, 0)];
-        Ok(Self { path: path.to_owned(), lists, unsynced: Vec::new() })
-    }
-}
-
-impl Store for Folder {
-    fn file(&mut self, name: &Path, bytes: &[u8]) -> io::Result<()> {
-        let path = self.path.join(name);
-        let mut file = OpenOptions::new().write(true).create_new(true).open(&path)?;
-        if let Err(error) = file.write_all(bytes) {
-            drop(file);
-            let _ = std::fs::remove_file(&path);
-            return Err(error);
-        }
-        self.unsynced.push(file);
-        Ok(())
-    }
-
-    fn remove(&mut self, name: &Path) -> io::Result<()> {
-        std::fs::remove_file(self.path.join(name))
-    }
-
-    fn append(&mut self, lines: [&str; 3]) -> io::Result<()> {
-        let written = self.lists.iter_mut().zip(lines).try_for_each(|((file, _), lines)| {
-            file.write_all(lines.as_bytes())?;
-            file.sync_data()
-        });
-        for ((file, length), lines) in self.lists.iter_mut().zip(lines) {
-            if written.is_ok() {
-                *length += lines.len() as u64;
-            } else {
-                file.set_len(*length)?;
-                file.seek(SeekFrom::Start(*length))?;
-            }
-        }
-        written
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        let has_new = !self.unsynced.is_empty();
-        for file in self.unsynced.drain(..) {
-            file.sync_data()?;
-        }
-        // The names of new files. Not every system can.
-        if has_new && cfg!(unix) {
-            for folder in [self.path.join(PICTURES), self.path.clone()] {
-                File::open(folder)?.sync_all()?;
-            }
-        }
-        Ok(())
     }
 }

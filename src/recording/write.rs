@@ -7,6 +7,7 @@ pub use super::listing::{write_exposures as exposures, write_pictures as picture
 pub use super::own::{
     CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, LiveFacts, PoseFile,
 };
+pub use crate::tracking::covariance::{Covariance, write_covariances as covariances};
 pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
 
 use super::{RecordingError, own};

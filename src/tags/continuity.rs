@@ -6,6 +6,7 @@ use glam::DQuat;
 use super::sight::Sight;
 use super::solve::Solved;
 use crate::pose::Pose;
+use crate::tracking::covariance::Covariance;
 
 /// Poses farther apart in time say nothing of each other, seconds.
 const REACH_S: f64 = 0.5;
@@ -21,6 +22,13 @@ pub struct Chosen {
     pub solved: Solved,
     /// Whether the picture or those around it leave no doubt which of two poses it is.
     pub certain: bool,
+}
+
+impl Chosen {
+    pub fn covariance(&self) -> Covariance {
+        let mut upper = (0..6).flat_map(|i| (i..6).map(move |j| self.solved.covariance[(i, j)]));
+        Covariance { time_s: self.time_s, upper: std::array::from_fn(|_| upper.next().unwrap_or_default()) }
+    }
 }
 
 /// Where a camera that goes on as it went will be at a time. `past` ascends in time towards it, or descends; the last two

@@ -5,12 +5,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::board::Board;
+use super::continuity::Chosen;
 use super::track::Track;
 use crate::recording::RecordingError;
 use crate::recording::write::{self, CameraFile, Description, FILE_NAME, FrameFiles, Line, PoseFile};
 use crate::source::video::Video;
 use crate::unfinished::{MadeFolder, Undo, Unfinished};
-use crate::words::{number, reason};
+use crate::words::reason;
 
 const POSES: &str = "poses.txt";
 const COVARIANCE: &str = "covariance.txt";
@@ -149,29 +150,12 @@ fn texts(name: &str, Parts { video, profile, board, track }: &Parts<'_>) -> Resu
         camera: Some(CameraFile { profile: Some(CAMERA.into()), kind: None }),
     };
     let lines: Vec<Line> = track.chosen().map(|chosen| Line::new(chosen.time_s, &chosen.solved.pose)).collect();
+    let covariances: Vec<_> = track.chosen().map(Chosen::covariance).collect();
     Ok([
         (FILE_NAME.to_owned(), write::description(description)?.to_string()),
         (POSES.to_owned(), write::trajectory(&lines)),
-        (COVARIANCE.to_owned(), covariances(track)),
+        (COVARIANCE.to_owned(), write::covariances(&covariances, true)),
         (CAMERA.to_owned(), (*profile).to_owned()),
         (BOARD.to_owned(), board.to_string()),
     ])
-}
-
-/// A line for each pose: its time, then the upper triangle of its covariance, row by row.
-fn covariances(track: &Track) -> String {
-    let mut text = "# The covariance of each pose in poses.txt: its time (s), then 21 numbers, the upper triangle row by row.\n\
-                    # Of a turn about the camera's axes x, y, z (rad), then of the world's origin in these axes x, y, z (m).\n"
-        .to_owned();
-    for chosen in track.chosen() {
-        text += &number(chosen.time_s);
-        for i in 0..6 {
-            for j in i..6 {
-                text += " ";
-                text += &number(chosen.solved.covariance[(i, j)]);
-            }
-        }
-        text += "\n";
-    }
-    text
 }

@@ -1,5 +1,6 @@
 //! Poses over time.
 
+pub mod covariance;
 pub mod delay;
 pub mod text;
 pub mod tum;

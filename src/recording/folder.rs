@@ -1,0 +1,124 @@
+//! Where a recording is written while it is seen: pictures and lists in a folder, each on the disk before it is counted on.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+pub const PICTURES: &str = "frames";
+
+/// The lists of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum List {
+    Poses,
+    Exposure,
+    /// There once a pose's is known.
+    Covariance,
+    Frames,
+}
+
+impl List {
+    /// As they are written: a frame that is listed has what belongs to it.
+    pub const ALL: [Self; 4] = [Self::Poses, Self::Exposure, Self::Covariance, Self::Frames];
+
+    pub fn file_name(self) -> &'static str {
+        match self {
+            Self::Frames => "frames.txt",
+            Self::Poses => "poses.txt",
+            Self::Exposure => "exposure.txt",
+            Self::Covariance => "covariance.txt",
+        }
+    }
+}
+
+/// Where a recording is written: a folder, or in a test one that is full.
+pub trait Store {
+    /// Writes a new file. What is left of one that fails is removed.
+    fn file(&mut self, name: &Path, bytes: &[u8]) -> io::Result<()>;
+    /// Removes a file that was written.
+    fn remove(&mut self, name: &Path) -> io::Result<()>;
+    /// Appends whole lines to each of [`List::ALL`], and returns once they are on the disk. A list is made with its first
+    /// ones. If that fails, none of them is there.
+    fn append(&mut self, lines: [&str; 4]) -> io::Result<()>;
+    /// Returns once all files are on the disk.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+/// A folder on a disk.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    /// In the order of [`List::ALL`], with their lengths.
+    lists: [(Option<File>, u64); 4],
+    unsynced: Vec<File>,
+}
+
+impl Folder {
+    /// In a folder that exists.
+    pub fn new(path: &Path) -> io::Result<Self> {
+        Ok(Self { path: path.to_owned(), lists: Default::default(), unsynced: Vec::new() })
+    }
+
+    fn write(&mut self, lines: [&str; 4]) -> io::Result<()> {
+        for ((list, (file, _)), lines) in List::ALL.into_iter().zip(&mut self.lists).zip(lines) {
+            if lines.is_empty() {
+                continue;
+            }
+            let is_new = file.is_none();
+            let file = match file {
+                Some(file) => file,
+                None => file.insert(File::create_new(self.path.join(list.file_name()))?),
+            };
+            file.write_all(lines.as_bytes())?;
+            file.sync_data()?;
+            if is_new && cfg!(unix) {
+                File::open(&self.path)?.sync_all()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Store for Folder {
+    fn file(&mut self, name: &Path, bytes: &[u8]) -> io::Result<()> {
+        let path = self.path.join(name);
+        let mut file = OpenOptions::new().write(true).create_new(true).open(&path)?;
+        if let Err(error) = file.write_all(bytes) {
+            drop(file);
+            let _ = std::fs::remove_file(&path);
+            return Err(error);
+        }
+        self.unsynced.push(file);
+        Ok(())
+    }
+
+    fn remove(&mut self, name: &Path) -> io::Result<()> {
+        std::fs::remove_file(self.path.join(name))
+    }
+
+    fn append(&mut self, lines: [&str; 4]) -> io::Result<()> {
+        let written = self.write(lines);
+        for ((file, length), lines) in self.lists.iter_mut().zip(lines) {
+            if written.is_ok() {
+                *length += lines.len() as u64;
+            } else if let Some(file) = file {
+                file.set_len(*length)?;
+                file.seek(SeekFrom::Start(*length))?;
+            }
+        }
+        written
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        let has_new = !self.unsynced.is_empty();
+        for file in self.unsynced.drain(..) {
+            file.sync_data()?;
+        }
+        // The names of new files. Not every system can.
+        if has_new && cfg!(unix) {
+            for folder in [self.path.join(PICTURES), self.path.clone()] {
+                File::open(folder)?.sync_all()?;
+            }
+        }
+        Ok(())
+    }
+}
