@@ -1,5 +1,6 @@
 //! Poses whose clock is not the camera's: a delay that is told, or found in the pictures while they come.
 
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use glam::DVec3;
@@ -10,7 +11,7 @@ use super::source::PoseSource;
 use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
-use crate::tracking::delay::Delay;
+use crate::tracking::delay::{Delay, NoDelay};
 use crate::tracking::turn::Reduced;
 use crate::words::{count, fixed};
 
@@ -26,8 +27,10 @@ pub enum Added {
 /// The delay that is used follows the one that is wanted by so much of the poses' time: evidence goes a tenth faster or slower
 /// for a while, and never jumps.
 const SLEW: f64 = 0.1;
-/// Pictures and poses on their way to the search. What is more is left out of it.
+/// What is on its way to the search at once, and how many pictures of it. What is more is left out of it: a slow machine
+/// compares pictures that are farther apart.
 const MOST: usize = 4096;
+const MOST_PICTURES: usize = 4;
 
 /// The delay that is in use.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -48,13 +51,15 @@ impl Following {
 }
 
 enum Seen {
-    Picture(f64, Reduced),
+    /// With what counts those that wait.
+    Picture(f64, Reduced, Arc<()>),
     Pose(f64, Pose),
 }
 
 struct Search {
     seen: SyncSender<Seen>,
     found: Receiver<Result<Delay, Unknown>>,
+    waiting: Arc<()>,
 }
 
 /// A source's poses at other times.
@@ -97,7 +102,7 @@ fn begin(mut search: DelaySearch) -> Result<Search, LiveError> {
     let look = move || {
         for seen in coming {
             let result = match seen {
-                Seen::Picture(time_s, picture) => search.picture(time_s, picture),
+                Seen::Picture(time_s, picture, _waits) => search.picture(time_s, picture),
                 Seen::Pose(time_s, pose) => {
                     search.pose(time_s, &pose);
                     None
@@ -109,7 +114,7 @@ fn begin(mut search: DelaySearch) -> Result<Search, LiveError> {
         }
     };
     std::thread::Builder::new().name("delay".to_owned()).spawn(look).map_err(LiveError::Thread)?;
-    Ok(Search { seen, found })
+    Ok(Search { seen, found, waiting: Arc::new(()) })
 }
 
 impl Delayed {
@@ -128,9 +133,12 @@ impl Delayed {
             }
             Err(why) if !self.has_refused => {
                 self.has_refused = true;
-                self.told = Some(format!(
-                    "the poses' delay is not found yet, and is taken for 0: {why}; turn the camera about"
-                ));
+                let help = match why {
+                    Unknown::NoDelay(NoDelay::Still { .. }) => "; turn the camera about",
+                    Unknown::NoDelay(NoDelay::AtEnd { .. }) => "; begin nearer to it, by the stream's delay_s",
+                    _ => "",
+                };
+                self.told = Some(format!("the poses' delay is not found yet, and is taken for 0: {why}{help}"));
             }
             Err(_) => {}
         }
@@ -141,8 +149,10 @@ impl PoseSource for Delayed {
     fn picture(&mut self, time_s: f64, pixels: &Pixels) {
         self.source.picture(time_s, pixels);
         if let Some(search) = &self.search {
-            if let Some(picture) = Reduced::new(pixels) {
-                let _ = search.seen.try_send(Seen::Picture(time_s, picture));
+            if Arc::strong_count(&search.waiting) <= MOST_PICTURES
+                && let Some(picture) = Reduced::new(pixels)
+            {
+                let _ = search.seen.try_send(Seen::Picture(time_s, picture, Arc::clone(&search.waiting)));
             }
             let found: Vec<_> = search.found.try_iter().collect();
             found.into_iter().for_each(|found| self.take(found));
