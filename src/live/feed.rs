@@ -151,7 +151,10 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
     let mut status = Status::default();
     while !putter.is_over() && !status.is_over {
         let asked = std::mem::take(&mut lock(shared).asked);
-        if asked.stop || asked.record.is_some() {
+        if asked.stop {
+            intake.stop_recording();
+        }
+        if asked.record.is_some() || intake.is_recorded() {
             status.written = ended(&mut intake).or(status.written);
             status.recorded = None;
         }

@@ -45,6 +45,8 @@ pub struct Intake {
     writer: Option<Writer>,
     latest: Option<Latest>,
     frames: usize,
+    /// The recording is to have so many frames, of which the last ones still wait.
+    ends_at: Option<usize>,
     last_s: f64,
 }
 
@@ -52,7 +54,7 @@ impl Intake {
     /// Poses are interpolated across at most `max_gap_s`; frames wait for theirs at most `patience_s`.
     pub fn new(max_gap_s: f64, patience_s: f64, writer: Option<Writer>) -> Self {
         let waiting = Waiting::new(max_gap_s, patience_s);
-        Self { waiting, writer, latest: None, frames: 0, last_s: f64::NEG_INFINITY }
+        Self { waiting, writer, latest: None, frames: 0, ends_at: None, last_s: f64::NEG_INFINITY }
     }
 
     /// Keeps the last seconds in memory.
@@ -84,11 +86,25 @@ impl Intake {
         if let Some(latest) = &self.latest {
             writer.poses(latest.poses());
         }
-        (self.writer, self.frames) = (Some(writer), 0);
+        (self.writer, self.frames, self.ends_at) = (Some(writer), 0, None);
+    }
+
+    /// Records no picture that comes from now on. The recording is whole, and can be ended, when [`Intake::is_recorded`]: once
+    /// the frames that wait have their poses.
+    pub fn stop_recording(&mut self) {
+        self.ends_at = self.writer.as_ref().map(|_| self.frames);
+    }
+
+    pub fn is_recorded(&self) -> bool {
+        self.ends_at == Some(0) || self.ends_at.is_some() && self.due_s().is_none()
     }
 
     pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
-        self.waiting.pose(time_s, pose)
+        let taken = self.waiting.pose(time_s, pose);
+        if self.waiting.due_s().is_none() {
+            self.give_poses();
+        }
+        taken
     }
 
     /// Records and keeps how sure a pose is that was taken.
@@ -126,7 +142,8 @@ impl Intake {
         }
         if self.writer.is_some() || self.latest.is_some() {
             let file = Arc::new(encoded(picture, &pixels));
-            if self.writer.as_ref().is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s, None)) {
+            let writer = self.writer.as_ref().filter(|_| self.ends_at.is_none());
+            if writer.is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s, None)) {
                 return Came::NotRecorded;
             }
             if let Some(latest) = &mut self.latest {
@@ -157,6 +174,9 @@ impl Intake {
         if let Some(writer) = &self.writer {
             writer.settle(frame.timestamp_s, presence);
         }
+        if self.ends_at.is_some_and(|ends_at| frame.index + 1 >= ends_at) {
+            self.ends_at = Some(0);
+        }
         if let Some(latest) = &mut self.latest {
             latest.settle(frame.timestamp_s, presence);
         }
@@ -176,6 +196,7 @@ impl Intake {
     /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
     pub fn end_recording(&mut self) -> Option<(usize, Option<RecorderError>)> {
         self.give_poses();
+        self.ends_at = None;
         self.writer.take().map(Writer::finish)
     }
 }

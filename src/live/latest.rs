@@ -64,6 +64,11 @@ impl Latest {
 
     pub fn add_poses(&mut self, lines: &[Line]) {
         self.poses.extend(lines);
+        // Poses may come while no frames do.
+        let last_s = lines.last().map_or(f64::NEG_INFINITY, |line| line.time_s);
+        while self.poses.front().is_some_and(|line| line.time_s < last_s - KEPT_S - 2.0 * BEFORE_S) {
+            self.poses.pop_front();
+        }
     }
 
     pub fn poses(&self) -> Vec<Line> {

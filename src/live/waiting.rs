@@ -86,6 +86,10 @@ impl<F> Waiting<F> {
             PoseTaken::Late => &mut self.counts.late,
             PoseTaken::Odd => &mut self.counts.odd,
         } += 1;
+        // The camera may be gone while poses come.
+        if self.held.is_empty() {
+            self.track.trim(time_s - 2.0 * KEPT_S);
+        }
         taken
     }
 
@@ -130,6 +134,15 @@ mod tests {
 
     fn pose(x: f64) -> Pose {
         Pose::from_camera_in_world(DVec3::new(x, x * x, 1.0), DQuat::from_rotation_z(x))
+    }
+
+    #[test]
+    fn poses_without_frames_do_not_pile_up() {
+        let mut w: Waiting<()> = Waiting::new(0.1, 0.05);
+        for i in 0..10_000 {
+            w.pose(0.01 * f64::from(i), &pose(0.0));
+        }
+        assert!((400..410).contains(&w.track().poses().len()), "{}", w.track().poses().len());
     }
 
     #[test]
