@@ -24,6 +24,7 @@ use filmed::Site;
 use glam::DVec2;
 use locard::compositor::Target;
 use locard::live::{self, LiveFrom};
+use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Given, Shot};
 use locard::webcam::Wanted;
@@ -58,8 +59,9 @@ fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
 #[test]
 fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back() {
     let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
     // The numbers of frames, by which noise is drawn, begin anew.
-    let mut window = live_window(&site, &["noise.scale=0"]);
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
     assert!(has(&window, "Freeze") && has(&window, "LIVE") && !has(&window, "Play"));
     until(&mut window, |app| app.player().frame() > 4);
     window.key_press(Key::Space);
@@ -77,6 +79,11 @@ fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back()
     let alone = Shot::open(path, &OpenOptions::default(), &alone).unwrap();
     assert_eq!(shown(&window), composited(&alone, frame));
     assert!(shown(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
+    // What was changed is still to be saved, though the recording has it.
+    let profile = Path::new(&site.path("saved.toml")).to_owned();
+    window.state_mut().project_mut().save_profile(&profile).unwrap();
+    let text = std::fs::read_to_string(&profile).unwrap();
+    assert!(text.contains("[noise]\nscale = 0"), "{text}");
     // What is changed while it is frozen stays.
     window.state_mut().project_mut().switch("motion_blur", false);
     window.key_press(Key::C);

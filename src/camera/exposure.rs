@@ -15,7 +15,7 @@ pub const LONGEST_S: f64 = 60.0;
 crate::params! {
     /// How long and how sensitively the sensor is exposed.
     pub struct CameraExposure in "camera.exposure" {
-        "how long each row gathers light; 0 is an instant; none: from the recording"
+        "shutter time: how long each row gathers light; 0 is an instant; none: from the recording"
         time_s: Option<f64> = None, "s", 0.0..=LONGEST_S, by_ratio;
         "exposure as a part of the frame interval instead of time_s; 360 is all of it"
         shutter_angle_deg: Option<f64> = None, "deg", 0.0..=360.0;

@@ -179,8 +179,8 @@ impl PoseSource for Delayed {
     fn max_gap_s(&self) -> f64 {
         self.source.max_gap_s()
     }
-    fn is_live(&self) -> bool {
-        self.source.is_live()
+    fn are_awaited(&self) -> bool {
+        self.source.are_awaited()
     }
     // What has a delay has no covariances: poses of tags are the pictures' own.
     fn told(&mut self) -> Option<String> {

@@ -116,7 +116,7 @@ impl Opened {
 
     /// How long frames wait for their poses at most, seconds.
     pub fn patience_s(&self) -> f64 {
-        if self.poses.is_live() { self.interval_s } else { 0.0 }
+        if self.poses.are_awaited() { self.interval_s } else { 0.0 }
     }
 }
 
@@ -147,7 +147,7 @@ impl PoseSource for NoPoses {
     fn up(&self) -> Option<DVec3> {
         None
     }
-    fn is_live(&self) -> bool {
+    fn are_awaited(&self) -> bool {
         false
     }
     fn has_clock(&self) -> bool {

@@ -36,8 +36,8 @@ pub trait PoseSource: Send {
     fn told(&mut self) -> Option<String> {
         None
     }
-    /// Whether frames should wait for them.
-    fn is_live(&self) -> bool {
+    /// Whether they come later than the pictures, so that frames wait for them.
+    fn are_awaited(&self) -> bool {
         true
     }
 }

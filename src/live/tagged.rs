@@ -76,6 +76,11 @@ impl PoseSource for TaggedPoses {
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
     }
+    /// They come with their picture. What the shutter sees after its middle is predicted: to wait for the next picture would
+    /// show everything a frame later.
+    fn are_awaited(&self) -> bool {
+        false
+    }
     fn has_floor(&self) -> bool {
         true
     }

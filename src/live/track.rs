@@ -176,7 +176,9 @@ impl LiveTrack {
                 self.push(time_s, &pose);
             }
         }
-        has_pose(&self.track, Tracking::Predicted)
+        // Of a frame whose own moment is known only the rest of its exposure is predicted.
+        let then = if real_s + NEAR_S >= at_s { Tracking::Tracked } else { Tracking::Predicted };
+        has_pose(&self.track, then)
     }
 
     /// The last real motion, on as far as it may be, and still from there.

@@ -96,7 +96,9 @@ impl<F> Waiting<F> {
     /// Adds a frame at a time, which needs the poses so long before and after it. Frames come in the order of their times.
     pub fn frame(&mut self, frame: F, at_s: f64, (before_s, after_s): (f64, f64), now_s: f64) {
         let needs_s = [at_s - before_s, at_s + after_s];
-        self.held.push_back(Held { frame, at_s, needs_s, came_s: now_s, due_s: now_s + self.patience_s });
+        // What looks on to the next frame's pose needs that one, and not a prediction of it that would take its place.
+        let patience_s = if after_s > before_s { self.patience_s.max(after_s) } else { self.patience_s };
+        self.held.push_back(Held { frame, at_s, needs_s, came_s: now_s, due_s: now_s + patience_s });
     }
 
     /// The next frame whose poses are there, or that has waited.
@@ -134,6 +136,27 @@ mod tests {
 
     fn pose(x: f64) -> Pose {
         Pose::from_camera_in_world(DVec3::new(x, x * x, 1.0), DQuat::from_rotation_z(x))
+    }
+
+    #[test]
+    fn a_pose_that_comes_with_its_picture_is_enough() {
+        let mut w = Waiting::new(0.1, 0.0);
+        for i in 0..6 {
+            let t = f64::from(i) / 30.0;
+            w.frame(i, t, (0.008, 0.008), t);
+            w.pose(t, &pose(t));
+            let ready = w.next(t).unwrap();
+            assert_eq!((ready.frame, ready.tracking, ready.presence), (i, Tracking::Tracked, 1.0));
+            assert!(w.track().covers(t, t + 0.008).is_ok());
+        }
+        // Those that are predicted take no real one's place.
+        assert_eq!((w.counts().late, w.counts().poses), (0, 6));
+        // What looks on to the next frame waits for its pose.
+        w.frame(6, 0.2, (0.008, 1.0 / 30.0), 0.2);
+        w.pose(0.2, &pose(0.2));
+        assert_eq!(w.next(0.21), None);
+        w.pose(0.24, &pose(0.24));
+        assert_eq!(w.next(0.24).unwrap().tracking, Tracking::Tracked);
     }
 
     #[test]

@@ -115,6 +115,14 @@ const HELD: &[(&str, &str)] = &[
     ("Drag", "move the picture"),
 ];
 
+/// The same of what is moved, turned or scaled.
+const MOVING: &[(&str, &str)] = &[
+    ("Ctrl", "while it moves: whole steps"),
+    ("Shift", "while it moves: it stays on its level"),
+    ("X twice", "along its own axis"),
+    ("Enter, Esc", "take it, leave it"),
+];
+
 /// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count. Esc is the
 /// field's in which `was_typing` somebody before it was pressed: it has lost the keyboard by it already.
 pub fn pressed(ctx: &Context, was_typing: bool) -> Vec<Action> {
@@ -179,6 +187,9 @@ pub fn page() -> Vec<(&'static str, Vec<(String, &'static str)>)> {
         }
         if wanted == Part::Picture {
             lines.extend(HELD.iter().map(|(key, does)| ((*key).to_owned(), *does)));
+        }
+        if wanted == Part::Evidence {
+            lines.extend(MOVING.iter().map(|(key, does)| ((*key).to_owned(), *does)));
         }
         lines
     };

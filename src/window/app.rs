@@ -186,7 +186,7 @@ impl App {
 
     /// What stands beside the picture.
     fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
-        egui::Panel::right("controls").frame(panel).default_size(390.0).size_range(350.0..=700.0).show(ui, |ui| {
+        egui::Panel::right("controls").frame(panel).default_size(424.0).size_range(350.0..=700.0).show(ui, |ui| {
             if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
                 self.session.say(refused);
             }

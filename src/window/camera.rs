@@ -47,14 +47,18 @@ pub fn buttons(ui: &mut Ui, session: &Session) -> Option<Asked> {
                 asked = Some(what);
             }
         };
-        if session.is_frozen() {
-            button(ui, true, "Back to live", "The camera again (C)", Asked::Live);
-            button(ui, true, "Keep as a recording…", "A copy in a folder of yours", Asked::Keep);
-            ui.label("The last seconds, as they were seen");
-            return;
+        match session.is_frozen() {
+            true => {
+                button(ui, true, "Back to live", "The camera again (C)", Asked::Live);
+                button(ui, true, "Keep as a recording…", "A copy in a folder of yours", Asked::Keep);
+                ui.label("The last seconds, as they were seen");
+            }
+            false => {
+                button(ui, !told.is_freezing, "Freeze", "Its last seconds become a recording (Space)", Asked::Freeze)
+            }
         }
-        button(ui, !told.is_freezing, "Freeze", "Its last seconds become a recording (Space)", Asked::Freeze);
         match told.status.recorded {
+            None if session.is_frozen() => {}
             None => button(ui, true, "Record…", "What comes from now on, into a new folder", Asked::Record),
             Some(frames) => {
                 button(ui, true, "Stop", "Ends the recording", Asked::Stop);

@@ -11,18 +11,41 @@ use super::recent::Opened;
 use crate::live::{self, LiveFrom};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
-use crate::shot::Given;
+use crate::shot::{Given, ShotError};
 use crate::webcam::{CameraError, Wanted};
 use crate::words::without_options;
 
 /// A project, with the camera of which it is.
 pub type Fresh = (Box<Project>, Option<live::Opened>);
 
+/// Why nothing was opened.
+#[derive(Debug)]
+pub struct Refused {
+    pub why: String,
+    /// A profile says what is lacking.
+    pub lacks_camera: bool,
+}
+
+impl Refused {
+    fn plain(error: &dyn std::fmt::Display) -> Self {
+        Self { why: without_options(&error.to_string()), lacks_camera: false }
+    }
+
+    fn of_shot(recording: &Path, error: &ShotError) -> Self {
+        let lacks_camera = matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
+        let why = without_options(&error.to_string());
+        // A scene's error names the scene.
+        let is_scenes = matches!(error, ShotError::Scene(_));
+        let why = if is_scenes { why } else { format!("{}: not opened: {why}", recording.display()) };
+        Self { why, lacks_camera }
+    }
+}
+
 /// What came of it.
 #[derive(Debug)]
 pub struct Done {
     pub opened: Opened,
-    pub project: Result<Fresh, String>,
+    pub project: Result<Fresh, Refused>,
     /// Work that is taken up with it.
     pub left: Option<Left>,
     /// They are the files that are open.
@@ -35,7 +58,7 @@ pub struct Opening {
     opened: Opened,
     left: Option<Left>,
     is_again: bool,
-    errand: Errand<Result<Fresh, String>>,
+    errand: Errand<Result<Fresh, Refused>>,
 }
 
 impl Opening {
@@ -59,7 +82,7 @@ impl Opening {
                 (None, None) => (open(&wanted)?, None),
             };
             if let Some(edit) = edit {
-                project.take_up(edit).map_err(|error| error.to_string())?;
+                project.take_up(edit).map_err(|error| Refused::plain(&error))?;
             }
             Ok((Box::new(project), camera))
         })?;
@@ -79,7 +102,7 @@ impl Opening {
     /// What came of it, once it is there.
     pub fn take(self) -> Result<Done, Box<Self>> {
         let Some(project) = self.errand.take() else { return Err(Box::new(self)) };
-        let project = project.and_then(|project| project);
+        let project = project.map_err(|why| Refused { why, lacks_camera: false }).and_then(|project| project);
         Ok(Done { opened: self.opened, project, left: self.left, is_again: self.is_again })
     }
 }
@@ -88,36 +111,43 @@ impl Opening {
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Opens a camera; it is not started.
-fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), String> {
-    let failed = |error: &dyn std::fmt::Display| without_options(&error.to_string());
+fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
     let profiled = opened.profile.as_deref().map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose();
-    let profiled = profiled.map_err(|error| failed(&error))?;
+    let profiled = profiled.map_err(|error| Refused::plain(&error))?;
     let begun = Instant::now();
     let camera = loop {
         match live::open(&from.camera, None, Wanted::default(), &from.poses, profiled.as_ref()) {
             Err(live::LiveError::Camera(CameraError::Busy { .. })) if begun.elapsed() < PATIENCE => {
                 std::thread::sleep(Duration::from_millis(50));
             }
-            other => break other.map_err(|error| failed(&error))?,
+            other => {
+                break other.map_err(|error| {
+                    let lacks_camera = matches!(error, live::LiveError::NoCamera);
+                    let why = format!("{}: not opened: {}", from.name(), without_options(&error.to_string()));
+                    Refused { why, lacks_camera }
+                })?;
+            }
         }
     };
     Ok((put_to(camera.recording(), opened)?, Some(camera)))
 }
 
 /// A camera's recording with what is put to it.
-fn put_to(recording: Recording, opened: &Opened) -> Result<Project, String> {
+fn put_to(recording: Recording, opened: &Opened) -> Result<Project, Refused> {
     let given = Given { profile: opened.profile.clone(), sets: Vec::new(), scene: opened.scene.clone() };
-    let mut project = Project::of(recording, 1.0, &given).map_err(|error| without_options(&error.to_string()))?;
+    let mut project =
+        Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&opened.recording, &error))?;
     project.camera.clone_from(&opened.camera);
     Ok(project)
 }
 
 /// Opens what is there. A profile that is not there is one that will be made.
-fn open(opened: &Opened) -> Result<Project, String> {
+fn open(opened: &Opened) -> Result<Project, Refused> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
     let given = Given { profile: there(&opened.profile), sets: Vec::new(), scene: there(&opened.scene) };
     let options = OpenOptions { metres_per_unit: opened.metres_per_unit, ..OpenOptions::default() };
-    let mut project = Project::open(&opened.recording, &options, &given).map_err(|error| error.to_string())?;
+    let project = Project::open(&opened.recording, &options, &given);
+    let mut project = project.map_err(|error| Refused::of_shot(&opened.recording, &error))?;
     project.profile.clone_from(&opened.profile);
     Ok(project)
 }

@@ -30,6 +30,8 @@ pub enum Frames {
 #[derive(Clone, Debug, Default)]
 pub struct Output {
     frames: Frames,
+    /// The loop that was there when it was shown last.
+    looped: Option<Range<usize>>,
     given: [usize; 2],
     lossless: bool,
     dials: Dials,
@@ -101,8 +103,14 @@ impl Output {
     fn export(&mut self, ui: &mut Ui, now: &Situation) -> Option<Ask> {
         let last = now.count.saturating_sub(1);
         let looped = now.looped.as_ref().filter(|looped| looped.len() < now.count);
-        if looped.is_none() && self.frames == Frames::Loop {
-            self.frames = Frames::All;
+        // Who sets a loop means it.
+        if self.looped.as_ref() != looped {
+            self.looped = looped.cloned();
+            self.frames = match (looped, self.frames) {
+                (Some(_), Frames::All) => Frames::Loop,
+                (None, Frames::Loop) => Frames::All,
+                (_, frames) => frames,
+            };
         }
         ui.horizontal_wrapped(|ui| {
             let mut choice = |ui: &mut Ui, frames: Frames, text: String| {

@@ -80,6 +80,8 @@ pub struct Session {
     is_lost: bool,
     /// Why the picture that was made last is none.
     picture_problem: Option<String>,
+    /// The picture that was tried again, because the device failed at it.
+    tried_again: Option<Made>,
     /// Nothing says what camera took the recording.
     lacks_camera: bool,
     /// What was told last.
@@ -128,6 +130,7 @@ impl Session {
             times: Times::default(),
             is_lost: false,
             picture_problem: None,
+            tried_again: None,
             lacks_camera: false,
             message: None,
             live: None,
@@ -253,6 +256,12 @@ impl Session {
         }
     }
 
+    /// Whether the picture that is shown is of another frame than the one that is chosen, which cannot be shown.
+    pub fn is_stale(&self) -> bool {
+        let is_other = self.now.as_ref().is_some_and(|now| now.frame.index != self.player.frame());
+        is_other && self.picture_problem.is_some() && self.viewer.under_way() == 0
+    }
+
     /// Whether the picture that is shown is that of all that is set now, and nothing is under way.
     pub fn is_settled(&self) -> bool {
         let is_shown = self.now.as_ref().is_some_and(|now| now.made == self.wanted());
@@ -315,6 +324,11 @@ impl Session {
                             self.lacks_camera =
                                 matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
                             self.picture_problem = Some(without_options(&error.to_string()));
+                            // What the device could not do for lack of time or memory may go the next time.
+                            let is_devices = matches!(&error, ShotError::Gpu { .. });
+                            if is_devices && !self.is_lost && self.tried_again != Some(made) {
+                                (self.tried_again, self.begun) = (Some(made), None);
+                            }
                             // What the window's own thread did wrong is over with this picture.
                             self.is_lost |= self.viewer.gpu().take_failure().is_some_and(|failure| failure.is_lost());
                             (None, None)

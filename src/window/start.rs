@@ -114,9 +114,9 @@ impl Start {
                     Ok((project, camera)) => {
                         return Some((Turn { project: *project, camera, at: done.opened.at }, done.left));
                     }
-                    Err(why) => {
+                    Err(refused) => {
                         self.left.extend(done.left);
-                        self.told = Some(format!("{}: not opened: {why}", done.opened.recording.display()));
+                        self.told = Some(refused.why);
                     }
                 },
             }

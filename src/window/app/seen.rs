@@ -29,6 +29,10 @@ impl App {
         let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref(), compared, taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(seen), Some(frame)) = (seen, frame) else { return };
+        if self.session.is_stale() {
+            seen.painter.rect_filled(seen.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
+            seen.tell(&format!("Frame {} cannot be shown; this is frame {}", self.session.player.frame(), frame.index));
+        }
         self.codes(&seen, &frame);
         self.side.over_picture(&seen, frame.index, self.session.player.playing);
         self.hand.work(&seen);

@@ -9,7 +9,7 @@ use super::super::dialogs::{self, Answer};
 use super::super::errand::Errand;
 use super::super::jobs::Jobs;
 use super::super::kind::Kind;
-use super::super::opening::Opening;
+use super::super::opening::{Opening, Refused};
 use super::super::project::SaveError;
 use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
@@ -284,10 +284,10 @@ impl Keeper {
                 (self.shows_start, self.not_opened) = (false, None);
                 Some(Turn { project: *project, camera, at: done.opened.at })
             }
-            Err(why) => {
-                let lacks_profile = done.opened.profile.is_none();
+            Err(Refused { why, lacks_camera }) => {
+                let lacks_profile = lacks_camera && done.opened.profile.is_none();
                 let then = if lacks_profile { ". A profile that is opened now is used for it" } else { "" };
-                session.wrong(format!("{}: not opened: {why}{then}", done.opened.recording.display()));
+                session.wrong(format!("{why}{then}"));
                 self.not_opened = Some(done.opened).filter(|_| lacks_profile);
                 self.left.extend(done.left);
                 None

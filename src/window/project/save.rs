@@ -40,7 +40,7 @@ pub struct Draft {
 
 #[derive(Debug)]
 enum What {
-    Profile { recording: Arc<Recording>, edit: Box<Edit> },
+    Profile { recording: Arc<Recording>, edit: Box<Edit>, from: Option<PathBuf> },
     Scene { text: String, scene: Box<SceneFile>, from: PathBuf },
 }
 
@@ -75,7 +75,11 @@ impl Draft {
             return Err(SaveError::Changed(path));
         }
         let text = match &what {
-            What::Profile { recording, edit } => profile_text(recording, edit, &path)?,
+            What::Profile { recording, edit, from } => {
+                // A new file is a copy of the profile that is open.
+                let from = from.as_ref().filter(|from| !path.exists() && from.exists());
+                profile_text(recording, edit, from.unwrap_or(&path))?
+            }
             What::Scene { text, .. } => text.clone(),
         };
         write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
@@ -83,7 +87,8 @@ impl Draft {
     }
 }
 
-/// What differs from the recording's own camera and from the profile's text is set in that text.
+/// What differs from the recording's own camera and from the profile's text is set in that text. Where the recording has no
+/// camera, the text has all of one.
 fn profile_text(recording: &Recording, edit: &Edit, path: &Path) -> Result<String, SaveError> {
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
     if let Some(own) = &recording.camera_profile {
@@ -105,6 +110,11 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path) -> Result<Strin
         }
         false => profile::Document::new(""),
     };
+    // What is as it is by default makes the camera whole all the same.
+    let whole = edit.rig.missing_keys().is_empty();
+    for name in rig.missing_keys().into_iter().filter(|_| whole && edit.rig.gives_geometry()) {
+        document.set_param(&edit.rig.intrinsics, name);
+    }
     let [before, now] = [(&rig, &settings), (&edit.rig, &edit.settings)].map(|(rig, settings)| tables(rig, settings));
     for (before, now) in before.into_iter().zip(now) {
         for spec in now.specs() {
@@ -133,7 +143,8 @@ impl Project {
     /// What differs from the recording's own camera and from a profile's text, to be written into that profile, whose
     /// comments and other keys stay. A new file is made where there is none.
     pub fn profile_draft(&self, path: &Path) -> Draft {
-        let what = What::Profile { recording: Arc::clone(&self.shot.recording), edit: Box::new(self.edit().clone()) };
+        let (recording, edit) = (Arc::clone(&self.shot.recording), Box::new(self.edit().clone()));
+        let what = What::Profile { recording, edit, from: self.profile.clone() };
         Draft { path: path.to_owned(), known: None, what }
     }
 

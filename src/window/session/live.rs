@@ -8,7 +8,7 @@ use std::sync::Arc;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
-use super::super::errand::Errand;
+use super::super::errand::{Errand, let_go};
 use super::super::player::Player;
 use super::super::project::Project;
 use super::super::thumbnails::Thumbnails;
@@ -53,6 +53,9 @@ pub struct Live {
     /// The pictures of the last seconds that were shown.
     past: VecDeque<Shown>,
     status: Status,
+    /// Frames that nobody took, and those among them that nobody wanted: it was frozen.
+    replaced: u64,
+    unwanted: u64,
     is_recording: Option<PathBuf>,
     /// The last seconds are being copied.
     keeping: Option<Errand<Result<PathBuf, String>>>,
@@ -97,7 +100,7 @@ impl Live {
         Told {
             status: self.status.clone(),
             tracking: self.tracking,
-            not_shown: self.feed.replaced(),
+            not_shown: self.replaced - self.unwanted,
             latency_s: latencies.get(latencies.len() / 2).copied(),
             is_freezing: matches!(self.state, State::Freezing(_)),
         }
@@ -119,6 +122,8 @@ impl Session {
             followed: None,
             past: VecDeque::new(),
             status: Status::default(),
+            replaced: 0,
+            unwanted: 0,
             is_recording: None,
             keeping: None,
         });
@@ -155,6 +160,11 @@ impl Session {
     pub(super) fn take_arrived(&mut self, ctx: &egui::Context) {
         let Some(live) = &mut self.live else { return };
         let before = std::mem::replace(&mut live.status, live.feed.status());
+        let replaced = live.feed.replaced();
+        if !matches!(live.state, State::Showing) {
+            live.unwanted += replaced - live.replaced;
+        }
+        live.replaced = replaced;
         let version = self.project.version();
         if live.followed != Some(version) && matches!(live.state, State::Showing) {
             live.feed.follow(self.project.shot());
@@ -248,6 +258,8 @@ impl Session {
                 let mut recording =
                     Recording::open(&folder, &OpenOptions::default()).map_err(|error| error.to_string())?;
                 recording.name = format!("{name}, frozen");
+                // The project has it, with what was changed since: what is saved is what differs from its own files.
+                recording.camera_profile = None;
                 Ok(recording)
             },
         );
@@ -284,7 +296,8 @@ impl Session {
 
     /// Ends the camera, and what it records. What it showed last stays.
     pub fn let_camera_go(&mut self) {
-        self.live = None;
+        // What it records may still have to be written.
+        self.live.take().into_iter().for_each(let_go);
         self.player.play(false);
     }
 
