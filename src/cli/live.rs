@@ -11,7 +11,7 @@ use super::which::Which;
 use super::{is_closed_stdout, say, warn};
 use crate::compositor::Composited;
 use crate::gpu::Gpu;
-use crate::live::{Came, Live, Next, PoseTaken, Writer};
+use crate::live::{Came, Live, Next, PoseTaken, Tracking, Writer};
 use crate::recording::recorder::Recorder;
 use crate::shot::{Given, Shot};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
@@ -141,6 +141,33 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
 struct Tally {
     not_recorded: u64,
     times: Times,
+    lost: LostTold,
+}
+
+/// Says when poses stay away, and when they are back.
+#[derive(Default)]
+struct LostTold {
+    /// The first frame without a pose and its time; whether that was said.
+    since: Option<(usize, f64, bool)>,
+}
+
+impl LostTold {
+    /// What is shorter is not said, seconds.
+    const SHORT_S: f64 = 0.5;
+
+    fn next(&mut self, frame: usize, at_s: f64, is_lost: bool, why: impl FnOnce() -> Option<String>) -> Option<String> {
+        if !is_lost {
+            let (_, since_s, _) = self.since.take().filter(|(_, _, is_said)| *is_said)?;
+            return Some(format!("poses again from frame {frame} on, after {} s", fixed(at_s - since_s, 1)));
+        }
+        let (first, since_s, is_said) = self.since.get_or_insert((frame, at_s, false));
+        if *is_said || at_s - *since_s < Self::SHORT_S {
+            return None;
+        }
+        *is_said = true;
+        let why = why().map_or(String::new(), |why| format!(": {why}"));
+        Some(format!("no pose from frame {first} on{why}"))
+    }
 }
 
 /// Frames until somebody ends it.
@@ -180,6 +207,10 @@ fn follow(
             let shown = live.collect(submitted)?;
             let now_s = monotonic_s();
             tally.times.add(shown.taken_s, now_s - shown.came_s, now_s);
+            let is_lost = shown.tracking == Tracking::Lost;
+            if let Some(text) = tally.lost.next(shown.done.frame, shown.taken_s, is_lost, || watching.lacks()) {
+                warn(quiet, &text);
+            }
             if !send(shown.done) {
                 return Ok(());
             }
@@ -264,5 +295,20 @@ impl std::fmt::Display for Times {
             of(came, 0.5),
             of(came, 0.95)
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn what_is_lost_is_said_once_and_so_is_what_is_found() {
+        let mut lost = super::LostTold::default();
+        let mut at = |frame: usize, is_lost| lost.next(frame, 0.1 * frame as f64, is_lost, || Some("fog".to_owned()));
+        // Half a second is short.
+        assert!((0..5).all(|frame| at(frame, true).is_none()) && at(5, false).is_none());
+        let said: Vec<String> = (6..14).filter_map(|frame| at(frame, true)).collect();
+        assert_eq!(said, ["no pose from frame 6 on: fog"]);
+        assert_eq!(at(14, false).unwrap(), "poses again from frame 14 on, after 0.8 s");
+        assert_eq!(at(15, false), None);
     }
 }

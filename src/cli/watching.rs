@@ -9,7 +9,6 @@ use super::{ending, say, warn};
 use crate::camera::Camera;
 use crate::live::{self, Added, Next, Opened, Watched, delayed};
 use crate::pose::Pose;
-use crate::profile::Rig;
 use crate::recording::recorder::About;
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::tracking::covariance::Covariance;
@@ -153,7 +152,7 @@ const RATE_HZ: f64 = 30.0;
 impl Agreed {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
-        let profiled = profile.map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose()?;
+        let profiled = profile.map(|path| live::profiled(path, &args.pose)).transpose()?;
         let mut agreed = Self::with(&args.camera, &args.pictures, &args.pose, profiled.as_ref())?;
         agreed.opened.poses = delayed(agreed.opened.poses, args.delay, profiled.as_ref())?;
         Ok(agreed)
@@ -238,6 +237,11 @@ impl Watching {
     /// How sure a pose is that was given last, by its time.
     pub fn covariance(&self, time_s: f64) -> Option<Covariance> {
         self.watched.covariance(time_s)
+    }
+
+    /// Why there is no pose now, if that is known.
+    pub fn lacks(&self) -> Option<String> {
+        self.watched.lacks()
     }
 
     /// What was left out, in words. `not_recorded`: for the disk was too slow.

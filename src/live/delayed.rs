@@ -179,6 +179,9 @@ impl PoseSource for Delayed {
     fn max_gap_s(&self) -> f64 {
         self.source.max_gap_s()
     }
+    fn lacks(&self) -> Option<String> {
+        self.source.lacks()
+    }
     fn are_awaited(&self) -> bool {
         self.source.are_awaited()
     }

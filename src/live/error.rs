@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use crate::camera::LensError;
 use crate::compositor::SubmitError;
 use crate::gpu::GpuError;
+use crate::profile::ProfileError;
 use crate::recording::RecordingError;
 use crate::recording::recorder::RecorderError;
 use crate::shot::ShotError;
@@ -21,9 +22,13 @@ pub enum LiveError {
     #[error("{}: the recording has no poses", path.display())]
     NoPoses { path: PathBuf },
     #[error(
-        "poses from tags need the camera's focal length: name its --profile, as `locard calibrate camera` writes one"
+        "poses from tags need the camera's focal length, which its profile says (--profile; `locard calibrate camera` writes one)"
     )]
     NoCamera,
+    #[error("{}: [camera] lacks {}: poses from tags need a whole camera", path.display(), missing.join(", "))]
+    PartOfCamera { path: PathBuf, missing: Vec<&'static str> },
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
     #[error("a delay is refused: these poses come from the pictures themselves, or there are none; leave --delay out")]
     NoDelay,
     #[error(

@@ -36,6 +36,8 @@ pub struct Status {
     pub recorded: Option<usize>,
     /// Why nothing comes for now.
     pub gone: Option<String>,
+    /// Why there is no pose now.
+    pub lacks: Option<String>,
     /// What went wrong with the poses; there are none any more.
     pub no_poses: Option<String>,
     /// What was told of the poses last ([`PoseSource::told`](super::PoseSource::told)).
@@ -203,6 +205,7 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
             status.recorded = Some(intake.frames());
         }
         (status.counts, status.drops) = (intake.counts(), watched.drops());
+        status.lacks = watched.lacks();
         status.gone = watched.gone().map(str::to_owned);
         let mut shared = lock(shared);
         let is_told = shared.status.gone != status.gone

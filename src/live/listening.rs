@@ -41,9 +41,15 @@ impl ClockOffset {
     }
 }
 
+/// Without a pose for so long a stream is said to be silent, seconds.
+const SILENT_S: f64 = 2.0;
+
 /// A stream, heard by a thread of its own.
 pub struct Streamed {
     received: Receiver<Result<(f64, Pose), LiveError>>,
+    url: String,
+    /// When the last pose came, or it began to listen.
+    last_s: f64,
     /// While it lives, the thread listens.
     _wanted: Arc<()>,
 }
@@ -78,13 +84,23 @@ impl Streamed {
             }
         };
         std::thread::Builder::new().name("poses".to_owned()).spawn(listen).map_err(LiveError::Thread)?;
-        Ok(Self { received, _wanted: wanted })
+        Ok(Self { received, url: url.to_owned(), last_s: monotonic_s(), _wanted: wanted })
     }
 }
 
 impl PoseSource for Streamed {
     fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
-        self.received.try_iter().collect()
+        let poses: Result<Vec<_>, _> = self.received.try_iter().collect();
+        if poses.as_ref().is_ok_and(|poses| !poses.is_empty()) {
+            self.last_s = monotonic_s();
+        }
+        poses
+    }
+    fn lacks(&self) -> Option<String> {
+        let silent_s = monotonic_s() - self.last_s;
+        let url = &self.url;
+        (silent_s > SILENT_S)
+            .then(|| format!("no pose has come from {url} for {silent_s:.0} s (`locard inspect {url}`)"))
     }
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)

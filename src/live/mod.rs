@@ -30,7 +30,7 @@ pub use error::LiveError;
 pub use feed::{Feed, Seen, Status};
 pub use intake::{Arrived, Came, Intake};
 pub use latest::Latest;
-pub use open::{LiveFrom, Opened, open, open_poses};
+pub use open::{LiveFrom, Opened, open, open_poses, profiled};
 pub use playing::RecordedPoses;
 pub use source::PoseSource;
 pub use stage::{Live, Shown, Submitted};

@@ -12,6 +12,7 @@ use super::source::PoseSource;
 use super::tagged::TaggedPoses;
 use crate::camera::Camera;
 use crate::pose::Pose;
+use crate::profile::Rig;
 use crate::recording::Recording;
 use crate::recording::recorder::About;
 use crate::stream::Protocol;
@@ -44,6 +45,16 @@ impl LiveFrom {
         let name = Path::new(&self.camera).file_name().unwrap_or(self.camera.as_ref());
         format!("camera {}", name.to_string_lossy())
     }
+}
+
+/// The camera that a profile describes. `poses` are those that are wanted: tags need a whole camera, if the profile has any.
+pub fn profiled(path: &Path, poses: &str) -> Result<Camera, LiveError> {
+    let rig = Rig::of_file(path)?;
+    let missing = rig.missing_keys();
+    if poses.starts_with("tags") && rig.gives_geometry() && !missing.is_empty() {
+        return Err(LiveError::PartOfCamera { path: path.to_owned(), missing });
+    }
+    Ok(rig.camera())
 }
 
 /// A camera that has agreed on what it gives, and where its poses come from.

@@ -36,6 +36,10 @@ pub trait PoseSource: Send {
     fn told(&mut self) -> Option<String> {
         None
     }
+    /// Why there is none now, if that is known.
+    fn lacks(&self) -> Option<String> {
+        None
+    }
     /// Whether they come later than the pictures, so that frames wait for them.
     fn are_awaited(&self) -> bool {
         true

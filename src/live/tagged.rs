@@ -11,7 +11,7 @@ use super::source::PoseSource;
 use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
-use crate::tags::{Board, DetectError, Paper, Searcher, Sheet, chosen, expected};
+use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, chosen, expected};
 use crate::tracking::covariance::Covariance;
 
 /// A board that is searched for in each picture. The world is the board's.
@@ -23,6 +23,9 @@ pub struct TaggedPoses {
     /// Of those that were found or given last.
     covariances: Vec<Covariance>,
     failure: Option<DetectError>,
+    family: Family,
+    /// Why the last picture had no pose.
+    lost: Option<Lost>,
 }
 
 impl TaggedPoses {
@@ -33,8 +36,17 @@ impl TaggedPoses {
             None => Sheet::new(Paper::A4).board,
         };
         let geometry = camera.geometry.clone().ok_or(LiveError::NoCamera)?;
+        let family = board.family;
         let searcher = Searcher::new(board, geometry, &camera.response)?;
-        Ok(Self { searcher, past: Vec::new(), found: Vec::new(), covariances: Vec::new(), failure: None })
+        Ok(Self {
+            searcher,
+            past: Vec::new(),
+            found: Vec::new(),
+            covariances: Vec::new(),
+            failure: None,
+            family,
+            lost: None,
+        })
     }
 }
 
@@ -42,6 +54,7 @@ impl PoseSource for TaggedPoses {
     fn picture(&mut self, time_s: f64, pixels: &Pixels) {
         match self.searcher.look(pixels) {
             Ok(Ok(sight)) => {
+                self.lost = None;
                 let chosen = chosen(time_s, &sight, expected(&self.past, time_s).as_ref());
                 let pose = chosen.solved.pose;
                 if self.found.is_empty() {
@@ -54,8 +67,7 @@ impl PoseSource for TaggedPoses {
                 }
                 self.found.push((time_s, pose));
             }
-            // The frame has no pose.
-            Ok(Err(_)) => {}
+            Ok(Err(why)) => self.lost = Some(why),
             Err(error) => self.failure = Some(error),
         }
     }
@@ -75,6 +87,13 @@ impl PoseSource for TaggedPoses {
     /// Out of the board.
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
+    }
+    fn lacks(&self) -> Option<String> {
+        Some(match self.lost.as_ref()? {
+            Lost::Nothing => format!("no tag of family {} is seen", self.family.name()),
+            why @ Lost::Unsolved(_) => why.to_string(),
+            why => format!("{why}; does the board's file describe this board?"),
+        })
     }
     /// They come with their picture. What the shutter sees after its middle is predicted: to wait for the next picture would
     /// show everything a frame later.

@@ -26,7 +26,7 @@ pub enum PoseTaken {
     Added,
     /// Frames were composited without it, or by a prediction in its place.
     Late,
-    /// It cannot be used: a number is not finite.
+    /// It cannot be used: a number is not finite, or no camera moves so fast.
     Odd,
 }
 
@@ -53,6 +53,20 @@ pub struct LiveTrack {
     given_up_s: f64,
     is_lost: bool,
     new: Vec<Line>,
+}
+
+/// No camera that sees anything is moved or turned faster: m/s, rad/s. A hand's whip pan has 10 rad/s, a car 50 m/s.
+const FASTEST_M_S: f64 = 60.0;
+const FASTEST_RAD_S: f64 = 60.0;
+
+/// Whether nobody gets from one pose to another in so many seconds. What a sender makes up would be blurred all over the
+/// picture, at a cost without bounds.
+fn is_wild(from: &Pose, to: &Pose, in_s: f64) -> bool {
+    let in_s = in_s.max(0.0);
+    let moved_m = from.position_in_world_m().distance(to.position_in_world_m());
+    let turned = from.world_from_camera_rotation().angle_between(to.world_from_camera_rotation());
+    // Poses of one moment differ by their noise.
+    moved_m > 0.05 + FASTEST_M_S * in_s || turned > 0.05 + FASTEST_RAD_S * in_s
 }
 
 impl LiveTrack {
@@ -84,6 +98,10 @@ impl LiveTrack {
     pub fn add(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
         let numbers = [time_s].into_iter().chain(pose.rotation.to_array()).chain(pose.translation_m.to_array());
         if !numbers.into_iter().all(f64::is_finite) || (pose.rotation.length() - 1.0).abs() > 1e-3 {
+            return PoseTaken::Odd;
+        }
+        // Only frames that are far apart may be: then the camera was carried, or the tracker began anew.
+        if self.real.last().is_some_and(|(before_s, before)| is_wild(before, pose, time_s - before_s)) {
             return PoseTaken::Odd;
         }
         match self.ahead.back() {
@@ -228,6 +246,19 @@ mod tests {
         // All that is used is given out, and once.
         assert_eq!(t.take_new().len(), t.track().poses().len());
         assert!(t.take_new().is_empty());
+    }
+
+    #[test]
+    fn what_no_camera_does_is_left_out_until_it_could_have() {
+        let mut t = LiveTrack::new(0.1);
+        assert_eq!(t.add(1.0, &at(0.0)), PoseTaken::Added);
+        // 3 m in 5 ms, and a turn of 0.9 rad.
+        assert_eq!(t.add(1.005, &at(3.0)), PoseTaken::Odd);
+        assert_eq!(t.add(1.01, &Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_y(0.9))), PoseTaken::Odd);
+        assert_eq!(t.add(1.015, &at(0.1)), PoseTaken::Added);
+        // The tracker is elsewhere from now on.
+        assert_eq!(t.add(1.02, &at(6.0)), PoseTaken::Odd);
+        assert_eq!(t.add(1.13, &at(6.0)), PoseTaken::Added);
     }
 
     #[test]

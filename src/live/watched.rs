@@ -74,6 +74,11 @@ impl Watched {
         self.poses.told()
     }
 
+    /// Why there is no pose now, if that is known.
+    pub fn lacks(&self) -> Option<String> {
+        self.poses.lacks()
+    }
+
     /// Why nothing comes for now: unplugged, say.
     pub fn gone(&self) -> Option<&str> {
         self.gone.as_deref()

@@ -80,6 +80,8 @@ pub struct Recorder<S: Store> {
     held: Vec<Held>,
     /// Whether a frame's line is written.
     has_frames: bool,
+    /// The text of the recording's own file.
+    description: String,
     has_exposure: bool,
     poses: Vec<Line>,
     covariances: Vec<Covariance>,
@@ -101,7 +103,8 @@ impl Recorder<Folder> {
 }
 
 impl<S: Store> Recorder<S> {
-    /// Begins a recording; `path` is named in errors. The description comes last: without it there is no recording.
+    /// Begins a recording; `path` is named in errors. The description is written after the first frame: without it there is no
+    /// recording, and with it there is one that opens.
     pub fn begin(mut store: S, path: &Path, about: &About) -> Result<Self, RecorderError> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         let description = write::description(about.description())?.to_string();
@@ -112,7 +115,6 @@ impl<S: Store> Recorder<S> {
                 store.file(Path::new(PROFILE), profile.as_bytes())?;
             }
             store.sync()?;
-            store.file(Path::new(FILE_NAME), description.as_bytes())?;
             store.sync()
         };
         begin().map_err(failed)?;
@@ -123,6 +125,7 @@ impl<S: Store> Recorder<S> {
             last_s: f64::NEG_INFINITY,
             held: Vec::new(),
             has_frames: false,
+            description,
             has_exposure: about.has_exposure,
             poses: Vec::new(),
             covariances: Vec::new(),
@@ -205,6 +208,13 @@ impl<S: Store> Recorder<S> {
         if let Err(source) = self.write(settled) {
             self.make_room();
             return Err(RecorderError::Write { path: self.path.clone(), source });
+        }
+        if settled > 0 && !self.has_frames {
+            let described = self.store.file(Path::new(FILE_NAME), self.description.as_bytes());
+            if let Err(source) = described.and_then(|()| self.store.sync()) {
+                self.failed = true;
+                return Err(RecorderError::Write { path: self.path.join(FILE_NAME), source });
+            }
         }
         self.held.drain(..settled);
         self.poses.clear();

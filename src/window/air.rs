@@ -30,6 +30,8 @@ pub struct Air {
     /// Why none was found.
     why: Option<String>,
     camera: String,
+    /// A person has said which.
+    is_chosen: bool,
     poses: Poses,
     board: String,
     address: String,
@@ -47,6 +49,7 @@ impl Air {
             found: Vec::new(),
             why: None,
             camera: "0".to_owned(),
+            is_chosen: false,
             poses: Poses::default(),
             board: String::new(),
             address: "opentrackio://127.0.0.1:55555".to_owned(),
@@ -56,13 +59,20 @@ impl Air {
         }
     }
 
+    /// With what was chosen and typed before.
+    pub fn as_before(self, before: Self) -> Self {
+        let Self { camera, poses, board, address, profile, .. } = before;
+        let profile = if profile.is_empty() { self.profile.clone() } else { profile };
+        Self { camera, poses, board, address, profile, is_chosen: true, ..self }
+    }
+
     /// What is to be opened; `Some(None)` where it is left.
     pub fn show(&mut self, ctx: &Context) -> Option<Option<Opened>> {
         if let Some(done) = self.looking.as_ref().and_then(Errand::take) {
             self.looking = None;
             match done.and_then(|found| found) {
                 Ok(found) => {
-                    if let Some((first, _)) = found.first() {
+                    if let Some((first, _)) = found.first().filter(|_| !self.is_chosen) {
                         self.camera.clone_from(first);
                     }
                     self.found = found;
@@ -71,6 +81,8 @@ impl Air {
             }
         }
         let mut answer = None;
+        // The modal takes the key.
+        let escaped = ctx.input(|i| i.key_pressed(Key::Escape));
         let modal = egui::Modal::new(egui::Id::unique("air")).show(ctx, |ui| {
             ui.set_width(460.0);
             ui.heading("Live camera");
@@ -86,7 +98,7 @@ impl Air {
                 }
             });
         });
-        let left = modal.should_close() && ctx.input(|i| i.key_pressed(Key::Escape));
+        let left = modal.should_close() && escaped;
         answer.or(left.then_some(None))
     }
 

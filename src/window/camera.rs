@@ -5,7 +5,7 @@ use eframe::egui::{self, Color32, RichText, Stroke, Ui};
 use super::session::{PAST_S, Session, Told};
 use super::timeline;
 use crate::live::Tracking;
-use crate::words::count;
+use crate::words::{count, without_options};
 
 /// What is asked of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,8 +121,10 @@ fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
         Tracking::Tracked => _ = ui.label("tracked"),
         Tracking::Predicted => _ = ui.colored_label(ui.visuals().warn_fg_color, "predicted"),
         Tracking::Lost => {
+            let why = status.lacks.as_ref().map_or(String::new(), |why| format!(": {}", without_options(why)));
             let hint = "No pose is known for this frame: nothing is drawn into it";
-            ui.colored_label(ui.visuals().warn_fg_color, "not tracked").on_hover_text(hint);
+            let text = format!("not tracked{why}");
+            ui.colored_label(ui.visuals().warn_fg_color, text).on_hover_text(hint);
         }
     }
     let latency = told.latency_s.map_or(String::new(), |latency_s| format!(", {:3.0} ms old", 1e3 * latency_s));

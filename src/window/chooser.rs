@@ -64,7 +64,7 @@ impl Chooser {
     /// Begins in a folder, or in the folder of a file, whose name it proposes.
     pub fn new(title: &str, seeks: Seeks, at: &Path) -> Self {
         let at = std::path::absolute(at).unwrap_or_else(|_| at.to_owned());
-        let is_folder = at.is_dir() && seeks != Seeks::NewFolder;
+        let is_folder = at.is_dir() && !matches!(seeks, Seeks::NewFolder | Seeks::EmptyFolder);
         let there = |folder: &Path| folder.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
         let parent = if is_folder { Some(at.as_path()) } else { at.parent() };
         let folder = parent.and_then(there).or_else(std::env::home_dir).unwrap_or_default();
@@ -328,7 +328,7 @@ impl Chooser {
         let typed = self.name.trim().to_owned();
         if typed.is_empty() {
             match self.seeks {
-                Seeks::NewFolder => return self.take(self.folder.clone()),
+                Seeks::NewFolder | Seeks::EmptyFolder => return self.take(self.folder.clone()),
                 Seeks::Recording if Recording::is_at(&self.folder) => return self.take(self.folder.clone()),
                 Seeks::Recording => {
                     self.told = Some("There is no recording in this folder: go to one that is marked".to_owned());
@@ -374,9 +374,13 @@ impl Chooser {
                 }
                 self.replaces = Some(path);
             }
-            Seeks::NewFolder => {
+            Seeks::NewFolder | Seeks::EmptyFolder => {
                 if !std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
                     return Some(Chosen::free(path));
+                }
+                if self.seeks == Seeks::EmptyFolder {
+                    self.told = Some(format!("There are files in {}: name a new folder", path.display()));
+                    return None;
                 }
                 self.replaces = Some(path);
             }

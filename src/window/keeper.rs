@@ -105,6 +105,8 @@ pub struct Keeper {
     chooser: Option<(Purpose, Chooser)>,
     /// Asks for a camera.
     air: Option<Air>,
+    /// As it was answered last.
+    aired: Option<Air>,
     /// The user's folder for what lies between two sessions.
     folder: Option<PathBuf>,
     opening: Option<Opening>,

@@ -9,7 +9,6 @@ use super::errand::Errand;
 use super::project::Project;
 use super::recent::Opened;
 use crate::live::{self, LiveFrom};
-use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording};
 use crate::shot::{Given, ShotError};
 use crate::webcam::{CameraError, Wanted};
@@ -112,7 +111,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Opens a camera; it is not started.
 fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
-    let profiled = opened.profile.as_deref().map(|path| Rig::of_file(path).map(|rig| rig.camera())).transpose();
+    let profiled = opened.profile.as_deref().map(|path| live::profiled(path, &from.poses)).transpose();
     let profiled = profiled.map_err(|error| Refused::plain(&error))?;
     let begun = Instant::now();
     let camera = loop {

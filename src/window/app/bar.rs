@@ -63,7 +63,9 @@ impl App {
                 }
                 let visuals = ui.visuals();
                 let (wrong, odd, weak) = (visuals.error_fg_color, visuals.warn_fg_color, visuals.weak_text_color());
-                let no_pose = || self.session.stats().and_then(|stats| stats.no_pose.clone());
+                // Of a camera it stands below the picture.
+                let stats = self.session.stats().filter(|_| !self.session.is_live());
+                let no_pose = || stats.and_then(|stats| stats.no_pose.clone());
                 let told = match (self.session.problem(), self.session.said()) {
                     (Some(problem), _) => Some((problem.to_owned(), wrong)),
                     (None, Some(said)) => Some((said.to_owned(), weak)),

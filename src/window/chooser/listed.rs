@@ -18,11 +18,13 @@ pub enum Seeks {
     NewSeries(&'static [&'static str]),
     /// A folder that may be new.
     NewFolder,
+    /// The same, and nothing may be in it.
+    EmptyFolder,
 }
 
 impl Seeks {
     pub fn is_new(self) -> bool {
-        matches!(self, Self::NewFile(_) | Self::NewSeries(_) | Self::NewFolder)
+        matches!(self, Self::NewFile(_) | Self::NewSeries(_) | Self::NewFolder | Self::EmptyFolder)
     }
 
     fn shows(self, path: &Path) -> bool {
@@ -32,7 +34,7 @@ impl Seeks {
                 endings.contains(&ending.as_str())
             }
             Self::Recording => matches!(ending.as_str(), "toml" | "json" | "txt"),
-            Self::NewFolder => false,
+            Self::NewFolder | Self::EmptyFolder => false,
         }
     }
 }

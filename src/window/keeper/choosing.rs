@@ -134,12 +134,17 @@ impl Keeper {
     /// Asks for a camera, with the profile and the scene that are open.
     pub fn asks_camera(&mut self, ctx: &egui::Context, project: &Project) {
         let scene = project.scene.clone().filter(|scene| !saving::is_demo(scene));
-        self.air = Some(Air::new(ctx, project.profile.clone(), scene));
+        // What was asked for last, and perhaps refused, is still there.
+        let air = Air::new(ctx, project.profile.clone(), scene);
+        self.air = Some(match self.aired.take() {
+            Some(before) => air.as_before(before),
+            None => air,
+        });
     }
 
     /// What is asked of the camera that is shown.
     pub fn of_camera(&mut self, ctx: &egui::Context, session: &mut Session, asked: Asked) {
-        let seeks = Seeks::NewFolder;
+        let seeks = Seeks::EmptyFolder;
         match asked {
             Asked::Freeze => {
                 let folder = self.folder.clone().unwrap_or_else(|| std::env::temp_dir().join("locard"));

@@ -135,7 +135,7 @@ impl Keeper {
         }
         if let Some(air) = &mut self.air {
             if let Some(answer) = air.show(ctx) {
-                self.air = None;
+                self.aired = self.air.take();
                 self.then = answer.map(|opened| Then::Open(Box::new(opened), None));
             }
             return;
