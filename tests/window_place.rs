@@ -10,7 +10,7 @@ mod worked;
 
 use std::path::Path;
 
-use eframe::egui::{self, accesskit::Role};
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use glam::{DVec2, DVec3};
@@ -18,7 +18,7 @@ use locard::recording::OpenOptions;
 use locard::scene::Entry;
 use locard::shot::Given;
 use locard::window::{App, Project};
-use worked::{click_at, settle, shown, until, window};
+use worked::{click_at, drop_file, settle, shown, until, window};
 
 const FRAME: usize = 30;
 
@@ -36,6 +36,30 @@ fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
     let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
     let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
     click_at(window, at);
+}
+
+#[test]
+fn a_thing_is_placed_by_keys_alone() {
+    let mut window = open();
+    drop_file(&mut window, Path::new("scenes/marker-1.glb").canonicalize().unwrap());
+    window.run_steps(2);
+    let before = window.state().project().edit().scene.objects.len();
+    // From the middle: two steps of 16 px to the right, one of a pixel down.
+    for _ in 0..2 {
+        window.key_press(Key::ArrowRight);
+        window.step();
+    }
+    window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowDown);
+    window.step();
+    assert_eq!(window.state().player().frame(), FRAME, "no frame further");
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    let objects = &window.state().project().edit().scene.objects;
+    assert_eq!(objects.len(), before + 1);
+    let at_m = DVec3::from_array(objects[before].position_m.unwrap());
+    let (shot, frame) = (window.state().project().shot(), window.state().project().shot().read(FRAME).unwrap());
+    let there = shot.surface_at(&frame, DVec2::new(352.0, 241.0)).unwrap().point_m;
+    assert!(at_m.distance(there) < 1e-3, "{at_m} {there}");
 }
 
 #[test]

@@ -240,7 +240,7 @@ mod tests {
         assert!((x(&t, 0.08) - 0.16).abs() < 1e-12 && t.track().covers(0.06, 0.09).is_ok());
         let turn = t.track().at(0.08).unwrap().world_from_camera_rotation();
         assert!(turn.angle_between(DQuat::from_rotation_y(0.016)) < 1e-9);
-        assert_eq!(t.add(0.08, &at(9.0)), PoseTaken::Late);
+        assert_eq!(t.add(0.08, &at(0.17)), PoseTaken::Late);
         assert_eq!(t.add(0.10, &at(0.2)), PoseTaken::Added);
         assert_eq!(t.add(f64::NAN, &at(0.2)), PoseTaken::Odd);
         // All that is used is given out, and once.

@@ -121,6 +121,7 @@ const MOVING: &[(&str, &str)] = &[
     ("Shift", "while it moves: it stays on its level"),
     ("X twice", "along its own axis"),
     ("Enter, Esc", "take it, leave it"),
+    ("Arrows, Enter", "while a place is asked for: there"),
 ];
 
 /// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count. Esc is the

@@ -60,7 +60,7 @@ impl Air {
     }
 
     /// With what was chosen and typed before.
-    pub fn as_before(self, before: Self) -> Self {
+    pub fn restored(self, before: Self) -> Self {
         let Self { camera, poses, board, address, profile, .. } = before;
         let profile = if profile.is_empty() { self.profile.clone() } else { profile };
         Self { camera, poses, board, address, profile, is_chosen: true, ..self }

@@ -28,6 +28,7 @@ use super::project::Project;
 use super::recent::At;
 use super::session::Session;
 use super::side::{Side, fixed};
+use super::steered::Steered;
 use super::theme;
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
@@ -47,6 +48,7 @@ pub struct App {
     shows_keys: bool,
     shows_history: bool,
     placed: Option<Placed>,
+    steered: Steered,
     measure: Option<Measure>,
     held: Held,
     /// Something had the keyboard when the last frame of the window ended.
@@ -83,6 +85,7 @@ impl App {
             shows_keys: false,
             shows_history: false,
             placed: None,
+            steered: Steered::default(),
             measure: None,
             held: Held::default(),
             was_typing: false,
@@ -186,11 +189,7 @@ impl App {
 
     /// What stands beside the picture.
     fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
-        egui::Panel::right("controls").frame(panel).default_size(424.0).size_range(350.0..=700.0).show(ui, |ui| {
-            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
-                self.session.say(refused);
-            }
-        });
+        // As it is read, for the Tab key.
         egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
             let session = &mut self.session;
             let frame = session.frame().cloned();
@@ -199,6 +198,11 @@ impl App {
             let wrong = fixed(ui, |ui| evidence.show(ui, &mut session.project, gpu, frame.as_ref()));
             if let Some(wrong) = wrong {
                 self.session.say(wrong);
+            }
+        });
+        egui::Panel::right("controls").frame(panel).default_size(424.0).size_range(350.0..=700.0).show(ui, |ui| {
+            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
+                self.session.say(refused);
             }
         });
     }

@@ -266,3 +266,41 @@ fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
     project.profile_draft(&profile).unless_changed(project.stamp(&profile)).write().unwrap();
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
 }
+
+#[test]
+fn a_profile_under_another_name_is_whole_and_keeps_its_comments() {
+    let temp = tempfile::tempdir().unwrap();
+    // A recording that knows no camera.
+    let site = temp.path().join("site");
+    std::fs::create_dir(&site).unwrap();
+    for entry in std::fs::read_dir("recordings/demo").unwrap().flatten() {
+        if entry.file_name() != "recording.toml" {
+            #[cfg(unix)]
+            std::os::unix::fs::symlink(entry.path().canonicalize().unwrap(), site.join(entry.file_name())).unwrap();
+        }
+    }
+    let text = std::fs::read_to_string("recordings/demo/recording.toml").unwrap();
+    let (text, camera) = text.split_once("[camera]").unwrap();
+    assert!(camera.contains("profile"), "{camera}");
+    std::fs::write(site.join("recording.toml"), text).unwrap();
+    let profile = temp.path().join("mine.toml");
+    let own = std::fs::read_to_string("recordings/demo/camera.toml").unwrap();
+    std::fs::write(&profile, format!("# My own camera.\n{own}")).unwrap();
+    let open = |profile: &Path| {
+        let given = Given { profile: Some(profile.to_owned()), ..Given::default() };
+        Project::open(&site, &OpenOptions::default(), &given).unwrap()
+    };
+    let mut project = open(&profile);
+    project.set("noise", "scale", &Value::Number(1.5)).unwrap();
+    let other = temp.path().join("other.toml");
+    project.save_profile(&other).unwrap();
+    let text = std::fs::read_to_string(&other).unwrap();
+    assert!(text.starts_with("# My own camera.\n") && text.contains("scale = 1.5"), "{text}");
+    assert_eq!(open(&other).edit(), project.edit());
+    // Nor is anything lacking where there was no profile to begin with.
+    let mut project = open(&profile);
+    project.profile = None;
+    let third = temp.path().join("third.toml");
+    project.save_profile(&third).unwrap();
+    assert_eq!(open(&third).edit().rig.missing_keys(), Vec::<&str>::new());
+}

@@ -90,6 +90,14 @@ impl App {
         if self.keeper.is_asking() {
             return;
         }
+        let is_asked = self.evidence.is_placing() || self.evidence.ground.is_picking();
+        match self.session.frame().filter(|_| is_asked && !ctx.egui_wants_keyboard_input()) {
+            Some(frame) => {
+                let size = egui::vec2(frame.pixels.width as f32, frame.pixels.height as f32);
+                self.steered.keys(ctx, size);
+            }
+            None => self.steered = Default::default(),
+        }
         self.handles.keys(ctx);
         for action in actions::pressed(ctx, self.was_typing) {
             self.act(action, ctx);

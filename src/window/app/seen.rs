@@ -28,7 +28,8 @@ impl App {
         let viewer = &mut self.session.viewer;
         let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref(), compared, taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
-        let (Some(seen), Some(frame)) = (seen, frame) else { return };
+        let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
+        self.steered.over(&mut seen);
         if self.session.is_stale() {
             seen.painter.rect_filled(seen.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
             seen.tell(&format!("Frame {} cannot be shown; this is frame {}", self.session.player.frame(), frame.index));

@@ -137,7 +137,7 @@ impl Keeper {
         // What was asked for last, and perhaps refused, is still there.
         let air = Air::new(ctx, project.profile.clone(), scene);
         self.air = Some(match self.aired.take() {
-            Some(before) => air.as_before(before),
+            Some(before) => air.restored(before),
             None => air,
         });
     }
