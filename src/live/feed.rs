@@ -59,7 +59,6 @@ struct Shared {
     shot: Shot,
     status: Status,
     asked: Asked,
-    latest: Latest,
 }
 
 /// A camera at work, with the last ten seconds of it.
@@ -69,10 +68,11 @@ pub struct Feed {
     pub about: About,
     seen: Option<Newest<Seen>>,
     shared: Arc<Mutex<Shared>>,
+    latest: Arc<Mutex<Latest>>,
     thread: Option<JoinHandle<()>>,
 }
 
-fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     // A panic under the lock leaves plain values.
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -82,15 +82,16 @@ impl Feed {
     /// there is a frame, or something to be told.
     pub fn start(opened: Opened, shot: &Shot, wake: impl Fn() + Send + 'static) -> Result<Self, LiveError> {
         let about = opened.about(None);
-        let intake = Intake::new(about.max_gap_s, opened.patience_s(), None).keeping(Latest::default());
+        let latest = Arc::<Mutex<Latest>>::default();
+        let intake = Intake::new(about.max_gap_s, opened.patience_s(), None).keeping(Arc::clone(&latest));
         let watched = Watched::new(opened.camera.start()?, opened.poses);
         let (putter, seen) = Newest::new();
-        let (status, asked, latest) = Default::default();
-        let shared = Arc::new(Mutex::new(Shared { shot: shot.clone(), status, asked, latest }));
+        let (status, asked) = Default::default();
+        let shared = Arc::new(Mutex::new(Shared { shot: shot.clone(), status, asked }));
         let of_thread = Arc::clone(&shared);
         let watch = move || watch(watched, intake, &of_thread, &putter, wake);
         let thread = std::thread::Builder::new().name("live".to_owned()).spawn(watch).map_err(LiveError::Thread)?;
-        Ok(Self { about, seen: Some(seen), shared, thread: Some(thread) })
+        Ok(Self { about, seen: Some(seen), shared, latest, thread: Some(thread) })
     }
 
     /// From now on as this shot is set.
@@ -117,7 +118,7 @@ impl Feed {
 
     /// The last ten seconds, up to a frame's time.
     pub fn latest(&self, until_s: f64) -> Latest {
-        lock(&self.shared).latest.clone().until(until_s)
+        lock(&self.latest).clone().until(until_s)
     }
 
     /// Records from the next picture on. Frames are numbered anew.
@@ -213,9 +214,6 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
             || shared.status.told != status.told
             || shared.status.written != status.written
             || status.is_over;
-        if is_new && let Some(latest) = intake.latest() {
-            shared.latest = latest.clone();
-        }
         shared.status.clone_from(&status);
         drop(shared);
         if is_new || is_told {

@@ -1,6 +1,6 @@
 //! Pictures and poses in; frames that have their poses out.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::encode::encoded;
 use super::latest::Latest;
@@ -43,22 +43,25 @@ pub struct Arrived {
 pub struct Intake {
     waiting: Waiting<(Frame, f64)>,
     writer: Option<Writer>,
-    latest: Option<Latest>,
+    latest: Option<Arc<Mutex<Latest>>>,
     frames: usize,
-    /// The recording is to have so many frames, of which the last ones still wait.
-    ends_at: Option<usize>,
+    /// The last frame of the recording, which may still wait.
+    ends_at_s: Option<f64>,
+    /// The last picture that was taken, and the last frame that went out.
     last_s: f64,
+    out_s: f64,
 }
 
 impl Intake {
     /// Poses are interpolated across at most `max_gap_s`; frames wait for theirs at most `patience_s`.
     pub fn new(max_gap_s: f64, patience_s: f64, writer: Option<Writer>) -> Self {
         let waiting = Waiting::new(max_gap_s, patience_s);
-        Self { waiting, writer, latest: None, frames: 0, ends_at: None, last_s: f64::NEG_INFINITY }
+        let never_s = f64::NEG_INFINITY;
+        Self { waiting, writer, latest: None, frames: 0, ends_at_s: None, last_s: never_s, out_s: never_s }
     }
 
     /// Keeps the last seconds in memory.
-    pub fn keeping(self, latest: Latest) -> Self {
+    pub fn keeping(self, latest: Arc<Mutex<Latest>>) -> Self {
         Self { latest: Some(latest), ..self }
     }
 
@@ -83,20 +86,20 @@ impl Intake {
     /// Records from the next picture on, which is number 0 from now on.
     pub fn record(&mut self, writer: Writer) {
         // The first frames are blurred by what was before them.
-        if let Some(latest) = &self.latest {
+        if let Some(latest) = self.latest() {
             writer.poses(latest.poses());
         }
-        (self.writer, self.frames, self.ends_at) = (Some(writer), 0, None);
+        (self.writer, self.frames, self.ends_at_s) = (Some(writer), 0, None);
     }
 
     /// Records no picture that comes from now on. The recording is whole, and can be ended, when [`Intake::is_recorded`]: once
     /// the frames that wait have their poses.
     pub fn stop_recording(&mut self) {
-        self.ends_at = self.writer.as_ref().map(|_| self.frames);
+        self.ends_at_s = self.writer.as_ref().map(|_| self.last_s);
     }
 
     pub fn is_recorded(&self) -> bool {
-        self.ends_at == Some(0) || self.ends_at.is_some() && self.due_s().is_none()
+        self.ends_at_s.is_some_and(|ends_at_s| self.out_s >= ends_at_s)
     }
 
     pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
@@ -112,7 +115,7 @@ impl Intake {
         if let Some(writer) = &self.writer {
             writer.covariance(covariance);
         }
-        if let Some(latest) = &mut self.latest {
+        if let Some(mut latest) = self.latest() {
             latest.covariance(covariance);
         }
     }
@@ -123,8 +126,9 @@ impl Intake {
     }
 
     /// The last seconds of what was taken, if they are kept.
-    pub fn latest(&self) -> Option<&Latest> {
-        self.latest.as_ref()
+    fn latest(&self) -> Option<MutexGuard<'_, Latest>> {
+        // A panic under the lock leaves plain values.
+        self.latest.as_ref().map(|latest| latest.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Takes a picture whose pixels are decoded, and records it. `within_s` says from how long before the frame to how
@@ -142,11 +146,11 @@ impl Intake {
         }
         if self.writer.is_some() || self.latest.is_some() {
             let file = Arc::new(encoded(picture, &pixels));
-            let writer = self.writer.as_ref().filter(|_| self.ends_at.is_none());
+            let writer = self.writer.as_ref().filter(|_| self.ends_at_s.is_none());
             if writer.is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s, None)) {
                 return Came::NotRecorded;
             }
-            if let Some(latest) = &mut self.latest {
+            if let Some(mut latest) = self.latest() {
                 latest.frame(time_s, file, exposure_s);
             }
         }
@@ -174,10 +178,8 @@ impl Intake {
         if let Some(writer) = &self.writer {
             writer.settle(frame.timestamp_s, presence);
         }
-        if self.ends_at.is_some_and(|ends_at| frame.index + 1 >= ends_at) {
-            self.ends_at = Some(0);
-        }
-        if let Some(latest) = &mut self.latest {
+        self.out_s = frame.timestamp_s;
+        if let Some(mut latest) = self.latest() {
             latest.settle(frame.timestamp_s, presence);
         }
         Some(Arrived { frame, tracking, waited_s, came_s })
@@ -185,7 +187,7 @@ impl Intake {
 
     fn give_poses(&mut self) {
         let new = self.waiting.take_new();
-        if let Some(latest) = &mut self.latest {
+        if let Some(mut latest) = self.latest() {
             latest.add_poses(&new);
         }
         if let Some(writer) = &self.writer {
@@ -196,7 +198,7 @@ impl Intake {
     /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
     pub fn end_recording(&mut self) -> Option<(usize, Option<RecorderError>)> {
         self.give_poses();
-        self.ends_at = None;
+        self.ends_at_s = None;
         self.writer.take().map(Writer::finish)
     }
 }
