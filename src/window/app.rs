@@ -10,7 +10,6 @@ use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
-use super::actions;
 use super::autosave::Left;
 use super::camera;
 use super::errand::let_go;
@@ -19,6 +18,7 @@ use super::fit;
 use super::hand::Hand;
 use super::handles::Handles;
 use super::keeper::{Keeper, Turn};
+use super::keys;
 use super::measure::Measure;
 use super::painter;
 use super::picture::View;
@@ -225,15 +225,7 @@ impl App {
     }
 
     fn windows(&mut self, ctx: &egui::Context) {
-        egui::Window::new("Keys")
-            .open(&mut self.shows_keys)
-            .resizable(false)
-            .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
-            .show(ctx, |ui| {
-                let height = (ctx.content_rect().height() - 80.0).max(100.0);
-                let area = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
-                area.show(ui, keys);
-            });
+        keys::show(ctx, &mut self.shows_keys);
         let mut chosen = None;
         // Below the bar, beside the evidence.
         let history = egui::Window::new("History").default_pos([212.0, 48.0]).default_width(240.0);
@@ -265,24 +257,6 @@ fn session(
         Some(camera) => Session::live(window.clone(), ctx, project, camera),
         None => Session::new(window.clone(), ctx, project),
     }
-}
-
-/// The page of keys, in two columns.
-fn keys(ui: &mut Ui) {
-    ui.columns_const(|[left, right]: &mut [Ui; 2]| {
-        for (n, (title, lines)) in actions::page().into_iter().enumerate() {
-            let ui = if n % 2 == 0 { &mut *left } else { &mut *right };
-            ui.strong(title);
-            egui::Grid::new(title).num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
-                for (key, does) in lines {
-                    ui.label(key);
-                    ui.label(does);
-                    ui.end_row();
-                }
-            });
-            ui.add_space(8.0);
-        }
-    });
 }
 
 impl eframe::App for App {

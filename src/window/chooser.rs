@@ -14,6 +14,7 @@ use eframe::egui::{self, Key, Ui};
 
 use self::about::About;
 use self::listed::{Entry, Listing};
+use super::dialogs;
 use crate::photo::series_there;
 use crate::recording::Recording;
 use crate::words::reason;
@@ -163,7 +164,8 @@ impl Chooser {
     pub fn show(&mut self, ctx: &egui::Context) -> Option<Chosen> {
         self.list(ctx);
         let mut chosen = None;
-        let modal = egui::Modal::new(egui::Id::unique("chooser")).show(ctx, |ui| {
+        let title = self.title.clone();
+        let modal = dialogs::modal(ctx, "chooser", &title, |ui| {
             ui.set_width(620.0_f32.min(ctx.content_rect().width() - 48.0));
             ui.heading(&self.title);
             ui.add_space(6.0);

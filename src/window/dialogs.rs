@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use eframe::egui::{self, Context, Key, RichText, Ui};
+use eframe::egui::{self, Context, InnerResponse, Key, Modal, ModalResponse, RichText, Ui, accesskit::Role};
 
 use super::autosave::Work;
 use super::recent::Opened;
@@ -18,10 +18,24 @@ pub enum Answer {
     Stay,
 }
 
+/// Nothing else can be done while it is open. To a screen reader it is a dialog of that name.
+pub fn modal<T>(ctx: &Context, id: &str, name: &str, body: impl FnOnce(&mut Ui) -> T) -> ModalResponse<T> {
+    let id = egui::Id::unique(id);
+    let area = Modal::default_area(id).role(Role::Dialog).accessible_name(name);
+    Modal::new(id).area(area).show(ctx, body)
+}
+
+/// Makes a window that says or asks something a dialog for screen readers; it has the window's title for a name.
+fn as_dialog<T>(ctx: &Context, window: Option<&InnerResponse<T>>) {
+    if let Some(window) = window {
+        ctx.accesskit_node_builder(window.response.id, |node| node.set_role(Role::Dialog));
+    }
+}
+
 /// Asks, with a word for each answer. Esc stays.
 fn question(ctx: &Context, title: &str, answers: [&str; 3], body: impl FnOnce(&mut Ui)) -> Option<Answer> {
     let mut given = None;
-    let modal = egui::Modal::new(egui::Id::unique("question")).show(ctx, |ui| {
+    let modal = modal(ctx, "question", title, |ui| {
         ui.set_width(420.0);
         ui.heading(title);
         ui.add_space(4.0);
@@ -127,7 +141,7 @@ fn ago(seconds: u64) -> String {
 
 /// Says that something is being opened.
 pub fn opening(ctx: &Context, what: &Path) {
-    egui::Modal::new(egui::Id::unique("opening")).show(ctx, |ui| {
+    modal(ctx, "opening", "Opening", |ui| {
         ui.set_width(360.0);
         ui.horizontal(|ui| {
             ui.spinner();
@@ -158,6 +172,7 @@ pub fn message(ctx: &Context, text: &str) -> bool {
                 closed = ui.button("Close").clicked();
             });
         });
+    as_dialog(ctx, window.as_ref());
     let rect = window.map(|window| window.response.rect);
     let is_beside = |at: egui::Pos2| rect.is_some_and(|rect| !rect.contains(at));
     let beside = ctx.input(|i| i.pointer.any_pressed() && i.pointer.interact_pos().is_some_and(is_beside));
@@ -185,10 +200,10 @@ pub fn start<'a>(
         Some(_) => page.anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO),
         None => page.open(&mut is_open).default_pos([250.0, 90.0]),
     };
-    page.show(ctx, |ui| {
+    let page = page.show(ctx, |ui| {
         ui.label(match lacking {
             None => "This is the demonstration. Move a slider, drag the picture, press ? for the keys.",
-            Some(_) => "Open a recording: the frames of a camera with its poses.",
+            Some(_) => "Open a recording: the frames of a camera with its poses. Press ? for the keys.",
         });
         ui.add_space(6.0);
         ui.horizontal(|ui| {
@@ -231,6 +246,7 @@ pub fn start<'a>(
             }
         });
     });
+    as_dialog(ctx, page.as_ref());
     chosen.or((!is_open).then_some(Start::Leave))
 }
 

@@ -83,11 +83,21 @@ impl Evidence {
         self.library.look(&project.scene_path());
         let text = self.placing.as_deref().map_or_else(|| "Place…".to_owned(), name);
         let menu = ui.menu_button(text, |ui| {
-            if let Some(model) = self.library.show(ui, gpu) {
+            let model = self.library.show(ui, gpu);
+            let is_chosen = model.is_some();
+            if let Some(model) = model {
                 self.choose(model);
                 ui.close();
             }
+            is_chosen
         });
+        // Left by a key, the button has the keyboard again; a model that was taken wants a place, which has its own keys.
+        let is_chosen = menu.inner == Some(true);
+        if is_chosen {
+            ui.memory_mut(|memory| memory.stop_text_input());
+        } else if menu.inner.is_some() && ui.input(|i| i.key_pressed(egui::Key::Escape)) {
+            menu.response.request_focus();
+        }
         menu.response.on_hover_text(
             "Choose a model, then click where it shall lie. A .glb dropped into the window is taken too.",
         );

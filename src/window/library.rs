@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::Builder;
 
-use eframe::egui::{self, Color32, ColorImage, TextureHandle, Ui, vec2};
+use eframe::egui::{self, Color32, ColorImage, FocusDirection, Id, Key, TextureHandle, Ui, vec2};
 use glam::DVec3;
 
 use crate::camera::{Distortion, Geometry, Intrinsics, Response};
@@ -45,6 +45,10 @@ pub struct Library {
     looked_in: Option<PathBuf>,
     small: HashMap<PathBuf, Small>,
     artist: Option<Artist>,
+    /// The pass of the window in which it was shown last.
+    shown_in: u64,
+    /// It was opened by a key: the first model takes the keyboard.
+    takes_keys: bool,
 }
 
 impl Library {
@@ -85,6 +89,7 @@ impl Library {
         }
         let mut chosen = None;
         let models = self.models.clone();
+        self.walk(ui, &models);
         // Whole rows.
         let row = SHOWN + ui.text_style_height(&egui::TextStyle::Small) + 10.0 + GAP;
         // As many whole rows as the window has room for: a row that is cut would lose its names.
@@ -106,10 +111,43 @@ impl Library {
         chosen
     }
 
+    /// By keys: the first model has the keyboard when it is opened by one, arrows and Tab go on to others.
+    fn walk(&mut self, ui: &Ui, models: &[PathBuf]) {
+        let ctx = ui.ctx();
+        let pass = ctx.cumulative_pass_nr();
+        let opens = self.shown_in + 1 < pass;
+        self.shown_in = pass;
+        if opens {
+            self.takes_keys = !ctx.input(|i| i.pointer.any_click());
+        }
+        // At first it is laid out, and not seen yet.
+        if ui.is_sizing_pass() {
+            return;
+        }
+        let at = models.iter().position(|model| ctx.memory(|memory| memory.has_focus(id(model))));
+        let to = match at {
+            None => std::mem::take(&mut self.takes_keys).then_some(0),
+            Some(at) => {
+                // Or it would leave for the nearest button elsewhere.
+                ctx.memory_mut(|memory| memory.move_focus(FocusDirection::None));
+                ctx.input(|input| {
+                    walked(|key, shift| input.modifiers.shift == shift && input.key_pressed(key), at, models.len())
+                })
+            }
+        };
+        if let Some(model) = to.and_then(|to| models.get(to)) {
+            ctx.memory_mut(|memory| memory.request_focus(id(model)));
+        }
+    }
+
     /// One model; whether it was clicked.
     fn entry(&mut self, ui: &mut Ui, gpu: &Gpu, model: &Path) -> bool {
         let line = ui.text_style_height(&egui::TextStyle::Small);
-        let (rect, response) = ui.allocate_exact_size(vec2(SHOWN + 8.0, SHOWN + line + 10.0), egui::Sense::click());
+        let (_, rect) = ui.allocate_space(vec2(SHOWN + 8.0, SHOWN + line + 10.0));
+        let response = ui.interact(rect, id(model), egui::Sense::click());
+        if response.gained_focus() {
+            response.scroll_to_me(None);
+        }
         let called = name(model);
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, &called));
         if !ui.is_rect_visible(rect) {
@@ -168,6 +206,26 @@ impl Library {
             self.small.insert(model, small);
         }
     }
+}
+
+/// What a model has the keyboard by.
+fn id(model: &Path) -> Id {
+    Id::unique(("model", model))
+}
+
+/// Where a key leads from a model of so many, if one is pressed, without or with Shift: in the grid, or with Tab around it.
+fn walked(pressed: impl Fn(Key, bool) -> bool, at: usize, count: usize) -> Option<usize> {
+    let keys = [
+        (Key::ArrowLeft, false, at.checked_sub(1)),
+        (Key::ArrowRight, false, Some(at + 1)),
+        (Key::ArrowUp, false, at.checked_sub(COLUMNS)),
+        // Below a row's end may be nothing, but a row there is.
+        (Key::ArrowDown, false, Some((at + COLUMNS).min(count - 1)).filter(|to| to / COLUMNS > at / COLUMNS)),
+        (Key::Tab, false, Some((at + 1) % count)),
+        (Key::Tab, true, Some((at + count - 1) % count)),
+    ];
+    let (.., to) = keys.into_iter().find(|(key, shift, _)| pressed(*key, *shift))?;
+    to.filter(|to| *to < count)
 }
 
 /// What is a model by its ending.
@@ -253,6 +311,19 @@ fn shown(image: &LinearImage) -> ColorImage {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn keys_walk_the_grid() {
+        // Three in a row: 0 1 2, 3 4 5, 6.
+        let to = |key, shift, at| walked(|pressed, with| (pressed, with) == (key, shift), at, 7);
+        let way = |key| [0, 1, 4, 6].map(|at| to(key, false, at));
+        assert_eq!(way(Key::ArrowRight), [Some(1), Some(2), Some(5), None]);
+        assert_eq!(way(Key::ArrowLeft), [None, Some(0), Some(3), Some(5)]);
+        assert_eq!(way(Key::ArrowUp), [None, None, Some(1), Some(3)]);
+        assert_eq!(way(Key::ArrowDown), [Some(3), Some(4), Some(6), None]);
+        assert_eq!([to(Key::Tab, false, 6), to(Key::Tab, true, 0), to(Key::Tab, true, 3)], [Some(0), Some(6), Some(2)]);
+        assert_eq!(to(Key::Enter, false, 3), None);
+    }
 
     #[test]
     fn a_small_picture_shows_all_of_a_model_and_nothing_around_it() {

@@ -4,6 +4,7 @@
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 
 use super::picture::Seen;
+use super::theme::SMALLEST;
 use super::viewer::Shown;
 use crate::pixels::Pixels;
 
@@ -73,7 +74,7 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
     let place = back.left_bottom() + vec2(8.0, -3.0);
     let bits = if fine { "codes of 8 bits, of 16 below" } else { "codes of 8 bits" };
     let text = format!("{x}, {y}   {bits}");
-    painter.text(place, Align2::LEFT_BOTTOM, text, FontId::monospace(11.0), Color32::from_gray(170));
+    painter.text(place, Align2::LEFT_BOTTOM, text, FontId::monospace(SMALLEST), Color32::from_gray(170));
 }
 
 /// Writes code values of 8 bits into the pixels that lie in a part of the panel, if they are large enough.
@@ -88,7 +89,7 @@ pub fn numbers(seen: &Seen, clip: Rect, codes: &Pixels, pixels_per_point: f32) {
         return;
     }
     let (min, max) = (seen.placed.picture_px(visible.min).floor(), seen.placed.picture_px(visible.max).ceil());
-    let font = FontId::monospace(scale * 0.21);
+    let font = FontId::monospace((scale * 0.21).max(SMALLEST));
     for y in min.y as u32..(max.y as u32).min(codes.height) {
         for x in min.x as u32..(max.x as u32).min(codes.width) {
             let at = codes.eight_bits_at(x, y);

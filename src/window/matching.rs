@@ -15,6 +15,7 @@ use super::plots::{self, Axes, Of};
 use super::pointer::Pointed;
 use super::progress;
 use super::session::Session;
+use super::theme::SMALLEST;
 use super::times;
 use crate::calibrate::{NoisePoint, over_profile, sharpness};
 use crate::camera::NoiseProfile;
@@ -410,6 +411,6 @@ pub fn paint(seen: &Seen, marks: impl Iterator<Item = (Rect, String)>) {
         }
         // Above it, and where the picture's panel ends in it.
         let top = (on_screen.top() - 6.0).max(seen.painter.clip_rect().top() + 20.0);
-        plate(&seen.painter, egui::pos2(on_screen.left() + 6.0, top), egui::Align2::LEFT_BOTTOM, &name, 11.0);
+        plate(&seen.painter, egui::pos2(on_screen.left() + 6.0, top), egui::Align2::LEFT_BOTTOM, &name, SMALLEST);
     }
 }

@@ -10,7 +10,7 @@
 //!   with its verdict. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
-//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do. `picture` with its `loupe`, `controls`,
+//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for; `steered` by keys.
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
@@ -49,6 +49,7 @@ mod handles;
 mod history;
 mod jobs;
 mod keeper;
+mod keys;
 mod kind;
 mod library;
 mod list;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 
+use super::actions::{self, Action};
 use super::air::Air;
 use super::app::App;
 use super::autosave::Left;
@@ -15,6 +16,7 @@ use super::errand::Errand;
 use super::fit;
 use super::habits::{Habits, Use};
 use super::keeper::Turn;
+use super::keys;
 use super::kind::Kind;
 use super::opening::Opening;
 use super::painter;
@@ -39,6 +41,7 @@ pub struct Start {
     /// What was dropped, and what it is.
     looked_at: Option<(PathBuf, Errand<Kind>)>,
     told: Option<String>,
+    shows_keys: bool,
     /// What became of it.
     app: Option<Box<App>>,
 }
@@ -64,6 +67,7 @@ impl Start {
             opening: None,
             looked_at: None,
             told: None,
+            shows_keys: false,
             app: None,
         })
     }
@@ -87,6 +91,12 @@ impl Start {
             Ok(looking) => self.looked_at = Some((path, looking)),
             Err(error) => self.told = Some(format!("No thread can be started that opens it: {error}")),
         }
+    }
+
+    fn chooses(&mut self) {
+        let last = self.habits.folder(Use::Recording).map(Path::to_owned);
+        let folder = last.or_else(std::env::home_dir).unwrap_or_default();
+        self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, &folder));
     }
 
     /// One frame of the window. Gives what was opened.
@@ -155,13 +165,20 @@ impl Start {
             }
             return None;
         }
+        for action in actions::pressed(ctx, false) {
+            match action {
+                Action::Keys => self.shows_keys = !self.shows_keys,
+                Action::Leave => (self.shows_keys, self.told) = (false, None),
+                Action::Open => self.chooses(),
+                Action::Theme => theme::exchange(ctx),
+                // There is nothing open that the others act on.
+                _ => {}
+            }
+        }
+        keys::show(ctx, &mut self.shows_keys);
         let place = std::path::absolute(DEMO).unwrap_or_else(|_| DEMO.into());
         match dialogs::start(ctx, self.recent.shown(ctx), Some(&place)) {
-            Some(dialogs::Start::Open) => {
-                let last = self.habits.folder(Use::Recording).map(Path::to_owned);
-                let folder = last.or_else(std::env::home_dir).unwrap_or_default();
-                self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, &folder));
-            }
+            Some(dialogs::Start::Open) => self.chooses(),
             Some(dialogs::Start::Camera) => self.air = Some(Air::new(ctx, None, None)),
             Some(dialogs::Start::Recent(opened)) => self.begin(ctx, opened, None),
             Some(dialogs::Start::Leave) | None => {}

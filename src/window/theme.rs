@@ -1,14 +1,26 @@
-//! Light and dark: egui's own, with texts that can be read on what they stand on.
+//! Light and dark: egui's own, with texts that can be read on what they stand on, and that are large enough.
 
 use eframe::egui::style::Visuals;
-use eframe::egui::{Color32, Context, Theme};
+use eframe::egui::{Color32, Context, FontId, TextStyle, Theme};
+
+/// Nothing in the window is written smaller, points.
+pub const SMALLEST: f32 = 11.0;
 
 /// What is said by the way, and what is wrong or odd, has at least a contrast of 4.5 to its ground, which WCAG 2.2 asks of
 /// small text (1.4.3).
 pub fn install(ctx: &Context) {
     for theme in [Theme::Light, Theme::Dark] {
-        ctx.style_mut_of(theme, |style| readable(&mut style.visuals));
+        ctx.style_mut_of(theme, |style| {
+            readable(&mut style.visuals);
+            style.text_styles.insert(TextStyle::Small, FontId::proportional(SMALLEST));
+        });
     }
+}
+
+/// Light where it is dark, dark where it is light.
+pub fn exchange(ctx: &Context) {
+    let dark = ctx.global_style().visuals.dark_mode;
+    ctx.set_theme(if dark { Theme::Light } else { Theme::Dark });
 }
 
 fn readable(visuals: &mut Visuals) {

@@ -7,6 +7,7 @@ use super::super::camera::Asked;
 use super::super::fields;
 use super::super::handles::Handles;
 use super::super::picture;
+use super::super::theme;
 use super::App;
 
 impl App {
@@ -40,10 +41,7 @@ impl App {
             Action::Save => self.keeper.save(),
             Action::Open => self.keeper.open(&self.session.project),
             Action::Export => self.keeper.shows_output = !self.keeper.shows_output,
-            Action::Theme => {
-                let dark = ctx.global_style().visuals.dark_mode;
-                ctx.set_theme(if dark { egui::Theme::Light } else { egui::Theme::Dark });
-            }
+            Action::Theme => theme::exchange(ctx),
             Action::Begin(what) => {
                 if !is_live {
                     player.play(false);
