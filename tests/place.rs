@@ -201,3 +201,31 @@ fn what_stands_wrong_is_told_and_a_preview_shows_it() {
     let has = |ink: [u8; 3]| picture.pixels().any(|p| p.0.iter().zip(ink).all(|(a, b)| a.abs_diff(b) < 12));
     assert!(picture.dimensions() == (640, 480) && has([255, 70, 70]) && has([90, 220, 90]) && has([90, 140, 255]));
 }
+
+#[test]
+fn what_stands_out_over_an_edge_stands_on_what_carries_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let model = std::path::absolute("scenes/l-scale.glb").unwrap();
+    // The stool's top is at z = 0.41, and its left edge at x = 0.35; the floor is below.
+    let told = |x: f64, z: f64| {
+        let text = format!(
+            "version = 1\nup = \"z\"\n[[objects]]\nmodel = {:?}\nposition_m = [{x}, -0.28, {z}]\n",
+            model.display().to_string()
+        );
+        std::fs::write(&file, text).unwrap();
+        let shot = shot::demo(file.to_str().unwrap());
+        let frame = shot.read(30).unwrap();
+        shot.wrongs(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
+    };
+    for x in [0.4, 0.35, 0.34, 0.33] {
+        assert_eq!(told(x, 0.41), Vec::<String>::new(), "{x}");
+    }
+    let over = |told: Vec<String>, mm: std::ops::Range<i32>| {
+        let far = told.first().and_then(|told| told.strip_prefix("l-scale hovers ")?.split_once(" mm")?.0.parse().ok());
+        assert!(far.is_some_and(|far: i32| mm.contains(&far)), "{told:?}");
+    };
+    // Half over the stool, 8 cm above it; beside it, as high as its top.
+    over(told(0.34, 0.49), 77..84);
+    over(told(0.22, 0.41), 408..413);
+}

@@ -1,9 +1,10 @@
 //! Whether objects stand on what the depth shows, hover over it or are sunk into it.
 //!
-//! Where an object touches the ground, its lowest points, the depth around gives a surface each. The object's gap is the median
-//! of the points' distances from those surfaces. It is claimed only where most of the points see a surface on which things can
-//! stand, and where it is larger than what depth, poses and the surface's own unevenness explain. A thing that stands on
-//! another one of the scene is left alone, and so is what real things hide: what the camera sees there is not its ground.
+//! Under an object's foot, the outline of its lowest points and what lies within, the depth around each point gives a surface.
+//! The nearest of these below is what carries it: a thing that stands out over the edge of a table stands on the table. A gap
+//! is claimed only where most of the points see a surface on which things can stand, and where it is larger than what depth,
+//! poses and the surface's own unevenness explain. A thing that stands on another one of the scene is left alone, and so is
+//! what real things hide: what the camera sees there is not its ground.
 
 use glam::{DVec2, DVec3};
 
@@ -35,6 +36,8 @@ const DEEPEST: f64 = 1.0;
 const LEVEL: f64 = 0.766;
 /// Less of a neighbourhood on one plane is no surface.
 const LEAST_ON_IT: f64 = 0.4;
+/// So many points of the foot that touch a surface make it stand there: one may be a stray measurement.
+const FEWEST_TOUCHING: usize = 2;
 /// A virtual thing this near below carries it, metres.
 const CARRIES_M: f64 = 0.005;
 
@@ -73,12 +76,27 @@ impl Shot {
             least_m = least_m.max(LEAST_SHARE * surface.depth_m).max(LEAST_SIGMA * surface.sigma_m);
         }
         gaps.sort_by(f64::total_cmp);
-        let middle = *gaps.get(gaps.len() / 2)?;
-        // They agree: it is one surface, and not half of another thing.
-        let agreeing = gaps.iter().filter(|gap| (*gap - middle).abs() <= least_m).count();
-        let is_known = 2 * agreeing > feet.points_m.len() && middle >= -DEEPEST * feet.size_m;
-        is_known.then_some((middle.abs() > least_m).then_some(middle))
+        above_m(&gaps, least_m, feet.points_m.len()).filter(|gap| gap.is_none_or(|gap| gap >= -DEEPEST * feet.size_m))
     }
+}
+
+/// How far a foot of so many points is above what carries it, by the gaps that are known, ascending; `None` inside where it is
+/// less than `least_m`. Nothing where too few are known, or where they do not agree.
+fn above_m(gaps_m: &[f64], least_m: f64, points: usize) -> Option<Option<f64>> {
+    let agreeing = |at: f64| gaps_m.iter().filter(|gap| (*gap - at).abs() <= least_m).count();
+    let is_most = |count: usize| 2 * count > points;
+    if agreeing(0.0) >= FEWEST_TOUCHING {
+        return Some(None);
+    }
+    let over: Vec<f64> = gaps_m.iter().copied().filter(|gap| *gap > least_m).collect();
+    if is_most(over.len()) {
+        let [nearest, _] = *over.array_windows().find(|[a, b]| b - a <= least_m)?;
+        let same = over.partition_point(|gap| *gap <= nearest + 2.0 * least_m);
+        let from = over.partition_point(|gap| *gap < nearest);
+        return Some(Some(over[(from + same) / 2]));
+    }
+    let middle = *gaps_m.get(gaps_m.len() / 2)?;
+    is_most(agreeing(middle)).then_some((middle.abs() > least_m).then_some(middle))
 }
 
 /// Where an object stands.
@@ -102,7 +120,10 @@ fn feet(scene: &Scene, object: usize, up: DVec3) -> Option<Feet> {
         standing.iter().copied().max_by(|a, b| a.dot(towards).total_cmp(&b.dot(towards)))
     });
     let mut points_m: Vec<DVec3> = outermost.collect();
-    points_m.push(points_m.iter().sum::<DVec3>() / points_m.len() as f64);
+    let middle = points_m.iter().sum::<DVec3>() / points_m.len() as f64;
+    // What lies within the outline, too.
+    points_m.extend(points_m.clone().iter().map(|point| 0.5 * (*point + middle)));
+    points_m.push(middle);
     Some(Feet { points_m, size_m })
 }
 
@@ -110,4 +131,25 @@ fn feet(scene: &Scene, object: usize, up: DVec3) -> Option<Feet> {
 fn is_carried(scene: &Scene, object: usize, foot: DVec3, up: DVec3, size_m: f64) -> bool {
     let ray = Ray { origin_m: foot + size_m.min(CARRIES_M) * up, direction: -up };
     nearest_of(scene, &ray, |other| other != object).is_some_and(|hit| hit.distance_m <= 2.0 * CARRIES_M)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::above_m;
+
+    #[test]
+    fn the_nearest_surface_under_the_foot_carries() {
+        let told = |gaps: &[f64]| above_m(gaps, 0.005, 9);
+        // On a table, and most of it over the floor beside it; one alone may be a stray.
+        assert_eq!(told(&[-0.001, 0.002, 0.7, 0.7, 0.7, 0.7, 0.7, 0.7]), Some(None));
+        assert_eq!(told(&[0.002, 0.699, 0.7, 0.7, 0.7, 0.7, 0.701]), Some(Some(0.7)));
+        // Five centimetres over the table: the table counts. One stray is no surface.
+        assert_eq!(told(&[0.05, 0.051, 0.052, 0.7, 0.7, 0.7, 0.7, 0.7]), Some(Some(0.051)));
+        assert_eq!(told(&[0.3, 0.699, 0.7, 0.7, 0.7, 0.7]), Some(Some(0.7)));
+        // Too few are known, or they do not agree.
+        assert_eq!([told(&[]), told(&[0.7; 4]), told(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])], [None; 3]);
+        // In the ground most have to agree.
+        assert_eq!(told(&[-0.03, -0.03, -0.03, -0.03, -0.03, 0.4, 0.4]), Some(Some(-0.03)));
+        assert_eq!(told(&[-0.5, -0.5, -0.03, -0.03, 0.1]), None);
+    }
 }
