@@ -10,7 +10,7 @@ use serde::de::IgnoredAny;
 
 use super::pick::{self, Asked, Pick, Picker, numbers};
 use super::skip::Skip;
-use super::{clock, listen, progress};
+use super::{clock, listen, progress_of};
 use crate::camera::Geometry;
 use crate::compositor::Settings;
 use crate::depth::holes;
@@ -280,7 +280,12 @@ fn depth(recording: &Recording, has_camera: bool) -> String {
 
 /// What stands twice.
 fn repeats(recording: &Recording) -> Vec<String> {
-    let bar = progress(false, recording.frame_count());
+    // Of a long video it takes minutes: each picture is decoded.
+    let bar = progress_of(
+        false,
+        recording.frame_count(),
+        "looking for pictures that repeat: {wide_bar} {pos}/{len}, {eta} left",
+    );
     let found = recording.repeats(|| bar.inc(1));
     bar.finish_and_clear();
     let Repeats { pictures, moved, poses, times } = match found {
