@@ -1,42 +1,30 @@
-//! A dialog that chooses a file or a folder. Folders are listed on a thread of its own: a slow disk does not hold the
-//! window up.
+//! A dialog that chooses a file or a folder. Whatever the disk is asked for is asked on a thread of its own: a slow one does
+//! not hold the window up.
 //!
 //! It is the program's own: a system's dialog needs a portal or a toolkit that a bare Linux desktop lacks.
 
 mod about;
+mod disk;
+mod entering;
 mod listed;
+mod making;
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, channel};
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Key, Ui};
 
 use self::about::About;
+use self::disk::Begun;
+use self::entering::Entering;
 use self::listed::{Entry, Listing};
+use self::making::Making;
 use super::dialogs;
-use crate::photo::series_there;
-use crate::recording::Recording;
+use super::errand::Errand;
 use crate::words::reason;
 
+pub use self::disk::{Begin, Chosen};
 pub use self::listed::Seeks;
-
-/// How it ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Chosen {
-    Path {
-        path: PathBuf,
-        /// What is there may be replaced: it was asked.
-        replaces: bool,
-    },
-    Nothing,
-}
-
-impl Chosen {
-    fn free(path: PathBuf) -> Self {
-        Self::Path { path, replaces: false }
-    }
-}
 
 #[derive(Debug)]
 pub struct Chooser {
@@ -50,9 +38,14 @@ pub struct Chooser {
     listed: Option<Listing>,
     about: About,
     /// The folder that is being listed.
-    listing: Option<(PathBuf, Receiver<Listing>)>,
-    /// A file that is there, for which it has been asked whether it may be replaced.
-    replaces: Option<PathBuf>,
+    listing: Option<(PathBuf, Errand<Listing>)>,
+    begin: Option<Begin>,
+    /// It is being looked for where it begins.
+    begins: Option<Errand<Begun>>,
+    entering: Option<Entering>,
+    makes: Option<Making>,
+    /// What is there, for which it is asked whether it may be replaced; the files of a series.
+    replaces: Option<(PathBuf, Vec<PathBuf>)>,
     /// What there is to say of what was entered.
     told: Option<String>,
     /// The field is to have the keyboard.
@@ -62,41 +55,46 @@ pub struct Chooser {
 }
 
 impl Chooser {
-    /// Begins in a folder, or in the folder of a file, whose name it proposes.
-    pub fn new(title: &str, seeks: Seeks, at: &Path) -> Self {
-        let at = std::path::absolute(at).unwrap_or_else(|_| at.to_owned());
-        let is_folder = at.is_dir() && !matches!(seeks, Seeks::NewFolder | Seeks::EmptyFolder);
-        let there = |folder: &Path| folder.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
-        let parent = if is_folder { Some(at.as_path()) } else { at.parent() };
-        let folder = parent.and_then(there).or_else(std::env::home_dir).unwrap_or_default();
-        let file = at.file_name().filter(|_| !is_folder && seeks.is_new());
-        let name = file.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let title = title.to_owned();
-        let (listed, listing, replaces, told) = (None, None, None, None);
-        let about = About::default();
-        let places = std::env::home_dir().map(|home| ("Home", home)).into_iter().collect();
+    pub fn new(title: &str, seeks: Seeks, begin: Begin) -> Self {
         Self {
-            title,
+            title: title.to_owned(),
             seeks,
-            folder,
-            name,
+            folder: begin.folders.first().cloned().unwrap_or_default(),
+            name: if seeks.is_new() { begin.name.clone() } else { String::new() },
             is_typed: false,
-            listed,
-            about,
-            listing,
-            replaces,
-            told,
+            listed: None,
+            about: About::default(),
+            listing: None,
+            begin: Some(begin),
+            begins: None,
+            entering: None,
+            makes: None,
+            replaces: None,
+            told: None,
             wants_keys: true,
-            places,
+            places: std::env::home_dir().map(|home| ("Home", home)).into_iter().collect(),
         }
     }
 
-    /// Offers another folder to begin in, if it is there.
-    pub fn with(mut self, called: &'static str, folder: &Path) -> Self {
-        if let Some(folder) = folder.canonicalize().ok().filter(|folder| folder.is_dir()) {
-            self.places.push((called, folder));
+    /// Finds where it begins.
+    fn begin(&mut self, ctx: &egui::Context) {
+        if let Some(begin) = self.begin.take() {
+            let wake = ctx.clone();
+            match Errand::begin("chooser", move || wake.request_repaint(), move || begin.found()) {
+                Ok(begins) => self.begins = Some(begins),
+                Err(error) => self.told = Some(reason(&error)),
+            }
         }
-        self
+        if let Some(begun) = self.begins.as_ref().and_then(Errand::take) {
+            self.begins = None;
+            match begun {
+                Ok(Begun { folder, places }) => {
+                    self.folder = folder;
+                    self.places.extend(places);
+                }
+                Err(why) => self.told = Some(why),
+            }
+        }
     }
 
     /// Shows another folder. The name of a new file stays.
@@ -105,12 +103,7 @@ impl Chooser {
         let name = Path::new(&self.name).file_name().filter(|_| is_kept);
         self.name = name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         (self.folder, self.is_typed, self.told, self.wants_keys) = (folder, false, None, true);
-    }
-
-    /// Shows a folder that was named.
-    fn go_into(&mut self, folder: PathBuf) {
-        self.name.clear();
-        self.go(folder);
+        (self.begins, self.makes) = (None, None);
     }
 
     /// What a name or a path means that was typed.
@@ -139,50 +132,50 @@ impl Chooser {
     /// Lists the folder that is shown, if that has not been begun, and takes what was listed.
     fn list(&mut self, ctx: &egui::Context) {
         let (folder, _) = self.looks_in();
-        if let Some(listing) = self.listing.as_ref().and_then(|(_, listing)| listing.try_recv().ok()) {
-            (self.listed, self.listing) = (Some(listing), None);
+        if let Some(listing) = self.listing.as_ref().and_then(|(_, listing)| listing.take()) {
+            let (of, _) = self.listing.take().unzip();
+            self.listed = Some(listing.unwrap_or_else(|why| Listing::failed(of.unwrap_or_default(), why)));
         }
         let is_listed = self.listed.as_ref().is_some_and(|listing| listing.folder == folder);
-        if is_listed || self.listing.as_ref().is_some_and(|(listing, _)| *listing == folder) {
+        let is_begun = self.begins.is_none() || self.is_typed;
+        if is_listed || !is_begun || self.listing.as_ref().is_some_and(|(listing, _)| *listing == folder) {
             return;
         }
-        let (send, receive) = channel();
         let (wanted, seeks, wake) = (folder.clone(), self.seeks, ctx.clone());
-        let begun = std::thread::Builder::new().name("chooser".to_owned()).spawn(move || {
-            // The dialog may be closed.
-            let _ = send.send(Listing::of(wanted, seeks));
-            wake.request_repaint();
-        });
-        match begun {
-            Ok(_) => self.listing = Some((folder, receive)),
-            Err(error) => {
-                self.listed = Some(Listing { folder, is_recording: false, entries: Err(reason(&error)) });
-            }
+        // The dialog may be closed before it is over.
+        match Errand::begin("chooser", move || wake.request_repaint(), move || Listing::of(wanted, seeks)) {
+            Ok(listing) => self.listing = Some((folder, listing)),
+            Err(error) => self.listed = Some(Listing::failed(folder, reason(&error))),
         }
     }
 
     pub fn show(&mut self, ctx: &egui::Context) -> Option<Chosen> {
+        self.begin(ctx);
         self.list(ctx);
-        let mut chosen = None;
+        let mut chosen = self.asked(ctx);
+        let makes = self.makes.is_some();
         let title = self.title.clone();
         let modal = dialogs::modal(ctx, "chooser", &title, |ui| {
             ui.set_width(620.0_f32.min(ctx.content_rect().width() - 48.0));
             ui.heading(&self.title);
             ui.add_space(6.0);
-            if let Some(path) = self.replaces.clone() {
-                chosen = self.asks(ui, &path);
+            if let Some((path, there)) = self.replaces.clone() {
+                chosen = self.asks(ui, &path, &there).or(chosen.take());
                 return;
             }
             self.way(ui);
+            self.makes(ui);
             ui.separator();
-            chosen = self.entries(ui);
+            self.entries(ui);
             ui.separator();
-            if chosen.is_none() {
-                chosen = self.foot(ui);
+            if self.foot(ui) && chosen.is_none() {
+                chosen = Some(Chosen::Nothing);
             }
         });
         if modal.should_close() && chosen.is_none() {
-            chosen = Some(Chosen::Nothing);
+            // Esc leaves what was begun in it first.
+            (self.makes, self.wants_keys) = (None, true);
+            chosen = (!makes).then_some(Chosen::Nothing);
         }
         chosen
     }
@@ -207,6 +200,12 @@ impl Chooser {
                     to = Some(folder.clone());
                 }
             }
+            if self.seeks.is_new() {
+                ui.separator();
+                if ui.small_button("New folder…").clicked() {
+                    self.makes = Some(Making::default());
+                }
+            }
         });
         if let Some(folder) = to {
             self.go(folder);
@@ -214,7 +213,7 @@ impl Chooser {
     }
 
     /// The list, as high as whole rows are.
-    fn entries(&mut self, ui: &mut Ui) -> Option<Chosen> {
+    fn entries(&mut self, ui: &mut Ui) {
         let text = ui.text_style_height(&egui::TextStyle::Button) + 2.0 * ui.spacing().button_padding.y;
         let (row, gap) = (text.max(ui.spacing().interact_size.y), ui.spacing().item_spacing.y);
         let most = (ui.ctx().content_rect().height() - 260.0).clamp(120.0, 320.0);
@@ -233,32 +232,30 @@ impl Chooser {
                     _ => "Listing…".to_owned(),
                 };
                 area.show(ui, |ui| ui.weak(text));
-                return None;
+                return;
             }
         };
         if entries.is_empty() {
             let text = if part.is_empty() { "Nothing here that can be opened" } else { "Nothing here is called that" };
             let text = if self.seeks.is_new() { "Nothing is here yet" } else { text };
             area.show(ui, |ui| ui.weak(text));
-            return None;
+            return;
         }
-        let mut chosen = None;
         area.show_rows(ui, row, entries.len(), |ui, rows| {
-            for entry in &entries[rows] {
-                chosen = self.entry(ui, &folder, entry).or(chosen.take());
-            }
+            entries[rows].iter().for_each(|entry| self.entry(ui, &folder, entry));
         });
-        chosen
     }
 
-    fn entry(&mut self, ui: &mut Ui, folder: &Path, entry: &Entry) -> Option<Chosen> {
+    fn entry(&mut self, ui: &mut Ui, folder: &Path, entry: &Entry) {
         let sign = if entry.is_recording { "   recording" } else { "" };
         let slash = if entry.is_folder { "/" } else { "" };
         let response = ui.selectable_label(self.name == entry.name, format!("{}{slash}{sign}", entry.name));
         let path = folder.join(&entry.name);
         match () {
             () if entry.is_folder && response.clicked() && !entry.is_recording => self.go(path),
-            () if response.double_clicked() => return self.take(path),
+            () if response.double_clicked() => {
+                self.enter_path(ui.ctx(), path);
+            }
             () if response.clicked() => {
                 // The list stays as it is: a second click means the same entry.
                 (self.folder, self.told, self.wants_keys) = (folder.to_owned(), None, true);
@@ -266,13 +263,15 @@ impl Chooser {
             }
             () => {}
         }
-        None
     }
 
-    fn foot(&mut self, ui: &mut Ui) -> Option<Chosen> {
-        let mut chosen = None;
+    /// Whether it is left.
+    fn foot(&mut self, ui: &mut Ui) -> bool {
+        let mut is_left = false;
         let recording = self.recording();
+        let is_slow = self.entering.as_ref().is_some_and(Entering::is_slow);
         match (&self.told, &recording) {
+            _ if is_slow => _ = ui.weak("The disk is being asked…"),
             (Some(told), _) => _ = ui.label(told),
             (None, Some(path)) => {
                 let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -305,16 +304,14 @@ impl Chooser {
                 () if recording.is_some() => "Open recording",
                 () => "Open",
             };
-            if (ui.button(does).clicked() || entered) && chosen.is_none() {
-                chosen = self.enter();
-                self.wants_keys = chosen.is_none();
+            if ui.button(does).clicked() || entered {
+                self.enter(ui.ctx());
+                self.wants_keys = true;
                 ui.ctx().request_repaint();
             }
-            if ui.button("Cancel").clicked() {
-                chosen = Some(Chosen::Nothing);
-            }
+            is_left = ui.button("Cancel").clicked();
         });
-        chosen
+        is_left
     }
 
     /// The recording that would be opened.
@@ -325,79 +322,13 @@ impl Chooser {
         self.listed.as_ref().filter(|listing| listing.folder == folder)?.recording(&name)
     }
 
-    /// What is typed, or the only thing that is left of the list by it.
-    fn enter(&mut self) -> Option<Chosen> {
-        let typed = self.name.trim().to_owned();
-        if typed.is_empty() {
-            match self.seeks {
-                Seeks::NewFolder | Seeks::EmptyFolder => return self.take(self.folder.clone()),
-                Seeks::Recording if Recording::is_at(&self.folder) => return self.take(self.folder.clone()),
-                Seeks::Recording => {
-                    self.told = Some("There is no recording in this folder: go to one that is marked".to_owned());
-                }
-                _ => self.told = Some("Choose a file, or type its name".to_owned()),
-            }
-            return None;
-        }
-        let path = self.meant(&typed);
-        if path.exists() || self.seeks.is_new() {
-            return self.take(path);
-        }
-        let (folder, part) = self.looks_in();
-        let part = if self.is_typed { part } else { typed.to_lowercase() };
-        let listed = self.listed.iter().filter(|listing| listing.folder == folder);
-        let entries = listed.flat_map(|listing| listing.entries.iter().flatten());
-        let mut like = entries.filter(|entry| entry.name.to_lowercase().contains(&part));
-        match (like.next().map(|entry| folder.join(&entry.name)), like.next()) {
-            (Some(only), None) => self.take(only),
-            _ => {
-                self.told = Some(format!("There is no {}", path.display()));
-                None
-            }
-        }
-    }
-
-    fn take(&mut self, path: PathBuf) -> Option<Chosen> {
-        match self.seeks {
-            Seeks::Recording if path.is_dir() && !Recording::is_at(&path) => self.go_into(path),
-            Seeks::File(_) | Seeks::NewFile(_) | Seeks::NewSeries(_) if path.is_dir() => self.go_into(path),
-            Seeks::File(_) | Seeks::Recording => return Some(Chosen::free(path)),
-            Seeks::NewFile(endings) | Seeks::NewSeries(endings) => {
-                let path = match path.extension() {
-                    Some(_) => path,
-                    None => path.with_extension(endings.first().unwrap_or(&"")),
-                };
-                let is_there = match self.seeks {
-                    Seeks::NewSeries(_) => !series_there(&path).is_empty(),
-                    _ => path.exists(),
-                };
-                if !is_there {
-                    return Some(Chosen::free(path));
-                }
-                self.replaces = Some(path);
-            }
-            Seeks::NewFolder | Seeks::EmptyFolder => {
-                if !std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
-                    return Some(Chosen::free(path));
-                }
-                if self.seeks == Seeks::EmptyFolder {
-                    self.told = Some(format!("There are files in {}: name a new folder", path.display()));
-                    return None;
-                }
-                self.replaces = Some(path);
-            }
-        }
-        None
-    }
-
-    fn asks(&mut self, ui: &mut Ui, path: &Path) -> Option<Chosen> {
+    fn asks(&mut self, ui: &mut Ui, path: &Path, there: &[PathBuf]) -> Option<Chosen> {
         let (text, does) = match self.seeks {
             Seeks::NewFolder => (
                 format!("There are files in {}. Those of the same names are replaced, no others.", path.display()),
                 "Write there",
             ),
             Seeks::NewSeries(_) => {
-                let there = series_there(path);
                 let first = there.first().unwrap_or(&self.folder).display();
                 let are = match there.len() {
                     0 | 1 => "is".to_owned(),
@@ -422,55 +353,5 @@ impl Chooser {
             }
         });
         chosen
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_typed_is_a_name_a_path_or_a_part() {
-        let temp = tempfile::tempdir().unwrap();
-        std::fs::create_dir(temp.path().join("in")).unwrap();
-        for file in ["mine.toml", "other.toml"] {
-            std::fs::write(temp.path().join(file), "").unwrap();
-        }
-        let endings: &[&str] = &["toml"];
-        let mut open = Chooser::new("Open", Seeks::File(endings), temp.path());
-        let mut type_in = |text: &str| {
-            (open.name, open.is_typed) = (text.to_owned(), true);
-            let (folder, _) = open.looks_in();
-            open.listed = Some(Listing::of(folder, open.seeks));
-            (open.enter(), open.folder.clone())
-        };
-        let (here, within) = (temp.path().to_owned(), temp.path().join("in"));
-        let at = |name: &str| Some(Chosen::free(temp.path().join(name)));
-        let whole = |name: &str| temp.path().join(name).display().to_string();
-        assert_eq!(type_in("mine.toml"), (at("mine.toml"), here.clone()));
-        assert_eq!(type_in("oth").0, at("other.toml"));
-        assert_eq!(type_in(&whole("mine.toml")).0, at("mine.toml"));
-        assert_eq!(type_in(&whole("oth")).0, at("other.toml"), "a part of a name in another folder");
-        assert_eq!([type_in("nothing").0, type_in("toml").0, type_in("").0], [None, None, None]);
-        assert_eq!(type_in("in"), (None, within.clone()));
-        assert_eq!(type_in("../mine.toml").0, Some(Chosen::free(within.join("../mine.toml"))));
-        assert_eq!(type_in(&whole("")), (None, PathBuf::from(whole(""))));
-        assert!(open.told.is_none() && open.wants_keys && open.name.is_empty());
-        (open.name, open.is_typed) = ("nothing".to_owned(), true);
-        assert!(open.enter().is_none() && open.told.is_some());
-
-        let mut save = Chooser::new("Save", Seeks::NewFile(endings), &temp.path().join("mine.toml"));
-        assert_eq!(save.name, "mine.toml");
-        assert_eq!(save.enter(), None);
-        assert_eq!(save.replaces, Some(temp.path().join("mine.toml")), "it asks");
-        save.name = "new".to_owned();
-        assert_eq!(save.enter(), at("new.toml"));
-
-        // Of a series it is its own files that count, not the one that would be a single photograph.
-        let mut series = Chooser::new("Write", Seeks::NewSeries(&["jpg", "png"]), &temp.path().join("a.jpg"));
-        std::fs::write(temp.path().join("a.jpg"), "").unwrap();
-        assert_eq!(series.enter(), at("a.jpg"));
-        std::fs::write(temp.path().join("a-2.jpg"), "").unwrap();
-        assert_eq!((series.enter(), &series.replaces), (None, &Some(temp.path().join("a.jpg"))));
     }
 }

@@ -65,9 +65,9 @@ impl Habits {
         self.change(|kept| kept.theme = theme);
     }
 
-    /// The folder that was used last, if it is still there.
+    /// The folder that was used last. It may be gone.
     pub fn folder(&self, of: Use) -> Option<&Path> {
-        self.kept.folders.get(&of).map(PathBuf::as_path).filter(|folder| folder.is_dir())
+        self.kept.folders.get(&of).map(PathBuf::as_path)
     }
 
     /// Remembers the folder of a path that was chosen.
@@ -106,7 +106,7 @@ mod tests {
         other.used(Use::Scene, Path::new("/nowhere/at/all.toml"));
         let next = Habits::read(file.clone());
         assert_eq!((next.theme(), next.folder(Use::Output)), (ThemePreference::Light, Some(temp.path())));
-        assert_eq!(next.folder(Use::Scene), None, "it is gone");
+        assert_eq!(next.folder(Use::Scene), Some(Path::new("/nowhere/at")));
         std::fs::write(&file, "{\"theme\": \"pink\"}").unwrap();
         assert_eq!(Habits::read(file).theme(), ThemePreference::System);
     }

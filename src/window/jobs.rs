@@ -281,17 +281,34 @@ fn photographed(
     goes_on: &dyn Fn(f64) -> bool,
     note: &dyn Fn(String),
 ) -> Result<String, End> {
-    let mut said = Vec::new();
+    let (mut said, mut written) = (Vec::new(), Vec::new());
     let mut reached = 0.0;
-    wanted.take(shot.clone(), || opened(gpu), &mut |told| {
+    let done = wanted.take(shot.clone(), || opened(gpu), &mut |told| {
         match told {
             Told::Warning(text) => note(text),
             Told::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
-            Told::Written { settings, .. } => said.extend((!settings.is_empty()).then_some(settings)),
+            Told::Written { path, settings } => {
+                written.push(path);
+                said.extend((!settings.is_empty()).then_some(settings));
+            }
         }
         goes_on(reached)
-    })?;
-    Ok(said.join("; "))
+    });
+    match done.map_err(End::from) {
+        Ok(()) => Ok(said.join("; ")),
+        Err(End::Failed(why)) => Err(End::Failed(format!("{why}{}", stays(&written)))),
+        Err(cancelled) => Err(cancelled),
+    }
+}
+
+/// What is there of a series that has failed.
+fn stays(written: &[PathBuf]) -> String {
+    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    match written {
+        [] => String::new(),
+        [only] => format!(". {} is finished, and stays", name(only)),
+        [first, .., last] => format!(". {} to {} are finished, and stay", name(first), name(last)),
+    }
 }
 
 fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option<Gpu>) -> Result<String, End> {
@@ -308,6 +325,13 @@ fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_finished_of_a_series_is_told() {
+        let paths = |n: usize| (1..=n).map(|n| PathBuf::from(format!("/a/s-{n}.png"))).collect::<Vec<_>>();
+        let told = [0, 1, 3].map(|n| stays(&paths(n)));
+        assert_eq!(told, ["", ". s-1.png is finished, and stays", ". s-1.png to s-3.png are finished, and stay"]);
+    }
 
     #[test]
     fn the_rest_takes_as_long_as_what_is_done() {

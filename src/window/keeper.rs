@@ -5,7 +5,7 @@ mod choosing;
 mod files;
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use eframe::egui;
 
@@ -17,6 +17,7 @@ use super::errand::Errand;
 use super::habits::{Habits, Use};
 use super::jobs::{Jobs, State};
 use super::kind::Kind;
+use super::looking::Looking;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
 use super::project::{Project, SaveError, Written};
@@ -68,30 +69,14 @@ pub struct Turn {
     pub at: At,
 }
 
-/// How long after the start work is looked for that was left behind, and how often.
-const LOOKED_FOR: Duration = Duration::from_secs(30);
-const LOOKED_EVERY: Duration = Duration::from_secs(1);
-
-/// Work that was left is looked for.
-#[derive(Debug)]
-struct Look {
-    folder: PathBuf,
-    begun: Instant,
-    last: Option<Instant>,
-}
-
-impl Look {
-    fn is_due(&self, now: Instant) -> bool {
-        self.last.is_none_or(|last| now.duration_since(last) >= LOOKED_EVERY)
-    }
-}
-
 /// See above.
 #[derive(Debug, Default)]
 pub struct Keeper {
     autosave: Option<Autosave>,
     left: Vec<Left>,
-    look: Option<Look>,
+    /// Where work that was left is to be looked for.
+    look_in: Option<PathBuf>,
+    looking: Option<Looking>,
     recent: Recent,
     habits: Habits,
     watch: Option<Watch>,
@@ -146,7 +131,7 @@ impl Keeper {
             Ok(autosave) => self.autosave = Some(autosave),
             Err(error) => session.say(format!("Your work is not kept for a crash: {}: {error}", work.display())),
         }
-        self.look = Some(Look { folder: work, begun: Instant::now(), last: None });
+        self.look_in = Some(work);
         self.opened(session);
     }
 
@@ -249,11 +234,12 @@ impl Keeper {
             self.has_lost = true;
             return self.starts_again(ctx, session);
         }
-        if let Some(look) = self.look.take_if(|look| look.is_due(now)) {
-            self.left = Left::found(&look.folder);
-            // A window that was killed a moment ago may still be ending.
-            let ends = !self.left.is_empty() || now.duration_since(look.begun) > LOOKED_FOR;
-            self.look = (!ends).then_some(Look { last: Some(now), ..look });
+        if let Some(folder) = self.look_in.take() {
+            let wake = ctx.clone();
+            self.looking = Looking::begin(folder, move || wake.request_repaint()).ok();
+        }
+        if let Some(left) = self.looking.as_ref().and_then(Looking::take) {
+            (self.left, self.looking) = (left, None);
         }
         let project = &session.project;
         if let Some(autosave) = &mut self.autosave {

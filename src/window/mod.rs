@@ -7,7 +7,7 @@
 //!   A camera in a recording's place: `session/live`, with `camera` below the picture; `air` asks for it.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
 //!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
-//!   with its verdict. `plots`: how plots look.
+//!   with its verdict; `reasons`: what calibration says, in the window's words. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
 //! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
@@ -16,7 +16,7 @@
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
-//!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, in the folder of `state`); a new start where the
+//!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, `looking`, in the folder of `state`); a new start where the
 //!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
@@ -53,6 +53,7 @@ mod keys;
 mod kind;
 mod library;
 mod list;
+mod looking;
 mod loupe;
 mod maker;
 mod matching;
@@ -68,6 +69,7 @@ mod pointer;
 mod progress;
 mod project;
 mod reader;
+mod reasons;
 mod recent;
 mod restart;
 mod saving;

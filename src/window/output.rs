@@ -1,5 +1,6 @@
 //! What leaves the window: exports, photographs, snapshots, and the queue of them.
 
+use std::ffi::OsStr;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -47,6 +48,19 @@ pub enum Ask {
 }
 
 impl Ask {
+    /// What it is called, at the place that a person chose: of a series that is no file of its own.
+    pub fn name(&self, path: &Path) -> String {
+        match self {
+            Self::Photograph(wanted) if wanted.bracket.is_some() => {
+                let first = Wanted { output: path.to_owned(), ..(**wanted).clone() }.path_of("1");
+                let name = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+                let folder = first.parent().unwrap_or(Path::new("")).display();
+                format!("the series {} … in {folder}", name(first.file_name()))
+            }
+            _ => path.display().to_string(),
+        }
+    }
+
     /// What is done, at the place that a person chose. `force`: what is there may be replaced.
     pub fn task(self, path: PathBuf, force: bool) -> Task {
         match self {
@@ -227,11 +241,20 @@ pub fn proposed(ask: &Ask, recording: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::photo::Bracket;
 
     #[test]
     fn time_is_said_as_people_do() {
         let said = [0.2, 59.0, 60.0, 200.0, 7500.0].map(duration);
         assert_eq!(said, ["1 s", "59 s", "1 min 0 s", "3 min 20 s", "2 h 5 min"]);
+    }
+
+    #[test]
+    fn a_series_is_called_by_its_first_file() {
+        let wanted = |bracket| Ask::Photograph(Box::new(Wanted { bracket, ..Wanted::new(3, PathBuf::new()) }));
+        let path = Path::new("/cases/desk.png");
+        assert_eq!(wanted(Some(Bracket::Iso)).name(path), "the series desk-1.png … in /cases");
+        assert_eq!([wanted(None).name(path), Ask::Snapshot(3).name(path)], ["/cases/desk.png"; 2]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::actions::{self, Action};
 use super::air::Air;
 use super::app::App;
 use super::autosave::Left;
-use super::chooser::{Chooser, Chosen, Seeks};
+use super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::dialogs::{self, Answer};
 use super::errand::Errand;
 use super::fit;
@@ -18,6 +18,7 @@ use super::habits::{Habits, Use};
 use super::keeper::Turn;
 use super::keys;
 use super::kind::Kind;
+use super::looking::Looking;
 use super::opening::Opening;
 use super::painter;
 use super::recent::{Opened, Recent};
@@ -35,6 +36,7 @@ pub struct Start {
     recent: Recent,
     habits: Habits,
     left: Vec<Left>,
+    looking: Option<Looking>,
     chooser: Option<Chooser>,
     air: Option<Air>,
     opening: Option<Opening>,
@@ -56,12 +58,15 @@ impl Start {
         let read = |name: &str| folder.map(|folder| folder.join(name));
         let habits = read("habits.json").map_or_else(Habits::default, Habits::read);
         ctx.set_theme(habits.theme());
+        let wake = ctx.clone();
+        let looking = read("work").and_then(|work| Looking::begin(work, move || wake.request_repaint()).ok());
         Ok(Self {
             window,
             folder: folder.map(Path::to_owned),
             recent: read("recent.json").map_or_else(Recent::default, Recent::read),
             habits,
-            left: read("work").map_or_else(Vec::new, |work| Left::found(&work)),
+            left: Vec::new(),
+            looking,
             chooser: None,
             air: None,
             opening: None,
@@ -95,8 +100,8 @@ impl Start {
 
     fn chooses(&mut self) {
         let last = self.habits.folder(Use::Recording).map(Path::to_owned);
-        let folder = last.or_else(std::env::home_dir).unwrap_or_default();
-        self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, &folder));
+        let begin = Begin::within(last.into_iter().chain(std::env::home_dir()));
+        self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, begin));
     }
 
     /// One frame of the window. Gives what was opened.
@@ -155,6 +160,9 @@ impl Start {
             }
             return None;
         }
+        if let Some(left) = self.looking.as_ref().and_then(Looking::take) {
+            (self.left, self.looking) = (left, None);
+        }
         if let Some(left) = self.left.pop() {
             match dialogs::left(ctx, &left.work) {
                 Some(Answer::Yes) => self.begin(ctx, left.opened(), Some(left)),
@@ -208,7 +216,7 @@ impl eframe::App for Start {
         match App::begin(&ctx, self.window.clone(), turn.project, turn.camera) {
             Ok(mut app) => {
                 // What is left is the tuner's to offer from now on.
-                (self.left, self.recent) = (Vec::new(), Recent::default());
+                (self.left, self.looking, self.recent) = (Vec::new(), None, Recent::default());
                 if let Some(folder) = &self.folder {
                     app.keep_in(folder);
                 }

@@ -156,7 +156,7 @@ fn a_series_asks_for_its_own_files() {
     let had = b"what the user had".as_slice();
     until(&mut window, |_| std::fs::read(&there).is_ok_and(|bytes| bytes != had));
     // Cancelled, those that are finished stay.
-    press(&mut window, &format!("Cancel {}", temp.path().join("s.png").display()));
+    press(&mut window, &format!("Cancel the series s-1.png … in {}", temp.path().display()));
     until(&mut window, all_over);
     assert_eq!(window.state().keeper().jobs().unwrap().entries[0].state, State::Cancelled);
     assert!(picture(&there).len() > 64 && picture(&temp.path().join("s-1.png")).len() > 64);

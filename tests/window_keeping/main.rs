@@ -83,6 +83,13 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
     // It is known once its folder is listed.
     shows(window, button);
     window.get_by_label(button).click();
+    // The disk says what is there.
+    let begun = Instant::now();
+    while window.query_by_role_and_label(Role::TextInput, "File name").is_some() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "the dialog stays");
+        window.step();
+        std::thread::yield_now();
+    }
     window.run_steps(2);
 }
 

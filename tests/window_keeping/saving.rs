@@ -137,6 +137,59 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
 }
 
 #[test]
+fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
+    let temp = tempfile::tempdir().unwrap();
+    let (recording, elsewhere) = (temp.path().join("rec"), temp.path().join("elsewhere"));
+    program::copied(Path::new(DEMO), &recording);
+    std::fs::create_dir(&elsewhere).unwrap();
+    let project = Project::open(&recording, &OpenOptions::default(), &Given::default()).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    // Another scene was saved elsewhere before.
+    let state = temp.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    let habits = format!("{{\"folders\": {{\"scene\": {elsewhere:?}}}}}");
+    std::fs::write(state.join("habits.json"), habits).unwrap();
+    window.state_mut().keep_in(&state);
+    let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
+    let placed = PlacedModel { model, ..PlacedModel::default() };
+    window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    // What lies in the recording's folder.
+    shows(&mut window, "rgb/");
+    press(&mut window, "New folder…");
+    // Esc leaves that, and not the dialog.
+    window.key_press(Key::Escape);
+    window.run_steps(3);
+    assert!(has(&window, "New folder…") && !has(&window, "Make it"));
+    for name in ["rgb", "case 7"] {
+        press(&mut window, "New folder…");
+        window.event(egui::Event::Text(name.to_owned()));
+        window.run_steps(2);
+        window.key_press(Key::Enter);
+        // The one is there already.
+        match name {
+            "rgb" => {
+                shows(
+                    &mut window,
+                    &format!(
+                        "{} is not made: it is there already; choose another name",
+                        recording.join(name).display()
+                    ),
+                );
+                press(&mut window, "Leave it");
+            }
+            name => shows(&mut window, name),
+        }
+    }
+    shows(&mut window, "Nothing is here yet");
+    window.key_press(Key::Enter);
+    until(&mut window, |app| app.project().is_saved());
+    assert_eq!(window.state().project().scene, Some(recording.join("case 7/scene.toml")));
+    assert!(recording.join("case 7/scene.toml").is_file());
+}
+
+#[test]
 fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("cases/desk");

@@ -11,6 +11,7 @@ use super::super::hand::{Hand, Purpose, Question};
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
+use super::super::reasons;
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
 use crate::calibrate::{
@@ -224,7 +225,9 @@ impl Noise {
             if present.is_some() { "the present curve goes on, scaled to meet it" } else { "it stays as at the ends" };
         let text = format!("Measured from code {} to {}; beyond, {beyond}.", fixed(low, 0), fixed(high, 0));
         ui.label(RichText::new(text).small());
-        found.warnings.iter().for_each(|warning| parts::aside(ui, warning));
+        let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, Verdict::Good(_)));
+        let used: Vec<usize> = used.map(|(n, _)| n + 1).collect();
+        found.warnings.iter().for_each(|warning| parts::aside(ui, reasons::odd(warning, &used)));
         if let Some(over) = present.as_ref().and_then(|present| far_over(&found.points, present)) {
             let text = format!(
                 "These places show {} times the noise that the present profile has there. Texture, shadows and dirt count as noise \
@@ -271,7 +274,7 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Fo
     };
     let noise = match found.noise {
         Err(PickedError::NoneFit) => None,
-        noise => Some(noise.map_err(|error| error.to_string())),
+        noise => Some(noise.map_err(|error| reasons::of_places(&error))),
     };
     Found { verdicts: (0..of.places.len()).map(verdict).collect(), noise }
 }
@@ -294,7 +297,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec
         let pixels = &read.as_ref().unwrap_or(shown).pixels;
         for (place, picked) in places.iter_mut().zip(&of.places) {
             if of.motion == SceneMotion::Resting || picked.frame == *frame {
-                place.add(pixels).map_err(|error| error.to_string())?;
+                place.add(pixels).map_err(|error| reasons::of_places(&error))?;
             }
         }
         ticket.done((n + 1) as f64 / wanted.len() as f64);

@@ -62,6 +62,11 @@ impl Listing {
         Self { is_recording, entries: listed(&folder, seeks), folder }
     }
 
+    /// One that could not be read.
+    pub fn failed(folder: PathBuf, why: String) -> Self {
+        Self { folder, is_recording: false, entries: Err(why) }
+    }
+
     /// The recording that a name in it means; none: the folder itself.
     pub fn recording(&self, name: &str) -> Option<PathBuf> {
         if name.is_empty() {

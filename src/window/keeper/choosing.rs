@@ -6,7 +6,7 @@ use eframe::egui;
 
 use super::super::air::Air;
 use super::super::camera::Asked;
-use super::super::chooser::{Chooser, Chosen, Seeks};
+use super::super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::super::command;
 use super::super::jobs::Jobs;
 use super::super::project::Project;
@@ -20,8 +20,8 @@ impl Keeper {
         self.choose(project, Purpose::Open, "Open a recording", Seeks::Recording, None);
     }
 
-    /// Asks for a path, beginning at the file that is open for it, or in the folder that was used last, or beside the
-    /// recording; there with a name that is proposed.
+    /// Asks for a path, beginning at the file that is open for it; for a new scene or profile in the recording's folder; else
+    /// in the folder that was used last, or beside the recording; there with a name that is proposed.
     pub(super) fn choose(
         &mut self,
         project: &Project,
@@ -30,28 +30,41 @@ impl Keeper {
         seeks: Seeks,
         proposed: Option<&str>,
     ) {
+        // By their names: the disk is asked later, and not here.
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let is_called = |path: &Path, other: &str| whole(path) == whole(Path::new(other));
         let own = match purpose {
             Purpose::OpenProfile | Purpose::SaveProfile => project.profile.clone(),
-            Purpose::OpenScene | Purpose::SaveScene => project.scene.clone().filter(|scene| !saving::is_demo(scene)),
+            Purpose::OpenScene | Purpose::SaveScene => {
+                project.scene.clone().filter(|scene| !is_called(scene, saving::DEMO_SCENE))
+            }
             Purpose::Open | Purpose::Put(_) | Purpose::Record | Purpose::Keep => None,
         };
-        let recording = std::path::absolute(&project.shot().recording.path).unwrap_or_default();
-        let is_demo = saving::same(&recording, Path::new(saving::DEMO));
-        let beside = recording.parent().filter(|_| !is_demo).map(Path::to_owned);
+        let recording = whole(&project.shot().recording.path);
+        let parent = recording.parent().map(Path::to_owned);
+        // The demonstration's folder is the program's, and a camera has none.
+        let is_own =
+            !is_called(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_arriving();
+        let beside = parent.clone().filter(|_| is_own);
         let last = self.habits.folder(purpose.of()).map(Path::to_owned);
-        // What belongs to a recording lies beside it; the demonstration's folder is the program's.
-        let folder = match purpose {
-            Purpose::Open => beside.or(last).or_else(|| recording.parent().map(Path::to_owned)),
-            _ => last.or(beside).or_else(std::env::home_dir),
+        // What belongs to a recording lies in it or beside it.
+        let folders = match purpose {
+            Purpose::SaveScene | Purpose::SaveProfile if is_own => [Some(recording), parent, last],
+            Purpose::Open => [beside, last, parent],
+            _ => [last, beside, None],
         };
-        let folder = folder.unwrap_or_default();
-        let at = own.unwrap_or_else(|| proposed.map_or_else(|| folder.clone(), |name| folder.join(name)));
-        let chooser = Chooser::new(title, seeks, &at);
-        let chooser = match purpose {
-            Purpose::OpenProfile => chooser.with("Locard's profiles", Path::new(saving::PROFILES)),
-            _ => chooser,
+        let begin = match &own {
+            Some(own) => Begin::at(own),
+            None => Begin {
+                name: proposed.unwrap_or_default().to_owned(),
+                ..Begin::within(folders.into_iter().flatten().chain(std::env::home_dir()))
+            },
         };
-        self.chooser = Some((purpose, chooser));
+        let places = match purpose {
+            Purpose::OpenProfile => vec![("Locard's profiles", PathBuf::from(saving::PROFILES))],
+            _ => Vec::new(),
+        };
+        self.chooser = Some((purpose, Chooser::new(title, seeks, Begin { places, ..begin })));
     }
 
     /// Asks for a profile for what is open.
@@ -198,7 +211,7 @@ impl Keeper {
             Purpose::Record => session.record(path),
             Purpose::Keep => session.keep(ctx, path),
             Purpose::Put(ask) => {
-                let name = path.display().to_string();
+                let name = ask.name(&path);
                 if self.jobs.is_none() {
                     let wake = ctx.clone();
                     self.jobs = Jobs::new(move || wake.request_repaint()).ok();

@@ -1,0 +1,161 @@
+//! What calibration says, in the words of the window: there are no options here, and a scene is a place that was picked.
+
+use crate::calibrate::{CalibrateError, PickedError, Warning};
+use crate::words::{count, fixed, without_options};
+
+/// Why noise is not known.
+pub fn of_noise(error: &CalibrateError) -> String {
+    use CalibrateError as E;
+    match error {
+        E::NoFrames => "no frame could be read".to_owned(),
+        E::OneFrame { .. } => "noise at rest shows in the difference of frames: choose two or more".to_owned(),
+        E::TooManyFrames { .. } => "these are too many frames at once: choose fewer".to_owned(),
+        E::Size { expected, found } => format!("the frames differ in size: {found} beside {expected} px"),
+        E::Depth { expected, found } => format!("the frames differ in depth: {found} beside {expected} bits a channel"),
+        E::Empty => "the frame has no pixels".to_owned(),
+        E::TooLarge { found } => format!("a frame of {found} px is too large to be summed up: pick smaller places"),
+        E::Stopped => "it was ended before it was done".to_owned(),
+        E::Bins { .. } | E::MeansMixed | E::MeansCount { .. } => without_options(&error.to_string()),
+        E::TooFew { channel, needed, best } => {
+            format!("{} too few pixels of one brightness, in {}", samples(*best, *needed), named(channel))
+        }
+        E::Textured { channel, needed, best, .. } => {
+            let samples = samples(*best, *needed);
+            format!(
+                "texture is almost everywhere in this frame, above all in {}: {samples} plain pixels",
+                named(channel)
+            )
+        }
+        E::CameraMoves { percent, .. } => format!(
+            "the camera moves in these frames ({} % of what changes is one common motion): choose frames at rest, or measure \
+             each place in its own frame",
+            fixed(*percent, 0)
+        ),
+        E::SceneChanges { .. } | E::WrongMean { .. } => {
+            "too much moves or changes in these frames: choose frames at rest, or measure each place in its own frame"
+                .to_owned()
+        }
+        E::Read { path, reason } => format!("{}: {reason}", path.display()),
+        E::Picture(error) => without_options(&error.to_string()),
+        E::InFile { path, source } => format!("{}: {}", path.display(), of_noise(source)),
+    }
+}
+
+/// Why picked places give no noise.
+pub fn of_places(error: &PickedError) -> String {
+    match error {
+        PickedError::Calibrate(error) => of_noise(error),
+        other => other.to_string(),
+    }
+}
+
+/// What is odd about the noise of picked places. `used`: the numbers of those that count, from 1.
+pub fn odd(warning: &Warning, used: &[usize]) -> String {
+    use Warning as W;
+    // Each place is a scene of its own.
+    let place = |scene: &usize| match scene.checked_sub(1).and_then(|n| used.get(n)) {
+        Some(n) => format!("plain {n}: "),
+        None => String::new(),
+    };
+    match warning {
+        W::Unsteady { scene, percent, .. } => format!(
+            "{}the picture moves a little from frame to frame ({} % of what changes), and σ is too large: choose frames in \
+             which the camera stands still",
+            place(scene),
+            fixed(*percent, 0)
+        ),
+        W::Moving { scene, percent } => {
+            format!("{}{} % of it moves or drifts, and is left out", place(scene), fixed(*percent, 0))
+        }
+        W::Filtered { scene, percent } => format!(
+            "{}frames that follow each other are alike ({} % of the variance): the camera filters over time, or the light creeps",
+            place(scene),
+            fixed(*percent, 0)
+        ),
+        W::Flicker { scene, codes } => format!(
+            "{}its brightness varies by {} codes from frame to frame: flicker or automatic exposure counts as noise",
+            place(scene),
+            fixed(*codes, 2)
+        ),
+        W::Filled { channel, filled, bins, .. } => format!(
+            "{}: {filled} of {} had too few pixels, and follow their neighbours",
+            named(channel),
+            count(*bins, "intensity range")
+        ),
+        W::OffMean { channel, code, off } => {
+            format!(
+                "{}: at code {} the frames lie {} beside their mean",
+                named(channel),
+                fixed(*code, 0),
+                fixed(*off, 1)
+            )
+        }
+        W::NoCorrelation(of) => format!("how pixels hang together ({of}) is too quiet to be measured: taken is 0"),
+        W::LowCorrelation { of, found, written } => format!(
+            "how pixels hang together ({of}) is {}, less than noise can be: taken is {written}; does the camera sharpen?",
+            fixed(*found, 2)
+        ),
+        W::Texture => "the intervals are those of chance: texture that is everywhere counts as noise".to_owned(),
+        W::Jpeg => "the frames are JPEG, which has changed their noise".to_owned(),
+    }
+}
+
+/// A channel as the buttons call it.
+fn named(channel: &str) -> &str {
+    match channel {
+        "R" => "red",
+        "G" => "green",
+        "B" => "blue",
+        other => other,
+    }
+}
+
+/// How many independent samples there are, and how many are needed.
+fn samples(best: f64, needed: f64) -> String {
+    format!("{} of the {} that are needed:", fixed(best, 0), fixed(needed, 0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_speaks_of_options_or_scenes() {
+        let (channel, path) = ("G", std::path::PathBuf::from("/r/frame.png"));
+        let textured = || CalibrateError::Textured { channel, needed: 300.0, best: 41.6, frames: 1 };
+        let errors = [
+            CalibrateError::NoFrames,
+            CalibrateError::OneFrame { scene: 2 },
+            CalibrateError::TooManyFrames { scene: 2 },
+            CalibrateError::TooFew { channel, needed: 300.0, best: 12.0 },
+            textured(),
+            CalibrateError::CameraMoves { scene: 2, percent: 61.0 },
+            CalibrateError::SceneChanges { scene: 2, percent: 61.0 },
+            CalibrateError::WrongMean { scene: 2, percent: 61.0 },
+            CalibrateError::TooLarge { found: "9x9".to_owned() },
+            CalibrateError::InFile { path, source: Box::new(CalibrateError::OneFrame { scene: 1 }) },
+        ];
+        let warnings = [
+            Warning::Unsteady { scene: 2, percent: 3.0, known_mean: true },
+            Warning::Moving { scene: 2, percent: 3.0 },
+            Warning::Filtered { scene: 2, percent: 3.0 },
+            Warning::Flicker { scene: 2, codes: 0.5 },
+            Warning::Filled { channel, needed: 300.0, filled: 3, bins: 16 },
+            Warning::OffMean { channel, code: 10.0, off: 2.0 },
+            Warning::NoCorrelation("to the right"),
+            Warning::LowCorrelation { of: "below", found: -0.2, written: 0.0 },
+            Warning::Texture,
+            Warning::Jpeg,
+        ];
+        let told = errors.iter().map(of_noise).chain(warnings.iter().map(|warning| odd(warning, &[1, 4])));
+        for text in told {
+            let is_plain =
+                !["--", "scene", "given", "picture of the", " G", " bins"].iter().any(|odd| text.contains(odd));
+            assert!(is_plain, "{text}");
+        }
+        // The second place that counts is the fourth that was picked.
+        assert!(odd(&warnings[3], &[1, 4]).starts_with("plain 4: its brightness varies by 0.50 codes"));
+        let told = of_places(&PickedError::Calibrate(textured()));
+        assert!(told.contains("green") && told.contains("42 of the 300 that are needed"), "{told}");
+    }
+}
