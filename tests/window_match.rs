@@ -292,7 +292,8 @@ fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
     drag(&mut window, WALL);
     await_text(&mut window, "real: ");
     await_text(&mut window, "As it is seen there");
-    assert!(window.query_by_role_and_label(Role::Image, "Refused edge").is_some());
+    assert!(window.query_by_role_and_label(Role::Image, "Refused edges").is_some());
+    window.get_by_label("real: refused");
     // An edge again, and of red alone.
     window.get_by_label("Pick a real edge").click();
     window.run_steps(2);
@@ -302,6 +303,27 @@ fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
     let red = edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], Of::Channel(0)).unwrap();
     window.get_all_by_label("Red").last().unwrap().click();
     await_text(&mut window, &format!("real: σ {:.3} ", red.sigma_px));
+}
+
+#[test]
+fn a_refused_edge_is_plotted_beside_good_ones_and_each_has_its_name() {
+    let mut window = open();
+    window.get_by_label("Calibrate").click();
+    window.run_steps(2);
+    window.get_by_label("Pick edges").click();
+    window.run_steps(2);
+    for place in [WALL, EDGE, Rect { x0: EDGE.x0 + 2, ..EDGE }] {
+        drag(&mut window, place);
+    }
+    // The first is refused, and not the one that was picked last.
+    await_text(&mut window, "edge 1: refused");
+    for plot in ["Measured edges", "Refused edges"] {
+        assert!(window.query_by_role_and_label(Role::Image, plot).is_some(), "{plot}");
+    }
+    // In the list, and in the legend of the plot.
+    for (name, times) in [("edge 1", 1), ("edge 2", 2), ("edge 3", 2)] {
+        assert_eq!(window.query_all_by_label(name).count(), times, "{name}");
+    }
 }
 
 /// Until a button can be pressed.

@@ -259,16 +259,18 @@ impl Matching {
                 }
             });
         }
+        let mut out = Vec::new();
         for (found, (of, name)) in found.iter().zip([(Of::Real, "real"), (Of::Virtual, "virtual")]) {
             match found {
                 Some(Ok(edge)) => plots::legend(ui, &[(of, &format!("{name}: {}", width_of(edge)))]),
                 Some(Err(Refused { why, seen })) => {
                     ui.label(RichText::new(format!("{name}: {why}")).small());
-                    refused(ui, name, seen);
+                    out.push((name.to_owned(), of.color(ui), seen.clone()));
                 }
                 None => {}
             }
         }
+        refused(ui, out);
     }
 
     fn patch(&mut self, ui: &mut Ui, session: &Session, hand: &mut Hand) {
@@ -321,25 +323,31 @@ pub fn light(chosen: usize) -> sharpness::Of {
     chosen.checked_sub(1).map_or(sharpness::Of::Best, sharpness::Of::Channel)
 }
 
-/// How the light goes where an edge was refused.
-pub fn refused(ui: &mut Ui, name: &str, seen: &[[f64; 2]]) {
-    if seen.is_empty() {
+/// An edge that was refused: what it is called, its colour, and how the light goes there.
+pub type RefusedEdge = (String, egui::Color32, Vec<[f64; 2]>);
+
+/// How the light goes where edges were refused: dashed, apart from those that are measured.
+pub fn refused(ui: &mut Ui, edges: Vec<RefusedEdge>) {
+    let edges: Vec<RefusedEdge> = edges.into_iter().filter(|(.., seen)| !seen.is_empty()).collect();
+    if edges.is_empty() {
         return;
     }
-    let (color, seen) = (Of::Real.color(ui), seen.iter().map(|[d, light]| [*d, 100.0 * light]).collect());
     let axes = Axes {
-        name: "Refused edge",
+        name: "Refused edges",
         x: "distance from the middle, px",
         y: "% of full light",
         x_range: None,
         y_from: Some(0.0),
     };
-    ui.push_id(("refused", name), |ui| {
-        plots::show(ui, &axes, move |plot| plot.line(plots::line("as it is seen", seen, color)));
-        ui.label(
-            RichText::new("As it is seen there: one step between two level parts is what can be measured.").small(),
-        );
+    let names: Vec<_> = edges.iter().map(|(name, color, _)| (*color, format!("{name}: refused"))).collect();
+    plots::show(ui, &axes, move |plot| {
+        for (name, color, seen) in edges {
+            let seen = seen.iter().map(|[d, light]| [*d, 100.0 * light]).collect();
+            plot.line(plots::line(&name, seen, color).style(egui_plot::LineStyle::dashed_dense()));
+        }
     });
+    plots::legend_of(ui, &names.iter().map(|(color, name)| (*color, name.as_str())).collect::<Vec<_>>());
+    ui.label(RichText::new("As it is seen there: one step between two level parts is what can be measured.").small());
 }
 
 /// What was measured as dots, the fit as a line.

@@ -1,7 +1,7 @@
 //! How plots look: thin lines, axes with units, and one language of colours. What is real is grey, what is virtual has the
 //! accent.
 
-use eframe::egui::{self, Color32, Response, RichText, Ui, WidgetInfo};
+use eframe::egui::{self, Color32, Response, RichText, Ui, Visuals, WidgetInfo};
 use egui_plot::{AxisHints, GridInput, GridMark, Line, Plot, PlotPoints, PlotUi, Points};
 
 use crate::calibrate::NoisePoint;
@@ -23,6 +23,23 @@ impl Of {
             Self::Profile => ui.visuals().weak_text_color(),
         }
     }
+}
+
+/// Colours of things of one kind in one plot, on dark and on light; then they begin again.
+const TOLD_APART: [[[u8; 3]; 2]; 7] = [
+    [[86, 180, 233], [0, 100, 170]],
+    [[240, 160, 0], [165, 85, 0]],
+    [[50, 205, 150], [0, 115, 75]],
+    [[230, 130, 190], [165, 50, 125]],
+    [[240, 228, 66], [100, 110, 0]],
+    [[255, 115, 95], [195, 35, 15]],
+    [[175, 165, 255], [90, 70, 200]],
+];
+
+/// The colour of the one of that number.
+pub fn told_apart(n: usize, visuals: &Visuals) -> Color32 {
+    let [r, g, b] = TOLD_APART[n % TOLD_APART.len()][usize::from(!visuals.dark_mode)];
+    Color32::from_rgb(r, g, b)
 }
 
 const CHANNELS: [&str; 3] = ["Red", "Green", "Blue"];
@@ -130,10 +147,16 @@ pub fn noise_rings(plot: &mut PlotUi<'_>, name: &str, points: &[NoisePoint], col
 
 /// What the colours mean here, in a line below a plot.
 pub fn legend(ui: &mut Ui, entries: &[(Of, &str)]) {
+    let colored: Vec<_> = entries.iter().map(|(of, text)| (of.color(ui), *text)).collect();
+    legend_of(ui, &colored);
+}
+
+/// The same for colours of any kind.
+pub fn legend_of(ui: &mut Ui, entries: &[(Color32, &str)]) {
     ui.horizontal_wrapped(|ui| {
-        for (of, text) in entries {
+        for (color, text) in entries {
             let (rect, _) = ui.allocate_exact_size(egui::vec2(10.0, 12.0), egui::Sense::hover());
-            ui.painter().circle_filled(rect.center(), 3.0, of.color(ui));
+            ui.painter().circle_filled(rect.center(), 3.0, *color);
             ui.label(RichText::new(*text).small());
         }
     });
@@ -142,6 +165,24 @@ pub fn legend(ui: &mut Ui, entries: &[(Of, &str)]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Far apart by the differences of their codes, and from the ground by lightness.
+    #[test]
+    fn colours_can_be_told_apart_in_light_and_dark() {
+        let luma = |c: Color32| 0.3 * f64::from(c.r()) + 0.6 * f64::from(c.g()) + 0.1 * f64::from(c.b());
+        let apart = |a: Color32, b: Color32| {
+            let way = [a.r().abs_diff(b.r()), a.g().abs_diff(b.g()), a.b().abs_diff(b.b())];
+            way.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>().sqrt()
+        };
+        for visuals in [Visuals::dark(), Visuals::light()] {
+            let colors: Vec<Color32> = (0..TOLD_APART.len()).map(|n| told_apart(n, &visuals)).collect();
+            for (n, a) in colors.iter().enumerate() {
+                assert!((luma(*a) - luma(visuals.panel_fill)).abs() > 80.0, "{a:?}");
+                assert!(colors[..n].iter().all(|b| apart(*a, *b) > 60.0), "{a:?}");
+            }
+            assert_eq!(told_apart(colors.len(), &visuals), colors[0]);
+        }
+    }
 
     #[test]
     fn an_axis_has_more_than_its_zero() {

@@ -79,23 +79,29 @@ impl Sharpness {
             None => {}
         }
         progress::of(ui, "Sharpness", &self.measured);
-        // The one that was picked last: the person looks at it.
-        if let Some(Err(Refused { seen, .. })) = found.last() {
-            refused(ui, "last", seen);
-        }
+        let called = |n: usize| format!("edge {}", n + 1);
+        let out = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().err()?)));
+        let color = |n: usize| plots::told_apart(n, ui.visuals());
+        let out: Vec<_> = out.map(|(n, Refused { seen, .. })| (called(n), color(n), seen.clone())).collect();
         let good: Vec<_> = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
         for (n, (edge, moved)) in &good {
             for note in sharpness::notes(edge, *moved) {
-                parts::aside(ui, format!("edge {}: {note}", n + 1));
+                parts::aside(ui, format!("{}: {note}", called(*n)));
             }
         }
-        let good: Vec<SlantedEdge> = good.into_iter().map(|(_, (edge, _))| edge.clone()).collect();
+        let good: Vec<_> = good.into_iter().map(|(n, (edge, _))| (n, edge.clone())).collect();
         self.found(ui, session, good);
+        refused(ui, out);
     }
 
-    fn found(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<SlantedEdge>) {
-        let Some(all) = together(&good) else { return };
-        let color = Of::Real.color(ui);
+    /// The edges that count, with their numbers.
+    fn found(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<(usize, SlantedEdge)>) {
+        let edges: Vec<_> = good.iter().map(|(_, edge)| edge.clone()).collect();
+        let Some(all) = together(&edges) else { return };
+        // One alone is as in all other plots.
+        let color = |n: usize| if good.len() == 1 { Of::Real.color(ui) } else { plots::told_apart(n, ui.visuals()) };
+        let good: Vec<_> = good.iter().map(|(n, edge)| (color(*n), format!("edge {}", n + 1), edge.clone())).collect();
+        let names = good.iter().map(|(color, name, _)| (*color, name.clone())).collect::<Vec<_>>();
         let axes = Axes {
             name: "Measured edges",
             x: "distance, px",
@@ -103,7 +109,10 @@ impl Sharpness {
             x_range: Some([-3.0, 3.0]),
             y_from: Some(0.0),
         };
-        plots::show(ui, &axes, move |plot| good.iter().for_each(|edge| draw_edge(plot, "edge", edge, color)));
+        plots::show(ui, &axes, move |plot| {
+            good.iter().for_each(|(color, name, edge)| draw_edge(plot, name, edge, *color));
+        });
+        plots::legend_of(ui, &names.iter().map(|(color, name)| (*color, name.as_str())).collect::<Vec<_>>());
         let (table, name) = PARAMETER;
         let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
         let present = session.project.value(table, name);
