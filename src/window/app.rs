@@ -307,7 +307,9 @@ impl eframe::App for App {
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
         self.keep(&ctx);
-        self.session.make(&ctx);
+        if !self.keeper.holds_picture() {
+            self.session.make(&ctx);
+        }
         self.was_typing = ctx.egui_wants_keyboard_input();
     }
 }

@@ -1,8 +1,5 @@
 //! Work that is not saved yet, kept beside the user's files as soon as an edit is over: what a crash leaves is offered at the
 //! next start.
-//!
-//! Each window writes a file of its own, and holds a lock on another one beside it for as long as it lives. The system
-//! releases that lock however the program ends, so work whose lock is free was left behind.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -13,6 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
+use super::held::Place;
 use super::project::Edit;
 use super::recent::{At, Opened};
 use crate::live::LiveFrom;
@@ -81,51 +79,6 @@ fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// The two files of a window's work.
-#[derive(Debug)]
-struct Place {
-    work: PathBuf,
-    lock: PathBuf,
-    /// The lock is this open file's.
-    _held: File,
-}
-
-impl Place {
-    /// A place of its own in a folder.
-    fn make(folder: &Path) -> io::Result<Self> {
-        fs::create_dir_all(folder)?;
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
-        let name = format!("{since:x}-{}", std::process::id());
-        let lock = folder.join(format!("{name}.lock"));
-        let held = File::options().write(true).create_new(true).open(&lock)?;
-        held.try_lock()?;
-        Ok(Self { work: folder.join(format!("{name}.json")), lock, _held: held })
-    }
-
-    /// What somebody left there; `None` where a window still holds it.
-    fn left(work: PathBuf) -> Option<Self> {
-        let lock = work.with_extension("lock");
-        let held = File::options().write(true).create(true).truncate(false).open(&lock).ok()?;
-        held.try_lock().ok()?;
-        // Whoever had it may have removed it just now.
-        work.exists().then_some(Self { work, lock, _held: held })
-    }
-
-    fn remove(&self) {
-        let _ = fs::remove_file(&self.work);
-        // Cut off in the middle of being written.
-        let begins = self.work.file_stem().map(|name| format!(".{}.partial-", name.to_string_lossy()));
-        let entries = self.work.parent().and_then(|folder| fs::read_dir(folder).ok());
-        for entry in entries.into_iter().flatten().flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            if begins.as_ref().is_some_and(|begins| name.starts_with(begins)) {
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-        let _ = fs::remove_file(&self.lock);
-    }
-}
-
 /// Work that a window left behind, held so that no other window offers it too.
 #[derive(Debug)]
 pub struct Left {
@@ -138,12 +91,7 @@ impl Left {
     pub fn found(folder: &Path) -> Vec<Self> {
         remove_old_locks(folder);
         let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-        // One that was cut off while it was written has a hidden name.
-        let is_work = |path: &PathBuf| {
-            let hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
-            !hidden && path.extension().is_some_and(|e| e == "json")
-        };
-        let of_work = entries.filter(is_work);
+        let of_work = entries.filter(|path| is_work(path));
         let mut found: Vec<Self> = of_work
             .filter_map(|path| {
                 let place = Place::left(path)?;
@@ -177,6 +125,12 @@ impl Left {
     pub fn throw_away(self) {
         self.place.remove();
     }
+}
+
+/// Not what was cut off while it was written: that has a hidden name.
+fn is_work(path: &Path) -> bool {
+    let hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
+    !hidden && path.extension().is_some_and(|e| e == "json")
 }
 
 /// A window that ends with nothing to keep, but not in order, leaves its lock alone.

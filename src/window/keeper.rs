@@ -238,7 +238,7 @@ impl Keeper {
             let wake = ctx.clone();
             self.looking = Looking::begin(folder, move || wake.request_repaint()).ok();
         }
-        if let Some(left) = self.looking.as_ref().and_then(Looking::take) {
+        if let Some(left) = self.looking.as_mut().and_then(Looking::take) {
             (self.left, self.looking) = (left, None);
         }
         let project = &session.project;
@@ -336,6 +336,13 @@ impl Keeper {
     /// What was opened is shown.
     pub fn turned(&mut self, session: &Session) {
         self.opened(session);
+    }
+
+    /// Whether the picture can wait: it keeps the graphics device busy at first, and what is asked of work that was left would
+    /// stand behind it. Once that is taken up, the picture is another one.
+    pub fn holds_picture(&self) -> bool {
+        let takes_up = self.opening.as_ref().is_some_and(Opening::takes_up);
+        !self.left.is_empty() || takes_up || matches!(self.then, Some(Then::Open(_, Some(_))))
     }
 
     /// Whether a dialog is open that wants an answer.

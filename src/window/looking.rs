@@ -1,5 +1,5 @@
-//! Work that was left is looked for on a thread, and offered as soon as it can be had: a window that was killed a moment ago
-//! holds it until the system has cleared that away, which on a loaded machine takes seconds.
+//! Work that was left is looked for before the window is painted, and from then on by a thread: a window that was killed a
+//! moment ago holds it until the system has cleared that away, which on a loaded machine takes seconds.
 
 use std::io;
 use std::path::PathBuf;
@@ -18,33 +18,43 @@ const EVERY: Duration = Duration::from_millis(100);
 /// See above. It ends with the first that is found.
 #[derive(Debug)]
 pub struct Looking {
+    /// What was there at once.
+    there: Vec<Left>,
     found: Receiver<Vec<Left>>,
     ended: Arc<AtomicBool>,
 }
 
 impl Looking {
-    /// `wake` is called from the thread when there is something.
+    /// Looks at once, for the first picture of the window keeps the graphics device busy, and with it whatever is to be shown
+    /// after it. `wake` is called from the thread when there is something later.
     pub fn begin(folder: PathBuf, wake: impl FnOnce() + Send + 'static) -> io::Result<Self> {
         let ((tell, found), ended) = (channel(), Arc::new(AtomicBool::new(false)));
+        let there = Left::found(&folder);
+        if !there.is_empty() {
+            return Ok(Self { there, found, ended });
+        }
         let ends = Arc::clone(&ended);
         Builder::new().name("left work".to_owned()).spawn(move || {
             let begun = Instant::now();
             while !ends.load(Ordering::Acquire) && begun.elapsed() < FOR {
+                sleep(EVERY);
                 let left = Left::found(&folder);
                 if !left.is_empty() {
                     // If nobody wants it any more, it can be found again.
                     let _ = tell.send(left);
                     return wake();
                 }
-                sleep(EVERY);
             }
         })?;
-        Ok(Self { found, ended })
+        Ok(Self { there, found, ended })
     }
 
     /// What was found, the newest first.
-    pub fn take(&self) -> Option<Vec<Left>> {
-        self.found.try_recv().ok()
+    pub fn take(&mut self) -> Option<Vec<Left>> {
+        match self.there.is_empty() {
+            true => self.found.try_recv().ok(),
+            false => Some(std::mem::take(&mut self.there)),
+        }
     }
 }
 
@@ -74,11 +84,15 @@ mod tests {
         let held = std::fs::File::create(temp.path().join("1.lock")).unwrap();
         held.try_lock().unwrap();
         let (woken, wakes) = channel();
-        let looking = Looking::begin(temp.path().to_owned(), move || woken.send(()).unwrap()).unwrap();
+        let mut looking = Looking::begin(temp.path().to_owned(), move || woken.send(()).unwrap()).unwrap();
         assert!(wakes.recv_timeout(3 * EVERY).is_err() && looking.take().is_none());
         drop(held);
         wakes.recv_timeout(FOR).unwrap();
         let left = looking.take().unwrap();
         assert!(left.len() == 1 && *left[0].work == work);
+        // What nobody holds is there from the first frame of the window on.
+        drop(left);
+        let mut looking = Looking::begin(temp.path().to_owned(), || unreachable!()).unwrap();
+        assert!(looking.take().is_some_and(|left| left.len() == 1));
     }
 }

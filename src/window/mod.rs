@@ -16,7 +16,7 @@
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
-//!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, `looking`, in the folder of `state`); a new start where the
+//!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, `held`, `looking`, in the folder of `state`); a new start where the
 //!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
@@ -46,6 +46,7 @@ mod ground;
 mod habits;
 mod hand;
 mod handles;
+mod held;
 mod history;
 mod jobs;
 mod keeper;

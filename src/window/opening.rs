@@ -94,6 +94,11 @@ impl Opening {
         Ok(Self { is_again: true, ..Self::of(Opened::of(project), None, recording, wake)? })
     }
 
+    /// Whether work that was left goes into it.
+    pub fn takes_up(&self) -> bool {
+        self.left.is_some()
+    }
+
     pub fn what(&self) -> &Path {
         &self.opened.recording
     }

@@ -160,7 +160,7 @@ impl Start {
             }
             return None;
         }
-        if let Some(left) = self.looking.as_ref().and_then(Looking::take) {
+        if let Some(left) = self.looking.as_mut().and_then(Looking::take) {
             (self.left, self.looking) = (left, None);
         }
         if let Some(left) = self.left.pop() {

@@ -78,6 +78,31 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     assert!(Left::found(&temp.path().join("work")).is_empty());
 }
 
+#[test]
+fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
+    lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
+    leave(temp.path(), &lost, 12);
+    let (folder, project) = (temp.path().to_owned(), project(None, Some(Path::new(DEMO_SCENE))));
+    let builder = Harness::builder().with_size(egui::vec2(1280.0, 720.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(move |context| {
+        let mut app = App::new(context, project, None).unwrap();
+        app.keep_in(&folder);
+        app
+    });
+    // It is asked in the first frame, and nothing is drawn meanwhile.
+    assert!(has(&window, "Take it up"));
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(2) {
+        window.step();
+        assert!(window.state().viewer().composite().is_none());
+    }
+    press(&mut window, "Later");
+    settle(&mut window);
+    assert!(window.state().viewer().composite().is_some());
+}
+
 const KILLED: &str = "LOCARD_TEST_KILLED";
 
 /// Not a test: what the next one kills. It edits, keeps its work and saves, as fast as it can.

@@ -29,7 +29,7 @@ use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
 use locard::shot::{Given, Shot};
 use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, Project, State, Work, command_line};
-use worked::{codes, drop_file, has, settle, shown, shows, until, window};
+use worked::{Device, codes, drop_file, has, settle, shown, shows, until, window};
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };
