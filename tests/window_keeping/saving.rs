@@ -183,7 +183,17 @@ fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
         }
     }
     shows(&mut window, "Nothing is here yet");
-    window.key_press(Key::Enter);
+    // What is the recording's is not written over, whatever was agreed to.
+    let own = recording.join("recording.toml");
+    let before = std::fs::read_to_string(&own).unwrap();
+    choose(&mut window, &own);
+    press(&mut window, "Replace it");
+    until(&mut window, |app| {
+        app.problem().is_some_and(|problem| problem.contains("recording.toml: the file is no scene"))
+    });
+    assert_eq!(std::fs::read_to_string(&own).unwrap(), before);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    choose(&mut window, &recording.join("case 7/scene.toml"));
     until(&mut window, |app| app.project().is_saved());
     assert_eq!(window.state().project().scene, Some(recording.join("case 7/scene.toml")));
     assert!(recording.join("case 7/scene.toml").is_file());

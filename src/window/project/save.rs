@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::super::kind::Kind;
 use super::super::watch::{Stamp, stamp};
 use super::{Edit, Project, tables};
 use crate::compositor::Settings;
@@ -80,11 +81,20 @@ impl Draft {
                 let from = from.as_ref().filter(|from| !path.exists() && from.exists());
                 profile_text(recording, edit, from.unwrap_or(&path))?
             }
+            What::Scene { .. } if belongs_to_another(&path) => {
+                let reason = "the file is no scene, and is kept: choose another name".to_owned();
+                return Err(SaveError::Text { path, reason });
+            }
             What::Scene { text, .. } => text.clone(),
         };
         write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
         Ok(Written { stamp: stamp(&path), path, what })
     }
+}
+
+/// Whether a file that is there is no scene, but a profile or a recording's description.
+fn belongs_to_another(path: &Path) -> bool {
+    matches!(Kind::of(path), Kind::Recording | Kind::Profile) && scene::document::read(path).is_err()
 }
 
 /// What differs from the recording's own camera and from the profile's text is set in that text. Where the recording has no
