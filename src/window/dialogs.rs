@@ -18,10 +18,10 @@ pub enum Answer {
     Stay,
 }
 
-/// Nothing else can be done while it is open. To a screen reader it is a dialog of that name.
+/// Nothing else can be done while it is open. To a screen reader every modal is a dialog; it has that name.
 pub fn modal<T>(ctx: &Context, id: &str, name: &str, body: impl FnOnce(&mut Ui) -> T) -> ModalResponse<T> {
     let id = egui::Id::unique(id);
-    let area = Modal::default_area(id).role(Role::Dialog).accessible_name(name);
+    let area = Modal::default_area(id).accessible_name(name);
     Modal::new(id).area(area).show(ctx, body)
 }
 
