@@ -54,12 +54,45 @@ fn question(ctx: &Context, title: &str, answers: [&str; 3], body: impl FnOnce(&m
     given.or(left.then_some(Answer::Stay))
 }
 
+/// What ends or is lost if the window is closed, or something else is opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ending {
+    /// The window is closed, else something else is opened.
+    pub closes: bool,
+    /// There are changes that are not saved.
+    pub is_changed: bool,
+    /// Something is being exported.
+    pub is_busy: bool,
+    /// A camera is being recorded.
+    pub is_recording: bool,
+}
+
+impl Ending {
+    /// Whether nothing ends and nothing is lost.
+    pub fn is_harmless(&self) -> bool {
+        !(self.is_changed || self.is_recording || self.closes && self.is_busy)
+    }
+}
+
+const RECORDED: &str = "The camera is being recorded. The recording ends here, and is whole.";
+
 /// Before the window is closed, or something else is opened.
-pub fn before_it_is_lost(ctx: &Context, closes: bool, is_changed: bool, is_busy: bool) -> Option<Answer> {
+pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
+    let Ending { closes, is_changed, is_busy, is_recording } = ending;
+    let is_busy = closes && is_busy;
     if !is_changed {
-        let title = "Close while something is being exported?";
-        return question(ctx, title, ["", "Close and cancel it", "Stay"], |ui| {
-            ui.label("What is not finished is removed.");
+        let (title, answer) = match (is_recording, closes) {
+            (true, true) => ("Close while the camera is recorded?", "End the recording and close"),
+            (true, false) => ("Leave the camera while it is recorded?", "End the recording and go on"),
+            (false, _) => ("Close while something is being exported?", "Close and cancel it"),
+        };
+        return question(ctx, title, ["", answer, "Stay"], |ui| {
+            if is_recording {
+                ui.label(RECORDED);
+            }
+            if is_busy {
+                ui.label("What is being exported is cancelled, and what is not finished of it is removed.");
+            }
         });
     }
     let answers = match closes {
@@ -68,6 +101,9 @@ pub fn before_it_is_lost(ctx: &Context, closes: bool, is_changed: bool, is_busy:
     };
     question(ctx, "Save what you have changed?", answers, |ui| {
         ui.label("The changes since the last save are lost otherwise.");
+        if is_recording {
+            ui.label(RECORDED);
+        }
         if is_busy {
             ui.label("An export is running; it is cancelled when the window closes.");
         }

@@ -109,6 +109,8 @@ pub struct Keeper {
     shared: Vec<PathBuf>,
     /// Waits for an answer, or for what is being saved.
     then: Option<Then>,
+    /// The person who saves before it knows that the camera's recording ends.
+    ends_recording: bool,
     /// A recording that was not opened: a profile may be what it lacks.
     not_opened: Option<Opened>,
     may_close: bool,
@@ -191,9 +193,8 @@ impl Keeper {
 
     /// Whether a click on the window's cross has to be answered first.
     fn closes(&mut self, ctx: &egui::Context, session: &Session) {
-        let busy = self.jobs.as_ref().is_some_and(Jobs::is_busy);
         let closes = ctx.input(|i| i.viewport().close_requested());
-        if closes && !self.may_close && (busy || !session.project.is_saved()) {
+        if closes && !self.may_close && !self.ending(session, true).is_harmless() {
             ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
             self.then = Some(Then::Close);
         }

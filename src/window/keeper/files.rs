@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use eframe::egui;
 
 use super::super::autosave::Left;
-use super::super::dialogs::{self, Answer};
+use super::super::dialogs::{self, Answer, Ending};
 use super::super::errand::Errand;
 use super::super::jobs::Jobs;
 use super::super::kind::Kind;
@@ -198,18 +198,21 @@ impl Keeper {
 
     /// Does what waits, once nothing is lost by it.
     fn goes_on(&mut self, ctx: &egui::Context, session: &mut Session) {
-        let Some(then) = self.then.take() else { return };
-        let busy = matches!(then, Then::Close) && self.jobs.as_ref().is_some_and(Jobs::is_busy);
-        let answer = match (session.project.is_saved(), busy) {
-            (true, false) => Some(Answer::No),
-            (is_saved, busy) => dialogs::before_it_is_lost(ctx, matches!(then, Then::Close), !is_saved, busy),
+        let Some(then) = self.then.take() else {
+            self.ends_recording = false;
+            return;
+        };
+        let ending = self.ending(session, matches!(then, Then::Close));
+        let answer = match ending.is_harmless() {
+            true => Some(Answer::No),
+            false => dialogs::before_it_is_lost(ctx, ending),
         };
         match (answer, then) {
             (None, then) => self.then = Some(then),
             (Some(Answer::Stay), _) => {}
             (Some(Answer::Yes), then) => {
                 self.save();
-                self.then = Some(then);
+                (self.then, self.ends_recording) = (Some(then), true);
             }
             (Some(Answer::No), Then::Close) => {
                 self.may_close = true;
@@ -219,6 +222,16 @@ impl Keeper {
                 ctx.send_viewport_cmd(egui::ViewportCommand::Close);
             }
             (Some(Answer::No), Then::Open(opened, left)) => self.begin(ctx, session, *opened, left),
+        }
+    }
+
+    /// What ends, or is lost, if the window is closed or something else is opened.
+    pub(super) fn ending(&self, session: &Session, closes: bool) -> Ending {
+        Ending {
+            closes,
+            is_changed: !session.project.is_saved(),
+            is_busy: self.jobs.as_ref().is_some_and(Jobs::is_busy),
+            is_recording: session.is_recording() && !self.ends_recording,
         }
     }
 

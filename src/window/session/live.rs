@@ -141,6 +141,11 @@ impl Session {
         self.live.is_some() && !self.is_live()
     }
 
+    /// Whether the camera is being recorded, or its last frames are still to be written.
+    pub fn is_recording(&self) -> bool {
+        self.live.as_ref().is_some_and(|live| live.is_recording.is_some())
+    }
+
     /// The camera, if there is one.
     pub fn camera(&self) -> Option<&Live> {
         self.live.as_ref()
