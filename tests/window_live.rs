@@ -34,14 +34,18 @@ use worked::{Device, click_at, codes, drop_file, has, shown, shows, until};
 
 /// The window with a camera that plays the site's video, poses from the tags in it, and the marker beside the sheet.
 fn live_window(site: &Site, sets: &[&str]) -> Harness<'static, App> {
+    window_of(site, &site.endless(), sets)
+}
+
+fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let profile = Path::new(&site.path("camera.toml")).to_owned();
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
-    let (video, tags) = (site.endless(), format!("tags:{}", site.path("board.toml")));
-    let opened = live::open(&video, None, Wanted::default(), &tags, Some(&camera)).unwrap();
+    let tags = format!("tags:{}", site.path("board.toml"));
+    let opened = live::open(video, None, Wanted::default(), &tags, Some(&camera)).unwrap();
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()) };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
-    project.camera = Some(LiveFrom { camera: video, poses: tags });
+    project.camera = Some(LiveFrom::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
     until(&mut window, |app| app.viewer().composite().is_some());
@@ -141,4 +145,87 @@ fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
     let truth = (0..filmed::FRAMES).map(|i| filmed::place(i as f64 / filmed::FPS));
     let off_px = truth.map(|place| place.sees(&CAMERA, glam::DVec3::new(x, y, z)).distance(at_px));
     assert!(off_px.fold(f64::INFINITY, f64::min) < 1.0);
+}
+
+/// Asks the window to close.
+fn close(window: &mut Harness<'_, App>) {
+    let id = window.input().viewport_id;
+    window.input_mut().viewports.get_mut(&id).unwrap().events.push(egui::ViewportEvent::Close);
+    window.run_steps(2);
+}
+
+#[test]
+fn it_asks_before_a_recording_ends_with_its_camera() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    close(&mut window);
+    assert!(!has(&window, "Stay"), "nothing is recorded");
+    let folder = Path::new(&site.path("recorded")).to_owned();
+    window.state_mut().record(folder.clone());
+    shows(&mut window, "Stop");
+    close(&mut window);
+    assert!(has(&window, "End the recording and close"));
+    window.get_by_label("Stay").click();
+    window.run_steps(2);
+    assert!(has(&window, "Stop") && !has(&window, "Stay"));
+    // Another recording, with something to be saved: one question has both.
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
+    drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
+    shows(&mut window, "Go on without saving");
+    assert_eq!(window.query_all_by_label_contains("The camera is being recorded.").count(), 1);
+    window.get_by_label("Stay").click();
+    window.run_steps(2);
+    window.state_mut().project_mut().undo();
+    drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
+    shows(&mut window, "End the recording and go on");
+    window.get_by_label("End the recording and go on").click();
+    until(&mut window, |app| !app.project().shot().recording.is_arriving());
+    let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
+    assert!(recording.frame_count() > 0);
+}
+
+#[test]
+fn after_its_end_a_camera_can_be_frozen_again_and_again() {
+    let site = Site::new(&CAMERA);
+    let mut window = window_of(&site, &site.path("site.mkv"), &[]);
+    shows(&mut window, "the camera has ended");
+    let mut frozen = Vec::new();
+    for _ in 0..2 {
+        until(&mut window, App::is_settled);
+        window.key_press(Key::Space);
+        window.step();
+        until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+        let count = window.state().project().shot().recording.frame_count();
+        frozen.push((count, window.state().player().frame(), shown(&window)));
+        window.key_press(Key::C);
+        window.step();
+        until(&mut window, |app| app.project().shot().recording.is_arriving() && app.is_settled());
+        // The frame that came last is still there.
+        assert!(shown(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
+    }
+    assert!(frozen[0].0 > 4 && frozen[1] == frozen[0], "{} {}", frozen[0].0, frozen[1].0);
+}
+
+#[test]
+fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    window.get_by_label("Match").click();
+    shows(&mut window, "Brightness");
+    window.get_by_label("Brightness").click();
+    let waits = |window: &Harness<'_, App>| window.query_all_by_label_contains("No plot is drawn").count() == 1;
+    window.run_steps(3);
+    assert!(waits(&window));
+    window.key_press(Key::Space);
+    window.step();
+    until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+    let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
+    let begun = std::time::Instant::now();
+    while told(&window) == 0 {
+        assert!(begun.elapsed().as_secs() < 60 && !waits(&window));
+        window.step();
+    }
+    window.key_press(Key::C);
+    window.run_steps(3);
+    assert!(waits(&window) && told(&window) == 0);
 }

@@ -86,10 +86,16 @@ impl Matching {
         let mut wanted = Wanted::default();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
-            if session.player.playing {
+            if session.player.playing && !session.is_live() {
                 ui.weak("the plots wait while it plays");
             }
         });
+        if session.is_live() {
+            // What is known is of a frame that nobody sees any more.
+            self.analysis.clear();
+            self.brightness.clear();
+            ui.add(egui::Label::new(WAITS_FOR_FROZEN).wrap());
+        }
         ui.separator();
         progress::broken(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
@@ -276,7 +282,7 @@ impl Matching {
     fn patch(&mut self, ui: &mut Ui, session: &Session, hand: &mut Hand) {
         let hint = "Drag a rectangle: its mean brightness is followed through the frames";
         hand.button(ui, "Pick a patch", Question { purpose: Purpose::Patch, hint, least_px: 1, repeats: false });
-        let Some(patch) = self.patch else { return };
+        let Some(patch) = self.patch.filter(|_| !session.is_live()) else { return };
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.want(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
         let c = self.channel;
@@ -308,6 +314,10 @@ pub fn width_of(edge: &SlantedEdge) -> String {
     let rise = edge.rise_10_90_px.map_or(String::new(), |rise| format!("; 10-90 % in {} px", fixed(rise, 2)));
     format!("σ {} ± {} px{rise}", fixed(edge.sigma_px, 3), fixed(edge.uncertainty_px, 3))
 }
+
+/// In place of plots, while a camera is shown.
+const WAITS_FOR_FROZEN: &str = "No plot is drawn while the camera is shown: its picture is another one by the time it is \
+                                measured. Freeze it (Space), and plots are of the frozen picture.";
 
 /// What to do where a frame has no plain places.
 const NO_PLAIN_PLACE: &str = "This frame shows too little that is plain to tell the camera's noise. Go to a frame with a wall, a \

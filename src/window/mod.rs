@@ -4,7 +4,7 @@
 //! - `session`: a recording that is open. `player`: which frame is due. `maker` makes pictures on threads of its
 //!   own, of frames that `reader` decodes. `viewer`: the window's textures that it all goes into; `canvas` shows them,
 //!   `placed` where they lie on the screen. `painter` paints the window again where `changes` says.
-//!   A camera in a recording's place: `session/live`, with `camera` below the picture; `air` asks for it.
+//!   A camera in a recording's place: `session/live`, with `session/past`, and `camera` below the picture; `air` asks for it.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
 //!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
 //!   with its verdict; `reasons`: what calibration says, in the window's words. `plots`: how plots look.

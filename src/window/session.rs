@@ -1,6 +1,7 @@
 //! A recording that is open: what a person edits, where it stands, and its pictures as they are decoded and composited.
 
 mod live;
+mod past;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,7 +11,8 @@ use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
 use self::live::Live;
-pub use self::live::{PAST_S, Told};
+pub use self::live::Told;
+pub use self::past::PAST_S;
 use super::maker::{Finished, Made, Wants};
 use super::player::{Pace, Player};
 use super::project::Project;

@@ -1,7 +1,6 @@
 //! A camera in place of a recording. Its frames are shown as they come; frozen, its last seconds are a recording like any
 //! other, and the camera goes on behind it.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,25 +12,13 @@ use super::super::player::Player;
 use super::super::project::Project;
 use super::super::thumbnails::Thumbnails;
 use super::Session;
+use super::past::{Past, Shown};
 use crate::frame::Frame;
 use crate::live::{Feed, Opened, Status, Tracking, Writer};
 use crate::recording::recorder::Recorder;
 use crate::recording::{OpenOptions, Recording};
+use crate::tracking::PoseTrack;
 use crate::webcam::monotonic_s;
-
-/// A picture of the past, by the camera's clock, seconds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shown {
-    pub taken_s: f64,
-    /// From when it was taken until it was composited.
-    pub latency_s: f64,
-    pub tracking: Tracking,
-}
-
-/// How much of the past is told of, seconds.
-pub const PAST_S: f64 = 10.0;
-/// Figures are those of the last second.
-const LAST_S: f64 = 1.0;
 
 enum State {
     Showing,
@@ -40,18 +27,23 @@ enum State {
     Frozen,
 }
 
+/// The newest frame, with what it is composited with.
+struct Newest {
+    frame: Arc<Frame>,
+    tracking: Tracking,
+    track: PoseTrack,
+}
+
 /// A camera, and how far it is.
 pub struct Live {
     feed: Feed,
     state: State,
     /// What the project stands on while the camera is shown.
     arriving: Arc<Recording>,
-    frame: Option<Arc<Frame>>,
-    tracking: Tracking,
+    seen: Option<Newest>,
     /// The project's version that the feed follows.
     followed: Option<u64>,
-    /// The pictures of the last seconds that were shown.
-    past: VecDeque<Shown>,
+    past: Past,
     status: Status,
     /// Frames that nobody took, and those among them that nobody wanted: it was frozen.
     replaced: u64,
@@ -76,32 +68,22 @@ pub struct Told {
 impl Live {
     /// A picture was composited, which was taken at a time of the camera's clock.
     pub(super) fn shown(&mut self, taken_s: f64) {
-        let is_new = self.past.back().is_none_or(|last| last.taken_s < taken_s);
-        // What is changed beneath the pointer shows the same picture again.
-        if !is_new || !matches!(self.state, State::Showing) {
-            return;
+        if matches!(self.state, State::Showing) {
+            self.past.show(taken_s, monotonic_s());
         }
-        // Of the newest frame; with two under way it may be of the one before it.
-        let tracking = self.tracking;
-        self.past.push_back(Shown { taken_s, latency_s: monotonic_s() - taken_s, tracking });
-        self.past.retain(|shown| shown.taken_s > taken_s - PAST_S);
     }
 
     /// The pictures that were shown in the last seconds, and the time that it is now by their clock.
     pub fn past(&self) -> (impl Iterator<Item = &Shown>, f64) {
-        (self.past.iter(), monotonic_s())
+        (self.past.shown(), monotonic_s())
     }
 
     fn told(&self) -> Told {
-        let now_s = monotonic_s();
-        let last = self.past.iter().filter(|shown| shown.taken_s > now_s - LAST_S);
-        let mut latencies: Vec<f64> = last.map(|shown| shown.latency_s).collect();
-        latencies.sort_by(f64::total_cmp);
         Told {
             status: self.status.clone(),
-            tracking: self.tracking,
+            tracking: self.seen.as_ref().map_or(Tracking::Lost, |seen| seen.tracking),
             not_shown: self.replaced - self.unwanted,
-            latency_s: latencies.get(latencies.len() / 2).copied(),
+            latency_s: self.past.latency_s(monotonic_s()),
             is_freezing: matches!(self.state, State::Freezing(_)),
         }
     }
@@ -117,10 +99,9 @@ impl Session {
             feed,
             state: State::Showing,
             arriving: Arc::clone(&shot.recording),
-            frame: None,
-            tracking: Tracking::Lost,
+            seen: None,
             followed: None,
-            past: VecDeque::new(),
+            past: Past::default(),
             status: Status::default(),
             replaced: 0,
             unwanted: 0,
@@ -158,7 +139,7 @@ impl Session {
 
     /// The camera's newest frame, while it is shown.
     pub(super) fn arrived(&self) -> Option<Arc<Frame>> {
-        self.live.as_ref().filter(|_| self.is_live()).and_then(|live| live.frame.clone())
+        self.live.as_ref().filter(|_| self.is_live())?.seen.as_ref().map(|seen| Arc::clone(&seen.frame))
     }
 
     /// Takes what has come from the camera. Never waits.
@@ -180,11 +161,12 @@ impl Session {
             && self.viewer.under_way() < 2
             && let Some(seen) = live.feed.take()
         {
-            let frame = seen.arrived.frame;
-            self.project.arrive(frame.index, frame.timestamp_s, seen.track);
-            self.player.arrive(frame.index);
-            (live.tracking, live.frame) = (seen.arrived.tracking, Some(Arc::new(frame)));
+            let (frame, tracking) = (Arc::new(seen.arrived.frame), seen.arrived.tracking);
+            live.past.begin(frame.timestamp_s, tracking);
+            live.seen = Some(Newest { frame, tracking, track: seen.track });
+            self.show_newest();
         }
+        let Some(live) = &mut self.live else { return };
         let status = live.status.clone();
         if status.written != before.written
             && let (Some((frames, why)), Some(path)) = (&status.written, live.is_recording.take())
@@ -213,6 +195,13 @@ impl Session {
             Ok(path) => self.say(format!("Kept: {}", path.display())),
             Err(why) => self.wrong(format!("Not kept: {why}")),
         }
+    }
+
+    /// Stands on the frame that came last.
+    fn show_newest(&mut self) {
+        let Some(Newest { frame, track, .. }) = self.live.as_ref().and_then(|live| live.seen.as_ref()) else { return };
+        self.project.arrive(frame.index, frame.timestamp_s, track.clone());
+        self.player.arrive(frame.index);
     }
 
     /// The last seconds are a recording: it is shown.
@@ -249,8 +238,12 @@ impl Session {
     /// Has the camera's last seconds written into a new folder of `folder`, and shows them then.
     pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
         let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, State::Showing)) else { return };
-        let Some(until_s) = live.frame.as_ref().map(|frame| frame.timestamp_s) else { return };
+        let Some(until_s) = live.seen.as_ref().map(|seen| seen.frame.timestamp_s) else { return };
         let (latest, mut about) = (live.feed.latest(until_s), live.feed.about.clone());
+        // The camera is shown again, and what it shows by now has not come yet.
+        if latest.frames() == 0 {
+            return;
+        }
         let name = live.arriving.name.clone();
         let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(), ctx.clone());
         let begun = Errand::begin(
@@ -312,9 +305,11 @@ impl Session {
             return;
         }
         let Some(live) = &mut self.live else { return };
-        (live.state, live.followed, live.frame) = (State::Showing, None, None);
+        (live.state, live.followed) = (State::Showing, None);
         let arriving = Arc::clone(&live.arriving);
         self.stand_on(ctx, arriving);
+        // A camera that has ended gives no other one.
+        self.show_newest();
     }
 
     /// Records what comes from now on into a new folder.
