@@ -209,10 +209,11 @@ fn after_its_end_a_camera_can_be_frozen_again_and_again() {
 #[test]
 fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
     let site = Site::new(&CAMERA);
+    let noise = "[camera.noise]\nchannel_correlation = [0.5, 0.5, 0.5]\nneighbour_correlation = [0.5, 0.5]\n\
+                 code = [0.0, 255.0]\nsigma_r = [1.0, 1.0]\nsigma_g = [1.0, 1.0]\nsigma_b = [1.0, 1.0]\n";
+    std::fs::write(site.path("camera.toml"), CAMERA.profile() + noise).unwrap();
     let mut window = live_window(&site, &[]);
     window.get_by_label("Match").click();
-    shows(&mut window, "Brightness");
-    window.get_by_label("Brightness").click();
     let waits = |window: &Harness<'_, App>| window.query_all_by_label_contains("No plot is drawn").count() == 1;
     window.run_steps(3);
     assert!(waits(&window));

@@ -98,11 +98,7 @@ fn lens(lens: &LensState, last: Option<&Tracked>) -> String {
 }
 
 fn drops(out: &mut impl Write, report: &Report) -> Result<()> {
-    let known = [(report.lost, "lost on the way"), (report.incomplete, "with pieces missing")];
-    let aside = report.aside.iter().map(|(why, number)| (*number, why.to_string()));
-    let all = known.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
-    let told: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
-    writeln!(out, "drops      {}", if told.is_empty() { "none".to_owned() } else { told.join(", ") })?;
+    writeln!(out, "drops      {}", report.drops())?;
     if report.jumps > 0 {
         writeln!(out, "odd        its clock jumped {}", count(report.jumps as usize, "time"))?;
     }

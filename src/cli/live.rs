@@ -11,7 +11,7 @@ use super::which::Which;
 use super::{is_closed_stdout, say, warn};
 use crate::compositor::Composited;
 use crate::gpu::Gpu;
-use crate::live::{Came, Live, Next, PoseTaken, Tracking, Writer};
+use crate::live::{Came, Live, Next, Tracking, Writer};
 use crate::recording::recorder::Recorder;
 use crate::shot::{Given, Shot};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
@@ -198,11 +198,7 @@ fn follow(
                 Next::Ended => ended = true,
             }
         }
-        for (time_s, pose) in watching.new_poses(last_s)? {
-            if live.pose(time_s, &pose) == PoseTaken::Added {
-                watching.covariance(time_s).into_iter().for_each(|covariance| live.covariance(covariance));
-            }
-        }
+        watching.give_poses(|watched| live.take_poses(watched, last_s))?;
         while let Some(submitted) = live.submit(monotonic_s())? {
             let shown = live.collect(submitted)?;
             let now_s = monotonic_s();

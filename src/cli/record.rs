@@ -1,16 +1,15 @@
 //! `locard record`.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 
 use super::warn;
 use super::watching::{Agreed, CameraArgs};
-use crate::live::{Next, Writer, encoded};
+use crate::live::{Came, Intake, Next, Writer};
 use crate::recording::recorder::Recorder;
-use crate::tracking::tum::Line;
+use crate::webcam::monotonic_s;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -24,54 +23,47 @@ pub struct Args {
     output: PathBuf,
 }
 
+/// So long a frame waits for its poses, seconds: nobody looks, and poses of a network are rarely later. With the half
+/// second for which lines are held, a power cut costs less than a second.
+const PATIENCE_S: f64 = 0.2;
+
 pub fn run(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     let about = agreed.about(args.profile.as_deref())?;
     let writer = Writer::new(Recorder::create(&args.output, &about)?)?;
+    // Up to the next frame's pose, which even poses from tags have to be waited for: what lies between is not predicted then.
+    let interval_s = about.interval_s;
+    let mut intake = Intake::new(about.max_gap_s, PATIENCE_S.max(1.5 * interval_s), Some(writer));
     let mut watching = agreed.start()?;
-    let (mut frames, mut not_recorded, mut poses, mut late) = (0, 0, 0, 0);
-    let (mut frame_s, mut pose_s) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-    let mut failure = None;
-    while failure.is_none() && watching.goes_on(frames) {
-        let next = watching.next(Instant::now() + Duration::from_millis(50));
-        match next {
+    let (mut not_recorded, mut last_s, mut failure) = (0, f64::NEG_INFINITY, None);
+    while failure.is_none() && watching.goes_on(intake.frames()) {
+        match watching.next(Instant::now() + Duration::from_millis(50)) {
             Next::Picture(came) => {
                 let (picture, pixels) = *came;
-                if picture.time_s > frame_s {
-                    if writer.frame(picture.time_s, Arc::new(encoded(&picture, &pixels)), picture.exposure_s, Some(1.0))
-                    {
-                        frames += 1;
-                    } else {
-                        not_recorded += 1;
-                    }
-                    frame_s = picture.time_s;
-                }
+                let came = intake.picture(&picture, pixels, |_| (interval_s, interval_s), monotonic_s());
+                not_recorded += u64::from(came == Came::NotRecorded);
+                last_s = picture.time_s;
             }
             Next::Nothing => {}
             Next::Ended => break,
         }
-        let mut lines = Vec::new();
-        for (time_s, pose) in watching.new_poses(frame_s)? {
-            // A sender that jumps back is not believed until it has caught up.
-            if time_s.is_finite() && time_s > pose_s {
-                pose_s = time_s;
-                lines.push(Line::new(time_s, &pose));
-                watching.covariance(time_s).into_iter().for_each(|covariance| writer.covariance(covariance));
-            } else {
-                late += 1;
-            }
-        }
-        poses += lines.len();
-        writer.poses(lines);
-        failure = writer.failure();
+        watching.give_poses(|watched| intake.take_poses(watched, last_s))?;
+        // With its poses a frame's presence is recorded.
+        while intake.next(monotonic_s()).is_some() {}
+        failure = intake.writer().and_then(Writer::failure);
     }
-    let (kept, ended) = writer.finish();
+    let counts = intake.counts();
+    let (kept, ended) = intake.finish().unwrap_or_default();
     if let Some(error) = failure.or(ended) {
         bail!("{error}; the recording ends after {}, and is whole", crate::words::count(kept, "frame"));
     }
-    if late > 0 {
-        warn(args.camera.pictures.quiet, &format!("{late} poses went back in time, and are left out"));
+    if counts.late + counts.odd > 0 {
+        let text = format!(
+            "{} of poses came too late, and {} that no camera can have made; they are left out",
+            counts.late, counts.odd
+        );
+        warn(args.camera.pictures.quiet, &text);
     }
-    watching.close(&format!("{}: {poses} poses, ", args.output.display()), kept, not_recorded);
+    watching.close(&format!("{}: {} poses, ", args.output.display(), counts.poses), kept, not_recorded);
     Ok(())
 }

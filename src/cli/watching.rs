@@ -7,11 +7,9 @@ use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
 use crate::camera::Camera;
-use crate::live::{self, Added, Next, Opened, Watched, delayed};
-use crate::pose::Pose;
+use crate::live::{self, Added, LiveError, Next, Opened, Watched, delayed};
 use crate::recording::recorder::About;
 use crate::source::video::{ColorMatrix, ColorRange};
-use crate::tracking::covariance::Covariance;
 use crate::webcam::{Layout, Wanted};
 use crate::words::{count, fixed};
 
@@ -225,18 +223,13 @@ impl Watching {
         next
     }
 
-    /// The poses that have come, for frames up to a time.
-    pub fn new_poses(&mut self, last_frame_s: f64) -> Result<Vec<(f64, Pose)>> {
-        let poses = self.watched.new_poses(last_frame_s)?;
+    /// Has the poses that have come taken. Says what a person should know of them.
+    pub fn give_poses(&mut self, take: impl FnOnce(&mut Watched) -> Result<(), LiveError>) -> Result<()> {
+        take(&mut self.watched)?;
         if let Some(text) = self.watched.told() {
             warn(self.quiet, &text);
         }
-        Ok(poses)
-    }
-
-    /// How sure a pose is that was given last, by its time.
-    pub fn covariance(&self, time_s: f64) -> Option<Covariance> {
-        self.watched.covariance(time_s)
+        Ok(())
     }
 
     /// Why there is no pose now, if that is known.
@@ -257,11 +250,12 @@ impl Watching {
         if told.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", told.join(", ")) }
     }
 
-    /// The closing line.
+    /// The closing line, and that of a stream of poses.
     pub fn close(&self, what: &str, frames: usize, not_recorded: u64) {
         if !self.quiet {
             let took = fixed(self.began.elapsed().as_secs_f64(), 1);
             say(&format!("{what}{} in {took} s; {}", count(frames, "frame"), self.drops(not_recorded)));
+            self.watched.closing().into_iter().for_each(|line| say(&line));
         }
     }
 }

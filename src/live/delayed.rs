@@ -182,6 +182,9 @@ impl PoseSource for Delayed {
     fn lacks(&self) -> Option<String> {
         self.source.lacks()
     }
+    fn closing(&self) -> Option<String> {
+        self.source.closing()
+    }
     fn are_awaited(&self) -> bool {
         self.source.are_awaited()
     }

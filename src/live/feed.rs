@@ -8,7 +8,6 @@ use super::error::LiveError;
 use super::intake::{Arrived, Came, Intake};
 use super::latest::Latest;
 use super::open::Opened;
-use super::track::PoseTaken;
 use super::waiting::Counts;
 use super::watched::{Next, Watched};
 use super::writer::Writer;
@@ -180,17 +179,7 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
             Next::Ended => status.is_over = intake.due_s().is_none(),
         }
         if status.no_poses.is_none() {
-            match watched.new_poses(last_s) {
-                Ok(poses) => {
-                    for (time_s, pose) in &poses {
-                        if intake.pose(*time_s, pose) == PoseTaken::Added {
-                            let covariance = watched.covariance(*time_s);
-                            covariance.into_iter().for_each(|covariance| intake.covariance(covariance));
-                        }
-                    }
-                }
-                Err(error) => status.no_poses = Some(error.to_string()),
-            }
+            status.no_poses = intake.take_poses(&mut watched, last_s).err().map(|error| error.to_string());
         }
         status.told = watched.told().or(status.told);
         let mut is_new = false;

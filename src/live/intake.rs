@@ -3,9 +3,11 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::encode::encoded;
+use super::error::LiveError;
 use super::latest::Latest;
 use super::track::{PoseTaken, Tracking};
 use super::waiting::{Counts, Ready, Waiting};
+use super::watched::Watched;
 use super::writer::Writer;
 use crate::frame::{Frame, FrameExposure};
 use crate::pixels::Pixels;
@@ -110,8 +112,18 @@ impl Intake {
         taken
     }
 
+    /// Takes the poses that have come, for frames up to a time, each with how sure it is.
+    pub fn take_poses(&mut self, watched: &mut Watched, last_frame_s: f64) -> Result<(), LiveError> {
+        for (time_s, pose) in watched.new_poses(last_frame_s)? {
+            if self.pose(time_s, &pose) == PoseTaken::Added {
+                watched.covariance(time_s).into_iter().for_each(|covariance| self.covariance(covariance));
+            }
+        }
+        Ok(())
+    }
+
     /// Records and keeps how sure a pose is that was taken.
-    pub fn covariance(&mut self, covariance: Covariance) {
+    fn covariance(&mut self, covariance: Covariance) {
         if let Some(writer) = &self.writer {
             writer.covariance(covariance);
         }
@@ -193,6 +205,13 @@ impl Intake {
         if let Some(writer) = &self.writer {
             writer.poses(new);
         }
+    }
+
+    /// Nothing comes any more. What nobody waits for is recorded all the same: how many frames the recording has, if there is
+    /// one, and why it ended earlier if it did.
+    pub fn finish(mut self) -> Option<(usize, Option<RecorderError>)> {
+        while self.next(f64::INFINITY).is_some() {}
+        self.end_recording()
     }
 
     /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.

@@ -1,7 +1,7 @@
 //! Poses of a stream, by the camera's clock.
 
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::error::LiveError;
 use super::source::PoseSource;
 use crate::pose::Pose;
-use crate::stream::{Clock, Poses};
+use crate::stream::{Clock, Poses, Report};
 use crate::webcam::monotonic_s;
 
 /// How far the sender's clock is from ours: by the pose that came fastest among those of the last seconds, for what is
@@ -50,8 +50,15 @@ pub struct Streamed {
     url: String,
     /// When the last pose came, or it began to listen.
     last_s: f64,
+    /// What was heard by now.
+    report: Arc<Mutex<Report>>,
     /// While it lives, the thread listens.
     _wanted: Arc<()>,
+}
+
+fn lock(report: &Mutex<Report>) -> MutexGuard<'_, Report> {
+    // A panic under the lock leaves plain values.
+    report.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Streamed {
@@ -59,12 +66,15 @@ impl Streamed {
         let mut poses = Poses::open(url)?;
         let delay_s = poses.delay_s();
         let (sender, received) = sync_channel(1024);
-        let wanted = Arc::new(());
+        let (wanted, report) = (Arc::new(()), Arc::new(Mutex::new(Report::default())));
+        let heard = Arc::clone(&report);
         let still = Arc::downgrade(&wanted);
         let listen = move || {
             let mut clock = ClockOffset::default();
             while still.strong_count() > 0 {
-                let item = match poses.next(Instant::now() + Duration::from_millis(200)) {
+                let next = poses.next(Instant::now() + Duration::from_millis(200));
+                lock(&heard).clone_from(poses.report());
+                let item = match next {
                     Ok(None) => continue,
                     Ok(Some(tracked)) => {
                         // The delay is not the clock's.
@@ -84,7 +94,7 @@ impl Streamed {
             }
         };
         std::thread::Builder::new().name("poses".to_owned()).spawn(listen).map_err(LiveError::Thread)?;
-        Ok(Self { received, url: url.to_owned(), last_s: monotonic_s(), _wanted: wanted })
+        Ok(Self { received, url: url.to_owned(), last_s: monotonic_s(), report, _wanted: wanted })
     }
 }
 
@@ -101,6 +111,9 @@ impl PoseSource for Streamed {
         let url = &self.url;
         (silent_s > SILENT_S)
             .then(|| format!("no pose has come from {url} for {silent_s:.0} s (`locard inspect {url}`)"))
+    }
+    fn closing(&self) -> Option<String> {
+        Some(format!("{}: {}", self.url, lock(&self.report).closing()))
     }
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)

@@ -40,6 +40,10 @@ pub trait PoseSource: Send {
     fn lacks(&self) -> Option<String> {
         None
     }
+    /// What became of all that came, once it is over; nothing where that is told otherwise.
+    fn closing(&self) -> Option<String> {
+        None
+    }
     /// Whether they come later than the pictures, so that frames wait for them.
     fn are_awaited(&self) -> bool {
         true

@@ -4,6 +4,7 @@ use super::error::LiveError;
 use super::intake::{Arrived, Came, Intake};
 use super::track::{PoseTaken, Tracking};
 use super::waiting::Counts;
+use super::watched::Watched;
 use super::writer::Writer;
 use crate::camera::{Camera, Geometry};
 use crate::compositor::{Composited, Compositor, Job, Pending, Target, poses_within_s};
@@ -12,7 +13,6 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::recording::recorder::RecorderError;
 use crate::shot::Shot;
-use crate::tracking::covariance::Covariance;
 use crate::webcam::Picture;
 
 /// A composited frame.
@@ -75,9 +75,9 @@ impl<'a> Live<'a> {
         self.intake.pose(time_s, pose)
     }
 
-    /// Records how sure a pose is that was taken.
-    pub fn covariance(&mut self, covariance: Covariance) {
-        self.intake.covariance(covariance);
+    /// Takes the poses that have come, for frames up to a time.
+    pub fn take_poses(&mut self, watched: &mut Watched, last_frame_s: f64) -> Result<(), LiveError> {
+        self.intake.take_poses(watched, last_frame_s)
     }
 
     /// Takes a picture whose pixels are decoded, and records it.
@@ -114,10 +114,8 @@ impl<'a> Live<'a> {
     }
 
     /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
-    pub fn finish(mut self) -> Option<(usize, Option<RecorderError>)> {
-        // What nobody waits for any more is recorded all the same.
-        while self.intake.next(f64::INFINITY).is_some() {}
-        self.intake.end_recording()
+    pub fn finish(self) -> Option<(usize, Option<RecorderError>)> {
+        self.intake.finish()
     }
 }
 

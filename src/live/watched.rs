@@ -69,6 +69,11 @@ impl Watched {
         self.poses.covariance(time_s)
     }
 
+    /// What became of all the poses that came, for the end.
+    pub fn closing(&self) -> Option<String> {
+        self.poses.closing()
+    }
+
     /// What a person should know of the poses by now; each once.
     pub fn told(&mut self) -> Option<String> {
         self.poses.told()

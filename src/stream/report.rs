@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
+use crate::words::count;
+
 /// Who sends: a machine, and which of its streams. A program that is started anew comes from another port, so the port
 /// is no part of it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -117,6 +119,31 @@ impl Report {
         self.aside.get(&why).copied().unwrap_or(0)
     }
 
+    /// What never came, and what was left aside, with why; "none" where that is nothing.
+    pub fn drops(&self) -> String {
+        let known = [(self.lost, "lost on the way"), (self.incomplete, "with pieces missing")];
+        let aside = self.aside.iter().map(|(why, number)| (*number, why.to_string()));
+        let all = known.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
+        let told: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
+        if told.is_empty() { "none".to_owned() } else { told.join(", ") }
+    }
+
+    /// All of it in a line, once it is over.
+    pub fn closing(&self) -> String {
+        let mut line = format!(
+            "{} in {}; dropped: {}",
+            count(self.poses as usize, "pose"),
+            count(self.datagrams as usize, "datagram"),
+            self.drops()
+        );
+        for (number, what) in [(self.jumps, "its clock jumped"), (self.changes, "another source took over")] {
+            if number > 0 {
+                line += &format!("; {what} {}", count(number as usize, "time"));
+            }
+        }
+        line
+    }
+
     pub(super) fn heard(&mut self, source: &Source) {
         match self.sources.iter().position(|(known, _)| known == source) {
             Some(at) => self.sources[at].1 += 1,
@@ -136,5 +163,26 @@ impl Report {
             let uneven_s = (arrived_s - arrived_before_s - interval_s).abs();
             self.jitter_s += (uneven_s - self.jitter_s) / 16.0;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_dropped_is_told_by_reason() {
+        let mut report = Report { poses: 7, datagrams: 12, ..Report::default() };
+        assert_eq!(report.closing(), "7 poses in 12 datagrams; dropped: none");
+        (0..3).for_each(|_| report.aside(Heard::NoPacket));
+        report.aside(Heard::OtherSource);
+        // One that turned out to be none.
+        report.aside.insert(Heard::OddTime, 0);
+        (report.lost, report.jumps) = (2, 1);
+        assert_eq!(
+            report.closing(),
+            "7 poses in 12 datagrams; dropped: 2 lost on the way, 1 of another source, 3 no packet of this protocol, or \
+             damaged; its clock jumped 1 time"
+        );
     }
 }
