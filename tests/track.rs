@@ -157,7 +157,7 @@ fn a_live_picture_has_its_pose_from_the_tags_in_it() {
     let site = Site::new(&CAMERA);
     let mut rig = Rig::default();
     rig.read(Path::new(&site.path("camera.toml")), &mut Settings::default()).unwrap();
-    let mut poses = open_poses(&format!("tags:{}", site.path("board.toml")), Some(&rig.camera())).unwrap();
+    let mut poses = open_poses(&format!("tags:{}", site.path("board.toml")), Some(&rig.camera()), None).unwrap();
     let video = probe(Path::new(&site.path("site.mkv")), &Overrides::default()).unwrap();
     for (i, pixels) in video.read(0..FRAMES).unwrap().enumerate() {
         let time_s = 7.0 + i as f64 / FPS;

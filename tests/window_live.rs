@@ -27,7 +27,6 @@ use locard::live::{self, LiveFrom};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Given, Shot};
-use locard::webcam::Wanted;
 use locard::window::{App, Project};
 use sheet::CAMERA;
 use worked::{Device, click_at, codes, drop_file, has, shown, shows, until};
@@ -41,7 +40,7 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let profile = Path::new(&site.path("camera.toml")).to_owned();
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let tags = format!("tags:{}", site.path("board.toml"));
-    let opened = live::open(video, None, Wanted::default(), &tags, Some(&camera)).unwrap();
+    let opened = live::open(&LiveFrom::new(video, &tags), Some(&camera)).unwrap();
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()) };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();

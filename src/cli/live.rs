@@ -63,7 +63,6 @@ pub fn run(args: &Args) -> Result<()> {
 /// Opens the camera here, so that what is wrong with it is said before there is a window.
 #[cfg(feature = "window")]
 fn in_window(args: &Args) -> Result<()> {
-    use crate::live::LiveFrom;
     use crate::window::{self, First, Project};
 
     if args.camera.pictures.ends() || args.which.is_asked() || args.force || args.lossless {
@@ -72,7 +71,7 @@ fn in_window(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone() };
     let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
-    project.camera = Some(LiveFrom::new(&args.camera.camera, &args.camera.pose));
+    project.camera = Some(args.camera.from().absolute());
     let (camera, record) = (Some(agreed.opened), args.record.clone());
     super::tune::opened(window::open(First { project: Some(project), camera, record, ..First::default() }))
 }

@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 
 use super::{progress, tell, warn};
 use crate::compositor::Settings;
+use crate::live::Asked;
 use crate::profile::Rig;
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::source::video::{Overrides, probe};
@@ -24,6 +25,9 @@ pub struct Args {
     /// Which tags stand where; otherwise the sheet that `locard board` prints
     #[arg(long, value_name = "FILE")]
     board: Option<PathBuf>,
+    /// Smooth the poses by a line through those around each, weighted by this time constant, seconds; without it they are as they are measured
+    #[arg(long, value_name = "S", value_parser = Asked::smoothing_of)]
+    smooth: Option<f64>,
     /// The folder of the recording
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: PathBuf,
@@ -64,7 +68,10 @@ pub fn run(args: &Args) -> Result<()> {
         ControlFlow::Continue(())
     });
     bar.finish_and_clear();
-    let tracked = tracked.map_err(|error| anyhow::Error::from(error).context(args.video.display().to_string()))?;
+    let mut tracked = tracked.map_err(|error| anyhow::Error::from(error).context(args.video.display().to_string()))?;
+    if let Some(tau_s) = args.smooth {
+        tracked.smooth(tau_s);
+    }
     record(&args.output, args.force, &Parts { video: &video, profile: &profile, board: &board, track: &tracked })?;
     write!(std::io::stdout().lock(), "{tracked}")?;
     tell(args.quiet, &format!("{}: {}", count(tracked.chosen().count(), "pose"), args.output.display()));

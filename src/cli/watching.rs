@@ -7,10 +7,10 @@ use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
 use crate::camera::Camera;
-use crate::live::{self, Added, LiveError, Next, Opened, Watched, delayed};
+use crate::live::{self, Added, Asked, LiveError, LiveFrom, Next, Opened, Watched};
 use crate::recording::recorder::About;
 use crate::source::video::{ColorMatrix, ColorRange};
-use crate::webcam::{Layout, Wanted};
+use crate::webcam::Layout;
 use crate::words::{count, fixed};
 
 #[derive(clap::Args)]
@@ -22,8 +22,11 @@ pub struct CameraArgs {
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pub pose: String,
     /// Added to the time of each pose, seconds: what the camera is behind. auto: what fits the pictures best, found while they come; the camera has to turn
-    #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = delay)]
+    #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = Asked::delay_of)]
     delay: Added,
+    /// Smooth poses from tags by this time constant, seconds: quieter, and as much later; without it they are as they are measured
+    #[arg(long, value_name = "S", value_parser = Asked::smoothing_of)]
+    smooth: Option<f64>,
     #[command(flatten)]
     pub pictures: PicturesArgs,
 }
@@ -32,10 +35,10 @@ pub struct CameraArgs {
 #[derive(clap::Args)]
 pub struct PicturesArgs {
     /// Size of the pictures, px; the profile's, else 640x480
-    #[arg(long, value_name = "WxH", value_parser = size)]
+    #[arg(long, value_name = "WxH", value_parser = Asked::size_of)]
     size: Option<(u32, u32)>,
     /// Pictures a second; 30 without it
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = Asked::rate_of)]
     rate: Option<f64>,
     /// How the camera delivers them: rgb, yuyv, nv12 or mjpeg; without it, the best that comes at this size and rate
     #[arg(long, value_parser = layout)]
@@ -57,7 +60,20 @@ pub struct PicturesArgs {
     pub quiet: bool,
 }
 
+impl CameraArgs {
+    /// All that is asked for.
+    pub fn from(&self) -> LiveFrom {
+        let asked = Asked { delay: self.delay, smooth_s: self.smooth, ..self.pictures.asked() };
+        LiveFrom { asked, ..LiveFrom::new(&self.camera, &self.pose) }
+    }
+}
+
 impl PicturesArgs {
+    fn asked(&self) -> Asked {
+        let &Self { size, rate: rate_hz, format: layout, range, matrix, .. } = self;
+        Asked { size, rate_hz, layout, range, matrix, ..Asked::default() }
+    }
+
     /// Whether it is to end by itself.
     pub fn ends(&self) -> bool {
         self.frames.is_some() || self.seconds.is_some()
@@ -76,26 +92,6 @@ impl PicturesArgs {
         ];
         options.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
     }
-}
-
-fn size(text: &str) -> Result<(u32, u32), String> {
-    let side = |text: &str| text.parse().ok().filter(|side| (16..=16384).contains(side));
-    let sides = text.split_once('x').and_then(|(w, h)| Some((side(w)?, side(h)?)));
-    sides.ok_or_else(|| format!("{text} is refused: accepted is WIDTHxHEIGHT, as in 640x480"))
-}
-
-/// Longer ones belong to clocks that have nothing to do with each other, seconds.
-const LONGEST_DELAY_S: f64 = 60.0;
-
-fn delay(text: &str) -> Result<Added, String> {
-    let told = || text.parse().ok().filter(|s: &f64| s.abs() <= LONGEST_DELAY_S).map(Added::Told);
-    let added = if text == "auto" { Some(Added::Found) } else { told() };
-    added.ok_or_else(|| format!("{text} is refused: accepted are seconds from -60 to 60, or auto"))
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    let rate = text.parse().ok().filter(|rate| (0.1..=1000.0).contains(rate));
-    rate.ok_or_else(|| format!("{text} is refused: accepted is a number from 0.1 to 1000"))
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -144,32 +140,21 @@ pub struct Watching {
     quiet: bool,
 }
 
-/// Pictures a second that are asked for if nobody says.
-const RATE_HZ: f64 = 30.0;
-
 impl Agreed {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
         let profiled = profile.map(|path| live::profiled(path, &args.pose)).transpose()?;
-        let mut agreed = Self::with(&args.camera, &args.pictures, &args.pose, profiled.as_ref())?;
-        agreed.opened.poses = delayed(agreed.opened.poses, args.delay, profiled.as_ref())?;
-        Ok(agreed)
+        Self::of(&args.from(), &args.pictures, profiled.as_ref())
     }
 
     /// Opens a camera of which nobody asks where it is.
     pub fn without_poses(camera: &str, pictures: &PicturesArgs) -> Result<Self> {
-        Self::with(camera, pictures, "none", None)
+        let from = LiveFrom { asked: pictures.asked(), ..LiveFrom::new(camera, "none") };
+        Self::of(&from, pictures, None)
     }
 
-    fn with(camera: &str, args: &PicturesArgs, poses: &str, profiled: Option<&Camera>) -> Result<Self> {
-        let wanted = Wanted {
-            rate_hz: args.rate.unwrap_or(RATE_HZ),
-            layout: args.format,
-            range: args.range,
-            matrix: args.matrix,
-            ..Wanted::default()
-        };
-        let opened = live::open(camera, args.size, wanted, poses, profiled)?;
+    fn of(from: &LiveFrom, args: &PicturesArgs, profiled: Option<&Camera>) -> Result<Self> {
+        let opened = live::open(from, profiled)?;
         warn(args.quiet, &opened.said);
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::delay_search::{DelaySearch, Unknown};
 use super::error::LiveError;
@@ -16,12 +17,19 @@ use crate::tracking::turn::Reduced;
 use crate::words::{count, fixed};
 
 /// What is added to the time of each pose.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Added {
     /// So much, seconds.
     Told(f64),
     /// What fits the pictures.
     Found,
+}
+
+impl Default for Added {
+    fn default() -> Self {
+        Self::Told(0.0)
+    }
 }
 
 /// The delay that is used follows the one that is wanted by so much of the poses' time: evidence goes a tenth faster or slower

@@ -31,6 +31,8 @@ pub enum LiveError {
     Profile(#[from] ProfileError),
     #[error("a delay is refused: these poses come from the pictures themselves, or there are none; leave --delay out")]
     NoDelay,
+    #[error("smoothing is refused: it is for poses from tags; leave --smooth out")]
+    NoSmoothing,
     #[error(
         "--delay auto needs the camera's focal length, and pictures that fit a plane: name its --profile, as `locard calibrate camera` writes one, or give --delay in seconds"
     )]

@@ -4,6 +4,7 @@
 //! it would read back. [`Live`] composites that, frame by frame; [`Feed`] has a camera watched by a thread for whoever
 //! composites himself. [`PoseSource`] is where poses come from.
 
+mod asked;
 mod delay_search;
 mod delayed;
 mod encode;
@@ -23,6 +24,7 @@ mod waiting;
 mod watched;
 mod writer;
 
+pub use asked::{Asked, LiveFrom};
 pub use delay_search::{DelaySearch, Unknown};
 pub use delayed::{Added, delayed};
 pub use encode::{Encoded, encoded};
@@ -30,7 +32,7 @@ pub use error::LiveError;
 pub use feed::{Feed, Seen, Status};
 pub use intake::{Arrived, Came, Intake};
 pub use latest::Latest;
-pub use open::{LiveFrom, Opened, open, open_poses, profiled};
+pub use open::{Opened, open, open_poses, profiled};
 pub use playing::RecordedPoses;
 pub use source::PoseSource;
 pub use stage::{Live, Shown, Submitted};

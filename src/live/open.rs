@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
+use super::asked::{Asked, LiveFrom};
+use super::delayed::delayed;
 use super::error::LiveError;
 use super::listening::Streamed;
 use super::playing::RecordedPoses;
@@ -18,34 +19,6 @@ use crate::recording::recorder::About;
 use crate::stream::Protocol;
 use crate::webcam::{self, Wanted};
 use crate::words::{fixed, shown};
-
-/// A camera and where its poses come from, in the words of `locard live`.
-#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
-pub struct LiveFrom {
-    pub camera: String,
-    pub poses: String,
-}
-
-impl LiveFrom {
-    /// Files are named from the root on.
-    pub fn new(camera: &str, poses: &str) -> Self {
-        let whole = |path: &str| match Path::new(path).exists() {
-            true => std::path::absolute(path).map_or_else(|_| path.to_owned(), |path| path.display().to_string()),
-            false => path.to_owned(),
-        };
-        let poses = match poses.split_once(':') {
-            Some((kind @ ("tags" | "file"), path)) => format!("{kind}:{}", whole(path)),
-            _ => poses.to_owned(),
-        };
-        Self { camera: whole(camera), poses }
-    }
-
-    /// What a person calls it.
-    pub fn name(&self) -> String {
-        let name = Path::new(&self.camera).file_name().unwrap_or(self.camera.as_ref());
-        format!("camera {}", name.to_string_lossy())
-    }
-}
 
 /// The camera that a profile describes. `poses` are those that are wanted: tags need a whole camera, if the profile has any.
 pub fn profiled(path: &Path, poses: &str) -> Result<Camera, LiveError> {
@@ -67,20 +40,17 @@ pub struct Opened {
     pub said: String,
 }
 
-/// Opens a camera by its number or device, or a video in its place, and its poses ([`open_poses`]). Without a size in
-/// `wanted` it is the profile's.
-pub fn open(
-    camera: &str,
-    size: Option<(u32, u32)>,
-    wanted: Wanted,
-    poses: &str,
-    profiled: Option<&Camera>,
-) -> Result<Opened, LiveError> {
-    let poses = open_poses(poses, profiled)?;
+/// Opens a camera by its number or device, or a video in its place, and its poses ([`open_poses`]). Without a size it is the
+/// profile's.
+pub fn open(from: &LiveFrom, profiled: Option<&Camera>) -> Result<Opened, LiveError> {
+    let Asked { size, rate_hz, layout, range, matrix, delay, smooth_s } = from.asked;
+    let poses = delayed(open_poses(&from.poses, profiled, smooth_s)?, delay, profiled)?;
     let geometry = profiled.and_then(|camera| camera.geometry.as_ref());
     let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
-    let wanted = Wanted { size: size.or(profile_px).unwrap_or(wanted.size), ..wanted };
-    let camera = webcam::open(camera, &wanted)?;
+    let usual = Wanted::default();
+    let size = size.or(profile_px).unwrap_or(usual.size);
+    let wanted = Wanted { size, rate_hz: rate_hz.unwrap_or(usual.rate_hz), layout, range, matrix };
+    let camera = webcam::open(&from.camera, &wanted)?;
     let given = &camera.given;
     let rate_hz = given.rate_hz.unwrap_or(wanted.rate_hz);
     let hz = |rate: f64| fixed(rate, 2);
@@ -131,14 +101,23 @@ impl Opened {
     }
 }
 
-/// `tags`, `tags:BOARD.toml`, `opentrackio://…`, `freed://…`, `file:RECORDING`, or `none`. Tags are seen by a camera.
-pub fn open_poses(asked: &str, camera: Option<&Camera>) -> Result<Box<dyn PoseSource>, LiveError> {
+/// `tags`, `tags:BOARD.toml`, `opentrackio://…`, `freed://…`, `file:RECORDING`, or `none`. Tags are seen by a camera; their poses
+/// alone are smoothed.
+pub fn open_poses(
+    asked: &str,
+    camera: Option<&Camera>,
+    smooth_s: Option<f64>,
+) -> Result<Box<dyn PoseSource>, LiveError> {
+    let board = asked.strip_prefix("tags:").map(Path::new);
+    let is_tags = asked == "tags" || board.is_some();
+    if smooth_s.is_some() && !is_tags {
+        return Err(LiveError::NoSmoothing);
+    }
     if asked == "none" {
         return Ok(Box::new(NoPoses));
     }
-    let board = asked.strip_prefix("tags:").map(Path::new);
-    if asked == "tags" || board.is_some() {
-        return Ok(Box::new(TaggedPoses::open(board, camera.ok_or(LiveError::NoCamera)?)?));
+    if is_tags {
+        return Ok(Box::new(TaggedPoses::open(board, camera.ok_or(LiveError::NoCamera)?, smooth_s)?));
     }
     if let Some(path) = asked.strip_prefix("file:") {
         return Ok(Box::new(RecordedPoses::open(Path::new(path))?));
@@ -171,22 +150,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_choice_holds_wherever_it_is_read() {
-        let from = LiveFrom::new("Cargo.toml", "tags:src/lib.rs");
-        let here = std::env::current_dir().unwrap();
-        assert_eq!(from.camera, here.join("Cargo.toml").display().to_string());
-        assert_eq!(from.poses, format!("tags:{}", here.join("src/lib.rs").display()));
-        assert_eq!(from.name(), "camera Cargo.toml");
-        let from = LiveFrom::new("0", "opentrackio://:7");
-        assert_eq!((from.name().as_str(), from.poses.as_str()), ("camera 0", "opentrackio://:7"));
-    }
-
-    #[test]
     fn what_gives_no_poses_is_refused() {
-        let error = open_poses("http://x", None).err().unwrap().to_string();
+        let error = open_poses("http://x", None, None).err().unwrap().to_string();
         assert!(error.contains("opentrackio://…, freed://…, file:RECORDING, none"), "{error}");
-        let error = open_poses("tags", None).err().unwrap().to_string();
+        let error = open_poses("tags", None, None).err().unwrap().to_string();
         assert!(error.contains("--profile"), "{error}");
-        assert!(open_poses("none", None).unwrap().poses(1e9).unwrap().is_empty());
+        let error = open_poses("none", None, Some(0.05)).err().unwrap().to_string();
+        assert!(error.contains("for poses from tags; leave --smooth out"), "{error}");
+        assert!(open_poses("none", None, None).unwrap().poses(1e9).unwrap().is_empty());
     }
 }

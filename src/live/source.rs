@@ -51,4 +51,4 @@ pub trait PoseSource: Send {
 }
 
 /// A tenth of a second: a hand-held camera still moves smoothly.
-const MAX_GAP_S: f64 = 0.1;
+pub const MAX_GAP_S: f64 = 0.1;

@@ -7,18 +7,20 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::error::LiveError;
-use super::source::PoseSource;
+use super::source::{MAX_GAP_S, PoseSource};
 use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, chosen, expected};
 use crate::tracking::covariance::Covariance;
+use crate::tracking::smooth::Smoother;
 
 /// A board that is searched for in each picture. The world is the board's.
 pub struct TaggedPoses {
     searcher: Searcher,
-    /// The last two, by which a flat tag's pose is told from its other one.
+    /// The last two as they were seen, by which a flat tag's pose is told from its other one.
     past: Vec<(f64, Pose)>,
+    smoother: Option<Smoother>,
     found: Vec<(f64, Pose)>,
     /// Of those that were found or given last.
     covariances: Vec<Covariance>,
@@ -30,7 +32,8 @@ pub struct TaggedPoses {
 
 impl TaggedPoses {
     /// The board of a file, or the sheet that `locard board` prints. The camera has a geometry.
-    pub fn open(board: Option<&Path>, camera: &Camera) -> Result<Self, LiveError> {
+    /// Poses are smoothed by a time constant, seconds, where one is given.
+    pub fn open(board: Option<&Path>, camera: &Camera, smooth_s: Option<f64>) -> Result<Self, LiveError> {
         let board = match board {
             Some(file) => Board::read(file)?,
             None => Sheet::new(Paper::A4).board,
@@ -41,6 +44,7 @@ impl TaggedPoses {
         Ok(Self {
             searcher,
             past: Vec::new(),
+            smoother: smooth_s.map(|tau_s| Smoother::new(tau_s, MAX_GAP_S)),
             found: Vec::new(),
             covariances: Vec::new(),
             failure: None,
@@ -60,11 +64,16 @@ impl PoseSource for TaggedPoses {
                 if self.found.is_empty() {
                     self.covariances.clear();
                 }
-                self.covariances.push(chosen.covariance());
                 self.past.push((time_s, pose));
                 if self.past.len() > 2 {
                     self.past.remove(0);
                 }
+                let seen = (pose, chosen.covariance());
+                let (pose, sure) = match &mut self.smoother {
+                    Some(smoother) => smoother.next(&seen.0, &seen.1),
+                    None => seen,
+                };
+                self.covariances.push(sure);
                 self.found.push((time_s, pose));
             }
             Ok(Err(why)) => self.lost = Some(why),

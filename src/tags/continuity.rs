@@ -29,6 +29,13 @@ impl Chosen {
         let mut upper = (0..6).flat_map(|i| (i..6).map(move |j| self.solved.covariance[(i, j)]));
         Covariance { time_s: self.time_s, upper: std::array::from_fn(|_| upper.next().unwrap_or_default()) }
     }
+
+    pub(super) fn set_covariance(&mut self, covariance: &Covariance) {
+        let places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
+        for ((i, j), value) in places.zip(covariance.upper) {
+            (self.solved.covariance[(i, j)], self.solved.covariance[(j, i)]) = (value, value);
+        }
+    }
 }
 
 /// Where a camera that goes on as it went will be at a time. `past` ascends in time towards it, or descends; the last two

@@ -49,6 +49,13 @@ impl fmt::Display for Track {
             fixed(1e3 * place_m, 2),
             fixed(turn.to_degrees(), 3)
         )?;
+        if let Some(tau_s) = self.smoothed_s {
+            writeln!(
+                f,
+                "smoothed   by a line through the poses around each, {} s to 1/e",
+                crate::words::number(tau_s)
+            )?;
+        }
         let lost = self.lost();
         for (run, why) in lost.iter().take(MOST_TOLD) {
             writeln!(f, "lost       {}: {why}", self.told(run))?;

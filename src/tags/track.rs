@@ -14,6 +14,7 @@ use crate::camera::{Geometry, Response};
 use crate::pixels::Pixels;
 use crate::source::SourceError;
 use crate::source::video::Video;
+use crate::tracking::smooth::smoothed;
 
 /// Called with (frames done, all of them). If it breaks, the search stops.
 pub type TrackProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
@@ -79,6 +80,8 @@ pub struct Track {
     pub frames: Vec<Result<Chosen, Lost>>,
     /// How many tags were used in each frame.
     pub tags: Vec<usize>,
+    /// The time constant by which the poses were smoothed, seconds.
+    pub smoothed_s: Option<f64>,
 }
 
 /// Tracks a board through a whole video.
@@ -114,7 +117,7 @@ pub fn track(
             (None, Err(lost)) => Err(lost),
             (None, Ok(sight)) => Err(Lost::Unsolved(sight.tags)),
         });
-    Ok(Track { times_s: video.timestamps_s.clone(), frames: frames.collect(), tags })
+    Ok(Track { times_s: video.timestamps_s.clone(), frames: frames.collect(), tags, smoothed_s: None })
 }
 
 /// Why no frame gives a pose.
@@ -156,6 +159,18 @@ impl Track {
     pub fn doubtful(&self) -> Vec<Range<usize>> {
         let doubtful = |frame: &Result<Chosen, Lost>| matches!(frame, Ok(chosen) if !chosen.certain);
         runs(&self.frames, |frame| doubtful(frame).then_some(frame)).into_iter().map(|(run, _)| run).collect()
+    }
+
+    /// Smooths the poses ([`smoothed`]) by a time constant above 0, seconds, and says so of how sure they are. Residuals stay as
+    /// they were measured.
+    pub fn smooth(&mut self, tau_s: f64) {
+        let seen: Vec<_> = self.chosen().map(|chosen| (chosen.solved.pose, chosen.covariance())).collect();
+        let after = smoothed(&seen, tau_s, self.max_gap_s());
+        for (chosen, (pose, sure)) in self.frames.iter_mut().flatten().zip(after) {
+            chosen.solved.pose = pose;
+            chosen.set_covariance(&sure);
+        }
+        self.smoothed_s = Some(tau_s);
     }
 
     /// The longest interval across which poses may be interpolated, seconds: longer than that from a frame to the next, and

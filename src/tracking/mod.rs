@@ -2,6 +2,7 @@
 
 pub mod covariance;
 pub mod delay;
+pub mod smooth;
 pub mod text;
 pub mod tum;
 pub mod turn;

@@ -4,13 +4,16 @@ use std::borrow::Cow;
 use std::fmt;
 
 use super::jpeg_tables;
+use serde::{Deserialize, Serialize};
+
 use crate::pixels::Pixels;
 use crate::source::still;
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::source::yuv::Table;
 
 /// How a picture's bytes lie.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Layout {
     /// Packed 4:2:2: Y0 Cb Y1 Cr.
     Yuyv,

@@ -11,7 +11,7 @@ use super::recent::Opened;
 use crate::live::{self, LiveFrom};
 use crate::recording::{OpenOptions, Recording};
 use crate::shot::{Given, ShotError};
-use crate::webcam::{CameraError, Wanted};
+use crate::webcam::CameraError;
 use crate::words::without_options;
 
 /// A project, with the camera of which it is.
@@ -120,7 +120,7 @@ fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live
     let profiled = profiled.map_err(|error| Refused::plain(&error))?;
     let begun = Instant::now();
     let camera = loop {
-        match live::open(&from.camera, None, Wanted::default(), &from.poses, profiled.as_ref()) {
+        match live::open(from, profiled.as_ref()) {
             Err(live::LiveError::Camera(CameraError::Busy { .. })) if begun.elapsed() < PATIENCE => {
                 std::thread::sleep(Duration::from_millis(50));
             }
