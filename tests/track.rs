@@ -16,9 +16,12 @@ use filmed::{AWAY, FPS, FRAMES, Site, place};
 use glam::DVec3;
 use locard::compositor::Settings;
 use locard::live::open_poses;
+use locard::pose::Pose;
 use locard::profile::Rig;
 use locard::recording::{OpenOptions, Recording};
 use locard::source::video::{Overrides, probe};
+use locard::tracking::covariance::Covariance;
+use locard::tracking::smooth::smoothed;
 use locard::tracking::tum::Line;
 use program::{refused, said};
 use sheet::CAMERA;
@@ -179,6 +182,38 @@ fn a_live_picture_has_its_pose_from_the_tags_in_it() {
         }
     }
     assert_eq!((poses.poses(9.0).unwrap(), poses.up()), (Vec::new(), Some(DVec3::Z)));
+}
+
+/// A recording's poses, each with how sure it is.
+fn recorded(folder: &str) -> Vec<(Pose, Covariance)> {
+    let recording = Recording::open(Path::new(folder), &OpenOptions::default()).unwrap();
+    let text = std::fs::read_to_string(Path::new(folder).join("covariance.txt")).unwrap();
+    let sure = text.lines().skip(2).map(|line| {
+        let numbers: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
+        Covariance { time_s: numbers[0], upper: numbers[1..].try_into().unwrap() }
+    });
+    recording.track.poses().iter().map(|(_, pose)| *pose).zip(sure).collect()
+}
+
+#[test]
+fn a_track_is_smoothed_if_that_is_asked_for() {
+    let site = Site::new(&CAMERA);
+    let plain = site.track("board.toml", "plain");
+    said(&strs(&plain));
+    let smooth: Vec<String> = site.track("board.toml", "smooth");
+    let told = said(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
+    assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
+    let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
+    // The frames in which the camera looks away are no bridge.
+    let wanted = smoothed(&plain, 0.05, 0.05);
+    assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
+    for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {
+        assert!((pose.translation_m - wanted.translation_m).length() < 1e-12);
+        assert!(pose.rotation.angle_between(wanted.rotation) < 1e-7 && sure.time_s == wanted_sure.time_s);
+        (0..21).for_each(|i| assert!((sure.upper[i] - wanted_sure.upper[i]).abs() < 1e-9 * wanted_sure.upper[0]));
+    }
+    let moved = |i: usize| smooth[i].0.translation_m.distance(plain[i].0.translation_m);
+    assert!((0..plain.len()).any(|i| moved(i) > 1e-6));
 }
 
 #[test]

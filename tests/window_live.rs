@@ -17,13 +17,13 @@ mod worked;
 
 use std::path::Path;
 
-use eframe::egui::{self, Key};
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
 use filmed::Site;
 use glam::DVec2;
 use locard::compositor::Target;
-use locard::live::{self, LiveFrom};
+use locard::live::{self, Asked, LiveFrom};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Given, Shot};
@@ -228,4 +228,59 @@ fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
     window.key_press(Key::C);
     window.run_steps(3);
     assert!(waits(&window) && told(&window) == 0);
+}
+
+/// Types into a field, in place of what it had.
+fn typed(window: &mut Harness<'_, App>, field: &str, text: &str) {
+    window.get_by_role_and_label(Role::TextInput, field).focus();
+    window.step();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, field).type_text(text);
+    window.run_steps(2);
+}
+
+#[test]
+fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    let value = |window: &Harness<'_, App>, field: &str| {
+        window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
+    };
+    let ask = |window: &mut Harness<'_, App>| {
+        window.get_by_label("File").click();
+        window.run_steps(2);
+        window.get_by_label("Live camera…").click();
+        shows(window, "Start");
+    };
+    ask(&mut window);
+    // As the camera was opened.
+    assert_eq!(value(&window, "Board"), site.path("board.toml"));
+    assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
+    typed(&mut window, "Smoothing", "five");
+    assert_eq!(window.query_all_by_label_contains("five is refused: accepted are seconds").count(), 1);
+    assert!(window.get_by_label("Start").accesskit_node().is_disabled());
+    typed(&mut window, "Smoothing", "0.05");
+    typed(&mut window, "Rate", "25");
+    typed(&mut window, "Pictures", "320x240");
+    // A file is chosen in the dialog's place, which is there again.
+    window.get_by_label("Choose a board…").click();
+    shows(&mut window, "Choose a board");
+    assert!(!has(&window, "Start"));
+    window.key_press(Key::Escape);
+    shows(&mut window, "Start");
+    window.get_by_label("Start").click();
+    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.asked.smooth_s.is_some()));
+    let wanted = Asked { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..Asked::default() };
+    assert_eq!(window.state().project().camera.as_ref().unwrap().asked, wanted);
+    until(&mut window, |app| app.viewer().composite().is_some());
+    ask(&mut window);
+    assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);
+    // Of a stream the delay is asked for.
+    window.get_by_label("from a stream").click();
+    window.run_steps(2);
+    typed(&mut window, "Delay", "auto");
+    assert!(!window.get_by_label("Start").accesskit_node().is_disabled());
+    typed(&mut window, "Delay", "late");
+    assert!(window.get_by_label("Start").accesskit_node().is_disabled());
 }

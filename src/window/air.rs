@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use eframe::egui::{self, Context, Key, Ui};
 
+use super::chooser::{Chooser, Chosen, Seeks};
 use super::errand::Errand;
 use super::recent::Opened;
-use crate::live::LiveFrom;
+use crate::live::{Added, Asked, LiveFrom};
 use crate::webcam;
-use crate::words::shown;
+use crate::words::{number, shown};
 
 /// Where poses come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,8 +37,24 @@ pub struct Air {
     board: String,
     address: String,
     profile: String,
+    size: String,
+    rate: String,
+    delay: String,
+    smoothing: String,
+    /// What is asked for beyond that: it was named on the command line.
+    asked: Asked,
     scene: Option<PathBuf>,
     with_scene: bool,
+    /// A file is being chosen, in place of the dialog.
+    chooser: Option<(Named, Chooser)>,
+}
+
+/// A file that can be named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Named {
+    Video,
+    Board,
+    Profile,
 }
 
 impl Air {
@@ -54,16 +71,50 @@ impl Air {
             board: String::new(),
             address: "opentrackio://127.0.0.1:55555".to_owned(),
             profile: profile.map_or(String::new(), |path| path.display().to_string()),
+            size: String::new(),
+            rate: String::new(),
+            delay: String::new(),
+            smoothing: String::new(),
+            asked: Asked::default(),
             with_scene: scene.is_some(),
             scene,
+            chooser: None,
+        }
+    }
+
+    /// As a camera was opened.
+    pub fn of(self, from: &LiveFrom) -> Self {
+        let asked = from.asked;
+        let (poses, board, address) = match from.poses.split_once(':') {
+            Some(("tags", board)) => (Poses::Tags, board.to_owned(), self.address.clone()),
+            _ if from.poses == "tags" => (Poses::Tags, String::new(), self.address.clone()),
+            _ if from.poses == "none" => (Poses::None, String::new(), self.address.clone()),
+            _ => (Poses::Stream, String::new(), from.poses.clone()),
+        };
+        Self {
+            camera: from.camera.clone(),
+            is_chosen: true,
+            poses,
+            board,
+            address,
+            size: asked.size.map_or(String::new(), |(width, height)| format!("{width}x{height}")),
+            rate: asked.rate_hz.map_or(String::new(), number),
+            delay: match asked.delay {
+                Added::Found => "auto".to_owned(),
+                Added::Told(0.0) => String::new(),
+                Added::Told(s) => number(s),
+            },
+            smoothing: asked.smooth_s.map_or(String::new(), number),
+            asked,
+            ..self
         }
     }
 
     /// With what was chosen and typed before.
     pub fn restored(self, before: Self) -> Self {
-        let Self { camera, poses, board, address, profile, .. } = before;
-        let profile = if profile.is_empty() { self.profile.clone() } else { profile };
-        Self { camera, poses, board, address, profile, is_chosen: true, ..self }
+        let Self { scene, with_scene, looking, found, why, .. } = self;
+        let profile = if before.profile.is_empty() { self.profile } else { before.profile.clone() };
+        Self { scene, with_scene, looking, found, why, profile, is_chosen: true, chooser: None, ..before }
     }
 
     /// What is to be opened; `Some(None)` where it is left.
@@ -80,6 +131,14 @@ impl Air {
                 Err(why) => self.why = Some(why),
             }
         }
+        if let Some((named, mut chooser)) = self.chooser.take() {
+            match chooser.show(ctx) {
+                None => self.chooser = Some((named, chooser)),
+                Some(Chosen::Nothing) => {}
+                Some(Chosen::Path { path, .. }) => *self.named(named) = path.display().to_string(),
+            }
+            return None;
+        }
         let mut answer = None;
         // The modal takes the key.
         let escaped = ctx.input(|i| i.key_pressed(Key::Escape));
@@ -89,9 +148,14 @@ impl Air {
             ui.add_space(4.0);
             egui::Grid::new("air").num_columns(2).spacing([12.0, 8.0]).show(ui, |ui| self.fields(ui));
             ui.add_space(10.0);
+            let opened = self.opened();
+            if let Err(why) = &opened {
+                ui.colored_label(ui.visuals().error_fg_color, why);
+            }
             ui.horizontal(|ui| {
-                if ui.button("Start").clicked() {
-                    answer = Some(Some(self.opened()));
+                let start = ui.add_enabled(opened.is_ok(), egui::Button::new("Start"));
+                if let Some(opened) = opened.ok().filter(|_| start.clicked()) {
+                    answer = Some(Some(opened));
                 }
                 if ui.button("Leave").clicked() {
                     answer = Some(None);
@@ -119,6 +183,17 @@ impl Air {
             ui.add(field)
                 .labelled_by(label.id)
                 .on_hover_text("Its number or device, or a video that is played in its place");
+            self.choice(ui, Named::Video, "Choose a video…");
+        });
+        ui.end_row();
+        let label = ui.label("Pictures");
+        ui.horizontal(|ui| {
+            let field = egui::TextEdit::singleline(&mut self.size).desired_width(90.0).hint_text("640x480");
+            ui.add(field).labelled_by(label.id).on_hover_text("Their size, px; the profile's where nothing is said");
+            ui.label("px, at");
+            let field = egui::TextEdit::singleline(&mut self.rate).desired_width(50.0).hint_text("30");
+            ui.add(field).on_hover_text("Pictures a second").widget_info(|| text_field("Rate"));
+            ui.label("a second");
         });
         ui.end_row();
         ui.label("Poses");
@@ -128,20 +203,39 @@ impl Air {
                 let hint = "The board's file; empty for the sheet that `locard board` prints";
                 let field = egui::TextEdit::singleline(&mut self.board).desired_width(width).hint_text("locard board");
                 ui.add(field).on_hover_text(hint).widget_info(|| text_field("Board"));
+                self.choice(ui, Named::Board, "Choose a board…");
+                ui.horizontal(|ui| {
+                    ui.label("smoothed over");
+                    let field = egui::TextEdit::singleline(&mut self.smoothing).desired_width(50.0).hint_text("0");
+                    let hint = "A time constant: poses are quieter, and as much later. Empty: as they are measured";
+                    ui.add(field).on_hover_text(hint).widget_info(|| text_field("Smoothing"));
+                    ui.label("s");
+                });
             }
             ui.radio_value(&mut self.poses, Poses::Stream, "from a stream");
             if self.poses == Poses::Stream {
                 let field = egui::TextEdit::singleline(&mut self.address).desired_width(width);
                 let hint = "opentrackio://HOST:PORT, freed://HOST:PORT, or file:RECORDING";
                 ui.add(field).on_hover_text(hint).widget_info(|| text_field("Address"));
+                ui.horizontal(|ui| {
+                    ui.label("delayed by");
+                    let field = egui::TextEdit::singleline(&mut self.delay).desired_width(50.0).hint_text("0");
+                    let hint =
+                        "Added to the time of each pose; auto: what fits the pictures best, found while they come";
+                    ui.add(field).on_hover_text(hint).widget_info(|| text_field("Delay"));
+                    ui.label("s, or auto");
+                });
             }
             ui.radio_value(&mut self.poses, Poses::None, "none: the picture alone");
         });
         ui.end_row();
         let label = ui.label("Profile");
         let hint = "The camera's, as `locard calibrate camera` writes it: tags need its focal length";
-        let field = egui::TextEdit::singleline(&mut self.profile).desired_width(width).hint_text("camera.toml");
-        ui.add(field).labelled_by(label.id).on_hover_text(hint);
+        ui.vertical(|ui| {
+            let field = egui::TextEdit::singleline(&mut self.profile).desired_width(width).hint_text("camera.toml");
+            ui.add(field).labelled_by(label.id).on_hover_text(hint);
+            self.choice(ui, Named::Profile, "Choose a profile…");
+        });
         ui.end_row();
         if let Some(scene) = &self.scene {
             ui.label("Scene");
@@ -151,16 +245,49 @@ impl Air {
         }
     }
 
-    fn opened(&self) -> Opened {
+    fn named(&mut self, named: Named) -> &mut String {
+        match named {
+            Named::Video => &mut self.camera,
+            Named::Board => &mut self.board,
+            Named::Profile => &mut self.profile,
+        }
+    }
+
+    /// A button that has a file chosen.
+    fn choice(&mut self, ui: &mut Ui, named: Named, title: &'static str) {
+        if !ui.small_button(title).clicked() {
+            return;
+        }
+        let seeks = match named {
+            Named::Video => Seeks::File(&["mp4", "mkv", "mov", "webm", "avi"]),
+            Named::Board | Named::Profile => Seeks::File(&["toml"]),
+        };
+        // Beside what is named already.
+        let known = [self.named(named).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];
+        let at = known.iter().map(|text| PathBuf::from(text.trim())).find(|path| path.is_absolute() && path.exists());
+        let at = at.or_else(std::env::home_dir).unwrap_or_default();
+        self.chooser = Some((named, Chooser::new(title.trim_end_matches('…'), seeks, &at)));
+    }
+
+    /// What is to be opened, or what was typed that cannot be.
+    fn opened(&self) -> Result<Opened, String> {
         let typed = |text: &str| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
         let poses = match self.poses {
             Poses::Tags => typed(&self.board).map_or_else(|| "tags".to_owned(), |board| format!("tags:{board}")),
             Poses::Stream => self.address.trim().to_owned(),
             Poses::None => "none".to_owned(),
         };
-        let from = LiveFrom::new(self.camera.trim(), &poses);
+        let size = typed(&self.size).map(|text| Asked::size_of(&text)).transpose()?;
+        let rate_hz = typed(&self.rate).map(|text| Asked::rate_of(&text)).transpose()?;
+        // What belongs to other poses than are chosen is left out.
+        let is = |poses: Poses| self.poses == poses;
+        let delay = typed(&self.delay).filter(|_| is(Poses::Stream)).map(|text| Asked::delay_of(&text)).transpose()?;
+        let smoothing = typed(&self.smoothing).filter(|_| is(Poses::Tags));
+        let smooth_s = smoothing.map(|text| Asked::smoothing_of(&text)).transpose()?;
+        let asked = Asked { size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.asked };
+        let from = LiveFrom { asked, ..LiveFrom::new(self.camera.trim(), &poses) }.absolute();
         let scene = self.scene.clone().filter(|_| self.with_scene);
-        Opened::camera(from, typed(&self.profile).map(PathBuf::from), scene)
+        Ok(Opened::camera(from, typed(&self.profile).map(PathBuf::from), scene))
     }
 }
 

@@ -149,9 +149,10 @@ impl Keeper {
         let scene = project.scene.clone().filter(|scene| !saving::is_demo(scene));
         // What was asked for last, and perhaps refused, is still there.
         let air = Air::new(ctx, project.profile.clone(), scene);
-        self.air = Some(match self.aired.take() {
-            Some(before) => air.restored(before),
-            None => air,
+        self.air = Some(match (self.aired.take(), &project.camera) {
+            (Some(before), _) => air.restored(before),
+            (None, Some(from)) => air.of(from),
+            (None, None) => air,
         });
     }
 
