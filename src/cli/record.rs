@@ -10,6 +10,7 @@ use super::watching::{Agreed, CameraArgs};
 use crate::live::{Came, Intake, Next, Writer};
 use crate::recording::recorder::Recorder;
 use crate::webcam::monotonic_s;
+use crate::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -55,13 +56,11 @@ pub fn run(args: &Args) -> Result<()> {
     let counts = intake.counts();
     let (kept, ended) = intake.finish().unwrap_or_default();
     if let Some(error) = failure.or(ended) {
-        bail!("{error}; the recording ends after {}, and is whole", crate::words::count(kept, "frame"));
+        bail!("{error}; the recording ends after {}, and is whole", count(kept, "frame"));
     }
     if counts.late + counts.odd > 0 {
-        let text = format!(
-            "{} of poses came too late, and {} that no camera can have made; they are left out",
-            counts.late, counts.odd
-        );
+        let (late, odd) = (count(counts.late as usize, "pose"), counts.odd);
+        let text = format!("left out: {late} that came too late, and {odd} that no camera can have made");
         warn(args.camera.pictures.quiet, &text);
     }
     watching.close(&format!("{}: {} poses, ", args.output.display(), counts.poses), kept, not_recorded);
