@@ -28,7 +28,7 @@ use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Given, Shot};
 use locard::window::{App, Project};
-use sheet::CAMERA;
+use sheet::{CAMERA, Place, Sheet};
 use worked::{Device, click_at, codes, drop_file, has, shown, shows, until};
 
 /// The window with a camera that plays the site's video, poses from the tags in it, and the marker beside the sheet.
@@ -283,4 +283,76 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     assert!(!window.get_by_label("Start").accesskit_node().is_disabled());
     typed(&mut window, "Delay", "late");
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
+}
+
+/// A video of the sheet as a person holds it before a camera to calibrate it: still in one place after the other, over and over.
+fn held(site: &Site) -> String {
+    let printed = image::open(site.path("board.png")).unwrap().into_luma8();
+    let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
+    let stands = [[0.0, -0.1], [0.4, 0.0], [-0.4, 0.1], [0.05, 0.42], [0.0, -0.45], [0.3, 0.3]];
+    for (n, [x, y]) in stands.into_iter().enumerate() {
+        let target = glam::DVec3::new(0.1 * y, -0.1 * x, 0.0);
+        let place = Place::looking(glam::DVec3::new(x, y, 0.55), target, 0.2 * n as f64);
+        let codes = sheet.photograph(&CAMERA, 3, 1.0, n as u64, |_| place);
+        image::RgbImage::from_raw(640, 480, codes).unwrap().save(site.path(&format!("held-{n}.png"))).unwrap();
+    }
+    let (from, to) = (site.path("held-%d.png"), site.path("held.mkv"));
+    let held = ["-v", "error", "-framerate", "0.5", "-stream_loop", "20", "-i", &from, "-r", "10"];
+    let codec = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0", &to];
+    assert!(std::process::Command::new("ffmpeg").args(held).args(codec).status().unwrap().success());
+    to
+}
+
+#[test]
+fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
+    let site = Site::new(&CAMERA);
+    let wrong = sheet::Camera { focal_px: 700.0, k1: 0.0, ..CAMERA };
+    std::fs::write(site.path("camera.toml"), wrong.profile()).unwrap();
+    let (video, profile) = (held(&site), Path::new(&site.path("camera.toml")).to_owned());
+    let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
+    let opened = live::open(&LiveFrom::new(&video, "none"), Some(&camera)).unwrap();
+    let given = Given { profile: Some(profile), ..Given::default() };
+    let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
+    project.camera = Some(LiveFrom::new(&video, "none"));
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
+    window.step();
+    window.get_by_label("Calibrate").click();
+    shows(&mut window, "Calibrate camera…");
+    window.get_by_label("Calibrate camera…").click();
+    shows(&mut window, "Give it up");
+    assert!(window.get_by_label("Finish").accesskit_node().is_disabled(), "three views at least");
+    let views = |window: &Harness<'_, App>| -> usize {
+        let node = window.query_all_by_label_contains(" of 20 views, ").next().unwrap();
+        let text = node.accesskit_node().label().or(node.accesskit_node().value()).unwrap();
+        text.split(' ').next().unwrap().parse().unwrap()
+    };
+    let begun = std::time::Instant::now();
+    while views(&window) < 5 {
+        assert!(begun.elapsed().as_secs() < 120, "{} views", views(&window));
+        window.step();
+        std::thread::yield_now();
+    }
+    assert!(window.query_all_by_label_contains("missing: ").count() > 0);
+    window.get_by_label("Finish").click();
+    shows(&mut window, "Take the camera");
+    let fx = |window: &Harness<'_, App>| match window.state().project().value("camera", "fx_px") {
+        Some(Value::Number(fx)) => fx,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(fx(&window), 700.0, "nothing is taken by itself");
+    assert!(window.query_all_by_label_contains("700.").count() > 0, "it stands beside");
+    window.get_by_label("Take the camera").click();
+    window.run_steps(2);
+    assert!((fx(&window) / CAMERA.focal_px - 1.0).abs() < 0.02, "{}", fx(&window));
+    assert!(window.get_by_label("Take the camera").accesskit_node().is_disabled());
+    let Some(Value::Number(k1)) = window.state().project().value("camera.distortion", "k1") else { panic!() };
+    assert!((k1 - CAMERA.k1).abs() < 0.05, "{k1}");
+    // One step.
+    window.get_by_label("Undo").click();
+    window.run_steps(2);
+    assert_eq!(fx(&window), 700.0);
+    window.get_by_label("Leave the camera").click();
+    window.run_steps(2);
+    assert!(!has(&window, "Take the camera") && has(&window, "Calibrate camera…"));
 }

@@ -138,6 +138,19 @@ impl Rig {
         }
     }
 
+    /// Sets focal lengths, principal point, distortion and the picture's size. What else there is of the geometry (readout time,
+    /// film) stays.
+    pub fn set_geometry(&mut self, geometry: &Geometry) {
+        for name in WHOLE {
+            // Both are of one table.
+            let _ = geometry.intrinsics.get(name).map(|value| self.intrinsics.set(name, &value));
+        }
+        self.distortion = geometry.distortion.clone();
+        self.given.extend(WHOLE.map(|name| (self.intrinsics.table(), name)));
+        let of_distortion = self.distortion.specs().into_iter().map(|spec| (self.distortion.table(), spec.name));
+        self.given.extend(of_distortion);
+    }
+
     /// The camera, with a geometry if it is complete.
     pub fn camera(&self) -> Camera {
         Camera {

@@ -1,12 +1,15 @@
-//! Calibration from inside: plain places give the noise, edges the sharpness. Each result stands beside the present value, and
+//! Calibration from inside: a board before a camera gives the lens, plain places give the noise, edges the sharpness. Each result stands beside the present value, and
 //! is taken or left.
 
+mod lens;
 mod noise;
 mod parts;
 mod sharpness;
+mod views;
 
 use eframe::egui::{self, RichText, Ui};
 
+use self::lens::Lens;
 use self::noise::Noise;
 use self::sharpness::Sharpness;
 use super::hand::Hand;
@@ -17,6 +20,7 @@ use crate::pixels::Rect;
 /// The tab.
 #[derive(Debug, Default)]
 pub struct Calibrating {
+    lens: Lens,
     noise: Noise,
     sharpness: Sharpness,
 }
@@ -32,6 +36,11 @@ impl Calibrating {
         self.noise.points()
     }
 
+    /// Has a camera's newest frame looked at, where views of a board are taken of it.
+    pub fn look(&mut self, session: &Session) {
+        self.lens.look(session);
+    }
+
     /// Nobody waits for what is being measured.
     pub fn rest(&mut self) {
         self.noise.rest();
@@ -43,6 +52,8 @@ impl Calibrating {
         self.sharpness.answers(session, hand);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let open = |title: &str| egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true);
+            open("Lens, from a board").show(ui, |ui| self.lens.show(ui, session));
+            ui.separator();
             open("Noise, from plain places").show(ui, |ui| self.noise.show(ui, session, hand));
             ui.separator();
             open("Sharpness, from edges").show(ui, |ui| self.sharpness.show(ui, session, hand));

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::History;
 use super::watch::{Stamp, stamp};
-use crate::camera::NoiseProfile;
+use crate::camera::{Geometry, NoiseProfile};
 use crate::compositor::Settings;
 use crate::live::LiveFrom;
 use crate::params::{ParamError, Params, Value, called, title};
@@ -249,6 +249,14 @@ impl Project {
         let mut edit = self.edit().clone();
         edit.rig.noise = Some(noise);
         self.change("Camera: noise", edit);
+        self.close_step();
+    }
+
+    /// Sets the camera's focal lengths, principal point and distortion, as one step.
+    pub fn set_geometry(&mut self, geometry: &Geometry) {
+        let mut edit = self.edit().clone();
+        edit.rig.set_geometry(geometry);
+        self.change("Camera: calibrated", edit);
         self.close_step();
     }
 

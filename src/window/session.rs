@@ -390,7 +390,7 @@ impl Session {
             return false;
         }
         // A camera's first frame is still to come.
-        if self.is_live() && self.arrived().is_none() {
+        if self.is_live() && self.newest().is_none() {
             return false;
         }
         let by = if begun.is_some() { 1 } else { self.reduction() };
@@ -398,7 +398,7 @@ impl Session {
             self.changed = Some(Instant::now());
         }
         let made = Made { by, ..wanted };
-        self.viewer.begin(made, self.project.shot().clone(), self.arrived(), self.wants);
+        self.viewer.begin(made, self.project.shot().clone(), self.newest(), self.wants);
         self.begun = Some(made);
         true
     }
@@ -412,7 +412,7 @@ impl Session {
             return;
         }
         if let Some(shot) = self.project.other_shot() {
-            self.viewer.begin(wanted, shot, self.arrived(), Wants::default());
+            self.viewer.begin(wanted, shot, self.newest(), Wants::default());
             self.begun_other = Some(wanted);
         }
     }

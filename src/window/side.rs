@@ -36,6 +36,8 @@ impl Side {
     }
 
     fn within(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+        // Whatever tab is shown: a person holds a board.
+        self.calibrating.look(session);
         let before = self.tab;
         ui.horizontal(|ui| {
             for (tab, name) in [(Tab::Settings, "Settings"), (Tab::Match, "Match"), (Tab::Calibrate, "Calibrate")] {

@@ -10,9 +10,14 @@ use crate::params::Field;
 use crate::words::{count, fixed, millimetres};
 
 impl Parameter {
+    /// As many digits behind the point as two of the deviation take.
+    pub fn digits(&self) -> usize {
+        if self.sigma > 0.0 { (1.0 - self.sigma.log10().floor()).clamp(0.0, 8.0) as usize } else { 6 }
+    }
+
     /// Value and deviation with two digits of the deviation.
-    fn shown(&self) -> String {
-        let digits = if self.sigma > 0.0 { (1.0 - self.sigma.log10().floor()).clamp(0.0, 8.0) as usize } else { 6 };
+    pub fn shown(&self) -> String {
+        let digits = self.digits();
         format!("{} ± {}", fixed(self.value, digits), fixed(self.sigma, digits))
     }
 

@@ -138,7 +138,7 @@ impl Session {
     }
 
     /// The camera's newest frame, while it is shown.
-    pub(super) fn arrived(&self) -> Option<Arc<Frame>> {
+    pub fn newest(&self) -> Option<Arc<Frame>> {
         self.live.as_ref().filter(|_| self.is_live())?.seen.as_ref().map(|seen| Arc::clone(&seen.frame))
     }
 

@@ -1,0 +1,163 @@
+//! Focal length, principal point and distortion of a camera that is shown: from a board that is held before it.
+
+use std::sync::Arc;
+
+use eframe::egui::{self, Color32, Sense, Ui};
+
+use super::super::session::Session;
+use super::parts;
+use super::views::{Told, Views};
+use crate::calibrate::geometry::{Calibrated, Coverage, Look, Parameter};
+use crate::frame::Frame;
+use crate::params::Value;
+use crate::words::{fixed, without_options};
+
+/// Fewer views leave the principal point open.
+const FEWEST: usize = 3;
+
+/// The section.
+#[derive(Debug, Default)]
+pub struct Lens {
+    views: Option<Views>,
+    /// What came of them.
+    found: Option<Result<Calibrated, String>>,
+}
+
+impl Lens {
+    /// Has the newest frame looked at, whatever tab is shown.
+    pub fn look(&mut self, session: &Session) {
+        let Some(views) = &mut self.views else { return };
+        session.newest().iter().for_each(|frame| views.look(frame));
+        if let Some(found) = views.take() {
+            (self.views, self.found) = (None, Some(found));
+        }
+    }
+
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session) {
+        if let Some(views) = &self.views {
+            let told = views.told();
+            how_far(ui, &told);
+            let mut is_given_up = false;
+            ui.horizontal(|ui| {
+                let enough = told.views >= FEWEST && !told.is_fitting;
+                let finish = ui.add_enabled(enough, egui::Button::new("Finish"));
+                if finish.on_hover_text("With the views there are").clicked() {
+                    views.end();
+                }
+                is_given_up = ui.button("Give it up").clicked();
+            });
+            if is_given_up {
+                self.views = None;
+            }
+            return;
+        }
+        parts::aside(
+            ui,
+            "Hold the sheet of tags (locard board) or a chessboard before the camera: flat, still, then elsewhere, tilted to \
+             all sides. Views are taken by themselves. One zoom, one focus.",
+        );
+        match session.newest() {
+            Some(frame) => {
+                if ui.button("Calibrate camera…").clicked() {
+                    self.begin(ui, session, &frame);
+                }
+            }
+            None => parts::aside(ui, "A camera has to be shown for that: File, Live camera…"),
+        }
+        match &self.found {
+            Some(Ok(calibrated)) => {
+                let calibrated = calibrated.clone();
+                self.result(ui, session, &calibrated);
+            }
+            Some(Err(why)) => _ = ui.colored_label(ui.visuals().warn_fg_color, without_options(why)),
+            None => {}
+        }
+    }
+
+    fn begin(&mut self, ui: &Ui, session: &mut Session, frame: &Arc<Frame>) {
+        let (size, wake) = ((frame.pixels.width, frame.pixels.height), ui.ctx().clone());
+        self.found = None;
+        match Views::begin(size, &session.project.edit().rig.response, move || wake.request_repaint()) {
+            Ok(views) => self.views = Some(views),
+            Err(why) => session.wrong(why),
+        }
+    }
+
+    /// What was measured beside what is set.
+    fn result(&mut self, ui: &mut Ui, session: &mut Session, calibrated: &Calibrated) {
+        ui.label(calibrated.origin());
+        egui::Grid::new("lens").num_columns(3).striped(true).show(ui, |ui| {
+            ["", "present", "measured"].into_iter().for_each(|head| _ = ui.weak(head));
+            ui.end_row();
+            for parameter in &calibrated.parameters {
+                ui.label(parameter.name);
+                let present = match session.project.value(parameter.table(), parameter.name) {
+                    Some(Value::Number(present)) => fixed(present, parameter.digits()),
+                    _ => String::new(),
+                };
+                ui.label(present);
+                ui.label(parameter.shown());
+                ui.end_row();
+            }
+        });
+        calibrated.missing.iter().for_each(|wish| parts::aside(ui, format!("missing: {wish}")));
+        calibrated.notes.iter().for_each(|note| parts::aside(ui, note));
+        let is_set = |parameter: &Parameter| {
+            let present = session.project.value(parameter.table(), parameter.name);
+            present == Some(Value::Number(parameter.value))
+        };
+        let is_taken = calibrated.parameters.iter().all(is_set);
+        match parts::take_or_leave(ui, "camera", is_taken) {
+            Some(true) => {
+                session.project.set_geometry(&calibrated.geometry);
+                session.say(
+                    "Taken: the camera that was measured. Save it, and open the camera again: its tags are read with it then",
+                );
+            }
+            Some(false) => self.found = None,
+            None => {}
+        }
+    }
+}
+
+fn how_far(ui: &mut Ui, told: &Told) {
+    let share = fixed(100.0 * told.coverage.share(), 0);
+    ui.label(format!("{} of {} views, {share} % of the picture seen", told.views, told.wanted));
+    coverage(ui, &told.coverage);
+    if told.is_fitting {
+        ui.horizontal(|ui| {
+            ui.spinner();
+            ui.label("the views are being fitted");
+        });
+        return;
+    }
+    let now = match told.look {
+        None => "looking for a board",
+        Some(Look::NoBoard) => "no board is seen",
+        Some(Look::Moving) => "it moves: hold it still",
+        Some(Look::Known) => "this is known: hold it elsewhere",
+        Some(Look::Taken) => "taken: move on",
+    };
+    ui.label(now);
+    if let Some(hint) = &told.hint {
+        ui.strong(hint);
+    }
+    for wish in &told.missing {
+        parts::aside(ui, format!("missing: {wish}"));
+    }
+}
+
+/// Where in the picture the board has been seen.
+fn coverage(ui: &mut Ui, coverage: &Coverage) {
+    let size = egui::vec2(160.0, 120.0);
+    let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
+    let cell = size / egui::vec2(coverage.columns as f32, coverage.rows as f32);
+    let seen = ui.visuals().selection.bg_fill;
+    ui.painter().rect_filled(rect, 0.0, ui.visuals().extreme_bg_color);
+    for (n, is_seen) in coverage.seen.iter().enumerate() {
+        let at = egui::vec2((n % coverage.columns) as f32, (n / coverage.columns) as f32) * cell;
+        let color = if *is_seen { seen } else { Color32::TRANSPARENT };
+        ui.painter().rect_filled(egui::Rect::from_min_size(rect.min + at, cell).shrink(1.0), 0.0, color);
+    }
+    response.on_hover_text("The picture: where the board has been seen");
+}
