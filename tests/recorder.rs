@@ -314,3 +314,86 @@ fn a_full_disk_ends_the_recording_with_what_is_whole() {
     // It ended in many places, and not only where lines had been written before.
     assert!(ends.len() > 10, "{ends:?}");
 }
+
+/// What was asked of a store, in turn.
+#[derive(Clone, Default)]
+struct Noted(std::rc::Rc<std::cell::RefCell<Vec<String>>>);
+
+impl Store for Noted {
+    fn file(&mut self, name: &Path, _: &[u8]) -> io::Result<()> {
+        self.0.borrow_mut().push(name.display().to_string());
+        Ok(())
+    }
+    fn remove(&mut self, _: &Path) -> io::Result<()> {
+        Ok(())
+    }
+    fn append(&mut self, lines: [&str; 4]) -> io::Result<()> {
+        self.0.borrow_mut().push(format!("lines {}", lines[3].lines().filter(|line| !line.starts_with('#')).count()));
+        Ok(())
+    }
+    fn sync(&mut self) -> io::Result<()> {
+        self.0.borrow_mut().push("sync".to_owned());
+        Ok(())
+    }
+}
+
+#[test]
+fn a_line_follows_its_picture_once_that_is_on_the_disk() {
+    let noted = Noted::default();
+    let mut recorder = Recorder::begin(noted.clone(), Path::new("site"), &about()).unwrap();
+    (0..40).for_each(|i| add(&mut recorder, i, &png()).unwrap());
+    recorder.finish().unwrap();
+    let (mut synced, mut written, mut listed) = (0, 0, 0);
+    for what in noted.0.borrow().iter() {
+        match what.strip_prefix("lines ") {
+            Some(lines) => {
+                listed += lines.parse::<usize>().unwrap();
+                assert!(listed <= synced, "{listed} of {synced}");
+            }
+            None if what == "sync" => synced = written,
+            None => written += usize::from(what.starts_with("frames/")),
+        }
+    }
+    assert_eq!((listed, written), (40, 40));
+}
+
+#[test]
+fn lines_follow_after_many_pictures_whatever_their_times_say() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
+    for i in 0..70 {
+        recorder.pose(line(i));
+        recorder.frame(1.0 + 1e-5 * i as f64, "png", &png(), Some(0.01), Some(1.0)).unwrap();
+    }
+    assert_eq!(open(temp.path()).frame_count(), 65, "the first, and sixty-four at once");
+    recorder.finish().unwrap();
+    assert_eq!(open(temp.path()).frame_count(), 70);
+}
+
+#[test]
+fn what_is_told_of_a_frame_once_holds() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
+    add(&mut recorder, 0, &png()).unwrap();
+    recorder.frame(time_s(1), "png", &png(), Some(0.01), None).unwrap();
+    recorder.settle(time_s(1), 0.25).unwrap();
+    recorder.settle(time_s(1), 0.75).unwrap();
+    recorder.finish().unwrap();
+    assert_eq!(open(temp.path()).presence(1), 0.25);
+}
+
+/// A list that cannot be written costs those before it nothing, and none after it is there: frames come last.
+#[test]
+fn lists_are_appended_all_or_none_and_frames_last() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut folder = Folder::new(temp.path()).unwrap();
+    let read = |name: &str| std::fs::read_to_string(temp.path().join(name)).ok();
+    folder.append(["a\n", "b\n", "", ""]).unwrap();
+    std::fs::create_dir(temp.path().join("covariance.txt")).unwrap();
+    assert!(folder.append(["aa\n", "bb\n", "cc\n", "dd\n"]).is_err());
+    assert_eq!(["poses.txt", "exposure.txt", "frames.txt"].map(read), [Some("a\n".into()), Some("b\n".into()), None]);
+    std::fs::remove_dir(temp.path().join("covariance.txt")).unwrap();
+    folder.append(["aaa\n", "", "ccc\n", "ddd\n"]).unwrap();
+    let all = ["poses.txt", "exposure.txt", "covariance.txt", "frames.txt"].map(read);
+    assert_eq!(all.map(Option::unwrap), ["a\naaa\n", "b\n", "ccc\n", "ddd\n"]);
+}

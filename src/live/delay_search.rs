@@ -201,4 +201,56 @@ mod tests {
         come(&mut search, [100.0, 130.0], |_| 0.0, true);
         assert!(search.poses.len() < 1100 && search.motions.len() <= 301);
     }
+
+    #[test]
+    fn a_delay_that_stays_is_told_once() {
+        let told = come(&mut search(), [0.0, 60.0], |_| 0.083, false);
+        assert_eq!(told.len(), 1, "{told:?}");
+    }
+
+    #[test]
+    fn a_clock_that_was_set_back_begins_anew() {
+        let mut search = search();
+        assert_eq!(come(&mut search, [100.0, 104.0], |_| 0.0, true).len(), 1);
+        let told = come(&mut search, [0.0, 4.0], |_| 0.0, true);
+        assert!(told.len() == 1 && (told[0].0 - 3.0).abs() < 0.04, "{told:?}");
+    }
+
+    #[test]
+    fn what_is_known_worse_than_a_third_of_a_frame_is_not_believed() {
+        let mut is_unsure = false;
+        for noise in 0..12 {
+            let (mut search, mut random) = (search(), 1_u64);
+            come(&mut search, [0.0, 2.9], |_| 0.083, false);
+            for motion in &mut search.motions {
+                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let even = (random >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+                motion.turn += 2e-4 * f64::from(1 << noise) * even * DVec3::new(1.0, -1.0, 0.5);
+            }
+            match search.estimate() {
+                Ok(found) => assert!(found.sigma_s <= SURE_S, "{found:?}"),
+                Err(Unknown::Unsure { sigma_s }) => {
+                    assert!(sigma_s > SURE_S);
+                    is_unsure = true;
+                }
+                Err(Unknown::NoDelay(_)) => {}
+            }
+        }
+        assert!(is_unsure);
+    }
+
+    #[test]
+    fn pictures_that_are_far_apart_and_poses_that_go_back_are_left_out() {
+        let mut search = search();
+        for time_s in [5.0, 3.0, 5.0, 6.0] {
+            search.pose(time_s, &Pose::IDENTITY);
+        }
+        assert_eq!(search.poses.iter().map(|(time_s, _)| *time_s).collect::<Vec<f64>>(), [5.0, 6.0]);
+        let codes = (0..3 * 320 * 240_u32).map(|n| (n / 3 % 320 / 9 * 37 + n / 960 / 11 * 53) as u8).collect();
+        let pixels = crate::pixels::Pixels::from_u8(320, 240, codes).unwrap();
+        for (time_s, motions) in [(1.0, 0), (1.03, 1), (2.0, 1), (2.2, 2)] {
+            search.picture(time_s, Reduced::new(&pixels).unwrap());
+            assert_eq!(search.motions.len(), motions, "{time_s}");
+        }
+    }
 }

@@ -205,6 +205,7 @@ impl PoseSource for Delayed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 
     #[test]
     fn a_delay_that_changes_is_followed_without_a_jump() {
@@ -225,5 +226,99 @@ mod tests {
         following.wanted_s = 0.0;
         assert_eq!(following.ours(3.0), 2.92);
         assert!((following.ours(6.1) - 6.021).abs() < 2e-3);
+    }
+
+    /// A pose every hundredth of a second, by its own clock.
+    struct Steady {
+        next: u32,
+        has_clock: bool,
+    }
+
+    impl PoseSource for Steady {
+        fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+            let mut poses = Vec::new();
+            while 0.01 * f64::from(self.next) <= until_s + 1e-9 {
+                poses.push((0.01 * f64::from(self.next), Pose::IDENTITY));
+                self.next += 1;
+            }
+            Ok(poses)
+        }
+        fn up(&self) -> Option<DVec3> {
+            None
+        }
+        fn has_clock(&self) -> bool {
+            self.has_clock
+        }
+    }
+
+    fn steady(has_clock: bool) -> Box<Steady> {
+        Box::new(Steady { next: 0, has_clock })
+    }
+
+    fn times_s(source: &mut dyn PoseSource, until_s: f64) -> Vec<f64> {
+        source.poses(until_s).unwrap().into_iter().map(|(time_s, _)| time_s).collect()
+    }
+
+    #[test]
+    fn what_is_told_is_added_to_each_pose_and_asked_for_beforehand() {
+        let mut late = delayed(steady(true), Added::Told(0.5), None).unwrap();
+        let times_s = times_s(&mut *late, 1.0);
+        // By its own clock until 0.5 s.
+        assert_eq!((times_s.len(), times_s[0]), (51, 0.5));
+        assert!((times_s[50] - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_found_is_taken_from_the_poses_and_told() {
+        let following = Following::default();
+        let mut found = Delayed { source: steady(true), following, search: None, told: None, has_refused: false };
+        let delay = Delay { delay_s: 0.08, sigma_s: 0.001, likeness: 0.9, ratio: 1.0, motions: 90 };
+        found.take(Ok(delay));
+        let told = found.told().unwrap();
+        assert!(told.starts_with("the poses' delay is found: --delay -0.0800 ± 0.0010 s"), "{told}");
+        // A second later it is followed whole.
+        times_s(&mut found, 1.0);
+        let after_s = times_s(&mut found, 1.5);
+        assert!((found.following.used_s + 0.08).abs() < 1e-12 && (after_s[0] - 0.93).abs() < 1e-9, "{after_s:?}");
+    }
+
+    #[test]
+    fn that_it_is_not_found_is_told_once() {
+        let following = Following::default();
+        let mut lost = Delayed { source: steady(true), following, search: None, told: None, has_refused: false };
+        let why = Unknown::Unsure { sigma_s: 0.05 };
+        lost.take(Err(why));
+        assert!(lost.told().unwrap().contains("is not found yet, and is taken for 0: it is known within ± 50 ms only"));
+        lost.take(Err(why));
+        assert_eq!(lost.told(), None);
+    }
+
+    #[test]
+    fn poses_of_the_pictures_themselves_and_pictures_all_around_have_no_delay() {
+        assert!(matches!(delayed(steady(false), Added::Told(0.1), None), Err(LiveError::NoDelay)));
+        assert!(delayed(steady(false), Added::Told(0.0), None).is_ok());
+        assert!(matches!(delayed(steady(true), Added::Found, None), Err(LiveError::DelayNeedsCamera)));
+        let intrinsics = Intrinsics { width_px: 640, height_px: 320, ..Intrinsics::default() };
+        let of = |model| {
+            let geometry = Geometry::new(intrinsics.clone(), Distortion { model, ..Distortion::default() });
+            Camera { geometry: Some(geometry), ..Camera::default() }
+        };
+        let around = delayed(steady(true), Added::Found, Some(&of(LensModel::Equirectangular)));
+        assert!(matches!(around, Err(LiveError::DelayNeedsCamera)));
+        assert!(delayed(steady(true), Added::Found, Some(&of(LensModel::Opencv))).is_ok());
+    }
+
+    #[test]
+    fn few_pictures_wait_for_the_search() {
+        let ((seen, coming), (_, found)) = (sync_channel(MOST), sync_channel(1));
+        let search = Some(Search { seen, found, waiting: Arc::new(()) });
+        let following = Following::default();
+        let mut busy = Delayed { source: steady(true), following, search, told: None, has_refused: false };
+        let pixels = Pixels::from_u8(64, 48, vec![7; 3 * 64 * 48]).unwrap();
+        (0..50).for_each(|n| busy.picture(f64::from(n), &pixels));
+        assert_eq!(coming.try_iter().count(), MOST_PICTURES);
+        // They are looked at, and others come.
+        (50..100).for_each(|n| busy.picture(f64::from(n), &pixels));
+        assert_eq!(coming.try_iter().count(), MOST_PICTURES);
     }
 }

@@ -221,3 +221,57 @@ impl Intake {
         self.writer.take().map(Writer::finish)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::live::source::PoseSource;
+    use crate::recording::recorder::About;
+    use crate::webcam::Newest;
+
+    /// Gives poses once, each with how sure it is.
+    struct Given(Vec<f64>);
+
+    impl PoseSource for Given {
+        fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+            Ok(std::mem::take(&mut self.0).into_iter().map(|time_s| (time_s, Pose::IDENTITY)).collect())
+        }
+        fn up(&self) -> Option<DVec3> {
+            None
+        }
+        fn covariance(&self, time_s: f64) -> Option<Covariance> {
+            Some(Covariance { time_s, upper: [1e-6; 21] })
+        }
+    }
+
+    #[test]
+    fn only_poses_that_are_taken_have_a_covariance() {
+        let latest = Arc::<Mutex<Latest>>::default();
+        let mut intake = Intake::new(0.1, 0.0, None).keeping(Arc::clone(&latest));
+        let (_putter, newest) = Newest::new();
+        // One comes too late, and one that no camera can have made is not there.
+        let mut watched = Watched::new(newest, Box::new(Given(vec![1.0, 0.5, 1.05, f64::NAN])));
+        intake.take_poses(&mut watched, 2.0).unwrap();
+        assert_eq!((intake.counts().poses, intake.counts().late, intake.counts().odd), (2, 1, 1));
+        let pixels = Pixels::from_u8(16, 16, vec![7; 768]).unwrap();
+        let temp = tempfile::tempdir().unwrap();
+        let about = About {
+            interval_s: 0.1,
+            max_gap_s: 0.1,
+            up: None,
+            has_floor: false,
+            camera: None,
+            delivered: None,
+            has_exposure: false,
+            profile: None,
+        };
+        let mut latest = latest.lock().unwrap().clone();
+        latest.frame(1.0, Arc::new(super::super::encode::Encoded::Pixels(pixels)), None);
+        latest.write(&temp.path().join("last"), &about).unwrap();
+        let sure = std::fs::read_to_string(temp.path().join("last/covariance.txt")).unwrap();
+        let times_s: Vec<&str> = sure.lines().skip(2).filter_map(|line| line.split(' ').next()).collect();
+        assert_eq!(times_s, ["1", "1.05"]);
+    }
+}
