@@ -330,7 +330,7 @@ fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
     let begun = std::time::Instant::now();
     while views(&window) < 4 {
         let told = || format!("{:?}", window.query_all_by_label_contains("hold").collect::<Vec<_>>());
-        assert!(begun.elapsed().as_secs() < 120, "{} views: {}", views(&window), told());
+        assert!(begun.elapsed().as_secs() < 240, "{} views: {}", views(&window), told());
         window.step();
         std::thread::yield_now();
     }

@@ -7,7 +7,7 @@
 //!   A camera in a recording's place: `session/live`, with `session/past`, and `camera` below the picture; `air` asks for it.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
 //!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
-//!   with its verdict; `reasons`: what calibration says, in the window's words. `plots`: how plots look.
+//!   with its verdict, and a camera's lens from a board; `reasons`: what calibration says, in the window's words. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
 //! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
