@@ -275,7 +275,8 @@ fn nothing_is_made_up_where_the_track_was_lost() {
     let known = [true, true, false, false, true, true, false, true];
     let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
     let frames = along(&sights).into_iter().map(|chosen| chosen.ok_or(Lost::Nothing)).collect();
-    let track = Track { times_s, frames, tags: known.iter().map(|known| usize::from(*known)).collect() };
+    let track =
+        Track { times_s, frames, tags: known.iter().map(|known| usize::from(*known)).collect(), smoothed_s: None };
     // 0.15 s lie between frames 4 and 5, 0.2 s across the shortest gap.
     let gap_s = track.max_gap_s();
     assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");

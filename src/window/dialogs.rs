@@ -220,7 +220,7 @@ pub fn message(ctx: &Context, text: &str) -> bool {
 pub enum Start {
     Open,
     Camera,
-    Recent(Opened),
+    Recent(Box<Opened>),
     Leave,
 }
 
@@ -277,7 +277,7 @@ pub fn start<'a>(
                 let button = ui.add_enabled(is_there, egui::Button::selectable(false, text));
                 let button = button.on_hover_text(opened.recording.display().to_string());
                 if button.on_disabled_hover_text("It is no longer there").clicked() {
-                    chosen = Some(Start::Recent(opened.clone()));
+                    chosen = Some(Start::Recent(Box::new(opened.clone())));
                 }
             }
         });

@@ -188,7 +188,7 @@ impl Start {
         match dialogs::start(ctx, self.recent.shown(ctx), Some(&place)) {
             Some(dialogs::Start::Open) => self.chooses(),
             Some(dialogs::Start::Camera) => self.air = Some(Air::new(ctx, None, None)),
-            Some(dialogs::Start::Recent(opened)) => self.begin(ctx, opened, None),
+            Some(dialogs::Start::Recent(opened)) => self.begin(ctx, *opened, None),
             Some(dialogs::Start::Leave) | None => {}
         }
         if let Some(text) = &self.told

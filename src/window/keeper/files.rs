@@ -189,7 +189,7 @@ impl Keeper {
             match dialogs::start(ctx, self.recent.shown(ctx), None) {
                 Some(dialogs::Start::Open) => self.open(&session.project),
                 Some(dialogs::Start::Camera) => self.asks_camera(ctx, &session.project),
-                Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(Box::new(opened), None)),
+                Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(opened, None)),
                 Some(dialogs::Start::Leave) => self.shows_start = false,
                 None => {}
             }
