@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use filmed::{AWAY, FPS, FRAMES, Site};
+use filmed::{AWAY, FRAMES, Site};
 use locard::live::open_poses;
 use locard::pose::Pose;
 use locard::profile::Rig;
@@ -111,10 +111,12 @@ fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
     }
 }
 
-/// The site's video, slowed down to a rate, and grey for a second behind it.
+/// The site's video, slowed down to a rate, and grey for a while behind it; four times, so that a slow machine takes some
+/// frame of what is seen to fade.
 fn grey_at_its_end(site: &Site, rate_hz: f64) -> String {
     let to = site.path("ends-grey.mkv");
-    let filter = format!("tpad=stop_mode=add:stop_duration=1:color=gray,setpts={}*PTS", FPS / rate_hz);
+    let grey = "tpad=stop_mode=add:stop_duration=0.5:color=gray,loop=loop=3:size=33:start=0";
+    let filter = format!("{grey},setpts=N/{rate_hz}/TB");
     let from = site.path("site.mkv");
     let arguments = ["-v", "error", "-i", &from, "-vf", &filter, "-r", &rate_hz.to_string(), "-c:v", "libx264rgb"];
     let status = Command::new("ffmpeg").args(arguments).args(["-preset", "ultrafast", "-qp", "0", &to]).status();
@@ -132,17 +134,19 @@ fn record_writes_how_much_is_seen_while_the_camera_is_lost() {
     let recording = Recording::open(Path::new(&folder), &OpenOptions::default()).unwrap();
     let sure = std::fs::read_to_string(Path::new(&folder).join("covariance.txt")).unwrap();
     let seen_s: Vec<f64> = sure.lines().skip(2).map(|line| line.split(' ').next().unwrap().parse().unwrap()).collect();
-    assert!(seen_s.len() > 5 && seen_s.len() <= FRAMES - AWAY.len(), "{}", seen_s.len());
-    let last_s = *seen_s.last().unwrap();
+    assert!(seen_s.len() > 5 && seen_s.len() <= 4 * (FRAMES - AWAY.len()), "{}", seen_s.len());
     let (mut faded, mut lost) = (0, 0);
-    for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| **time_s > last_s) {
+    for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| !seen_s.contains(time_s)) {
+        let Some(last_s) = seen_s.iter().rev().find(|seen_s| *seen_s < time_s) else { continue };
         let (since_s, presence) = (time_s - last_s, recording.presence(frame));
-        let wanted = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
-        match recording.pose_at_frame(frame) {
-            Ok(_) => assert!((presence - wanted).abs() < 1e-9, "{since_s}: {presence} {wanted}"),
-            Err(_) => assert!(since_s > 0.3, "{since_s}"),
+        let most = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
+        if recording.pose_at_frame(frame).is_err() {
+            assert_eq!(presence, 1.0, "nothing is drawn");
+        } else if !seen_s.iter().any(|seen_s| seen_s > time_s && *seen_s < time_s + 0.25) {
+            // Found a moment before, it may still rise; it falls as it does live.
+            assert!(presence <= most + 1e-9, "{since_s}: {presence} {most}");
+            faded += usize::from((presence - most).abs() < 1e-9 && presence > 0.0 && presence < 1.0);
         }
-        faded += usize::from(presence > 0.0 && presence < 1.0);
         lost += usize::from(recording.pose_at_frame(frame).is_err());
     }
     assert!(faded > 0 && lost > 0, "{faded} {lost}");

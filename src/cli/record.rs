@@ -32,8 +32,9 @@ pub fn run(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     let about = agreed.about(args.profile.as_deref())?;
     let writer = Writer::new(Recorder::create(&args.output, &about)?)?;
-    // Up to the next frame's pose, which even poses from tags have to be waited for: what lies between is not predicted then.
-    let interval_s = about.interval_s;
+    // As far as an exposure may reach. Even poses from tags have to be waited for there: the next frame's is measured, and what
+    // lies between is not predicted then. No farther, or what is found again would rise before it is found.
+    let (interval_s, reach_s) = (about.interval_s, 0.5 * about.interval_s);
     let mut intake = Intake::new(about.max_gap_s, PATIENCE_S.max(1.5 * interval_s), Some(writer));
     let mut watching = agreed.start()?;
     let (mut not_recorded, mut last_s, mut failure) = (0, f64::NEG_INFINITY, None);
@@ -41,7 +42,7 @@ pub fn run(args: &Args) -> Result<()> {
         match watching.next(Instant::now() + Duration::from_millis(50)) {
             Next::Picture(came) => {
                 let (picture, pixels) = *came;
-                let came = intake.picture(&picture, pixels, |_| (interval_s, interval_s), monotonic_s());
+                let came = intake.picture(&picture, pixels, |_| (reach_s, reach_s), monotonic_s());
                 not_recorded += u64::from(came == Came::NotRecorded);
                 last_s = picture.time_s;
             }
