@@ -1,10 +1,10 @@
 //! Asks for a camera, and where its poses come from.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Context, Key, Ui};
 
-use super::chooser::{Chooser, Chosen, Seeks};
+use super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::errand::Errand;
 use super::recent::Opened;
 use crate::live::{Added, Asked, LiveFrom};
@@ -264,9 +264,10 @@ impl Air {
         };
         // Beside what is named already.
         let known = [self.named(named).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];
-        let at = known.iter().map(|text| PathBuf::from(text.trim())).find(|path| path.is_absolute() && path.exists());
-        let at = at.or_else(std::env::home_dir).unwrap_or_default();
-        self.chooser = Some((named, Chooser::new(title.trim_end_matches('…'), seeks, &at)));
+        let files = known.iter().map(|text| PathBuf::from(text.trim())).filter(|path| path.is_absolute());
+        let folders = files.filter_map(|file| file.parent().map(Path::to_owned)).chain(std::env::home_dir());
+        let begin = Begin::within(folders.collect::<Vec<_>>());
+        self.chooser = Some((named, Chooser::new(title.trim_end_matches('…'), seeks, begin)));
     }
 
     /// What is to be opened, or what was typed that cannot be.
