@@ -36,6 +36,18 @@ pub struct FrameExposure {
     pub gain: Option<f64>,
     /// From the picture's own file.
     pub photo: PhotoSettings,
+    /// How bright the picture itself is, where the footage was analysed.
+    pub seen: Option<SeenBrightness>,
+}
+
+/// How bright a picture shows the same things, by comparison with the recording's others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenBrightness {
+    /// Brighter than the recording's median by these factors on light: red, green, blue.
+    pub factors: [f64; 3],
+    /// What [`FrameExposure`] says of the recording's median frame, seconds at f/1, ISO 100 and gain 1; `None` if it says
+    /// nothing of most frames.
+    pub usual_s: Option<f64>,
 }
 
 /// The settings a picture was taken with, from its file (EXIF). All are above 0, except possibly `taken_s`.

@@ -41,6 +41,7 @@ pub mod compositor;
 pub mod profile;
 
 // 6: footage with what is put into it, and what is written of it; cost, noise calibration, comparison, photographs, simulated recordings
+pub mod analyse;
 pub mod bench;
 pub mod calibrate;
 pub mod export;

@@ -111,7 +111,7 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64
     std::fs::write(&profile, PROFILE).unwrap();
     let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
     let scene = Some(Path::new("scenes/marker-1.glb").to_owned());
-    let given = Given { profile: Some(profile), sets: sets.clone(), scene: scene.clone() };
+    let given = Given { profile: Some(profile), sets: sets.clone(), scene: scene.clone(), ..Given::default() };
     let shot = Shot::of(Recording::arriving("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &given).unwrap();
     let about = About {
         interval_s: INTERVAL_S,

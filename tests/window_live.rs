@@ -42,7 +42,7 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let tags = format!("tags:{}", site.path("board.toml"));
     let opened = live::open(&LiveFrom::new(video, &tags), Some(&camera)).unwrap();
     let sets = sets.iter().map(ToString::to_string).collect();
-    let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()) };
+    let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()), ..Given::default() };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
     project.camera = Some(LiveFrom::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
+use super::analysis::{self, Analysis};
 use super::skip::Skip;
 use super::which::Which;
 use super::{progress, tell, told, warn};
@@ -69,6 +70,8 @@ pub struct Args {
     #[arg(long, default_value_t = 0.0, value_name = "S", allow_negative_numbers = true)]
     time_offset_s: f64,
     #[command(flatten)]
+    analysis: Analysis,
+    #[command(flatten)]
     skip: Skip,
     /// No progress bar, no warnings
     #[arg(long, short)]
@@ -109,7 +112,12 @@ pub fn run(args: Args) -> Result<()> {
         time_offset_s: args.time_offset_s,
         ..OpenOptions::default()
     });
-    let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: Some(args.scene.clone()) };
+    let given = Given {
+        profile: args.profile.clone(),
+        sets: args.sets.clone(),
+        scene: Some(args.scene.clone()),
+        analysis: args.analysis.asked(),
+    };
     let mut shot = Shot::open(&args.recording, &options, &given)?;
     if let Some(frame) = args.preview {
         super::check_frame(frame, shot.recording.frame_count())?;
@@ -143,6 +151,7 @@ pub fn run(args: Args) -> Result<()> {
     for note in shot.notes(range.clone()).into_iter().chain(shot.standing_notes(range.clone())) {
         warn(quiet, &note.to_string());
     }
+    analysis::say(quiet, &shot);
     let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
         warn(quiet, &text);

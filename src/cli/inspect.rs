@@ -11,6 +11,7 @@ use serde::de::IgnoredAny;
 use super::pick::{self, Asked, Pick, Picker, numbers};
 use super::skip::Skip;
 use super::{clock, listen, progress_of};
+use crate::analyse;
 use crate::camera::Geometry;
 use crate::compositor::Settings;
 use crate::depth::holes;
@@ -65,6 +66,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 const MOST_DAMAGED: usize = 10;
 
 enum Found {
+    Analysis,
     Recording,
     Scene,
     Profile,
@@ -82,6 +84,7 @@ struct Keys {
 fn kind(path: &Path) -> Result<Found> {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     Ok(match ending.as_str() {
+        _ if path.join(analyse::FILE_NAME).is_file() => Found::Analysis,
         _ if path.is_dir() => Found::Recording,
         "glb" | "gltf" => Found::Scene,
         "toml" => {
@@ -115,6 +118,10 @@ pub fn run(args: &Args) -> Result<()> {
         Found::Scene => {
             let scene = crate::scene::load(&args.what, None)?;
             write!(std::io::stdout().lock(), "{}", crate::scene::describe(&scene))?;
+            Ok(())
+        }
+        Found::Analysis => {
+            write!(std::io::stdout().lock(), "{}", analyse::Analysis::read(&args.what)?.findings)?;
             Ok(())
         }
         Found::Profile => profile(&args.what),

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use super::analysis::Analysis;
 use super::skip::Skip;
 use crate::camera::stops;
 use crate::recording::{OpenOptions, Recording};
@@ -42,6 +43,8 @@ pub struct LightArgs {
     #[arg(long, default_value_t = 1.0, value_name = "M")]
     pub metres_per_unit: f64,
     #[command(flatten)]
+    pub analysis: Analysis,
+    #[command(flatten)]
     pub skip: Skip,
 }
 
@@ -51,7 +54,8 @@ impl LightArgs {
         let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
-        let given = Given { profile: self.profile.clone(), sets: self.sets.clone(), scene };
+        let given =
+            Given { profile: self.profile.clone(), sets: self.sets.clone(), scene, analysis: self.analysis.asked() };
         Ok(Shot::of(recording, &given)?)
     }
 }

@@ -69,7 +69,8 @@ fn in_window(args: &Args) -> Result<()> {
         bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
     }
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
-    let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone() };
+    let given =
+        Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone(), ..Given::default() };
     let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
     project.camera = Some(args.camera.from().absolute());
     let (camera, record) = (Some(agreed.opened), args.record.clone());
@@ -88,7 +89,8 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let agreed = Agreed::open(&args.camera, profile)?;
     let delivered = agreed.opened.camera.given.delivered;
     let (width, height, interval_s) = (delivered.width, delivered.height, agreed.opened.interval_s);
-    let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone() };
+    let given =
+        Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone(), ..Given::default() };
     let mut shot = Shot::of(agreed.opened.recording(), &given)?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;

@@ -1,6 +1,8 @@
 //! The command line. Data goes to stdout, messages to stderr. Exits with 0, or with 2 and one line that says what is
 //! wrong. Names no effect: effects come from the list.
 
+mod analyse;
+mod analysis;
 mod bench;
 mod board;
 mod calibrate;
@@ -50,6 +52,8 @@ struct Cli {
 enum Command {
     /// Put a scene into a recording
     Composite(composite::Args),
+    /// Find out from a recording's own pictures where the camera really was, how its clocks run and how bright each frame is
+    Analyse(analyse::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
     /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about it
@@ -98,6 +102,7 @@ pub fn main() -> ExitCode {
     };
     let done = ending::listen().and_then(|()| match cli.command {
         Command::Composite(args) => composite::run(args),
+        Command::Analyse(args) => analyse::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Live(args) => live::run(&args),

@@ -93,6 +93,9 @@ pub fn run(args: &Args) -> Result<()> {
     let mut placed = scene::lay(&model, &args.scene, &support, posture, heading, up)?;
     placed.name.clone_from(&args.name);
     let position = placed.position_m.unwrap_or_default();
+    if file.gauge.is_none() {
+        file.gauge = shot.gauge(args.frame);
+    }
     file.objects.push(placed);
     // What does not load is not written.
     shot.set_scene(Arc::new(scene::load_file(&file, &args.scene, shot.recording.up)?));

@@ -39,7 +39,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let recording = recording.unwrap_or_else(|| DEMO.into());
     let new_profile = profile.clone().filter(|path| !path.exists());
-    let given = Given { profile: profile.filter(|path| path.exists()), sets: Vec::new(), scene };
+    let given = Given { profile: profile.filter(|path| path.exists()), sets: Vec::new(), scene, ..Given::default() };
     let options = OpenOptions { metres_per_unit, ..OpenOptions::default() };
     let mut project = Project::open(&recording, &options, &given)?;
     if let Some(path) = new_profile {

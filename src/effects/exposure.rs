@@ -8,6 +8,10 @@
 //! exposure counts as exposed like the reference. A photograph's own stops, which real and virtual things share, are a
 //! factor on light whatever the method.
 //!
+//! Where the footage was analysed, `follow` takes the layer's light times what the frame itself shows to be brighter than the
+//! recording's usual one, for each colour: exposure, gain and white balance that the camera changed by itself. What was measured
+//! then overrides what was recorded: `reference_s` counts from the usual frame's recorded exposure.
+//!
 //! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on blur (its length is
 //! the camera's exposure time already).
 
@@ -33,11 +37,13 @@ crate::params! {
         method: Method = Method::Photographic;
         "exposure at which the scene's lights are right: time x gain (x ISO/100 / f-number^2 where frames tell them); none: at every one; with all else, 30 stops at most"
         reference_s: Option<f64> = None, "s", 1e-9..=1e6, by_ratio;
+        "whether objects become brighter and change colour as the footage does from frame to frame, where it was analysed"
+        follow as "Follow the footage": bool = true;
     }
 }
 
 crate::uniform! {
-    struct Uniform { gain: f32, step: f32, picture: f32, gamma: f32 }
+    struct Uniform { gain: f32, step: f32, picture: f32, gamma: f32, factors: [f32; 4] }
 }
 
 /// How much light a frame's recording gathered from the same scene, in seconds at f/1, ISO 100 and gain 1. An unknown
@@ -52,8 +58,15 @@ pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
 impl Exposure {
     /// How many stops brighter a frame's layer gets; within ±30.
     pub fn over_ev(&self, recorded: &FrameExposure) -> f64 {
-        let longer = self.reference_s.and_then(|reference_s| Some((gathered_s(recorded)? / reference_s).log2()));
+        let usual_s = recorded.seen.filter(|_| self.follow).map(|seen| seen.usual_s);
+        let of_frame = || usual_s.unwrap_or_else(|| gathered_s(recorded));
+        let longer = self.reference_s.and_then(|reference_s| Some((of_frame()? / reference_s).log2()));
         (self.ev + longer.unwrap_or(0.0)).clamp(-30.0, 30.0)
+    }
+
+    /// By which the layer's light follows the frame's: red, green, blue.
+    pub fn factors(&self, recorded: &FrameExposure) -> [f64; 3] {
+        recorded.seen.filter(|_| self.follow).map_or([1.0; 3], |seen| seen.factors)
     }
 }
 
@@ -70,7 +83,9 @@ impl Effect for Exposure {
         "things are made neither brighter nor darker; stops other than 0, or a reference time, set it to work"
     }
     fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        self.over_ev(&moment.recorded) == 0.0 && of_picture_ev(moment) == 0.0
+        self.over_ev(&moment.recorded) == 0.0
+            && of_picture_ev(moment) == 0.0
+            && self.factors(&moment.recorded) == [1.0; 3]
     }
     fn cases(&self) -> Vec<Case> {
         let over = ("ev", Value::Number(1.0));
@@ -83,11 +98,13 @@ impl Effect for Exposure {
             Method::Photographic => Entry::from("photographic"),
             Method::Additive => Entry::from("additive").choose("curve", curve_choice(&run.moment.camera.response)),
         };
+        let [red, green, blue] = self.factors(&run.moment.recorded).map(|factor| factor as f32);
         let uniform = Uniform {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
             picture: photographic_gain(of_picture_ev(run.moment)) as f32,
             gamma: run.moment.camera.response.gamma as f32,
+            factors: [red, green, blue, 1.0],
         };
         let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
         let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);
@@ -95,7 +112,7 @@ impl Effect for Exposure {
     }
 }
 
-/// One premultiplied pixel of the layer, exposed.
+/// One premultiplied pixel of the layer, exposed. What follows the footage is a factor on its light before.
 pub fn twin(rgba: [f64; 4], method: Method, over_ev: f64, response: &Response) -> [f64; 4] {
     let [r, g, b, a] = rgba;
     let exposed = |light: f64| match method {
@@ -132,6 +149,13 @@ mod tests {
         assert_eq!(Exposure::default().over_ev(&of(Some(0.02), Some(2.0))), 0.0);
         let params = Exposure { ev: -0.5, ..params };
         assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
+        // Measured: the frame is half as bright as usual, whatever was recorded of it; the usual one was exposed for 20 ms.
+        let seen = Some(crate::frame::SeenBrightness { factors: [0.5, 0.5, 0.4], usual_s: Some(0.02) });
+        let measured = FrameExposure { seen, ..of(Some(0.08), None) };
+        let params = Exposure { reference_s: Some(0.01), ..Default::default() };
+        assert_eq!((params.over_ev(&measured), params.factors(&measured)), (1.0, [0.5, 0.5, 0.4]));
+        let recorded = Exposure { follow: false, ..params };
+        assert_eq!((recorded.over_ev(&measured), recorded.factors(&measured)), (3.0, [1.0; 3]));
         // f/4, 1/50 s, ISO 400: 0.02 · 4 / 16 = 5 ms at f/1 and ISO 100.
         let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), ..Default::default() };
         assert_eq!(gathered_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));

@@ -6,5 +6,6 @@
 pub mod homography;
 pub mod robust;
 mod stand;
+pub mod twist;
 
 pub use stand::{Stand, by_stand};

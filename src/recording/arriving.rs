@@ -38,6 +38,7 @@ impl Recording {
             given_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),
             depth: None,
+            depth_later_s: 0.0,
         }
     }
 

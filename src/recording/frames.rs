@@ -27,6 +27,7 @@ pub struct Frames {
     presence: Arc<[f64]>,
     exposure: Arc<[FrameExposure]>,
     pictures: Arc<Pictures>,
+    depth_later_s: f64,
 }
 
 #[derive(Debug)]
@@ -97,6 +98,7 @@ impl Frames {
             presence: Arc::clone(&recording.presence),
             exposure: Arc::clone(&recording.exposure),
             pictures: Arc::clone(&recording.pictures),
+            depth_later_s: recording.depth_later_s,
         })
     }
 
@@ -108,6 +110,7 @@ impl Frames {
                 depth.next().unwrap_or(Err(SourceError::DecoderDied))??,
             ),
         };
+        let depth = depth.map(|map| DepthMap { timestamp_s: map.timestamp_s + self.depth_later_s, ..map });
         let index = self.next;
         // The size was checked when the recording was opened, but the file may have changed since.
         if (pixels.width, pixels.height) != self.size {

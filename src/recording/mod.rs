@@ -35,7 +35,7 @@ pub use error::RecordingError;
 pub use frames::Frames;
 
 use crate::camera::Geometry;
-use crate::frame::{FrameExposure, interval_s};
+use crate::frame::{FrameExposure, SeenBrightness, interval_s};
 use crate::pose::Pose;
 use crate::source::{SourceError, still};
 use crate::tracking::{NoPose, PoseTrack};
@@ -121,6 +121,19 @@ pub struct Recording {
     given_cameras: Option<Arc<[Option<Geometry>]>>,
     pictures: Arc<Pictures>,
     depth: Option<Arc<Depth>>,
+    /// Added to the depth maps' times, seconds.
+    depth_later_s: f64,
+}
+
+/// What pictures say of a recording beyond what was recorded.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Refinement {
+    /// In place of the recorded poses, by the frames' own times.
+    pub track: Option<PoseTrack>,
+    /// Added to the depth maps' times, seconds.
+    pub depth_later_s: f64,
+    /// One per frame, or empty.
+    pub seen: Vec<SeenBrightness>,
 }
 
 impl Recording {
@@ -134,6 +147,38 @@ impl Recording {
             parts.warnings.push(format!("a {format} recording is in metres; metres_per_unit is left out"));
         }
         parts.assemble(format, options)
+    }
+
+    /// Takes over what was found out about it.
+    pub fn refine(&mut self, by: &Refinement) {
+        if let Some(track) = &by.track {
+            (self.track, self.time_offset_s) = (track.clone(), 0.0);
+        }
+        self.depth_later_s = by.depth_later_s;
+        let seen =
+            self.exposure.iter().zip(&by.seen).map(|(recorded, seen)| FrameExposure { seen: Some(*seen), ..*recorded });
+        if by.seen.len() == self.frame_count() {
+            self.exposure = seen.collect();
+        }
+    }
+
+    /// The track in a world in which the camera stands where `pose` says in a frame that was taken at `time_s`. `None` if it
+    /// stands there already (within 1e-9 m and rad), and if this is not the frame that is meant: it was taken at another time,
+    /// or stands farther away than poses are wrong by.
+    pub fn held_at(&self, frame: usize, time_s: f64, pose: &Pose) -> Option<PoseTrack> {
+        const MOST_WRONG_M: f64 = 0.3;
+        const MOST_WRONG_RAD: f64 = 0.2;
+        let now = self.pose_at_frame(frame).ok().filter(|_| self.timestamps_s[frame] == time_s)?;
+        let far_m = (now.position_in_world_m() - pose.position_in_world_m()).length();
+        let turned = now.rotation.angle_between(pose.rotation);
+        let is_same = far_m < 1e-9 && turned < 1e-9;
+        if is_same || far_m > MOST_WRONG_M || turned > MOST_WRONG_RAD {
+            return None;
+        }
+        // world_from_other = camera_from_world⁻¹ · camera_from_other.
+        let back = now.world_from_camera_rotation();
+        let world_from_other = Pose::new(back * pose.rotation, now.inverse_transform_point(pose.translation_m));
+        Some(self.track.in_world(&world_from_other))
     }
 
     /// Takes another length for the format's unit, above 0. A recording in metres stays as it is.
@@ -190,6 +235,15 @@ impl Recording {
             Pictures::Video(video, _) => std::slice::from_ref(&video.file),
         };
         self.described_by.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
+    }
+
+    /// The files of pictures, a video's own among them, and of depth.
+    pub fn pictures(&self) -> impl Iterator<Item = &Path> {
+        let video = match &*self.pictures {
+            Pictures::Stills(_) => None,
+            Pictures::Video(video, _) => Some(video.file.as_path()),
+        };
+        self.stills().chain(video).chain(self.depth_files())
     }
 
     /// The folders that contain its pictures, including depth, each once.

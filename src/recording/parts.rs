@@ -214,6 +214,7 @@ impl Parts {
             warnings,
             pictures: Arc::new(self.pictures),
             depth,
+            depth_later_s: 0.0,
         })
     }
 }

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use crate::document;
+use crate::pose::Pose;
 use crate::source::file as plain;
 
 /// A scene file and its text. Comments and order are kept when values change.
@@ -50,10 +51,41 @@ pub struct SceneFile {
     /// Length of a unit of the recording, if that is not in metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metres_per_unit: Option<f64>,
+    /// In which world the positions are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gauge: Option<Gauge>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<PlacedModel>,
     #[serde(default, skip_serializing_if = "is_default")]
     pub light: LightTable,
+}
+
+/// Where the camera stood in a frame, in the scene's world: a recording whose poses are known better later is moved as a whole
+/// so that they agree, and what was put onto a surface in that frame stays on it.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gauge {
+    pub frame: usize,
+    /// When it was taken: in other recordings this says nothing.
+    pub time_s: f64,
+    /// The camera's, metres.
+    pub position_m: [f64; 3],
+    /// World from camera (OpenCV axes): x, y, z, w.
+    pub quaternion: [f64; 4],
+}
+
+impl Gauge {
+    pub fn of(frame: usize, time_s: f64, pose: &Pose) -> Self {
+        let quaternion = pose.world_from_camera_rotation().to_array();
+        Self { frame, time_s, position_m: pose.position_in_world_m().to_array(), quaternion }
+    }
+
+    /// `None` if the numbers make no pose.
+    pub fn pose(&self) -> Option<Pose> {
+        let (position, turn) = (DVec3::from(self.position_m), DQuat::from_array(self.quaternion));
+        let is_sound = position.is_finite() && (turn.length() - 1.0).abs() < 1e-3;
+        is_sound.then(|| Pose::from_camera_in_world(position, turn))
+    }
 }
 
 /// A model and its placement, once or, by `instances`, several times.
@@ -153,7 +185,14 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 
 impl Default for SceneFile {
     fn default() -> Self {
-        Self { version: 1, up: None, metres_per_unit: None, objects: Vec::new(), light: LightTable::default() }
+        Self {
+            version: 1,
+            up: None,
+            metres_per_unit: None,
+            gauge: None,
+            objects: Vec::new(),
+            light: LightTable::default(),
+        }
     }
 }
 

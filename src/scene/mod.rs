@@ -33,7 +33,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 pub use describe::{Description, ObjectDescription, TextureDescription, describe};
-pub use document::{Document, Entry, SceneFile};
+pub use document::{Document, Entry, Gauge, SceneFile};
 pub use edit::Stance;
 pub use error::SceneError;
 pub use heading::Heading;
@@ -55,6 +55,8 @@ pub struct Scene {
     pub up_in_world: Option<DVec3>,
     /// How long the recording's unit is by the scene file, metres.
     pub metres_per_unit: Option<f64>,
+    /// Where the camera stands in a frame, in the world that the objects are in, by the scene file.
+    pub gauge: Option<Gauge>,
     /// Warnings, each given once.
     pub warnings: Vec<String>,
     /// The files that the scene was read from.

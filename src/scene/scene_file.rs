@@ -30,6 +30,11 @@ pub(super) fn read(
         return Err(SceneError::bad(file, "metres_per_unit", found, "more than 0"));
     }
     loader.scene.metres_per_unit = scene.metres_per_unit;
+    if let Some(found) = scene.gauge.filter(|gauge| gauge.pose().is_none()) {
+        let found = format!("{:?} {:?}", found.position_m, found.quaternion);
+        return Err(SceneError::bad(file, "gauge", found, "a finite position and a quaternion of length 1"));
+    }
+    loader.scene.gauge = scene.gauge;
     let white_lx = scene.light.white_lx.unwrap_or(DEFAULT_WHITE_LX);
     if !(white_lx > 0.0 && white_lx.is_finite()) {
         return Err(SceneError::bad(file, "light.white_lx", white_lx, "more than 0"));

@@ -15,6 +15,8 @@ use crate::words::count;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ShotError {
+    #[error("{}: {problem}", folder.display())]
+    Analysis { folder: std::path::PathBuf, problem: String },
     #[error(transparent)]
     Recording(#[from] RecordingError),
     #[error(transparent)]

@@ -3,6 +3,7 @@
 //! A [`Shot`] is used alike by the program, a window and a test. Its camera (`rig`) and `settings` may change between
 //! two pictures, and the next one follows; nothing is read again. The GPU is the caller's: [`Shot::compositor`].
 
+mod analysed;
 mod check;
 mod error;
 mod eye;
@@ -29,8 +30,9 @@ use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording, RecordingError};
-use crate::scene::{self, Scene};
+use crate::scene::{self, Gauge, Scene};
 
+pub use analysed::{Analysed, AnalysisState};
 pub use error::ShotError;
 pub use eye::{Eye, Ray};
 pub use light::{Known, SceneLight, USUAL_ISO};
@@ -53,6 +55,8 @@ pub struct Given {
     pub sets: Vec<String>,
     /// Put into the footage. Without it the footage stays as it is.
     pub scene: Option<PathBuf>,
+    /// What the footage says of itself.
+    pub analysis: Analysed,
 }
 
 /// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
@@ -73,6 +77,8 @@ pub struct Shot {
     by_sets: Rig,
     /// The recording's unit as it was opened, metres: 1 if nobody said it.
     opened_unit_m: f64,
+    /// Whether an analysis of the footage is used, or why not.
+    pub analysis: AnalysisState,
     /// The frame of the last picture, as recorded: usually the next one's too.
     held: Option<Arc<Frame>>,
 }
@@ -103,6 +109,7 @@ impl Shot {
             rig.set_text(text, &mut settings)?;
             by_sets.set_text(text, &mut Settings::default())?;
         }
+        let analysis = analysed::take(&mut recording, &mut rig, given)?;
         recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
             Some(path) => scene::load(path, recording.up)?,
@@ -110,25 +117,47 @@ impl Shot {
         };
         let opened_unit_m = recording.metres_per_unit;
         let (recording, scene) = (Arc::new(recording), Arc::new(scene));
-        let mut shot =
-            Self { recording, rig, settings, scene, profiles, by_profile, by_sets, opened_unit_m, held: None };
-        shot.follow_unit();
+        let mut shot = Self {
+            recording,
+            rig,
+            settings,
+            scene,
+            profiles,
+            by_profile,
+            by_sets,
+            opened_unit_m,
+            analysis,
+            held: None,
+        };
+        shot.follow_scene();
         Ok(shot)
     }
 
-    /// Puts another scene into the footage. If it says how long the recording's unit is, the recording follows.
+    /// Puts another scene into the footage. If it says how long the recording's unit is, or where its camera stands, the recording
+    /// follows.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
         self.scene = scene;
-        self.follow_unit();
+        self.follow_scene();
     }
 
-    /// What was said when the recording was opened overrides the scene file.
-    fn follow_unit(&mut self) {
+    /// Takes the scene's unit and world. What was said when the recording was opened overrides the scene file's unit.
+    fn follow_scene(&mut self) {
         let by_scene = self.scene.metres_per_unit.filter(|_| self.opened_unit_m == 1.0);
         let wanted_m = by_scene.unwrap_or(self.opened_unit_m);
         if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
             Arc::make_mut(&mut self.recording).rescale(wanted_m);
         }
+        let held = self.scene.gauge.and_then(|g| self.recording.held_at(g.frame, g.time_s, &g.pose()?));
+        if let Some(track) = held {
+            Arc::make_mut(&mut self.recording).track = track;
+        }
+    }
+
+    /// In which world things are placed in a frame, to be kept with them. `None` for pictures of a camera, which are gone, and
+    /// without a pose.
+    pub fn gauge(&self, frame: usize) -> Option<Gauge> {
+        let pose = self.recording.pose_at_frame(frame).ok().filter(|_| !self.recording.is_arriving())?;
+        Some(Gauge::of(frame, self.recording.timestamps_s[frame], &pose))
     }
 
     /// A compositor on a device, with the scene as it is now.

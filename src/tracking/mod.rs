@@ -131,6 +131,15 @@ impl PoseTrack {
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, scaled(pose))).collect(), ..*self }
     }
 
+    /// The same way in another world: `camera_from_other = camera_from_world · world_from_other`.
+    pub fn in_world(&self, world_from_other: &Pose) -> Self {
+        let moved = |pose: &Pose| {
+            let rotation = pose.rotation * world_from_other.rotation;
+            Pose::new(rotation, pose.transform_point(world_from_other.translation_m))
+        };
+        Self { poses: self.poses.iter().map(|(t, pose)| (*t, moved(pose))).collect(), ..*self }
+    }
+
     /// The same track for a camera rotated in place; `turn` takes its axes to the rotated one's.
     pub fn turned(&self, turn: DQuat) -> Self {
         let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);

@@ -266,7 +266,12 @@ impl Evidence {
         let placed = laying.lay(project.shot(), frame.index, &support, &project.scene_path());
         let placed = placed.map_err(|e| e.to_string())?;
         let what = format!("{}: placed", placed.title());
-        project.change_scene(&what, |scene| scene.objects.push(placed)).map_err(|e| e.to_string())?;
+        let gauge = project.shot().gauge(frame.index);
+        let put = |scene: &mut SceneFile| {
+            scene.gauge = scene.gauge.or(gauge);
+            scene.objects.push(placed);
+        };
+        project.change_scene(&what, put).map_err(|e| e.to_string())?;
         project.close_step();
         self.selected = Some(Entry { object: project.edit().scene.objects.len() - 1, instance: None });
         Ok(())

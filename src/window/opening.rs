@@ -138,7 +138,8 @@ fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live
 
 /// A camera's recording with what is put to it.
 fn put_to(recording: Recording, opened: &Opened) -> Result<Project, Refused> {
-    let given = Given { profile: opened.profile.clone(), sets: Vec::new(), scene: opened.scene.clone() };
+    let given =
+        Given { profile: opened.profile.clone(), sets: Vec::new(), scene: opened.scene.clone(), ..Given::default() };
     let mut project =
         Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&opened.recording, &error))?;
     project.camera.clone_from(&opened.camera);
@@ -148,7 +149,8 @@ fn put_to(recording: Recording, opened: &Opened) -> Result<Project, Refused> {
 /// Opens what is there. A profile that is not there is one that will be made.
 fn open(opened: &Opened) -> Result<Project, Refused> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
-    let given = Given { profile: there(&opened.profile), sets: Vec::new(), scene: there(&opened.scene) };
+    let given =
+        Given { profile: there(&opened.profile), sets: Vec::new(), scene: there(&opened.scene), ..Given::default() };
     let options = OpenOptions { metres_per_unit: opened.metres_per_unit, ..OpenOptions::default() };
     let project = Project::open(&opened.recording, &options, &given);
     let mut project = project.map_err(|error| Refused::of_shot(&opened.recording, &error))?;

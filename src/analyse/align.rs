@@ -1,0 +1,288 @@
+//! Direct alignment of one frame to another: the motion that makes their brightness agree where depth is known.
+//!
+//! Inverse compositional Gauss-Newton (Baker and Matthews 2004) over points of frame i with known depth, seen by frame j with
+//! its rows' own times. E, a motion in i's axes, is sought besides a and b, since exposure changes:
+//!
+//!   r = I_j(π(T_j⁻¹ T_i E x)) − a·I_i(x) − b,   weight 1 / (1 + (r/2σ)²),   σ = 1.4826·MAD + 0.5 codes
+//!
+//! Not modelled: blur that differs, what shines, what moves (the weights hear it less), what is hidden but by less than the
+//! depth's own error.
+
+use glam::DAffine3;
+use nalgebra::{Matrix6, SMatrix, SVector};
+
+use super::state::seen;
+use super::view::{Eye, View};
+use crate::fit::twist::{self, Twist};
+
+/// Gauss-Newton steps by level, from the finest.
+const STEPS: [usize; 4] = [5, 6, 8, 8];
+/// A frame shows a point if it lies this far from the rim, px, and in front of the camera by this, m.
+const RIM: f64 = 4.0;
+const FRONT_M: f64 = 0.15;
+/// A point is hidden in the other frame if depth there differs by more, m and by share.
+const HIDDEN_M: f64 = 0.04;
+const HIDDEN: f64 = 0.04;
+/// Fewer points tell nothing.
+const LEAST_POINTS: usize = 150;
+const LEAST_SEEN: usize = 120;
+const LEAST_SEEN_SHARE: f64 = 0.15;
+/// A link counts from this overlap and this correlation on.
+const LEAST_OVERLAP: f64 = 0.25;
+const LEAST_CORRELATION: f64 = 0.7;
+/// A step below this is the last of its level, px of the level's root.
+const STILL_PX: f64 = 0.02;
+
+/// How one frame fits onto another.
+#[derive(Clone, Debug)]
+pub struct Link {
+    pub from: usize,
+    pub to: usize,
+    /// log E: what corrects the motion between the two that was given, in `from`'s axes.
+    pub e: Twist,
+    /// Of e: JᵀWJ/σ² with brightness marginalised.
+    pub information: Matrix6<f64>,
+    /// Mean of JᵀJ of the points' places: eᵀ·metric·e is the mean square displacement, px².
+    pub metric: Matrix6<f64>,
+    pub correlation: f64,
+    /// Share of the points that the other frame shows.
+    pub overlap: f64,
+    /// Of the readout time, s: information and slope of the loss with all else marginalised.
+    pub readout: (f64, f64),
+}
+
+impl Link {
+    pub fn is_good(&self) -> bool {
+        self.correlation > LEAST_CORRELATION && self.overlap > LEAST_OVERLAP
+    }
+
+    /// Root mean square displacement that a twist in `from`'s axes makes, px.
+    pub fn displaced_px(&self, by: &Twist) -> f64 {
+        (by.transpose() * self.metric * by)[0].max(0.0).sqrt()
+    }
+}
+
+/// Where alignment begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    pub e: Twist,
+    /// The coarsest level that is looked at.
+    pub coarsest: usize,
+}
+
+impl Default for Start {
+    fn default() -> Self {
+        Self { e: Twist::zeros(), coarsest: usize::MAX }
+    }
+}
+
+const N: usize = 8;
+
+/// Aligns `from` to `to`. `None` if too few of its points are seen there.
+pub fn align(eye: &Eye, from: &View, to: &View, start: Start) -> Option<Link> {
+    let j_from_i = to.state.world_from_camera.inverse() * from.state.world_from_camera;
+    let mut e = twist::exp(&start.e);
+    let (mut gain, mut shift) = (1.0, 0.0);
+    let coarsest = start.coarsest.min(from.levels.len() - 1);
+    let mut last = None;
+    for level in (0..=coarsest).rev() {
+        let points = &from.levels[level].points;
+        if points.is_empty() && level == 0 {
+            continue;
+        }
+        if points.len() < LEAST_POINTS {
+            return None;
+        }
+        let mut rows = vec![f32::NAN; points.len()];
+        for step in 0..STEPS[level.min(STEPS.len() - 1)] {
+            let is_first = step == 0 && level == coarsest;
+            let seen = Seen::new(eye, from, to, level, &(j_from_i * e), &mut rows)?;
+            let sums = seen.sums(from, level, gain, shift, is_first);
+            let mut h = sums.h;
+            for k in 0..N {
+                h[(k, k)] *= 1.0 + 1e-6;
+            }
+            let d = h.cholesky()?.solve(&sums.g);
+            let by = Twist::from_iterator(d.iter().take(6).copied());
+            e = e * twist::exp(&-by);
+            gain = (gain + d[6]).clamp(0.4, 2.5);
+            shift += d[7];
+            let moved_px = (by.transpose() * sums.metric * by)[0].max(0.0).sqrt();
+            last = Some((level, sums, seen));
+            if moved_px < STILL_PX * f64::from(1u32 << level).sqrt() {
+                break;
+            }
+        }
+    }
+    let (level, sums, seen) = last?;
+    let (pose, light) = (sums.h.fixed_view::<6, 6>(0, 0), sums.h.fixed_view::<2, 2>(6, 6));
+    let across = sums.h.fixed_view::<6, 2>(0, 6);
+    let information = (pose - across * light.try_inverse()? * across.transpose()) / sums.sigma.powi(2);
+    let points = from.levels[level].points.len();
+    Some(Link {
+        from: from.index,
+        to: to.index,
+        e: twist::log(&e),
+        information,
+        metric: sums.metric,
+        correlation: sums.correlation,
+        overlap: sums.count as f64 / points as f64,
+        readout: seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma)?,
+    })
+}
+
+/// The points of a level that the other frame shows, with what it shows there.
+struct Seen {
+    /// Number of the point, brightness there, its row's share of the readout there.
+    points: Vec<(usize, f64, f64)>,
+}
+
+/// Of the normal equations for (e, a, b).
+struct Sums {
+    h: SMatrix<f64, N, N>,
+    g: SVector<f64, N>,
+    metric: Matrix6<f64>,
+    sigma: f64,
+    correlation: f64,
+    count: usize,
+}
+
+impl Seen {
+    /// `rows`: for each point the height at which it was seen last, px, NaN if it was not.
+    fn new(eye: &Eye, from: &View, to: &View, level: usize, j_from_i: &DAffine3, rows: &mut [f32]) -> Option<Self> {
+        let (width, height) = eye.size();
+        let (right, bottom) = (width as f64 - RIM, height as f64 - RIM);
+        let picture = &to.levels[level].picture;
+        let scale = 1.0 / f64::from(1u32 << level);
+        let all = &from.levels[level].points;
+        let mut points = Vec::with_capacity(all.len());
+        for (n, point) in all.iter().enumerate() {
+            let there = j_from_i.transform_point3(point.at);
+            if there.z <= FRONT_M {
+                continue;
+            }
+            let near_px = Some(f64::from(rows[n])).filter(|y| !y.is_nan());
+            let rounds = if near_px.is_some() { 1 } else { 2 };
+            let Some((at, far)) = seen(&eye.geometry, there, &to.state.twist, near_px, rounds) else { continue };
+            rows[n] = at.y as f32;
+            if !(at.x > RIM && at.x < right && at.y > RIM && at.y < bottom) {
+                continue;
+            }
+            let depth = f64::from(to.depth[at.y as usize * width + at.x as usize]);
+            if depth > 0.0 && (depth - far).abs() >= HIDDEN_M + HIDDEN * far {
+                continue;
+            }
+            let (x, y) = (scale * (at.x - 0.5), scale * (at.y - 0.5));
+            if let Some(value) = picture.at(x as f32, y as f32) {
+                points.push((n, f64::from(value), at.y / height as f64 - 0.5));
+            }
+        }
+        let least = LEAST_SEEN.max((LEAST_SEEN_SHARE * all.len() as f64) as usize);
+        (points.len() >= least).then_some(Self { points })
+    }
+
+    /// As if the readout time were one more unknown: of it, with the other eight marginalised, information and slope.
+    #[expect(clippy::too_many_arguments)]
+    fn readout(
+        &self,
+        from: &View,
+        to: &View,
+        level: usize,
+        j_from_i: &DAffine3,
+        gain: f64,
+        shift: f64,
+        sigma: f64,
+    ) -> Option<(f64, f64)> {
+        let all = &from.levels[level].points;
+        let others = twist::adjoint(&j_from_i.inverse()) * to.state.twist;
+        let mut h = SMatrix::<f64, 9, 9>::zeros();
+        let mut g = SVector::<f64, 9>::zeros();
+        for (n, value, row_there) in &self.points {
+            let point = &all[*n];
+            let residual = value - gain * point.value - shift;
+            let motion = from.state.twist * point.row - others * *row_there;
+            let column: f64 = point.value_by.iter().zip(motion.iter()).map(|(a, b)| a * b).sum();
+            let mut row = SVector::<f64, 9>::zeros();
+            for k in 0..6 {
+                row[k] = gain * point.value_by[k];
+            }
+            (row[6], row[7], row[8]) = (point.value, 1.0, gain * column);
+            let w = weight(residual, sigma);
+            h.ger(w, &row, &row, 1.0);
+            g.axpy(w * residual, &row, 1.0);
+        }
+        let rest = h.fixed_view::<8, 8>(0, 0).clone_owned().cholesky()?;
+        let across = h.fixed_view::<8, 1>(0, 8).clone_owned();
+        let solved = rest.solve(&across);
+        let information = h[(8, 8)] - across.dot(&solved);
+        let slope = g[8] - solved.dot(&g.fixed_view::<8, 1>(0, 0));
+        Some((information / sigma.powi(2), slope / sigma.powi(2)))
+    }
+
+    fn sums(&self, from: &View, level: usize, gain: f64, shift: f64, is_first: bool) -> Sums {
+        let all = &from.levels[level].points;
+        let residual = |(n, value, _): &(usize, f64, f64)| value - gain * all[*n].value - shift;
+        let residuals: Vec<f64> = self.points.iter().map(residual).collect();
+        let sigma = sigma(&residuals);
+        let (mut h, mut g) = ([[0.0f64; N]; N], [0.0f64; N]);
+        let mut metric = [[0.0f64; 6]; 6];
+        let mut moments = [0.0f64; 6];
+        for ((n, value, _), r) in self.points.iter().zip(&residuals) {
+            let point = &all[*n];
+            let w = weight(*r, sigma);
+            let mut row = [0.0; N];
+            for k in 0..6 {
+                row[k] = gain * point.value_by[k];
+            }
+            (row[6], row[7]) = (point.value, 1.0);
+            let told = if is_first { 1.0 } else { w };
+            for k in 0..N {
+                let by = told * row[k];
+                g[k] += by * r;
+                for m in 0..=k {
+                    h[k][m] += by * row[m];
+                }
+            }
+            for place in &point.place_by {
+                for k in 0..6 {
+                    for m in 0..=k {
+                        metric[k][m] += place[k] * place[m];
+                    }
+                }
+            }
+            let model = gain * point.value + shift;
+            for (sum, term) in moments.iter_mut().zip([1.0, *value, model, value * value, model * model, value * model])
+            {
+                *sum += w * term;
+            }
+        }
+        let count = self.points.len();
+        let [n, x, y, xx, yy, xy] = moments;
+        let spread = ((xx / n - (x / n).powi(2)) * (yy / n - (y / n).powi(2))).max(1e-12).sqrt();
+        Sums {
+            h: SMatrix::from_fn(|k, m| if m <= k { h[k][m] } else { h[m][k] }),
+            g: SVector::from(g),
+            metric: Matrix6::from_fn(|k, m| if m <= k { metric[k][m] } else { metric[m][k] }) / count as f64,
+            sigma,
+            correlation: (xy / n - x / n * (y / n)) / spread,
+            count,
+        }
+    }
+}
+
+fn weight(residual: f64, sigma: f64) -> f64 {
+    1.0 / (1.0 + (residual / (2.0 * sigma)).powi(2))
+}
+
+/// 1.4826 · median |r − median r|, and the rounding of codes.
+fn sigma(residuals: &[f64]) -> f64 {
+    let mut sorted = residuals.to_vec();
+    let middle = median(&mut sorted);
+    sorted.iter_mut().for_each(|r| *r = (*r - middle).abs());
+    1.4826 * median(&mut sorted) + 0.5
+}
+
+pub fn median(values: &mut [f64]) -> f64 {
+    let half = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
+}

@@ -1,0 +1,295 @@
+//! How bright each frame is of the same things: exposure, gain and white balance that the camera changes by itself.
+//!
+//! A point with known depth is seen in two frames; the logarithm of its light in one by that in the other is the frames' gain,
+//! for each colour. Of each pair the median ℓ_ij over many points; then all frames at once:
+//!
+//!   least Σ w·ρ_Cauchy(ℓ_ij − (g_j − g_i); 0.01),   w⁻² = 0.003² + 20·MAD²/n + (0.0005·gap)²
+//!
+//! Only flat places count, so that blur and places that are off do little. The response's exponent cancels out of what is done
+//! with the result: ratios are taken and given back by one curve. Not modelled: lamps that flicker, what moves and fills the
+//! frame, tone that differs across the picture.
+
+use std::collections::VecDeque;
+
+use glam::DVec3;
+
+use super::align::median;
+use super::pyramid::{Plane, gaussian};
+use super::state::{State, moved, seen};
+use super::view::{Eye, scattered};
+use crate::camera::Response;
+use crate::frame::Frame;
+use crate::pixels::Pixels;
+use crate::rows::over_rows;
+
+/// Distances between compared frames.
+pub const GAPS: [usize; 6] = [1, 2, 5, 10, 20, 40];
+/// Pictures are halved until they are not wider than this, px.
+const WIDEST: usize = 400;
+/// Points of a frame at most.
+const MOST_POINTS: usize = 8000;
+/// Points count with codes between, of 255, where the picture is flatter than this, codes per px of the small picture.
+const CODES: (f32, f32) = (15.0, 240.0);
+const FLAT: f32 = 5.0;
+/// σ of the blur over the small picture, px.
+const BLUR_PX: f32 = 1.0;
+/// A point is the same surface if depth agrees by this share.
+const SAME: f64 = 0.03;
+/// Fewer points say nothing of a pair.
+const LEAST_POINTS: usize = 150;
+/// Cauchy's scale, ln.
+const SCALE: f64 = 0.01;
+const ROUNDS: usize = 30;
+
+/// What is kept of a frame for comparing it.
+struct Seen {
+    index: usize,
+    state: State,
+    /// Red, green, blue, codes of 255.
+    colours: [Plane; 3],
+    depth: Vec<f32>,
+    points: Vec<Point>,
+}
+
+struct Point {
+    at: DVec3,
+    /// ln of light.
+    light: [f64; 3],
+}
+
+/// The logarithm of light from one frame to another.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair {
+    pub from: usize,
+    pub to: usize,
+    /// ln of `to`'s light by `from`'s: red, green, blue.
+    pub ratio: [f64; 3],
+    /// One standard deviation of each.
+    pub sigma: [f64; 3],
+}
+
+/// Compares frames as they come, in order.
+pub struct Gains<'a> {
+    eye: &'a Eye,
+    /// ln of light by code of 255, and the light of a code.
+    response: Response,
+    threads: usize,
+    gaps: &'a [usize],
+    window: VecDeque<Seen>,
+    pub pairs: Vec<Pair>,
+}
+
+impl<'a> Gains<'a> {
+    pub fn new(eye: &'a Eye, response: &Response, gaps: &'a [usize], threads: usize) -> Self {
+        Self { eye, response: response.clone(), threads, gaps, window: VecDeque::new(), pairs: Vec::new() }
+    }
+
+    /// `depth`: at the frame's moment, in its picture.
+    pub fn add(&mut self, frame: &Frame, state: State, depth: &[f32]) {
+        let new = self.seen(frame, state, depth);
+        let window = &self.window;
+        let mut found: Vec<(usize, Option<Pair>)> = self
+            .gaps
+            .iter()
+            .filter_map(|gap| window.iter().position(|old| old.index + gap == new.index))
+            .map(|old| (old, None))
+            .collect();
+        over_rows(&mut found, 1, self.threads, |_, slot| slot[0].1 = self.compared(&window[slot[0].0], &new));
+        self.pairs.extend(found.into_iter().filter_map(|(_, pair)| pair));
+        let reach = self.gaps.iter().copied().max().unwrap_or(0);
+        self.window.push_back(new);
+        while self.window.front().is_some_and(|old| old.index + reach <= frame.index) {
+            self.window.pop_front();
+        }
+    }
+
+    fn halvings(&self) -> usize {
+        let width = self.eye.size().0;
+        (0..).find(|n| width >> n <= WIDEST).unwrap_or(0)
+    }
+
+    fn seen(&self, frame: &Frame, state: State, depth: &[f32]) -> Seen {
+        let halvings = self.halvings();
+        let colours = [0, 1, 2].map(|channel| {
+            let mut plane = channel_of(&frame.pixels, channel);
+            for _ in 0..halvings {
+                plane = plane.halved();
+            }
+            plane.filtered(&gaussian(BLUR_PX))
+        });
+        let (w, h) = (colours[0].width, colours[0].height);
+        let (width, _) = self.eye.size();
+        let scale = 1usize << halvings;
+        let small: Vec<f32> = (0..w * h).map(|i| depth[(i / w) * scale * width + (i % w) * scale]).collect();
+        let mut sound = Vec::new();
+        for y in 2..h.saturating_sub(2) {
+            for x in 2..w.saturating_sub(2) {
+                let i = y * w + x;
+                let is_sound = |plane: &Plane| {
+                    let v = &plane.values;
+                    let slope = (0.5 * (v[i + 1] - v[i - 1])).hypot(0.5 * (v[i + w] - v[i - w]));
+                    v[i] > CODES.0 && v[i] < CODES.1 && slope < FLAT
+                };
+                if small[i] > 0.0 && colours.iter().all(is_sound) {
+                    sound.push(i);
+                }
+            }
+        }
+        if sound.len() > MOST_POINTS {
+            sound.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
+            sound.truncate(MOST_POINTS);
+        }
+        let point = |i: usize| {
+            let (x, y) = ((i % w) * scale, (i / w) * scale);
+            let there = f64::from(small[i]) * DVec3::from(self.eye.rays[y * width + x].map(f64::from));
+            let at = moved(there, &state.twist, self.eye.geometry.row_time_s(y as f64 + 0.5));
+            Point { at, light: [0, 1, 2].map(|c| self.light(colours[c].values[i])) }
+        };
+        let points = sound.into_iter().map(point).collect();
+        Seen { index: frame.index, state, colours, depth: small, points }
+    }
+
+    fn light(&self, code: f32) -> f64 {
+        self.response.decode(f64::from(code) / 255.0).max(1e-9).ln()
+    }
+
+    fn compared(&self, from: &Seen, to: &Seen) -> Option<Pair> {
+        let motion = to.state.world_from_camera.inverse() * from.state.world_from_camera;
+        let (w, h) = (to.colours[0].width, to.colours[0].height);
+        let scale = (1usize << self.halvings()) as f64;
+        let mut ratios: [Vec<f64>; 3] = Default::default();
+        for point in &from.points {
+            let there = motion.transform_point3(point.at);
+            if there.z <= 0.15 {
+                continue;
+            }
+            let Some((at, far)) = seen(&self.eye.geometry, there, &to.state.twist, None, 2) else { continue };
+            let (x, y) = ((at.x - 0.5) / scale, (at.y - 0.5) / scale);
+            if !(x >= 2.0 && y >= 2.0 && x < w as f64 - 3.0 && y < h as f64 - 3.0) {
+                continue;
+            }
+            let depth = f64::from(to.depth[y.round() as usize * w + x.round() as usize]);
+            if depth <= 0.0 || (depth - far).abs() > SAME * far {
+                continue;
+            }
+            let codes = [0, 1, 2].map(|c| to.colours[c].at(x as f32, y as f32).unwrap_or(0.0));
+            if codes.iter().all(|code| *code > CODES.0 && *code < CODES.1) {
+                for c in 0..3 {
+                    ratios[c].push(self.light(codes[c]) - point.light[c]);
+                }
+            }
+        }
+        let points = ratios[0].len();
+        if points < LEAST_POINTS {
+            return None;
+        }
+        let gap = from.index.abs_diff(to.index) as f64;
+        let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
+        for c in 0..3 {
+            ratio[c] = median(&mut ratios[c]);
+            ratios[c].iter_mut().for_each(|r| *r = (*r - ratio[c]).abs());
+            let spread = 1.4826 * median(&mut ratios[c]);
+            sigma[c] = (0.003f64.powi(2) + 20.0 * spread * spread / points as f64 + (0.0005 * gap).powi(2)).sqrt();
+        }
+        Some(Pair { from: from.index, to: to.index, ratio, sigma })
+    }
+}
+
+fn channel_of(pixels: &Pixels, channel: usize) -> Plane {
+    let scale = 255.0 / pixels.max_code() as f32;
+    let values = match &pixels.codes {
+        crate::pixels::Codes::U8(codes) => codes.as_chunks::<3>().0.iter().map(|c| f32::from(c[channel])).collect(),
+        crate::pixels::Codes::U16(codes) => {
+            codes.as_chunks::<3>().0.iter().map(|c| scale * f32::from(c[channel])).collect()
+        }
+    };
+    Plane { width: pixels.width as usize, height: pixels.height as usize, values }
+}
+
+/// ln of each frame's gain: 0 is the recording's median, for each colour. `None` where a frame took part in no pair.
+pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
+    let mut is_linked = vec![false; frames];
+    pairs.iter().for_each(|pair| (is_linked[pair.from], is_linked[pair.to]) = (true, true));
+    let each = [0, 1, 2].map(|channel| of_channel(pairs, frames, channel));
+    let middle = each.clone().map(|values| {
+        let mut linked: Vec<f64> =
+            values.iter().zip(&is_linked).filter(|(_, linked)| **linked).map(|(g, _)| *g).collect();
+        median(&mut linked)
+    });
+    (0..frames).map(|n| is_linked[n].then(|| [0, 1, 2].map(|c| each[c][n] - middle[c]))).collect()
+}
+
+/// Gauss-Seidel would do; the band is narrow, so it is solved at once: rows of the normal equations, 41 wide.
+fn of_channel(pairs: &[Pair], frames: usize, channel: usize) -> Vec<f64> {
+    /// Holds the mean, which no pair tells, and frames without pairs.
+    const HELD: f64 = 1e-3;
+    let band = pairs.iter().map(|pair| pair.from.abs_diff(pair.to)).max().unwrap_or(0);
+    let mut gains = vec![0.0; frames];
+    for _ in 0..ROUNDS {
+        let mut rows = vec![0.0; frames * (band + 1)];
+        let mut right = vec![0.0; frames];
+        // Of row r the columns r − band ..= r.
+        let at = |row: usize, column: usize| row * (band + 1) + band + column - row;
+        for row in 0..frames {
+            rows[at(row, row)] = HELD;
+        }
+        for pair in pairs {
+            let (i, j) = (pair.from, pair.to);
+            let off = pair.ratio[channel] - (gains[j] - gains[i]);
+            let w = pair.sigma[channel].powi(-2) / (1.0 + (off / SCALE).powi(2));
+            rows[at(i, i)] += w;
+            rows[at(j, j)] += w;
+            rows[at(i.max(j), i.min(j))] -= w;
+            right[j] += w * pair.ratio[channel];
+            right[i] -= w * pair.ratio[channel];
+        }
+        let next = solved(rows, right, band);
+        let moved = next.iter().zip(&gains).map(|(a, b): (&f64, &f64)| (a - b).abs()).fold(0.0, f64::max);
+        gains = next;
+        if moved < 1e-7 {
+            break;
+        }
+    }
+    gains
+}
+
+/// A symmetric positive band matrix by Cholesky.
+fn solved(mut rows: Vec<f64>, mut right: Vec<f64>, band: usize) -> Vec<f64> {
+    let n = right.len();
+    let at = |row: usize, column: usize| row * (band + 1) + band + column - row;
+    for row in 0..n {
+        for column in row.saturating_sub(band)..=row {
+            let from = row.saturating_sub(band).max(column.saturating_sub(band));
+            let dot: f64 = (from..column).map(|k| rows[at(row, k)] * rows[at(column, k)]).sum();
+            let rest = rows[at(row, column)] - dot;
+            rows[at(row, column)] =
+                if column < row { rest / rows[at(column, column)] } else { rest.max(1e-300).sqrt() };
+        }
+    }
+    for row in 0..n {
+        let dot: f64 = (row.saturating_sub(band)..row).map(|k| rows[at(row, k)] * right[k]).sum();
+        right[row] = (right[row] - dot) / rows[at(row, row)];
+    }
+    for row in (0..n).rev() {
+        right[row] /= rows[at(row, row)];
+        for k in row.saturating_sub(band)..row {
+            right[k] -= rows[at(row, k)] * right[row];
+        }
+    }
+    right
+}
+
+/// Root mean square of what pairs say beyond the gains, and of what they say without them, over all colours, ln.
+pub fn left(pairs: &[Pair], gains: &[Option<[f64; 3]>]) -> Option<(f64, f64)> {
+    let (mut with, mut without, mut count) = (0.0, 0.0, 0);
+    for pair in pairs {
+        if let (Some(i), Some(j)) = (gains[pair.from], gains[pair.to]) {
+            for c in 0..3 {
+                with += (pair.ratio[c] - (j[c] - i[c])).powi(2);
+                without += pair.ratio[c].powi(2);
+                count += 1;
+            }
+        }
+    }
+    (count > 0).then(|| ((without / f64::from(count)).sqrt(), (with / f64::from(count)).sqrt()))
+}

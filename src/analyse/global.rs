@@ -1,0 +1,108 @@
+//! What is wrong in all recorded poses alike: the camera's place on what was tracked, and the clock.
+//!
+//! If every pose lacks the same motion c (in the camera's axes) and is read δ too early, a link from i to j corrects by
+//!
+//!   e_ij = (1 − A)·c + δ·(ξ_i − A·ξ_j),   A = Ad(T_i⁻¹ T_j)
+//!
+//! Least squares over all links, reweighted, in the metric of displacements in the picture.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::align::{Link, median};
+use super::state::State;
+use crate::fit::twist::{self, Twist};
+
+const ROUNDS: usize = 10;
+/// Parts of which each is left out once to see how sure the numbers are.
+const PARTS: usize = 8;
+
+/// Seven numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Global {
+    /// Appended to every pose, in the camera's axes.
+    pub hand_eye: Twist,
+    /// Added to a frame's time to look up its pose, seconds.
+    pub clock_s: f64,
+    /// One standard deviation of each, by jackknife over parts of the recording.
+    pub hand_eye_sigma: Twist,
+    pub clock_sigma_s: f64,
+}
+
+type Seven = SVector<f64, 7>;
+
+/// `None` without links.
+pub fn global(links: &[Link], states: &[Option<State>], has_body: bool) -> Option<Global> {
+    let frames = states.len().max(1);
+    let terms: Vec<(&Link, SMatrix<f64, 6, 7>)> = links
+        .iter()
+        .filter_map(|link| {
+            let (i, j) = (states[link.from]?, states[link.to]?);
+            let a = twist::adjoint(&(i.world_from_camera.inverse() * j.world_from_camera));
+            let mut b = SMatrix::<f64, 6, 7>::zeros();
+            if has_body {
+                b.fixed_view_mut::<6, 6>(0, 0).copy_from(&(nalgebra::Matrix6::identity() - a));
+            }
+            b.set_column(6, &(i.twist - a * j.twist));
+            Some((link, b))
+        })
+        .collect();
+    let solve = |without: Option<usize>| -> Option<Seven> {
+        let kept: Vec<_> = terms.iter().filter(|(link, _)| Some(link.from * PARTS / frames) != without).collect();
+        let mut weights = vec![1.0; kept.len()];
+        let mut x = Seven::zeros();
+        for _ in 0..ROUNDS {
+            let (mut h, mut g) = (SMatrix::<f64, 7, 7>::zeros(), Seven::zeros());
+            for ((link, b), w) in kept.iter().zip(&weights) {
+                let by = b.transpose() * link.metric * *w;
+                h += by * b;
+                g += by * link.e;
+            }
+            for k in 0..7 {
+                h[(k, k)] = h[(k, k)] * (1.0 + 1e-9) + 1e-12;
+            }
+            x = h.cholesky()?.solve(&g);
+            let off: Vec<f64> = kept.iter().map(|(link, b)| link.displaced_px(&(link.e - b * x))).collect();
+            let usual = median(&mut off.clone()).max(1e-6);
+            weights = off.iter().map(|off| 1.0 / (1.0 + (off / (2.0 * usual)).powi(2))).collect();
+        }
+        Some(x)
+    };
+    let x = solve(None)?;
+    let without: Vec<Seven> = (0..PARTS).filter_map(|part| solve(Some(part))).collect();
+    let n = without.len() as f64;
+    let mean = without.iter().sum::<Seven>() / n;
+    let spread = without.iter().fold(Seven::zeros(), |sum, x| sum + (x - mean).component_mul(&(x - mean)));
+    let sigma = (spread * ((n - 1.0) / n)).map(f64::sqrt);
+    Some(Global {
+        hand_eye: x.fixed_rows::<6>(0).clone_owned(),
+        clock_s: x[6],
+        hand_eye_sigma: sigma.fixed_rows::<6>(0).clone_owned(),
+        clock_sigma_s: sigma[6],
+    })
+}
+
+/// What the links say the readout time lacks, seconds, with one standard deviation by their scatter.
+pub fn readout(links: &[Link]) -> Option<(f64, f64)> {
+    /// Information counts this much less, as neighbouring points err alike, and each pair errs by this besides, s.
+    const ALIKE: f64 = 50.0;
+    const EACH_S: f64 = 0.003;
+    let told: Vec<(f64, f64)> = links
+        .iter()
+        .filter(|link| link.readout.0 > 0.0)
+        .map(|link| (-link.readout.1 / link.readout.0, ALIKE / link.readout.0 + EACH_S * EACH_S))
+        .collect();
+    let mut weights = vec![1.0; told.len()];
+    let (mut mean, mut sigma) = (0.0, f64::INFINITY);
+    for _ in 0..20 {
+        let sums =
+            told.iter().zip(&weights).fold((0.0, 0.0), |(top, sum), ((d, var), w)| (top + w / var * d, sum + w / var));
+        if sums.1 <= 0.0 {
+            return None;
+        }
+        mean = sums.0 / sums.1;
+        weights = told.iter().map(|(d, var)| 1.0 / (1.0 + (d - mean).powi(2) / var / 4.0)).collect();
+        let spread: f64 = told.iter().zip(&weights).map(|((d, var), w)| (w / var * (d - mean)).powi(2)).sum();
+        sigma = spread.sqrt() / sums.1;
+    }
+    Some((mean, sigma))
+}

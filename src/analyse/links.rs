@@ -1,0 +1,103 @@
+//! Which frames are aligned with which, in one pass over the recording.
+
+use std::collections::VecDeque;
+
+use super::align::{Link, Start, align};
+use super::state::State;
+use super::view::{Eye, View};
+use crate::pixels::Pixels;
+use crate::recording::{Recording, RecordingError};
+use crate::rows::over_rows;
+
+/// Frames that are made ready together, per thread.
+const BATCH: usize = 4;
+
+/// What a pass looks at.
+#[derive(Clone, Copy, Debug)]
+pub struct Pass<'a> {
+    /// Distances between linked frames, in frames.
+    pub gaps: &'a [usize],
+    /// Whether each pair is aligned both ways.
+    pub both_ways: bool,
+    /// Levels of the pictures, from the finest to the coarsest: `usize::MAX` for all.
+    pub coarsest: usize,
+    /// Only every so many frames are aligned to others.
+    pub every: usize,
+}
+
+/// Aligned frames, in order of `from` of the later frame of each pair; `refused` of them found no match.
+#[derive(Debug, Default)]
+pub struct Links {
+    pub good: Vec<Link>,
+    pub refused: usize,
+    /// One per frame: whether its picture has the code values of the one before.
+    pub repeats: Vec<bool>,
+}
+
+/// `states`: one per frame; frames without one are left out. `seen` is told how far it is, and
+/// ends it by `false`. The result depends on
+/// neither `threads` nor time.
+pub fn links(
+    eye: &Eye,
+    recording: &Recording,
+    states: &[Option<State>],
+    depth_later_s: f64,
+    pass: Pass<'_>,
+    threads: usize,
+    seen: &mut dyn FnMut(usize) -> bool,
+) -> Result<Links, RecordingError> {
+    let reach = pass.gaps.iter().copied().max().unwrap_or(0);
+    let mut window: VecDeque<View> = VecDeque::new();
+    let mut found = Links::default();
+    let mut before: Option<Pixels> = None;
+    let mut frames = recording.frames(0..recording.frame_count())?;
+    loop {
+        let batch: Vec<_> = frames.by_ref().take(BATCH * threads.max(1)).collect::<Result<_, _>>()?;
+        let Some(last) = batch.last().map(|frame| frame.index) else { return Ok(found) };
+        for frame in &batch {
+            found.repeats.push(before.as_ref() == Some(&frame.pixels));
+            before = Some(frame.pixels.clone());
+        }
+        let mut views: Vec<_> = batch.into_iter().map(|frame| (frame, None)).collect();
+        over_rows(&mut views, 1, threads, |_, slot| {
+            let (frame, view) = &mut slot[0];
+            *view = states[frame.index].map(|state| View::new(eye, frame, state, depth_later_s, 0));
+        });
+        window.extend(views.into_iter().filter_map(|(_, view)| view));
+        let first_new = window.iter().position(|view| view.index + BATCH * threads.max(1) > last).unwrap_or(0);
+        let at = |index: usize| window.binary_search_by_key(&index, |view| view.index).ok();
+        let mut tasks = Vec::new();
+        for new in first_new..window.len() {
+            let index = window[new].index;
+            if index + BATCH * threads.max(1) <= last {
+                continue;
+            }
+            for gap in pass.gaps {
+                let Some(old) = index.checked_sub(*gap).and_then(at) else { continue };
+                if (index - gap).is_multiple_of(pass.every) {
+                    tasks.push(((old, new), None));
+                }
+                if pass.both_ways && index.is_multiple_of(pass.every) {
+                    tasks.push(((new, old), None));
+                }
+            }
+        }
+        over_rows(&mut tasks, 1, threads, |_, slot| {
+            let ((from, to), link) = &mut slot[0];
+            let start = Start { coarsest: pass.coarsest, ..Start::default() };
+            *link = align(eye, &window[*from], &window[*to], start);
+        });
+        for (_, link) in tasks {
+            match link {
+                Some(link) if link.is_good() => found.good.push(link),
+                _ => found.refused += 1,
+            }
+        }
+        while window.front().is_some_and(|view| view.index + reach <= last) {
+            window.pop_front();
+        }
+        if !seen(last) {
+            return Ok(found);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! What the footage says of itself: where the camera really was, how its clocks and its shutter run, how bright each frame is.
+//!
+//! Everything is estimated from the recording alone, with how sure it is, and refused where the footage cannot tell. The result
+//! is an [`Analysis`], a folder of text beside the recording, which frames are composited by ([`crate::shot`]). The design
+//! follows direct visual odometry (Engel 2018) and pose graphs; each file gives its formulas.
+
+mod align;
+mod artefact;
+mod carried;
+mod depth_clock;
+mod gain;
+mod global;
+mod graph;
+mod inputs;
+mod links;
+mod path;
+mod pyramid;
+mod registration;
+mod state;
+mod track;
+mod view;
+
+pub use artefact::{Analysis, AnalysisError, FILE_NAME, Findings, beside};
+pub use registration::{RegistrationError, Verdict};
+
+use crate::camera::{Geometry, Response};
+use crate::recording::Recording;
+use artefact::Gained;
+use gain::{GAPS, Gains, Pair};
+use view::{Eye, View};
+
+/// The work was ended from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("interrupted")]
+pub struct Interrupted;
+
+/// Distances of pairs by which the gains are judged, frames.
+const HELD_OUT: [usize; 3] = [3, 7, 13];
+
+/// Frames whose light differs by less, ln, root mean square, are equally bright.
+const STEADY: f64 = 0.01;
+
+/// Looks at a whole recording, as seen by `camera`. `told(done, of)` hears how far it is, in frames looked at; its error ends
+/// the work. The result is the same for any number of `threads`, bit for bit.
+pub fn analyse(
+    recording: &Recording,
+    camera: &Geometry,
+    response: &Response,
+    threads: usize,
+    told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
+) -> Result<Analysis, RegistrationError> {
+    let frames = recording.frame_count();
+    let mut whole = 0;
+    let registration = registration::register(recording, camera, threads, &mut |done, of| {
+        whole = of;
+        told(done, of + frames)
+    })?;
+    let mut seen_by = camera.clone();
+    seen_by.intrinsics.readout_time_s = registration.readout_s;
+    let eye = Eye::new(seen_by);
+    let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
+    let mut gains = Gains::new(&eye, response, &gaps, threads);
+    if recording.has_depth() && !camera.sees_around() {
+        for frame in recording.frames(0..frames)? {
+            let frame = frame?;
+            told(whole + frame.index, whole + frames)?;
+            if let Some(state) = registration.states[frame.index] {
+                let depth = View::depth_of(&eye, &frame, &state, registration.depth_later_s());
+                gains.add(&frame, state, &depth);
+            }
+        }
+    }
+    let (used, held_out): (Vec<Pair>, Vec<Pair>) =
+        gains.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
+    let found = gain::solve(&used, frames);
+    let told_of = gain::left(&held_out, &found).map(|(recorded, left)| Gained {
+        pairs: used.len(),
+        recorded,
+        left,
+        range_ev: range_ev(&found),
+        is_followed: recorded > STEADY.max(2.0 * left),
+    });
+    let known = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
+    Ok(Analysis::new(recording, camera, &registration, told_of, &known, &registration.repeats))
+}
+
+/// Of green, the brightest frame by the darkest, stops.
+fn range_ev(gains: &[Option<[f64; 3]>]) -> f64 {
+    let green = || gains.iter().flatten().map(|g| g[1]);
+    let (low, high) = (green().fold(f64::INFINITY, f64::min), green().fold(f64::NEG_INFINITY, f64::max));
+    if high > low { (high - low) / std::f64::consts::LN_2 } else { 0.0 }
+}

@@ -1,0 +1,374 @@
+//! Where the camera really was: what was recorded, corrected by the pictures.
+//!
+//! In turn: clocks, readout and depth's delay on a few links; seven numbers that are wrong in all poses alike; a graph of links
+//! between frames 1 to 20 apart; once more with the motion by the refined poses, which recorded jitter spoils. Then a gate: links
+//! that took no part (3 and 7 apart) say how much was wrong and how much still is. Held-out links share the aligner's own bias
+//! and flatter small corrections, so poses that are nearly right are kept as they were recorded, bit for bit.
+
+use glam::DAffine3;
+use nalgebra::Matrix6;
+
+use super::Interrupted;
+use super::align::{Link, median};
+use super::depth_clock::{DepthClock, DepthLater};
+use super::global::{self, Global};
+use super::graph;
+use super::links::{Links, Pass, links};
+use super::path;
+use super::state::State;
+use super::view::Eye;
+use crate::camera::Geometry;
+use crate::fit::twist::{self, Twist};
+use crate::recording::{Recording, RecordingError};
+
+/// Distances between linked frames.
+const LINKED: [usize; 5] = [1, 2, 5, 10, 20];
+const CLOCKED: [usize; 2] = [2, 5];
+const HELD_OUT: [usize; 2] = [3, 7];
+/// Rounds of clock, seven numbers and readout.
+const ROUNDS: usize = 4;
+/// Of a step of the readout that is taken.
+const DAMPED: f64 = 0.7;
+/// Rounds of the readout by refined poses.
+const AGAIN: usize = 2;
+/// No readout is longer, s.
+const LONGEST_READOUT_S: f64 = 0.05;
+/// A readout time that differs by less is what was given, s.
+const SAME_READOUT_S: f64 = 0.002;
+/// A readout with a larger σ is not known, s.
+const SURE_READOUT_S: f64 = 0.001;
+/// A delay of depth below this, or within 2σ, is none, s.
+const SAME_DEPTH_S: f64 = 0.004;
+/// Poses whose links ask for less than this are right, px.
+const RIGHT_PX: f64 = 0.25;
+/// Held-out links must fit better by this share.
+const GAINED: f64 = 0.3;
+/// Refused above this, px, or with so many links missing.
+const WRONG_PX: f64 = 0.75;
+const MISSING: f64 = 0.25;
+/// Frames that are looked at for the clocks, and for depth's.
+const CLOCK_FRAMES: usize = 90;
+const DEPTH_FRAMES: usize = 200;
+
+/// What becomes of the recorded poses.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// They are replaced.
+    Refined,
+    /// They are right: nothing is changed.
+    Right,
+    /// Nothing can be said.
+    Refused(String),
+}
+
+#[derive(Clone, Debug)]
+pub struct Registration {
+    pub verdict: Verdict,
+    /// One per frame, refined, or as recorded where the verdict says so. None where no pose was recorded.
+    pub states: Vec<Option<State>>,
+    pub readout_s: f64,
+    pub readout_sigma_s: Option<f64>,
+    pub depth: Option<DepthLater>,
+    pub global: Option<Global>,
+    pub links: usize,
+    pub missing: usize,
+    /// What links that took no part say is wrong, median, px: as recorded and refined.
+    pub held_out_px: Option<(f64, f64)>,
+    /// One per frame: whether its picture has the code values of the one before.
+    pub repeats: Vec<bool>,
+}
+
+impl Registration {
+    /// Added to the depth maps' times, seconds.
+    pub fn depth_later_s(&self) -> f64 {
+        self.depth.filter(|d| d.later_s.abs() > SAME_DEPTH_S.max(2.0 * d.sigma_s)).map_or(0.0, |d| d.later_s)
+    }
+
+    fn as_recorded(recording: &Recording, geometry: &Geometry, verdict: Verdict) -> Self {
+        Self {
+            verdict,
+            states: recorded(recording, 0.0),
+            readout_s: geometry.intrinsics.readout_time_s,
+            readout_sigma_s: None,
+            depth: None,
+            global: None,
+            links: 0,
+            missing: 0,
+            held_out_px: None,
+            repeats: Vec::new(),
+        }
+    }
+}
+
+/// One per frame, read `later_s` after its time.
+pub fn recorded(recording: &Recording, later_s: f64) -> Vec<Option<State>> {
+    let of = |t: &f64| State::of(&recording.track, t + recording.time_offset_s + later_s).ok();
+    recording.timestamps_s.iter().map(of).collect()
+}
+
+/// `told(done, of)`: how far it is, in frames; an error ends it.
+pub fn register(
+    recording: &Recording,
+    geometry: &Geometry,
+    threads: usize,
+    told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
+) -> Result<Registration, RegistrationError> {
+    let frames = recording.frame_count();
+    let refused = |why: &str| Ok(Registration::as_recorded(recording, geometry, Verdict::Refused(why.to_owned())));
+    if !recording.has_depth() {
+        return refused("there is no depth");
+    }
+    if geometry.sees_around() {
+        return refused("the picture does not fit a plane in front of the camera");
+    }
+    let states = recorded(recording, 0.0);
+    let posed = states.iter().flatten().count();
+    if posed < 3 {
+        return refused("fewer than three frames have a pose");
+    }
+    let clock_frames = frames.min(CLOCK_FRAMES);
+    let whole = (ROUNDS + AGAIN) * clock_frames + 3 * frames;
+    let mut work = Work { recording, threads, done: 0, whole, told };
+    let mut known = Known {
+        geometry: geometry.clone(),
+        clock_s: 0.0,
+        hand_eye: Twist::zeros(),
+        depth_later_s: 0.0,
+        repeats: vec![false; frames],
+    };
+    let mut found = Registration::as_recorded(recording, geometry, Verdict::Right);
+
+    // 1. Clocks, readout, the camera's place on what was tracked.
+    let every = frames.div_ceil(clock_frames);
+    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: usize::MAX, every };
+    for round in 0..ROUNDS {
+        let eye = Eye::new(known.geometry.clone());
+        let states = known.states(recording);
+        if round == 1 {
+            found.depth = depth_clock(&eye, recording, &states, threads)?;
+            known.depth_later_s = found.depth_later_s();
+        }
+        let linked = work.links(&eye, &states, known.depth_later_s, pass)?;
+        known.repeats.clone_from(&linked.repeats);
+        let Some(global) = global::global(&linked.good, &states, true).filter(|_| linked.good.len() >= 12) else {
+            return refused("the frames' pictures do not overlap, or lack texture where depth is known");
+        };
+        // Small corrections of an already corrected place add up.
+        known.hand_eye = twist::log(&(twist::exp(&known.hand_eye) * twist::exp(&global.hand_eye)));
+        known.clock_s += global.clock_s;
+        found.global = Some(Global { hand_eye: known.hand_eye, clock_s: known.clock_s, ..global });
+        known.follow(global::readout(&linked.good), DAMPED, &mut found);
+    }
+
+    // 2. All frames, at once.
+    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: usize::MAX, every: 1 };
+    let start = known.states(recording);
+    let eye = Eye::new(known.geometry.clone());
+    let linked = work.links(&eye, &start, known.depth_later_s, pass)?;
+    (found.links, found.missing) = (linked.good.len(), linked.refused);
+    if linked.refused as f64 > MISSING * (linked.good.len() + linked.refused) as f64 {
+        let share = 100.0 * linked.refused as f64 / (linked.good.len() + linked.refused) as f64;
+        return Ok(Registration {
+            verdict: Verdict::Refused(format!(
+                "{share:.0} % of the links between frames do not fit: the poses, the focal length or the depth are not this recording's"
+            )),
+            ..found
+        });
+    }
+    let solved = graph::solve(&linked.good, &start, &vec![Twist::zeros(); frames]);
+    let Some(corrections) = solved else { return refused("the links' equations have no solution") };
+    let refined = path::with_motion(&recording.timestamps_s, &corrected(&start, &corrections), gap_s(recording));
+
+    // 3. Recorded jitter makes the readout look short; refined poses have none.
+    found.depth = depth_clock(&eye, recording, &refined, threads)?;
+    known.depth_later_s = found.depth_later_s();
+    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: 1, every };
+    for _ in 0..AGAIN {
+        let linked = work.links(&Eye::new(known.geometry.clone()), &refined, known.depth_later_s, pass)?;
+        known.follow(global::readout(&linked.good), 1.0, &mut found);
+    }
+    let given_s = geometry.intrinsics.readout_time_s;
+    if (known.geometry.intrinsics.readout_time_s - given_s).abs() < SAME_READOUT_S {
+        known.geometry.intrinsics.readout_time_s = given_s;
+    }
+
+    // 4. Once more from there.
+    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: 1, every: 1 };
+    let eye = Eye::new(known.geometry.clone());
+    let linked = work.links(&eye, &refined, known.depth_later_s, pass)?;
+    let held: Vec<Twist> = refined.iter().zip(&start).map(|(now, was)| back(now.as_ref(), was.as_ref())).collect();
+    let Some(corrections) = graph::solve(&linked.good, &refined, &held) else {
+        return refused("the links' equations have no solution");
+    };
+    let refined = path::with_motion(&recording.timestamps_s, &corrected(&refined, &corrections), gap_s(recording));
+
+    // 5. Those that took no part.
+    let pass = Pass { gaps: &HELD_OUT, both_ways: false, coarsest: 1, every: 1 };
+    let held_out = work.links(&eye, &refined, known.depth_later_s, pass)?;
+    let (before, after) = judged(&held_out, &recorded(recording, 0.0), &refined);
+    found.held_out_px = Some((before, after));
+    found.readout_s = known.geometry.intrinsics.readout_time_s;
+    let correction_px = asked(&linked.good, &recorded(recording, 0.0), &refined);
+    found.verdict = if after > WRONG_PX {
+        Verdict::Refused(format!("links that took no part still miss by {after:.2} px, more than {WRONG_PX}"))
+    } else if correction_px < RIGHT_PX || after > (1.0 - GAINED) * before {
+        Verdict::Right
+    } else {
+        Verdict::Refined
+    };
+    match found.verdict {
+        Verdict::Refined => {
+            let refined = in_gauge(&refined, &recorded(recording, 0.0), &linked.good);
+            found.states = repeated(refined, &known.repeats);
+            found.repeats = known.repeats;
+        }
+        _ => found.readout_s = given_s,
+    }
+    Ok(found)
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum RegistrationError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
+}
+
+/// What all frames share.
+struct Known {
+    geometry: Geometry,
+    clock_s: f64,
+    hand_eye: Twist,
+    depth_later_s: f64,
+    repeats: Vec<bool>,
+}
+
+impl Known {
+    /// Takes a share of what the readout time lacks, with its σ, s.
+    fn follow(&mut self, lacks: Option<(f64, f64)>, share: f64, found: &mut Registration) {
+        let Some((step_s, sigma_s)) = lacks else { return };
+        found.readout_sigma_s = Some(sigma_s);
+        if sigma_s < SURE_READOUT_S {
+            let readout_s = &mut self.geometry.intrinsics.readout_time_s;
+            *readout_s = (*readout_s + share * step_s).clamp(0.0, LONGEST_READOUT_S);
+        }
+    }
+
+    fn states(&self, recording: &Recording) -> Vec<Option<State>> {
+        let all = recorded(recording, self.clock_s).into_iter().zip(&self.repeats);
+        all.map(|(state, repeats)| state.filter(|_| !repeats).map(|state| state.corrected(&self.hand_eye))).collect()
+    }
+}
+
+struct Work<'a> {
+    recording: &'a Recording,
+    threads: usize,
+    done: usize,
+    whole: usize,
+    told: &'a mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
+}
+
+impl Work<'_> {
+    fn links(
+        &mut self,
+        eye: &Eye,
+        states: &[Option<State>],
+        depth_later_s: f64,
+        pass: Pass<'_>,
+    ) -> Result<Links, RegistrationError> {
+        let (before, whole) = (self.done, self.whole);
+        let frames = if pass.every > 1 { CLOCK_FRAMES } else { self.recording.frame_count() };
+        let mut ended = Ok(());
+        let found = links(eye, self.recording, states, depth_later_s, pass, self.threads, &mut |seen: usize| {
+            let share = (seen + 1) * frames / self.recording.frame_count();
+            ended = (self.told)(before + share, whole);
+            ended.is_ok()
+        })?;
+        ended?;
+        self.done = before + frames;
+        Ok(found)
+    }
+}
+
+fn depth_clock(
+    eye: &Eye,
+    recording: &Recording,
+    states: &[Option<State>],
+    threads: usize,
+) -> Result<Option<DepthLater>, RecordingError> {
+    let mut clock = DepthClock::default();
+    let every = recording.frame_count().div_ceil(DEPTH_FRAMES).max(1);
+    for frame in recording.frames(0..recording.frame_count())?.step_by(every) {
+        let frame = frame?;
+        if let Some(state) = &states[frame.index] {
+            clock.add(eye, &frame, state, threads);
+        }
+    }
+    Ok(clock.finish())
+}
+
+fn corrected(states: &[Option<State>], by: &[Twist]) -> Vec<Option<State>> {
+    states.iter().zip(by).map(|(state, by)| state.map(|state| state.corrected(by))).collect()
+}
+
+/// Links tell how frames stand to each other, not where all of them stand: moved as a whole so that what stands in the world is
+/// seen, on the whole, where the recorded poses show it. Least squares over the frames in the links' mean metric.
+fn in_gauge(refined: &[Option<State>], recorded: &[Option<State>], links: &[Link]) -> Vec<Option<State>> {
+    let metric = links.iter().map(|link| link.metric).sum::<Matrix6<f64>>() / links.len().max(1) as f64;
+    let mut whole = DAffine3::IDENTITY;
+    for _ in 0..3 {
+        let (mut h, mut g) = (Matrix6::zeros(), Twist::zeros());
+        for (now, was) in refined.iter().zip(recorded).filter_map(|(now, was)| Some(((*now)?, (*was)?))) {
+            let here = whole * now.world_from_camera;
+            // log(W⁻¹·exp(x)·here) ≈ off + Ad(here⁻¹)·x.
+            let off = twist::log(&(was.world_from_camera.inverse() * here));
+            let by = twist::adjoint(&here.inverse());
+            let across = by.transpose() * metric;
+            h += across * by;
+            g -= across * off;
+        }
+        let Some(step) = h.cholesky().map(|h| h.solve(&g)) else { break };
+        whole = twist::exp(&step) * whole;
+    }
+    let moved = |state: State| State { world_from_camera: whole * state.world_from_camera, ..state };
+    refined.iter().map(|state| state.map(moved)).collect()
+}
+
+/// A frame that repeats the one before stands and moves where that one does.
+fn repeated(mut states: Vec<Option<State>>, repeats: &[bool]) -> Vec<Option<State>> {
+    for n in 1..states.len() {
+        if repeats[n] {
+            states[n] = states[n - 1];
+        }
+    }
+    states
+}
+
+fn back(now: Option<&State>, was: Option<&State>) -> Twist {
+    let motion = |(now, was): (&State, &State)| twist::log(&(now.world_from_camera.inverse() * was.world_from_camera));
+    now.zip(was).map_or(Twist::zeros(), motion)
+}
+
+/// Across longer intervals no motion is concluded.
+fn gap_s(recording: &Recording) -> f64 {
+    3.5 * recording.frame_interval_s
+}
+
+/// The median of what links say is wrong, px: with `before`, and with `after`, in which they were aligned.
+fn judged(links: &Links, before: &[Option<State>], after: &[Option<State>]) -> (f64, f64) {
+    let mut off: Vec<f64> = links.good.iter().map(|link| link.displaced_px(&link.e)).collect();
+    (asked(&links.good, before, after), median(&mut off))
+}
+
+/// What links aligned with `used` say is wrong with the poses of `states`, median, px.
+fn asked(links: &[Link], states: &[Option<State>], used: &[Option<State>]) -> f64 {
+    let of = |link: &Link| {
+        let motion =
+            |of: &[Option<State>]| Some(of[link.to]?.world_from_camera.inverse() * of[link.from]?.world_from_camera);
+        let seen = motion(used)? * twist::exp(&link.e);
+        Some(link.displaced_px(&twist::log(&(motion(states)?.inverse() * seen))))
+    };
+    let mut off: Vec<f64> = links.iter().filter_map(of).collect();
+    median(&mut off)
+}

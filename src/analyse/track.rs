@@ -1,0 +1,99 @@
+//! A refined way as poses in time, dense enough that the straight lines between them are as good as the way itself.
+
+use glam::DAffine3;
+
+use super::path;
+use super::state::{self, State};
+use crate::fit::twist;
+use crate::pose::Pose;
+
+/// Poses from a frame to the next.
+const PER_INTERVAL: usize = 8;
+
+/// One frame's part in it.
+#[derive(Clone, Copy, Debug)]
+pub struct Stop {
+    pub time_s: f64,
+    pub state: State,
+    /// Whether its picture is the one before's, and so are its pose and motion.
+    pub repeats: bool,
+}
+
+/// Poses by time, strictly ascending. Half a `usual_s` before the first frame and after the last the camera moves on as there,
+/// so that their exposures lie within. Across more than `most_s` there is nothing. Frames of one time give the first's pose.
+pub fn poses(stops: &[Stop], usual_s: f64, most_s: f64) -> Vec<(f64, Pose)> {
+    let mut out: Vec<(f64, Pose)> = Vec::new();
+    let mut put = |time_s: f64, at: DAffine3| {
+        if out.last().is_none_or(|last| time_s > last.0) {
+            out.push((time_s, state::pose(&at)));
+        }
+    };
+    let on = |stop: &Stop, by_s: f64| stop.state.world_from_camera * twist::exp(&(by_s * stop.state.twist));
+    let half = PER_INTERVAL / 2;
+    let step_s = usual_s / PER_INTERVAL as f64;
+    for (n, stop) in stops.iter().enumerate() {
+        let is_joined = |a: &Stop, b: &Stop| b.time_s - a.time_s <= most_s;
+        let before = n.checked_sub(1).map(|b| &stops[b]);
+        if before.is_none_or(|before| !is_joined(before, stop)) {
+            (1..=half).rev().for_each(|k| put(stop.time_s - k as f64 * step_s, on(stop, -(k as f64) * step_s)));
+        }
+        put(stop.time_s, stop.state.world_from_camera);
+        match stops.get(n + 1).filter(|next| is_joined(stop, next)) {
+            Some(next) => {
+                let interval_s = next.time_s - stop.time_s;
+                for k in 1..PER_INTERVAL {
+                    let share = k as f64 / PER_INTERVAL as f64;
+                    let at = if !next.repeats {
+                        path::between(&stop.state, &next.state, interval_s, share)
+                    } else if 2 * k <= PER_INTERVAL {
+                        on(stop, share * interval_s)
+                    } else {
+                        on(next, (share - 1.0) * interval_s)
+                    };
+                    put(stop.time_s + share * interval_s, at);
+                }
+            }
+            None => (1..=half).for_each(|k| put(stop.time_s + k as f64 * step_s, on(stop, k as f64 * step_s))),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::twist::Twist;
+    use crate::tracking::PoseTrack;
+    use glam::DVec3;
+
+    fn stop(time_s: f64, x: f64, speed: f64, repeats: bool) -> Stop {
+        let twist = twist::twist(DVec3::X * speed, DVec3::ZERO);
+        Stop { time_s, state: State { world_from_camera: DAffine3::from_translation(DVec3::X * x), twist }, repeats }
+    }
+
+    fn x(track: &PoseTrack, time_s: f64) -> f64 {
+        track.at(time_s).unwrap().position_in_world_m().x
+    }
+
+    #[test]
+    fn a_way_goes_through_its_stops_and_a_little_beyond() {
+        let stops = [stop(0.0, 0.0, 1.0, false), stop(0.1, 0.1, 1.0, false), stop(0.9, 5.0, 2.0, false)];
+        let track = PoseTrack::new(poses(&stops, 0.1, 0.3), 0.1).unwrap();
+        for (time_s, expected) in [(-0.05, -0.05), (0.0, 0.0), (0.0625, 0.0625), (0.15, 0.15), (0.85, 4.9), (0.95, 5.1)]
+        {
+            assert!((x(&track, time_s) - expected).abs() < 1e-12, "{time_s}: {}", x(&track, time_s));
+        }
+        assert!(track.at(0.5).is_err() && track.at(-0.06).is_err());
+    }
+
+    #[test]
+    fn a_repeated_picture_moves_as_the_first_did() {
+        let stops = [stop(0.0, 0.0, 1.0, false), stop(0.1, 0.0, 1.0, true), stop(0.2, 0.2, 1.0, false)];
+        let track = PoseTrack::new(poses(&stops, 0.1, 0.3), 0.1).unwrap();
+        for by_s in [-0.0125, 0.0, 0.0125] {
+            assert!((x(&track, 0.1 + by_s) - by_s).abs() < 1e-3, "{by_s}");
+        }
+        assert!((x(&track, 0.025) - 0.025).abs() < 1e-12 && (x(&track, 0.0875) + 0.0125).abs() < 1e-12);
+        let _ = Twist::zeros();
+    }
+}

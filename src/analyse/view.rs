@@ -1,0 +1,207 @@
+//! A frame as the alignment needs it: its brightness at halving sizes, its depth, and points of it that tell where it is.
+
+use glam::{DVec2, DVec3};
+
+use super::carried;
+use super::pyramid::{Plane, gaussian};
+use super::state::{State, moved};
+use crate::camera::Geometry;
+use crate::frame::Frame;
+
+/// Points at most, by level; coarser levels have the last.
+const MOST: [usize; 4] = [6000, 4000, 2500, 1500];
+/// Sides of the blocks over which a slope is compared with the mean, px of the level.
+const BLOCK: [usize; 3] = [32, 16, 8];
+/// A point's slope is above this multiple of the mean around it, plus this, codes per px of the level.
+const STEEPER: f32 = 1.5;
+const STEEP: f32 = 1.2;
+/// No point lies nearer to the level's rim, px.
+const RIM: usize = 4;
+/// From this code on (of 255) a channel may be clipped.
+const CLIPPED: u32 = 250;
+/// Points keep this far from a depth edge, px, and an edge is this share of the depth.
+const FROM_EDGE: usize = 3;
+const EDGE: f32 = 0.05;
+/// Levels of a picture: the coarsest is about this wide, px.
+const COARSEST: usize = 80;
+
+/// What is the same for all views of a recording.
+#[derive(Debug)]
+pub struct Eye {
+    pub geometry: Geometry,
+    pub rays: Vec<[f32; 3]>,
+}
+
+impl Eye {
+    pub fn new(geometry: Geometry) -> Self {
+        Self { rays: carried::rays(&geometry), geometry }
+    }
+
+    pub fn size(&self) -> (usize, usize) {
+        (self.geometry.intrinsics.width_px as usize, self.geometry.intrinsics.height_px as usize)
+    }
+
+    pub fn levels(&self) -> usize {
+        let width = self.size().0;
+        (1..).take_while(|level| width >> level >= COARSEST).count() + 1
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// In the camera's axes at the middle row's time, m.
+    pub at: DVec3,
+    /// Codes.
+    pub value: f64,
+    /// How the value seen there follows when the point moves by a twist, codes.
+    pub value_by: [f64; 6],
+    /// How its place follows, px.
+    pub place_by: [[f64; 6]; 2],
+    /// Its row's time as a share of the readout time, −½ to ½.
+    pub row: f64,
+}
+
+#[derive(Debug)]
+pub struct Level {
+    pub picture: Plane,
+    pub points: Vec<Point>,
+}
+
+#[derive(Debug)]
+pub struct View {
+    pub index: usize,
+    pub state: State,
+    /// At the frame's moment, m, 0 where unknown.
+    pub depth: Vec<f32>,
+    /// From the finest to the coarsest.
+    pub levels: Vec<Level>,
+}
+
+impl View {
+    /// `depth_later_s` is added to the time of the frame's depth map. Levels below `finest` have no points.
+    pub fn new(eye: &Eye, frame: &Frame, state: State, depth_later_s: f64, finest: usize) -> Self {
+        let (width, _) = eye.size();
+        let depth = Self::depth_of(eye, frame, &state, depth_later_s);
+        let is_usable = usable(frame, &depth, width);
+        let mut picture = Plane::of(&frame.pixels);
+        let mut levels = Vec::new();
+        for level in 0..eye.levels() {
+            let next = picture.halved();
+            if level == 0 {
+                picture = picture.filtered(&gaussian(1.0));
+            }
+            let points =
+                if level < finest { Vec::new() } else { points(eye, &picture, level, &depth, &is_usable, &state) };
+            levels.push(Level { picture, points });
+            picture = next;
+        }
+        Self { index: frame.index, state, depth, levels }
+    }
+
+    /// The frame's depth at its moment, m, 0 where unknown.
+    pub fn depth_of(eye: &Eye, frame: &Frame, state: &State, depth_later_s: f64) -> Vec<f32> {
+        let (width, height) = eye.size();
+        match &frame.depth {
+            Some(map) if (map.width as usize, map.height as usize) == (width, height) => {
+                let later_s = map.timestamp_s + depth_later_s - frame.timestamp_s;
+                let later_s = if later_s.abs() < 1e-4 { 0.0 } else { later_s };
+                carried::carried(&eye.geometry, &eye.rays, map, state, later_s)
+            }
+            _ => vec![0.0; width * height],
+        }
+    }
+}
+
+/// Where depth is known away from its edges, and nothing is clipped.
+fn usable(frame: &Frame, depth: &[f32], width: usize) -> Vec<bool> {
+    let pixels = &frame.pixels;
+    let most = CLIPPED * (pixels.max_code() / 255);
+    let clipped: Vec<f32> = match &pixels.codes {
+        crate::pixels::Codes::U8(codes) => {
+            codes.as_chunks::<3>().0.iter().map(|c| f32::from(u32::from(c[0].max(c[1]).max(c[2])) >= most)).collect()
+        }
+        crate::pixels::Codes::U16(codes) => {
+            codes.as_chunks::<3>().0.iter().map(|c| f32::from(u32::from(c[0].max(c[1]).max(c[2])) >= most)).collect()
+        }
+    };
+    let near_clipped = carried::extreme(&clipped, width, 2, |a, b| if a > b { a } else { b });
+    let smooth = carried::smooth(depth, width, FROM_EDGE, EDGE);
+    smooth.iter().zip(&near_clipped).map(|(smooth, clipped)| *smooth && *clipped == 0.0).collect()
+}
+
+fn points(eye: &Eye, picture: &Plane, level: usize, depth: &[f32], is_usable: &[bool], state: &State) -> Vec<Point> {
+    let (w, h) = (picture.width, picture.height);
+    let (width, _) = eye.size();
+    let scale = 1usize << level;
+    let (along, down) = picture.slopes();
+    let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
+    let side = BLOCK[level.min(BLOCK.len() - 1)];
+    let means = block_means(&slope, w, side);
+    let across = w.div_ceil(side);
+    let mut found = Vec::new();
+    for y in RIM..h.saturating_sub(RIM) {
+        for x in RIM..w.saturating_sub(RIM) {
+            let i = y * w + x;
+            let mean = means[(y / side) * across + x / side];
+            if slope[i] > STEEPER * mean + STEEP && is_usable[y * scale * width + x * scale] {
+                found.push(i);
+            }
+        }
+    }
+    let most = MOST[level.min(MOST.len() - 1)];
+    if found.len() > most {
+        // Those with the smallest hashes of their places: spread evenly, and the same in every run.
+        found.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
+        found.truncate(most);
+        found.sort_unstable();
+    }
+    let point = |i: usize| {
+        let (x, y) = ((i % w) * scale, (i / w) * scale);
+        let at = y * width + x;
+        let z = f64::from(depth[at]);
+        let ray = DVec3::from(eye.rays[at].map(f64::from));
+        let slope = DVec2::new(along.values[i].into(), down.values[i].into()) / scale as f64;
+        of_place(&eye.geometry, z * ray, y as f64 + 0.5, f64::from(picture.values[i]), slope, state)
+    };
+    found.into_iter().filter_map(point).collect()
+}
+
+/// A point in the camera's axes at its row's time.
+fn of_place(geometry: &Geometry, there: DVec3, row_px: f64, value: f64, slope: DVec2, state: &State) -> Option<Point> {
+    const STEP_M: f64 = 1e-4;
+    let here = geometry.project(there)?;
+    let by = |axis: DVec3| Some((geometry.project(there + STEP_M * axis)? - here) / STEP_M);
+    let by_place = [by(DVec3::X)?, by(DVec3::Y)?, by(DVec3::Z)?];
+    let at = moved(there, &state.twist, geometry.row_time_s(row_px));
+    // ẋ = v + ω × x.
+    let by_turn = [DVec3::new(0.0, -at.z, at.y), DVec3::new(at.z, 0.0, -at.x), DVec3::new(-at.y, at.x, 0.0)];
+    let turned = by_turn.map(|d| d.x * by_place[0] + d.y * by_place[1] + d.z * by_place[2]);
+    let columns = [by_place[0], by_place[1], by_place[2], turned[0], turned[1], turned[2]];
+    Some(Point {
+        at,
+        value,
+        value_by: columns.map(|c| slope.dot(c)),
+        place_by: [columns.map(|c| c.x), columns.map(|c| c.y)],
+        row: row_px / f64::from(geometry.intrinsics.height_px) - 0.5,
+    })
+}
+
+fn block_means(values: &[f32], width: usize, side: usize) -> Vec<f32> {
+    let across = width.div_ceil(side);
+    let down = (values.len() / width.max(1)).div_ceil(side);
+    let (mut sums, mut counts) = (vec![0.0f32; across * down], vec![0u32; across * down]);
+    for (i, value) in values.iter().enumerate() {
+        let block = (i / width / side) * across + (i % width) / side;
+        sums[block] += value;
+        counts[block] += 1;
+    }
+    sums.iter().zip(&counts).map(|(sum, count)| sum / (*count).max(1) as f32).collect()
+}
+
+/// SplitMix64's output function (Steele, Lea and Flood 2014).
+pub fn scattered(n: u64) -> u64 {
+    let mut z = n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
