@@ -104,7 +104,7 @@ pub fn align(eye: &Eye, from: &View, to: &View, start: Start) -> Option<Link> {
             }
             let d = h.cholesky()?.solve(&sums.g);
             let by = Twist::from_iterator(d.iter().take(6).copied());
-            e = e * twist::exp(&-by);
+            e *= twist::exp(&-by);
             gain = (gain + d[6]).clamp(0.4, 2.5);
             shift += d[7];
             let moved_px = (by.transpose() * sums.metric * by)[0].max(0.0).sqrt();
@@ -202,11 +202,8 @@ impl Seen {
             let residual = value - gain * point.value - shift;
             let motion = from.state.twist * point.row - others * *row_there;
             let column: f64 = point.value_by.iter().zip(motion.iter()).map(|(a, b)| a * b).sum();
-            let mut row = SVector::<f64, 9>::zeros();
-            for k in 0..6 {
-                row[k] = gain * point.value_by[k];
-            }
-            (row[6], row[7], row[8]) = (point.value, 1.0, gain * column);
+            let [a, b, c, d, e, f] = point.value_by.map(|by| gain * by);
+            let row = SVector::from([a, b, c, d, e, f, point.value, 1.0, gain * column]);
             let w = weight(residual, sigma);
             h.ger(w, &row, &row, 1.0);
             g.axpy(w * residual, &row, 1.0);
@@ -230,11 +227,8 @@ impl Seen {
         for ((n, value, _), r) in self.points.iter().zip(&residuals) {
             let point = &all[*n];
             let w = weight(*r, sigma);
-            let mut row = [0.0; N];
-            for k in 0..6 {
-                row[k] = gain * point.value_by[k];
-            }
-            (row[6], row[7]) = (point.value, 1.0);
+            let [a, b, c, d, e, f] = point.value_by.map(|by| gain * by);
+            let row = [a, b, c, d, e, f, point.value, 1.0];
             let told = if is_first { 1.0 } else { w };
             for k in 0..N {
                 let by = told * row[k];

@@ -53,7 +53,8 @@ pub fn links(
     let mut frames = recording.frames(0..recording.frame_count())?;
     loop {
         let batch: Vec<_> = frames.by_ref().take(BATCH * threads.max(1)).collect::<Result<_, _>>()?;
-        let Some(last) = batch.last().map(|frame| frame.index) else { return Ok(found) };
+        let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(found) };
+        let (first, last) = (first.index, last.index);
         for frame in &batch {
             found.repeats.push(before.as_ref() == Some(&frame.pixels));
             before = Some(frame.pixels.clone());
@@ -64,14 +65,10 @@ pub fn links(
             *view = states[frame.index].map(|state| View::new(eye, frame, state, depth_later_s, 0));
         });
         window.extend(views.into_iter().filter_map(|(_, view)| view));
-        let first_new = window.iter().position(|view| view.index + BATCH * threads.max(1) > last).unwrap_or(0);
         let at = |index: usize| window.binary_search_by_key(&index, |view| view.index).ok();
         let mut tasks = Vec::new();
-        for new in first_new..window.len() {
-            let index = window[new].index;
-            if index + BATCH * threads.max(1) <= last {
-                continue;
-            }
+        for index in first..=last {
+            let Some(new) = at(index) else { continue };
             for gap in pass.gaps {
                 let Some(old) = index.checked_sub(*gap).and_then(at) else { continue };
                 if (index - gap).is_multiple_of(pass.every) {
