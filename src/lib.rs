@@ -50,6 +50,7 @@ pub mod measure;
 pub mod photo;
 pub mod shot;
 pub mod simulate;
+pub mod verify;
 
 // 7: the command line
 pub mod cli;

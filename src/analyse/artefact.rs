@@ -17,14 +17,16 @@ use crate::fit::twist;
 use crate::frame::SeenBrightness;
 use crate::recording::{Recording, Refinement};
 use crate::source::file::{self, MOST_DOCUMENT};
-use crate::tracking::PoseTrack;
 use crate::tracking::text::{self, TextError};
-use crate::tracking::tum::{Line, parse_trajectory, write_trajectory};
+use crate::tracking::tum::{Line, parse_lines, write_trajectory};
+use crate::tracking::{NotAscending, PoseTrack, median_interval_s};
 use crate::words::{fixed, reason};
 
 pub const FILE_NAME: &str = "analysis.toml";
 const FRAMES: &str = "frames.txt";
 const POSES: &str = "poses.txt";
+/// The poses were replaced.
+const REFINED: &str = "refined";
 /// Another version is made anew.
 const VERSION: u32 = 1;
 
@@ -84,6 +86,8 @@ pub struct Analysis {
     pub findings: Findings,
     /// In place of the recording's own, by the frames' own times; `None` if that is kept.
     pub track: Option<PoseTrack>,
+    /// The track as it is written, which would not follow from the track to the last bit.
+    lines: Vec<Line>,
     /// One per frame: how much brighter it is than the recording's median, factors on light (red, green, blue). Empty if the
     /// footage does not tell.
     pub gains: Vec<[f64; 3]>,
@@ -121,19 +125,18 @@ impl Analysis {
     ) -> Self {
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
-        let track = (registration.verdict == Verdict::Refined).then(|| {
-            let stop = |n: usize| {
-                let state = registration.states[n]?;
-                Some(Stop {
-                    time_s: recording.timestamps_s[n],
-                    state,
-                    repeats: repeats.get(n).copied().unwrap_or(false),
-                })
-            };
+        let stop = |n: usize| {
+            let state = registration.states[n]?;
+            Some(Stop { time_s: recording.timestamps_s[n], state, repeats: repeats.get(n).copied().unwrap_or(false) })
+        };
+        let lines: Vec<Line> = if registration.verdict == Verdict::Refined {
             let stops: Vec<Stop> = (0..recording.frame_count()).filter_map(stop).collect();
-            let most_s = 3.5 * recording.frame_interval_s;
-            PoseTrack::new(track::poses(&stops, recording.frame_interval_s, most_s), most_s / 4.0).unwrap_or_default()
-        });
+            let usual_s = recording.frame_interval_s;
+            let poses = track::poses(&stops, usual_s, track::MOST_INTERVALS * usual_s);
+            poses.iter().map(|(time_s, pose)| Line::new(*time_s, pose)).collect()
+        } else {
+            Vec::new()
+        };
         let findings = Findings {
             version: VERSION,
             recording: inputs::fingerprint(recording),
@@ -142,7 +145,9 @@ impl Analysis {
             gain,
             camera,
         };
-        Self { findings, track, gains: filled(gains) }
+        // They ascend.
+        let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
+        Self { findings, track, lines, gains: filled(gains) }
     }
 
     pub fn read(folder: &Path) -> Result<Self, AnalysisError> {
@@ -162,21 +167,18 @@ impl Analysis {
             ));
         }
         let findings: Findings = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
-        let track = if findings.registration.poses == "refined" {
+        let (mut lines, mut track) = (Vec::new(), None);
+        if findings.registration.poses == REFINED {
             let path = folder.join(POSES);
-            let poses = parse_trajectory(&text::read(&path)?, &path)?.poses;
-            let gap_s = 2.0
-                * crate::tracking::median_interval_s(&poses.iter().map(|p| p.0).collect::<Vec<_>>()).unwrap_or(0.05);
-            Some(PoseTrack::new(poses, gap_s).map_err(|error| content(&path, error.to_string()))?)
-        } else {
-            None
-        };
+            lines = parse_lines(&text::read(&path)?, &path)?.0;
+            track = Some(track_of(&lines).map_err(|error| content(&path, error.to_string()))?);
+        }
         let gains = if findings.gain.as_ref().is_some_and(|gain| gain.is_followed) {
             read_gains(&folder.join(FRAMES), findings.frames)?
         } else {
             Vec::new()
         };
-        Ok(Self { findings, track, gains })
+        Ok(Self { findings, track, lines, gains })
     }
 
     /// The files, by name.
@@ -189,9 +191,8 @@ impl Analysis {
         let head =
             "# What the footage says of itself, by `locard analyse`. Frames are composited by it while it lies here.\n";
         let mut files = vec![];
-        if let Some(track) = &self.track {
-            let lines: Vec<Line> = track.poses().iter().map(|(time_s, pose)| Line::new(*time_s, pose)).collect();
-            files.push((POSES, write_trajectory(&lines)));
+        if !self.lines.is_empty() {
+            files.push((POSES, write_trajectory(&self.lines)));
         }
         if !self.gains.is_empty() {
             let line = |(n, [r, g, b]): (usize, &[f64; 3])| format!("{n} {} {r} {g} {b}\n", recording.timestamps_s[n]);
@@ -243,6 +244,13 @@ impl Analysis {
     }
 }
 
+/// Poses farther apart than a dropped frame or two leave them are not joined.
+fn track_of(lines: &[Line]) -> Result<PoseTrack, NotAscending> {
+    let times_s: Vec<f64> = lines.iter().map(|line| line.time_s).collect();
+    let most_s = (track::MOST_INTERVALS + 0.5) * median_interval_s(&times_s).unwrap_or_default();
+    PoseTrack::new(lines.iter().map(|line| (line.time_s, line.pose())).collect(), most_s)
+}
+
 #[derive(Deserialize)]
 struct Version {
     version: u32,
@@ -251,7 +259,7 @@ struct Version {
 impl Registered {
     fn of(found: &Registration) -> Self {
         let (poses, why) = match &found.verdict {
-            Verdict::Refined => ("refined", None),
+            Verdict::Refined => (REFINED, None),
             Verdict::Right => ("right", None),
             Verdict::Refused(why) => ("refused", Some(why.clone())),
         };
@@ -321,7 +329,7 @@ impl fmt::Display for Findings {
         let r = &self.registration;
         let px = |value: Option<f64>| value.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
         match (r.poses.as_str(), &r.why) {
-            ("refined", _) => writeln!(
+            (REFINED, _) => writeln!(
                 f,
                 "poses      refined: links that took no part miss by {}, {} as recorded",
                 px(r.refined_px),

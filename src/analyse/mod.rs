@@ -12,6 +12,7 @@ mod gain;
 mod global;
 mod graph;
 mod inputs;
+mod interrupted;
 mod links;
 mod path;
 mod pyramid;
@@ -21,6 +22,7 @@ mod track;
 mod view;
 
 pub use artefact::{Analysis, AnalysisError, FILE_NAME, Findings, beside};
+pub use interrupted::Interrupted;
 pub use registration::{RegistrationError, Verdict};
 
 use crate::camera::{Geometry, Response};
@@ -28,11 +30,6 @@ use crate::recording::Recording;
 use artefact::Gained;
 use gain::{GAPS, Gains, Pair};
 use view::{Eye, View};
-
-/// The work was ended from outside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("interrupted")]
-pub struct Interrupted;
 
 /// Distances of pairs by which the gains are judged, frames.
 const HELD_OUT: [usize; 3] = [3, 7, 13];

@@ -8,14 +8,15 @@
 use glam::DAffine3;
 use nalgebra::Matrix6;
 
-use super::Interrupted;
 use super::align::{Link, median};
 use super::depth_clock::{DepthClock, DepthLater};
 use super::global::{self, Global};
 use super::graph;
+use super::interrupted::Interrupted;
 use super::links::{Links, Pass, links};
 use super::path;
 use super::state::State;
+use super::track::MOST_INTERVALS;
 use super::view::Eye;
 use crate::camera::Geometry;
 use crate::fit::twist::{self, Twist};
@@ -352,7 +353,7 @@ fn back(now: Option<&State>, was: Option<&State>) -> Twist {
 
 /// Across longer intervals no motion is concluded.
 fn gap_s(recording: &Recording) -> f64 {
-    3.5 * recording.frame_interval_s
+    MOST_INTERVALS * recording.frame_interval_s
 }
 
 /// The median of what links say is wrong, px: with `before`, and with `after`, in which they were aligned.

@@ -44,38 +44,41 @@ pub fn run(args: &Args) -> Result<()> {
     let given =
         Given { profile: args.profile.clone(), sets: args.sets.clone(), analysis: Analysed::No, ..Given::default() };
     let shot = Shot::open(&args.recording, &args.skip.over(OpenOptions::default()), &given)?;
-    let folder = args.output.clone().unwrap_or_else(|| beside(&args.recording));
-    let camera = shot.geometry_at(0)?;
-    if folder.exists()
-        && !folder.join(FILE_NAME).exists()
-        && folder.read_dir().map_or(true, |mut all| all.next().is_some())
-    {
-        bail!("{}: is there, and no analysis ({FILE_NAME} lacks in it); name another folder by -o", folder.display());
-    }
-    if !args.force
-        && let Ok(there) = Analysis::read(&folder)
-        && there.fits(&shot.recording, &camera).is_ok()
-    {
-        write!(std::io::stdout().lock(), "{}", there.findings)?;
-        tell(args.quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
-        return Ok(());
-    }
+    let folder = args.output.clone().unwrap_or_else(|| beside(&shot.recording.path));
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
     }
-    let bar = progress(args.quiet, 0);
+    let made = make(&shot, &folder, args.force, args.quiet)?;
+    write!(std::io::stdout().lock(), "{}", made.findings)?;
+    let frames = count(shot.recording.frame_count(), "frame");
+    tell(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
+    Ok(())
+}
+
+/// Analyses a recording that was opened without its analysis, unless the one that is there fits.
+pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Analysis> {
+    let camera = shot.geometry_at(0)?;
+    let is_empty = || folder.read_dir().is_ok_and(|mut all| all.next().is_none());
+    if folder.exists() && !folder.join(FILE_NAME).exists() && !is_empty() {
+        bail!("{}: is there, and no analysis ({FILE_NAME} lacks in it); name another folder by -o", folder.display());
+    }
+    if !force
+        && let Ok(there) = Analysis::read(folder)
+        && there.fits(&shot.recording, &camera).is_ok()
+    {
+        tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
+        return Ok(there);
+    }
+    let bar = progress(quiet, 0);
     let made = analyse(&shot.recording, &camera, &shot.camera().response, processors(), &mut |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
         Ok(())
     });
     bar.finish_and_clear();
-    let made = made.with_context(|| args.recording.display().to_string())?;
-    write(&folder, &made, &shot).with_context(|| format!("{}: cannot be written", folder.display()))?;
-    write!(std::io::stdout().lock(), "{}", made.findings)?;
-    let frames = count(shot.recording.frame_count(), "frame");
-    tell(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
-    Ok(())
+    let made = made.with_context(|| shot.recording.path.display().to_string())?;
+    write(folder, &made, shot).with_context(|| format!("{}: cannot be written", folder.display()))?;
+    Ok(made)
 }
 
 /// The file that tells an analysis goes first and comes last, so that a half-written one is none.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{tell, warn};
+use super::tell;
 use crate::shot::{Analysed, AnalysisState, Shot};
 
 #[derive(clap::Args)]
@@ -13,6 +13,9 @@ pub struct Analysis {
     /// Take the recording as it was recorded, although it was analysed
     #[arg(long)]
     no_analysis: bool,
+    /// Analyse the recording first, where that was not done or does not fit any more
+    #[arg(long, conflicts_with_all = ["analysis", "no_analysis"])]
+    pub analyse: bool,
 }
 
 impl Analysis {
@@ -25,19 +28,16 @@ impl Analysis {
     }
 }
 
-/// Says what became of it, if it needs saying.
+/// Where there is none, what one would give.
 pub fn say(quiet: bool, shot: &Shot) {
-    let again = format!("`locard analyse {}`", shot.recording.path.display());
-    match &shot.analysis {
-        AnalysisState::Unfit(folder, problem) => {
-            warn(quiet, &format!("{} is not used: {problem} ({again} makes it anew)", folder.display()));
-        }
-        AnalysisState::Absent if shot.recording.has_depth() && shot.recording.frame_count() > 1 => tell(
+    if shot.analysis == AnalysisState::Absent && shot.recording.has_depth() && shot.recording.frame_count() > 1 {
+        let recording = shot.recording.path.display();
+        tell(
             quiet,
             &format!(
-                "not analysed: {again} finds where the camera really was and how bright each frame is, so that evidence stays in place and follows the light"
+                "not analysed: `locard analyse {recording}` finds where the camera really was and how bright each frame \
+                 is, so that evidence stays in place and follows the light"
             ),
-        ),
-        AnalysisState::Absent | AnalysisState::Left | AnalysisState::Used(..) => {}
+        );
     }
 }

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use super::analyse;
 use super::analysis::Analysis;
 use super::skip::Skip;
+use crate::analyse::beside;
 use crate::camera::stops;
 use crate::recording::{OpenOptions, Recording};
-use crate::shot::{Given, Shot};
+use crate::shot::{Analysed, Given, Shot};
 
 #[derive(clap::Args)]
 pub struct LightArgs {
@@ -54,6 +56,11 @@ impl LightArgs {
         let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
+        if self.analysis.analyse {
+            let (profile, sets) = (self.profile.clone(), self.sets.clone());
+            let recorded = Given { profile, sets, analysis: Analysed::No, ..Given::default() };
+            analyse::make(&Shot::of(recording.clone(), &recorded)?, &beside(&recording.path), false, false)?;
+        }
         let given =
             Given { profile: self.profile.clone(), sets: self.sets.clone(), scene, analysis: self.analysis.asked() };
         Ok(Shot::of(recording, &given)?)

@@ -28,6 +28,7 @@ mod start;
 mod track;
 #[cfg(feature = "window")]
 mod tune;
+mod verify;
 mod watching;
 mod which;
 
@@ -85,6 +86,8 @@ enum Command {
     Bench(bench::Args),
     /// Make a recording of a simulated site, together with its ground truth
     Simulate(simulate::Args),
+    /// Put frames of a recording into others as things, and say how far from the real ones they are
+    Verify(verify::Args),
     /// Open the window: see the evidence in the picture and move sliders until it belongs there
     #[cfg(feature = "window")]
     Tune(tune::Args),
@@ -118,6 +121,7 @@ pub fn main() -> ExitCode {
         Command::Doctor => doctor::run(),
         Command::Bench(args) => bench::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        Command::Verify(args) => verify::run(&args),
         #[cfg(feature = "window")]
         Command::Tune(args) => tune::run(args),
     });

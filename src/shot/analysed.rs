@@ -2,23 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Given, ShotError};
+use super::error::ShotError;
+use super::given::{Analysed, Given};
 use crate::analyse::{Analysis, FILE_NAME, Findings, beside};
 use crate::effects::exposure::gathered_s;
 use crate::profile::Rig;
 use crate::recording::Recording;
-
-/// Which analysis is used.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Analysed {
-    /// The one beside the recording, if there is one that fits.
-    #[default]
-    Beside,
-    /// This one; that it does not fit is an error.
-    At(PathBuf),
-    /// None.
-    No,
-}
 
 /// What became of it.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,6 +7,7 @@ mod analysed;
 mod check;
 mod error;
 mod eye;
+mod given;
 mod light;
 mod moved;
 mod note;
@@ -32,9 +33,10 @@ use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Scene};
 
-pub use analysed::{Analysed, AnalysisState};
+pub use analysed::AnalysisState;
 pub use error::ShotError;
 pub use eye::{Eye, Ray};
+pub use given::{Analysed, Given};
 pub use light::{Known, SceneLight, USUAL_ISO};
 pub use note::{Note, Tally, Wrong};
 pub use pick::{Hit, nearest};
@@ -45,19 +47,6 @@ pub use standing::Standing;
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
 pub use triangulate::{Triangulated, View};
-
-/// A person's input in addition to the recording.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Given {
-    /// The camera and the effects' parameters. Overrides what the recording brings, key by key.
-    pub profile: Option<PathBuf>,
-    /// Override both, one after another: `table.name=value`.
-    pub sets: Vec<String>,
-    /// Put into the footage. Without it the footage stays as it is.
-    pub scene: Option<PathBuf>,
-    /// What the footage says of itself.
-    pub analysis: Analysed,
-}
 
 /// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
 #[derive(Clone, Debug)]

@@ -2,8 +2,9 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::path::PathBuf;
 
-use super::{Shot, Standing};
+use super::{AnalysisState, Shot, Standing};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
 use crate::scene::overlaps;
@@ -15,6 +16,8 @@ pub enum Note {
     /// Warnings of the recording and the scene.
     Recording(String),
     Scene(String),
+    /// What `locard analyse` found is there and not used: where, and why.
+    Analysis(PathBuf, String),
     /// Frames without a pose, which are passed through.
     MissingPoses(String),
     /// The frames' exposure is unknown. `has_times`: whether their times mean anything.
@@ -67,6 +70,9 @@ impl fmt::Display for Note {
         match self {
             Self::Recording(text) | Self::Scene(text) | Self::MissingPoses(text) | Self::Overlap(text) => f.write_str(text),
             Self::Idle(text) => f.write_str(text),
+            Self::Analysis(folder, problem) => {
+                write!(f, "{} is not used: {problem}; analyse the recording again", folder.display())
+            }
             Self::UnknownExposure { has_times } => {
                 f.write_str(match has_times {
                     true => "nothing says how long the frames were exposed: half the frame interval is taken",
@@ -151,6 +157,9 @@ impl Shot {
     /// Notes to show before a range of frames is composited as set.
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
+        if let AnalysisState::Unfit(folder, problem) = &self.analysis {
+            notes.push(Note::Analysis(folder.clone(), problem.clone()));
+        }
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
         let holds = self.recording.metres_per_unit;

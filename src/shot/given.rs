@@ -1,0 +1,28 @@
+//! What is given with a recording.
+
+use std::path::PathBuf;
+
+/// A person's input in addition to the recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Given {
+    /// The camera and the effects' parameters. Overrides what the recording brings, key by key.
+    pub profile: Option<PathBuf>,
+    /// Override both, one after another: `table.name=value`.
+    pub sets: Vec<String>,
+    /// Put into the footage. Without it the footage stays as it is.
+    pub scene: Option<PathBuf>,
+    /// What the footage says of itself.
+    pub analysis: Analysed,
+}
+
+/// Which analysis is used.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Analysed {
+    /// The one beside the recording, if there is one that fits.
+    #[default]
+    Beside,
+    /// This one; that it does not fit is an error.
+    At(PathBuf),
+    /// None.
+    No,
+}

@@ -1,0 +1,130 @@
+//! Whether virtual things behave as real ones in a recording: frames of it, as things, put into other frames of it.
+//!
+//! Through the whole pipeline, with what was recorded and with what was found out ([`crate::analyse`]). A place is judged by the
+//! phase correlation of patches, brightness by the luma of small areas, so that noise and blur, which the thing's own picture
+//! has already, do not count. Those effects are off.
+
+mod twin;
+
+use std::sync::Arc;
+
+pub use twin::twin;
+
+use crate::gpu::Gpu;
+use crate::measure::displacement::{DisplacementOptions, displacements};
+use crate::measure::{Grey, MeasureError};
+use crate::shot::{Shot, ShotError};
+
+/// Patches must be much larger than what they are displaced by, which may be 10 px, px.
+const PATCH_PX: usize = 64;
+/// Areas over which luma is averaged, px each way from the middle.
+const AREA: i64 = 2;
+/// An area is flat if its luma's standard deviation is below this, and tells nothing above this mean, codes.
+const FLAT: f64 = 4.0;
+const CLIPPED: f64 = 235.0;
+/// A pair with fewer patches tells nothing of places.
+const LEAST_PATCHES: usize = 4;
+
+/// What is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// Each so many frames one becomes a thing.
+    pub every: usize,
+    /// It is put into the frames so many before and after it.
+    pub gap: usize,
+}
+
+impl Default for Plan {
+    fn default() -> Self {
+        Self { every: 10, gap: 8 }
+    }
+}
+
+/// How far virtual is from real.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Verified {
+    /// Pairs of frames that told something.
+    pub pairs: usize,
+    /// Lengths of the patches' displacements, px: median and 90 %.
+    pub displaced_px: Option<(f64, f64)>,
+    /// Of the pairs' median differences of luma the median and the largest, 8-bit codes.
+    pub brighter_codes: Option<(f64, f64)>,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum VerifyError {
+    #[error(transparent)]
+    Shot(#[from] ShotError),
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+}
+
+/// Verifies a recording as it was opened. `seen(done, of)` is told each pair.
+pub fn verify(gpu: &Gpu, shot: &Shot, plan: Plan, mut seen: impl FnMut(usize, usize)) -> Result<Verified, VerifyError> {
+    let mut shot = shot.clone();
+    shot.settings.plain();
+    let _ = shot.settings.switch("exposure", true);
+    let count = shot.recording.frame_count();
+    let from: Vec<usize> = (0..count).step_by(plan.every.max(1)).collect();
+    let (mut displaced, mut brighter, mut pairs) = (Vec::new(), Vec::new(), 0);
+    for (done, n) in from.iter().enumerate() {
+        seen(done, from.len());
+        let frame = shot.read(*n)?;
+        let Some(scene) = twin(&shot, &frame) else { continue };
+        shot.scene = Arc::new(scene);
+        let mut compositor = shot.compositor(gpu.clone());
+        for to in [n.checked_sub(plan.gap), Some(n + plan.gap)].into_iter().flatten().filter(|to| *to < count) {
+            let real = shot.read(to)?.pixels;
+            let Some(made) = shot.frames(&mut compositor, to..to + 1, true, 1)?.next().transpose()? else { continue };
+            let Some(layer) = made.layer else { continue };
+            let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
+            let (real, made) = (Grey::luma(&real), Grey::luma(&made.pixels));
+            let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
+            let found = displacements(&real, &made, Some(&mask), &options)?;
+            if found.patches.len() >= LEAST_PATCHES {
+                let length = |patch: &crate::measure::displacement::PatchDisplacement| {
+                    patch.displacement_px[0].hypot(patch.displacement_px[1])
+                };
+                displaced.extend(found.patches.iter().map(length));
+                pairs += 1;
+            }
+            brighter.extend(difference(&real, &made, &mask));
+        }
+    }
+    displaced.sort_by(f64::total_cmp);
+    brighter.sort_by(f64::total_cmp);
+    let at = |values: &[f64], share: f64| values.get(((values.len() as f64 - 1.0) * share).round() as usize).copied();
+    Ok(Verified {
+        pairs,
+        displaced_px: at(&displaced, 0.5).zip(at(&displaced, 0.9)),
+        brighter_codes: at(&brighter, 0.5).zip(brighter.last().copied()),
+    })
+}
+
+/// The median of |difference| of flat areas' luma where `mask` holds, codes. `None` where it holds nowhere.
+fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
+    let area = |of: &Grey, x: i64, y: i64| {
+        let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+        for value in (-AREA..=AREA).flat_map(|dy| (-AREA..=AREA).map(move |dx| of.at(x + dx, y + dy))) {
+            (sum, squares, count) = (sum + value, squares + value * value, count + 1.0);
+        }
+        let mean = sum / count;
+        (mean, (squares / count - mean * mean).max(0.0).sqrt())
+    };
+    let reach = AREA as usize;
+    let mut off = Vec::new();
+    for y in (reach..real.height.saturating_sub(reach)).step_by(3) {
+        for x in (reach..real.width.saturating_sub(reach)).step_by(3) {
+            if !mask[y * real.width + x] {
+                continue;
+            }
+            let ((there, spread), (here, made_spread)) =
+                (area(real, x as i64, y as i64), area(made, x as i64, y as i64));
+            if spread.max(made_spread) < FLAT && there.max(here) < CLIPPED {
+                off.push((there - here).abs());
+            }
+        }
+    }
+    off.sort_by(f64::total_cmp);
+    off.get(off.len() / 2).copied()
+}

@@ -1,0 +1,106 @@
+//! A frame as a thing: its depth as a surface in the world that bears its own picture.
+//!
+//! Put into a frame some moments later through the whole pipeline, it must lie on the real picture and look like it. Each row
+//! stands where its own pose puts it. Where depth jumps, or is unknown, there is a hole.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec2};
+
+use crate::camera::{Curve, Response};
+use crate::depth::seen_at_frame;
+use crate::frame::Frame;
+use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
+use crate::shot::Shot;
+
+/// Pixels from one corner to the next.
+const STEP: u32 = 2;
+/// Corners farther apart in depth, by share, are not joined.
+const JUMP: f32 = 0.03;
+const NEAREST_M: f32 = 0.1;
+
+/// `None` where nothing says where the frame, its depth or its camera is.
+pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
+    let geometry = shot.geometry_at(frame.index).ok()?;
+    let recording = &shot.recording;
+    let time_s = frame.timestamp_s;
+    let depth = frame.depth.as_ref()?;
+    let depth = seen_at_frame(&geometry, depth, &recording.track, recording.time_offset_s, time_s)?;
+    let (width, height) = (frame.pixels.width, frame.pixels.height);
+    let (columns, rows) = (width.div_ceil(STEP), height.div_ceil(STEP));
+    let mut vertices = Vec::with_capacity((columns * rows) as usize);
+    let mut depths = Vec::with_capacity(vertices.capacity());
+    for y in (0..height).step_by(STEP as usize) {
+        let row_px = f64::from(y) + 0.5;
+        let pose = recording.track.at(time_s + recording.time_offset_s + geometry.row_time_s(row_px)).ok()?;
+        for x in (0..width).step_by(STEP as usize) {
+            let at = DVec2::new(f64::from(x) + 0.5, row_px);
+            let z = depth[(y * width + x) as usize];
+            let ray = geometry.depth_ray(at).filter(|_| z > NEAREST_M);
+            let position = ray.map(|ray| pose.inverse_transform_point(f64::from(z) * ray));
+            depths.push(if position.is_some() { z } else { 0.0 });
+            vertices.push(Vertex {
+                position: position.unwrap_or_default().as_vec3().to_array(),
+                normal: [0.0, 0.0, 1.0],
+                tangent: [0.0; 4],
+                uv0: [(at.x / f64::from(width)) as f32, (at.y / f64::from(height)) as f32],
+                uv1: [0.0; 2],
+                color: [1.0; 4],
+            });
+        }
+    }
+    let mut indices = Vec::new();
+    for (y, x) in (0..rows - 1).flat_map(|y| (0..columns - 1).map(move |x| (y, x))) {
+        let corners = [y * columns + x, y * columns + x + 1, (y + 1) * columns + x, (y + 1) * columns + x + 1];
+        let z = corners.map(|corner| depths[corner as usize]);
+        let (low, high) = (z.into_iter().fold(f32::MAX, f32::min), z.into_iter().fold(0.0, f32::max));
+        if low > 0.0 && high - low < JUMP * low {
+            let [a, b, c, d] = corners;
+            indices.extend([a, c, b, b, c, d]);
+        }
+    }
+    // What the frame shows, without what makes it brighter than others.
+    let [red, green, blue] = frame.exposure.seen.map_or([1.0; 3], |seen| seen.factors.map(|factor| 1.0 / factor));
+    let used = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+    let material = Material {
+        name: "picture".to_owned(),
+        base_color: [red as f32, green as f32, blue as f32, 1.0],
+        double_sided: true,
+        unlit: true,
+        base_color_texture: Some(used),
+        ..Material::default()
+    };
+    let object = Object {
+        name: format!("frame {}", frame.index),
+        parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+        ..Object::default()
+    };
+    Some(Scene {
+        meshes: vec![Arc::new(Mesh { vertices, indices, material: 0 })],
+        materials: vec![material],
+        textures: vec![picture(frame, &shot.camera().response)],
+        objects: vec![object],
+        ..Scene::default()
+    })
+}
+
+/// The frame's light, as textures have it.
+fn picture(frame: &Frame, response: &Response) -> Texture {
+    let textures = Response { curve: Curve::Srgb, ..Response::default() };
+    let code = |code: u32| (255.0 * textures.encode(response.decode(f64::from(code) / 255.0))).round() as u8;
+    let table: Vec<u8> = (0..256).map(code).collect();
+    let codes = frame.pixels.codes.to_eight_bit();
+    let rgba = codes.as_chunks::<3>().0.iter().flat_map(|rgb| {
+        let [r, g, b] = rgb.map(|code| table[usize::from(code)]);
+        [r, g, b, 255]
+    });
+    Texture {
+        width: frame.pixels.width,
+        height: frame.pixels.height,
+        rgba: Arc::new(rgba.collect()),
+        srgb: true,
+        wrap: [Wrap::Clamp; 2],
+        smooth: true,
+        mipmaps: false,
+    }
+}
