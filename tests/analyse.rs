@@ -226,7 +226,7 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     assert!(
         stale == without
             && said.contains("is not used: the recording is another now")
-            && said.contains("locard analyse"),
+            && said.contains("analyse the recording again"),
         "{said}"
     );
     let named = ["composite", path, "--analysis", analysis.to_str().unwrap()];
@@ -251,5 +251,6 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
 
     // What is no analysis is not written into.
     std::fs::write(analysis.join("mine.txt"), "").unwrap();
-    assert!(refused(&["analyse", path]).contains("no analysis"));
+    let problem = refused(&["analyse", path]);
+    assert!(problem.contains("holds mine.txt, which is no part of an analysis"), "{problem}");
 }

@@ -25,6 +25,8 @@ use crate::words::{fixed, reason};
 pub const FILE_NAME: &str = "analysis.toml";
 const FRAMES: &str = "frames.txt";
 const POSES: &str = "poses.txt";
+/// All that an analysis consists of.
+pub const FILES: [&str; 3] = [FILE_NAME, FRAMES, POSES];
 /// The poses were replaced.
 const REFINED: &str = "refined";
 /// Another version is made anew.

@@ -21,7 +21,7 @@ mod state;
 mod track;
 mod view;
 
-pub use artefact::{Analysis, AnalysisError, FILE_NAME, Findings, beside};
+pub use artefact::{Analysis, AnalysisError, FILE_NAME, FILES, Findings, beside};
 pub use interrupted::Interrupted;
 pub use registration::{RegistrationError, Verdict};
 

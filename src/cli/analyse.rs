@@ -8,13 +8,13 @@ use anyhow::{Context, Result, bail};
 
 use super::skip::Skip;
 use super::{progress, tell, warn};
-use crate::analyse::{Analysis, FILE_NAME, analyse, beside};
+use crate::analyse::{Analysis, FILE_NAME, FILES, analyse, beside};
 use crate::recording::OpenOptions;
 use crate::rows::processors;
 use crate::shot::{Analysed, Given, Shot};
 use crate::sink::atomic::write_atomically;
 use crate::unfinished::MadeFolder;
-use crate::words::{count, reason};
+use crate::words::{count, reason, shown};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -58,9 +58,12 @@ pub fn run(args: &Args) -> Result<()> {
 /// Analyses a recording that was opened without its analysis, unless the one that is there fits.
 pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Analysis> {
     let camera = shot.geometry_at(0)?;
-    let is_empty = || folder.read_dir().is_ok_and(|mut all| all.next().is_none());
-    if folder.exists() && !folder.join(FILE_NAME).exists() && !is_empty() {
-        bail!("{}: is there, and no analysis ({FILE_NAME} lacks in it); name another folder by -o", folder.display());
+    if let Some(other) = others(folder) {
+        bail!(
+            "{}: holds {}, which is no part of an analysis; name another folder by -o",
+            folder.display(),
+            shown(&other)
+        );
     }
     if !force
         && let Ok(there) = Analysis::read(folder)
@@ -79,6 +82,12 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Anal
     let made = made.with_context(|| shot.recording.path.display().to_string())?;
     write(folder, &made, shot).with_context(|| format!("{}: cannot be written", folder.display()))?;
     Ok(made)
+}
+
+/// Something in a folder that no analysis has; what an interrupted one left is none.
+fn others(folder: &Path) -> Option<String> {
+    let names = folder.read_dir().ok()?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.filter(|name| !name.starts_with('.') && !FILES.contains(&name.as_str())).min()
 }
 
 /// The file that tells an analysis goes first and comes last, so that a half-written one is none.
