@@ -34,6 +34,8 @@ pub struct FrameExposure {
     pub time_s: Option<f64>,
     /// Amplification relative to the recording's base, as a factor.
     pub gain: Option<f64>,
+    /// What [`Self::time_s`] would say, by the picture's motion blur, where the footage was analysed.
+    pub blurred_s: Option<f64>,
     /// From the picture's own file.
     pub photo: PhotoSettings,
     /// How bright the picture itself is, where the footage was analysed.

@@ -12,7 +12,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec2, DVec3};
 use locard::analyse::{Analysis, analyse, beside};
-use locard::camera::{Geometry, Response};
+use locard::camera::{Camera, CameraExposure, Geometry, Response};
+use locard::compositor::exposure_time_s;
+use locard::frame::{Frame, FrameExposure};
 use locard::pose::Pose;
 use locard::recording::write::{Line, trajectory};
 use locard::recording::{OpenOptions, Recording};
@@ -57,7 +59,8 @@ fn opened(folder: &tempfile::TempDir) -> Shot {
 
 fn analysed(shot: &Shot, threads: usize) -> Analysis {
     let camera = shot.geometry_at(0).unwrap();
-    analyse(&shot.recording, &camera, &Response::default(), threads, &mut |_, _| Ok(())).unwrap()
+    analyse(&shot.recording, &camera, &Response::default(), shot.camera().noise.as_ref(), threads, &mut |_, _| Ok(()))
+        .unwrap()
 }
 
 /// Where a point of one frame lands in another, by a track: each row by its own pose.
@@ -108,6 +111,10 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     // Whatever is drawn by it has the bits that it has without.
     let refined = found.refinement(Some(0.1));
     assert!(refined.track.is_none() && refined.depth_later_s == 0.0 && refined.seen.is_empty());
+    // Few of these frames' neighbours move otherwise.
+    let shutter = found.findings.shutter.as_ref().unwrap();
+    assert!(shutter.runs.is_empty() && shutter.why.as_ref().unwrap().contains("say it clearly"), "{shutter:?}");
+    assert!(refined.blurred_s.is_empty());
 }
 
 #[test]
@@ -162,6 +169,25 @@ fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
     let back = Analysis::read(&out).unwrap();
     assert!(back == found);
     back.fits(&shot.recording, &shot.geometry_at(0).unwrap()).unwrap();
+    // The exposure is seen in the blur. It was 1/60 s, and the recording says so, which goes before.
+    let shutter = found.findings.shutter.as_ref().unwrap();
+    assert_eq!((shutter.runs.len(), &shutter.why), (1, &None));
+    assert!((60.0 * shutter.runs[0].exposure_s - 1.0).abs() < 0.05, "{shutter:?}");
+    let mut recording = Recording::clone(&shot.recording);
+    recording.refine(&found.refinement(Some(0.1)));
+    let frame = recording.frames(5..6).unwrap().next().unwrap().unwrap();
+    assert_eq!(frame.exposure.blurred_s, Some(shutter.runs[0].exposure_s));
+    let (camera, settings) = (shot.camera(), shot.settings.clone());
+    assert_eq!(exposure_time_s(&camera, &settings, &frame, 0.1), 1.0 / 60.0);
+    // Without the recording's, the camera's; without that, what was seen; without that, half the interval.
+    let mut frame = Frame { exposure: FrameExposure { time_s: None, ..frame.exposure }, ..frame };
+    let mut unsaid = camera.clone();
+    (unsaid.exposure.time_s, unsaid.exposure.shutter_angle_deg) = (None, None);
+    let said = |time_s| Camera { exposure: CameraExposure { time_s, ..unsaid.exposure }, ..unsaid.clone() };
+    assert_eq!(exposure_time_s(&said(Some(0.002)), &settings, &frame, 0.1), 0.002);
+    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.1), shutter.runs[0].exposure_s);
+    frame.exposure.blurred_s = None;
+    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.1), 0.05);
 }
 
 #[test]
@@ -190,6 +216,9 @@ fn a_kinects_poses_are_refined_and_its_gain_is_followed() {
     assert!(registered.recorded_px.unwrap() > 2.0 && registered.refined_px.unwrap() < 0.2);
     let gain = found.findings.gain.unwrap();
     assert!(gain.is_followed && gain.left < 0.011 && gain.range_ev > 1.0 && gain.range_ev < 1.6, "{gain:?}");
+    // Its lamps flicker at 100 Hz, and it exposes for two of their periods.
+    let shutter = found.findings.shutter.unwrap();
+    assert!(shutter.runs.len() == 1 && (shutter.runs[0].exposure_s - 0.020).abs() < 0.001, "{shutter:?}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ use super::depth_clock::DepthLater;
 use super::global::Global;
 use super::inputs;
 use super::registration::{Registration, Verdict};
+use super::shutter::Run;
 use super::track::{self, Stop};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
@@ -42,6 +43,7 @@ pub struct Findings {
     pub frames: usize,
     pub registration: Registered,
     pub gain: Option<Gained>,
+    pub shutter: Option<Shuttered>,
     /// For which it was made. Its readout time is the one that was found.
     pub camera: Geometry,
 }
@@ -80,6 +82,16 @@ pub struct Gained {
     pub range_ev: f64,
     /// Whether frames differ by more than the footage's noise, and are followed.
     pub is_followed: bool,
+}
+
+/// How long frames were exposed, by their motion blur.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shuttered {
+    /// Why nothing is known.
+    pub why: Option<String>,
+    /// In order; each frame lies in one. Empty if nothing is known.
+    pub runs: Vec<Run>,
 }
 
 /// An analysis.
@@ -123,13 +135,17 @@ impl Analysis {
         registration: &Registration,
         gain: Option<Gained>,
         gains: &[Option<[f64; 3]>],
-        repeats: &[bool],
+        exposed: Result<Vec<Run>, String>,
     ) -> Self {
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
         let stop = |n: usize| {
             let state = registration.states[n]?;
-            Some(Stop { time_s: recording.timestamps_s[n], state, repeats: repeats.get(n).copied().unwrap_or(false) })
+            Some(Stop {
+                time_s: recording.timestamps_s[n],
+                state,
+                repeats: registration.repeats.get(n).copied().unwrap_or(false),
+            })
         };
         let lines: Vec<Line> = if registration.verdict == Verdict::Refined {
             let stops: Vec<Stop> = (0..recording.frame_count()).filter_map(stop).collect();
@@ -145,6 +161,10 @@ impl Analysis {
             frames: recording.frame_count(),
             registration: Registered::of(registration),
             gain,
+            shutter: Some(match exposed {
+                Ok(runs) => Shuttered { why: None, runs },
+                Err(why) => Shuttered { why: Some(why), runs: Vec::new() },
+            }),
             camera,
         };
         // They ascend.
@@ -169,6 +189,9 @@ impl Analysis {
             ));
         }
         let findings: Findings = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
+        if let Some(shutter) = &findings.shutter {
+            shutter.check(findings.frames).map_err(|problem| content(&path, problem))?;
+        }
         let (mut lines, mut track) = (Vec::new(), None);
         if findings.registration.poses == REFINED {
             let path = folder.join(POSES);
@@ -216,6 +239,7 @@ impl Analysis {
             track: self.track.clone(),
             depth_later_s: if self.track.is_some() { registered.depth_later_s } else { 0.0 },
             seen: self.gains.iter().map(|factors| SeenBrightness { factors: *factors, usual_s }).collect(),
+            blurred_s: self.findings.shutter.as_ref().map_or(Vec::new(), |shutter| shutter.of_frames()),
         }
     }
 
@@ -256,6 +280,32 @@ fn track_of(lines: &[Line]) -> Result<PoseTrack, NotAscending> {
 #[derive(Deserialize)]
 struct Version {
     version: u32,
+}
+
+impl Shuttered {
+    /// Whether runs follow each other from the first frame to the last.
+    fn check(&self, frames: usize) -> Result<(), String> {
+        let mut next = 0;
+        for run in &self.runs {
+            if run.from != next || run.to <= run.from || run.to > frames {
+                return Err(format!("[[shutter.runs]]: from {} to {}; from {next} is expected", run.from, run.to));
+            }
+            if !(run.exposure_s > 0.0 && run.exposure_s <= 1.0) {
+                let found = run.exposure_s;
+                return Err(format!("[[shutter.runs]]: exposure_s is {found}; above 0 and at most 1 s is expected"));
+            }
+            next = run.to;
+        }
+        if !self.runs.is_empty() && next != frames {
+            return Err(format!("[[shutter.runs]]: the last ends at {next}, there are {frames} frames"));
+        }
+        Ok(())
+    }
+
+    /// Of each frame, s; empty if nothing is known.
+    fn of_frames(&self) -> Vec<f64> {
+        self.runs.iter().flat_map(|run| (run.from..run.to).map(|_| run.exposure_s)).collect()
+    }
 }
 
 impl Registered {
@@ -377,6 +427,20 @@ impl fmt::Display for Findings {
                 if r.depth_later_s < 0.0 { "earlier" } else { "later" },
                 ms(sigma_s)
             )?;
+        }
+        if let Some(shutter) = &self.shutter {
+            if let Some(why) = &shutter.why {
+                writeln!(f, "exposure   unknown: {why}")?;
+            }
+            for run in &shutter.runs {
+                let of = if shutter.runs.len() > 1 {
+                    format!("frames {} to {}, ", run.from, run.to - 1)
+                } else {
+                    String::new()
+                };
+                let (time, sigma) = (fixed(1e3 * run.exposure_s, 2), fixed(1e3 * run.sigma_s, 2));
+                writeln!(f, "exposure   {of}{time} ms, ± {sigma} ms, by the blur of {} frames", run.heard)?;
+            }
         }
         match &self.gain {
             Some(g) if !g.is_followed => {

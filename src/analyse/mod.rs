@@ -6,7 +6,10 @@
 
 mod align;
 mod artefact;
+mod blurred;
+mod boxes;
 mod carried;
+mod cross_blur;
 mod depth_clock;
 mod gain;
 mod global;
@@ -14,9 +17,11 @@ mod graph;
 mod inputs;
 mod interrupted;
 mod links;
+mod mesh;
 mod path;
 mod pyramid;
 mod registration;
+mod shutter;
 mod state;
 mod track;
 mod view;
@@ -25,10 +30,11 @@ pub use artefact::{Analysis, AnalysisError, FILE_NAME, FILES, Findings, beside};
 pub use interrupted::Interrupted;
 pub use registration::{RegistrationError, Verdict};
 
-use crate::camera::{Geometry, Response};
+use crate::camera::{Geometry, NoiseProfile, Response};
 use crate::recording::Recording;
 use artefact::Gained;
 use gain::{GAPS, Gains, Pair};
+use shutter::Shutter;
 use view::{Eye, View};
 
 /// Distances of pairs by which the gains are judged, frames.
@@ -37,12 +43,13 @@ const HELD_OUT: [usize; 3] = [3, 7, 13];
 /// Frames whose light differs by less, ln, root mean square, are equally bright.
 const STEADY: f64 = 0.01;
 
-/// Looks at a whole recording, as seen by `camera`. `told(done, of)` hears how far it is, in frames looked at; its error ends
+/// Looks at a whole recording, as seen by `camera`, whose `noise` need not be known. `told(done, of)` hears how far it is, in frames looked at; its error ends
 /// the work. The result is the same for any number of `threads`, bit for bit.
 pub fn analyse(
     recording: &Recording,
     camera: &Geometry,
     response: &Response,
+    noise: Option<&NoiseProfile>,
     threads: usize,
     told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 ) -> Result<Analysis, RegistrationError> {
@@ -57,6 +64,10 @@ pub fn analyse(
     let eye = Eye::new(seen_by);
     let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
     let mut gains = Gains::new(&eye, response, &gaps, threads);
+    let is_placed = !matches!(registration.verdict, Verdict::Refused(_));
+    let states = if is_placed { registration.states.as_slice() } else { &[] };
+    let mut shutter =
+        Shutter::new(&eye, response, noise, states, &recording.timestamps_s, recording.frame_interval_s, threads);
     if recording.has_depth() && !camera.sees_around() {
         for frame in recording.frames(0..frames)? {
             let frame = frame?;
@@ -64,6 +75,7 @@ pub fn analyse(
             if let Some(state) = registration.states[frame.index] {
                 let depth = View::depth_of(&eye, &frame, &state, registration.depth_later_s());
                 gains.add(&frame, state, &depth);
+                shutter.add(&frame, state, &depth);
             }
         }
     }
@@ -78,7 +90,8 @@ pub fn analyse(
         is_followed: recorded > STEADY.max(2.0 * left),
     });
     let known = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
-    Ok(Analysis::new(recording, camera, &registration, told_of, &known, &registration.repeats))
+    let exposed = if is_placed { shutter.finish() } else { Err("where the camera was is not known".to_owned()) };
+    Ok(Analysis::new(recording, camera, &registration, told_of, &known, exposed))
 }
 
 /// Of green, the brightest frame by the darkest, stops.

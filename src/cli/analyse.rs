@@ -73,7 +73,8 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Anal
         return Ok(there);
     }
     let bar = progress(quiet, 0);
-    let made = analyse(&shot.recording, &camera, &shot.camera().response, processors(), &mut |done, of| {
+    let rig = shot.camera();
+    let made = analyse(&shot.recording, &camera, &rig.response, rig.noise.as_ref(), processors(), &mut |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
         Ok(())

@@ -50,12 +50,13 @@ pub enum Target<'a> {
 }
 
 /// A frame's exposure, seconds. In order of precedence: the camera's shutter angle, the recording's time for the frame
-/// (unless the settings overrule it), the camera's time, half the interval.
+/// (unless the settings overrule it), the camera's time, what the frame's motion blur says, half the interval.
 pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;
     let recorded = frame.exposure.time_s.filter(|_| !settings.overrule_recorded_exposure);
-    exposure.shutter_angle_deg.map(angle).or(recorded).or(exposure.time_s).unwrap_or(0.5 * interval_s)
+    let known = exposure.shutter_angle_deg.map(angle).or(recorded).or(exposure.time_s);
+    known.or(frame.exposure.blurred_s).unwrap_or(0.5 * interval_s)
 }
 
 impl<'a> Job<'a> {

@@ -134,6 +134,8 @@ pub struct Refinement {
     pub depth_later_s: f64,
     /// One per frame, or empty.
     pub seen: Vec<SeenBrightness>,
+    /// [`FrameExposure::blurred_s`], one per frame, or empty.
+    pub blurred_s: Vec<f64>,
 }
 
 impl Recording {
@@ -155,11 +157,14 @@ impl Recording {
             (self.track, self.time_offset_s) = (track.clone(), 0.0);
         }
         self.depth_later_s = by.depth_later_s;
-        let seen =
-            self.exposure.iter().zip(&by.seen).map(|(recorded, seen)| FrameExposure { seen: Some(*seen), ..*recorded });
+        let mut exposure = self.exposure.to_vec();
         if by.seen.len() == self.frame_count() {
-            self.exposure = seen.collect();
+            exposure.iter_mut().zip(&by.seen).for_each(|(frame, seen)| frame.seen = Some(*seen));
         }
+        if by.blurred_s.len() == self.frame_count() {
+            exposure.iter_mut().zip(&by.blurred_s).for_each(|(frame, s)| frame.blurred_s = Some(*s));
+        }
+        self.exposure = exposure.into();
     }
 
     /// The track in a world in which the camera stands where `pose` says in a frame that was taken at `time_s`. `None` if it

@@ -1,0 +1,162 @@
+//! A frame as its motion blur is looked at: the light of green between two Gaussians, and noise such as is in it.
+
+use super::pyramid::{Plane, gaussian};
+use super::state::State;
+use super::view::{Eye, scattered};
+use crate::camera::{NoiseProfile, Response, side_tap};
+use crate::fit::twist::Twist;
+use crate::frame::Frame;
+use crate::pixels::Codes;
+
+/// Pictures are halved until they are not wider than this, px.
+const WIDEST: usize = 800;
+/// Side of the squares in which something may be clipped, px of the whole picture.
+const SQUARE: usize = 8;
+/// From this code on (of 255) a channel may be clipped.
+const CLIPPED: u32 = 250;
+/// σ of the two Gaussians between which pictures are compared, px.
+const BAND_PX: (f32, f32) = (1.2, 3.0);
+
+/// One frame, ready to be compared.
+#[derive(Debug)]
+pub struct Blurred {
+    pub state: State,
+    /// How fast its motion changes, m/s² and rad/s².
+    pub change: Twist,
+    /// Light of green, and noise such as is in it.
+    pub light: Plane,
+    pub noise: Option<Plane>,
+    /// The two between the Gaussians.
+    pub band: Plane,
+    pub noise_band: Option<Plane>,
+    /// At full size.
+    pub depth: Vec<f32>,
+    is_clipped: Vec<bool>,
+}
+
+/// How often the pictures are halved.
+pub fn halvings(eye: &Eye) -> usize {
+    (0..).find(|n| eye.size().0 >> n <= WIDEST).unwrap_or(0)
+}
+
+impl Blurred {
+    /// `depth`: at the frame's moment, in its picture.
+    pub fn new(
+        eye: &Eye,
+        frame: &Frame,
+        (state, change): (State, Twist),
+        depth: Vec<f32>,
+        response: &Response,
+        noise: Option<&NoiseProfile>,
+    ) -> Self {
+        let light_of: Vec<f32> =
+            response.table(frame.pixels.max_code()).into_iter().map(|light| light as f32).collect();
+        let (width, height) = eye.size();
+        let most = CLIPPED * (frame.pixels.max_code() / 255);
+        let across = width.div_ceil(SQUARE);
+        let mut is_clipped = vec![false; across * height.div_ceil(SQUARE)];
+        let mut greens = vec![0u32; width * height];
+        let mut put = |i: usize, c: [u32; 3]| {
+            greens[i] = c[1];
+            if c.iter().any(|code| *code >= most) {
+                is_clipped[(i / width / SQUARE) * across + i % width / SQUARE] = true;
+            }
+        };
+        match &frame.pixels.codes {
+            Codes::U8(codes) => codes.as_chunks::<3>().0.iter().enumerate().for_each(|(i, c)| put(i, c.map(u32::from))),
+            Codes::U16(codes) => {
+                codes.as_chunks::<3>().0.iter().enumerate().for_each(|(i, c)| put(i, c.map(u32::from)))
+            }
+        }
+        let values = greens.iter().map(|g| light_of[*g as usize]).collect();
+        let mut light = Plane { width, height, values };
+        let mut noise = noise.map(|profile| {
+            let scale = frame.pixels.max_code() as f32 / 255.0;
+            let codes = greens.iter().map(|g| *g as f32 / scale).collect();
+            noise_of(Plane { width, height, values: codes }, frame.index, profile, response)
+        });
+        for _ in 0..halvings(eye) {
+            light = light.halved();
+            noise = noise.map(|noise| noise.halved());
+        }
+        let band = between(&light);
+        let noise_band = noise.as_ref().map(between);
+        Self { state, change, light, noise, band, noise_band, depth, is_clipped }
+    }
+
+    /// How the camera moves as a row is read, s from the middle one's time.
+    pub fn at_row(&self, row_s: f64) -> State {
+        State { twist: self.state.twist + row_s * self.change, ..self.state }
+    }
+
+    /// Whether anything may be clipped around a place of the whole picture.
+    pub fn is_clipped_near(&self, eye: &Eye, x: f64, y: f64) -> bool {
+        let (width, height) = eye.size();
+        let (across, down) = (width.div_ceil(SQUARE) as i64, height.div_ceil(SQUARE) as i64);
+        let (cx, cy) = ((x / SQUARE as f64) as i64, (y / SQUARE as f64) as i64);
+        let inside = |x: i64, y: i64| x >= 0 && y >= 0 && x < across && y < down;
+        (-1..=1).any(|dy| {
+            (-1..=1).any(|dx| inside(cx + dx, cy + dy) && self.is_clipped[((cy + dy) * across + cx + dx) as usize])
+        })
+    }
+}
+
+/// What is between the two Gaussians.
+pub fn between(plane: &Plane) -> Plane {
+    let (fine, coarse) = (plane.filtered(&gaussian(BAND_PX.0)), plane.filtered(&gaussian(BAND_PX.1)));
+    let values = fine.values.iter().zip(&coarse.values).map(|(a, b)| a - b).collect();
+    Plane { values, ..fine }
+}
+
+/// Noise of the camera on a picture of codes, as light: white noise through (a, 1, a), times σ and the response's slope.
+fn noise_of(codes: Plane, index: usize, profile: &NoiseProfile, response: &Response) -> Plane {
+    let table: Vec<f32> = (0..256)
+        .map(|code| {
+            let code = f64::from(code);
+            let slope = response.slope_at_code(code / 255.0).max(1e-6);
+            (profile.sigma(1, code) / 255.0 / slope) as f32
+        })
+        .collect();
+    let (width, height) = (codes.width, codes.height);
+    let seed = scattered(index as u64);
+    let mut white = vec![0.0f32; width * height];
+    for (i, value) in white.iter_mut().enumerate() {
+        // Four uniform numbers: variance 4/12.
+        let bits = scattered(seed ^ i as u64);
+        let sum: u32 = (0..4).map(|k| (bits >> (16 * k)) as u32 & 0xffff).sum();
+        *value = (sum as f32 / 65536.0 - 2.0) * 3f32.sqrt();
+    }
+    let axis = |rho: f64| {
+        let a = side_tap(rho);
+        let whole = (1.0 + 2.0 * a * a).sqrt();
+        [(1.0 / whole) as f32, (a / whole) as f32]
+    };
+    let [x, y] = profile.neighbour_correlation.map(axis);
+    let plane = filtered_by(&Plane { width, height, values: white }, x, y);
+    // Of the smooth picture's codes: noise has no say in how noisy it is.
+    let smooth = codes.filtered(&gaussian(1.5));
+    let values = plane.values.iter().zip(&smooth.values).map(|(n, code)| n * table[code.clamp(0.0, 255.0) as usize]);
+    Plane { width, height, values: values.collect() }
+}
+
+/// Three taps along rows, three along columns.
+fn filtered_by(plane: &Plane, x: [f32; 2], y: [f32; 2]) -> Plane {
+    let (w, h) = (plane.width, plane.height);
+    let v = &plane.values;
+    let mut across = Plane::new(w, h, 0.0);
+    let mut out = Plane::new(w, h, 0.0);
+    for row in 0..h {
+        for c in 0..w {
+            let i = row * w + c;
+            across.values[i] = x[0] * v[i] + x[1] * (v[i - c.min(1)] + v[i + usize::from(c + 1 < w)]);
+        }
+    }
+    for row in 0..h {
+        let (up, down) = (row.saturating_sub(1) * w, (row + 1).min(h - 1) * w);
+        for c in 0..w {
+            let v = &across.values;
+            out.values[row * w + c] = y[0] * v[row * w + c] + y[1] * (v[up + c] + v[down + c]);
+        }
+    }
+    out
+}
