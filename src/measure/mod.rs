@@ -8,7 +8,7 @@ pub mod edge;
 pub mod flip;
 pub mod histogram;
 pub mod slanted;
-mod spread;
+pub(crate) mod spread;
 pub mod stats;
 
 use crate::pixels::Pixels;

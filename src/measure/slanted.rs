@@ -11,7 +11,7 @@
 //!
 //! Not modelled: point spreads that are no Gaussian, sharpening. [`SlantedEdge::misfit`] tells.
 
-use super::spread::{Fit, Sample, Step, fit};
+use super::spread::{EXACT, Fit, Sample, Step, fit};
 use super::{Grey, MeasureError, edge};
 use crate::pixels::Rect;
 
@@ -125,14 +125,14 @@ pub fn slanted_edge(light: &Grey, region: Rect, moved_px: [f64; 2]) -> Result<Sl
     let mut step = Step { moved_px: moved(&line), ..line };
     let mut samples = seen.near(&step, WIDEST_PX);
     let nothing = || EdgeError::NoLine { percent: 0.0 };
-    let mut found = fit(&samples, step).ok_or_else(nothing)?;
+    let mut found = fit(&samples, step, EXACT).ok_or_else(nothing)?;
     // Noise of dark and bright places differs; then what lies far from the edge no longer counts.
     for _ in 0..2 {
         step = Step { moved_px: moved(&found.step), ..found.step };
         let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, WIDEST_PX);
         samples = seen.near(&step, reach);
         weigh(&mut samples, &found);
-        found = fit(&samples, step).ok_or_else(nothing)?;
+        found = fit(&samples, step, EXACT).ok_or_else(nothing)?;
     }
     seen.judge(found, samples)
 }
@@ -489,7 +489,7 @@ fn jackknife(samples: &[Sample], found: &Fit) -> Option<f64> {
     let without = |piece: usize| {
         let rest: Vec<Sample> =
             samples.iter().filter(|sample| ends.partition_point(|end| *end <= way(sample)) != piece).copied().collect();
-        fit(&rest, found.step).map(|fit| fit.step.variance_px2)
+        fit(&rest, found.step, EXACT).map(|fit| fit.step.variance_px2)
     };
     let all: Vec<f64> = (0..PIECES).map(without).collect::<Option<_>>()?;
     let n = PIECES as f64;

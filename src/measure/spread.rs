@@ -20,6 +20,8 @@ use statrs::function::erf::erf;
 /// Of the least variance that is tried, px²: a Gaussian that no pixel could see.
 const LEAST_VARIANCE: f64 = 1e-8;
 const MOST_STEPS: usize = 40;
+/// A step that moves place, angle and variance by less is the last, px, tenths of a radian, px².
+pub(crate) const EXACT: f64 = 1e-7;
 /// Steps of the derivatives: px, radians, px².
 const STEPS: [f64; 3] = [1e-3, 1e-4, 1e-3];
 /// Gauss and Legendre's three points of a box of length 1, and their weights.
@@ -28,7 +30,7 @@ const THREE: [(f64, f64); 3] =
 
 /// One pixel: where its middle is, relative to a place near the edge, and its light.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sample {
+pub(crate) struct Sample {
     pub x: f64,
     pub y: f64,
     pub light: f64,
@@ -38,7 +40,7 @@ pub(super) struct Sample {
 
 /// Where the edge is, and its blur.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Step {
+pub(crate) struct Step {
     /// From the samples' origin along the normal, px.
     pub offset_px: f64,
     /// The direction of the normal, from x to y, radians. The brighter side lies there.
@@ -51,7 +53,7 @@ pub(super) struct Step {
 
 /// A fitted edge.
 #[derive(Clone, Debug)]
-pub(super) struct Fit {
+pub(crate) struct Fit {
     pub step: Step,
     /// (a, b, c) of the side behind the edge and of the one before it.
     pub sides: [[f64; 3]; 2],
@@ -162,8 +164,9 @@ fn project(step: &Step, samples: &[Sample]) -> Option<([f64; 6], Vec<f64>)> {
     Some((numbers, left.collect()))
 }
 
-/// Fits an edge to samples, from a first guess. `None` where they do not determine it.
-pub(super) fn fit(samples: &[Sample], from: Step) -> Option<Fit> {
+/// Fits an edge to samples, from a first guess, until a step is shorter than `close` ([`EXACT`]). `None` where they do not
+/// determine it.
+pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
     let squares = |left: &[f64]| left.iter().map(|r| r * r).sum::<f64>();
     let mut step = from;
     let (mut numbers, mut left) = project(&step, samples)?;
@@ -203,7 +206,7 @@ pub(super) fn fit(samples: &[Sample], from: Step) -> Option<Fit> {
             }
         }
         rounds += 1;
-        if moved < 1e-7 || !moved.is_finite() || rounds == MOST_STEPS {
+        if moved < close || !moved.is_finite() || rounds == MOST_STEPS {
             break;
         }
     }
@@ -292,7 +295,7 @@ mod tests {
                 Sample { x, y, light, weight: 1.0 }
             })
             .collect();
-        let found = fit(&samples, Step { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }).unwrap();
+        let found = fit(&samples, Step { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, EXACT).unwrap();
         assert!((found.step.variance_px2.sqrt() - 0.8).abs() < 1e-4, "{found:?}");
         assert!((found.step.offset_px - 0.37).abs() < 1e-4 && (found.step.angle.to_degrees() - 12.0).abs() < 1e-3);
         assert!((found.sides[1][1] - 0.002).abs() < 1e-5 && (found.sides[0][2] - 0.001).abs() < 1e-5, "{found:?}");
