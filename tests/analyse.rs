@@ -11,10 +11,11 @@ mod random;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec2, DVec3};
-use locard::analyse::{Analysis, analyse, beside};
-use locard::camera::{Camera, CameraExposure, Geometry, Response};
+use locard::analyse::{Analysis, Known, analyse, beside};
+use locard::camera::{Camera, CameraExposure, Geometry};
 use locard::compositor::exposure_time_s;
 use locard::frame::{Frame, FrameExposure};
+use locard::params::Value;
 use locard::pose::Pose;
 use locard::recording::write::{Line, trajectory};
 use locard::recording::{OpenOptions, Recording};
@@ -59,8 +60,10 @@ fn opened(folder: &tempfile::TempDir) -> Shot {
 
 fn analysed(shot: &Shot, threads: usize) -> Analysis {
     let camera = shot.geometry_at(0).unwrap();
-    analyse(&shot.recording, &camera, &Response::default(), shot.camera().noise.as_ref(), threads, &mut |_, _| Ok(()))
-        .unwrap()
+    let rig = shot.camera();
+    let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
+    let known = Known { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+    analyse(&shot.recording, &camera, &known, threads, &mut |_, _| Ok(())).unwrap()
 }
 
 /// Where a point of one frame lands in another, by a track: each row by its own pose.
@@ -107,6 +110,9 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     println!("{}", found.findings);
     assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("right", &None));
     assert!(found.gains.is_empty());
+    // It has no blur in focus (docs/calibration.md: 0 to 0.12 px).
+    let spread = found.findings.spread.as_ref().unwrap();
+    assert!(spread.sigma_px.unwrap() < 0.15 && spread.edges.unwrap() >= 40, "{spread:?}");
     assert_eq!(found.findings.camera, shot.geometry_at(0).unwrap(), "the readout too");
     // Whatever is drawn by it has the bits that it has without.
     let refined = found.refinement(Some(0.1));
@@ -219,6 +225,40 @@ fn a_kinects_poses_are_refined_and_its_gain_is_followed() {
     // Its lamps flicker at 100 Hz, and it exposes for two of their periods.
     let shutter = found.findings.shutter.unwrap();
     assert!(shutter.runs.len() == 1 && (shutter.runs[0].exposure_s - 0.020).abs() < 0.001, "{shutter:?}");
+    // By hand 0.50 and 0.51 ± 0.03 px (docs/calibration.md), by another program 0.49.
+    let spread = found.findings.spread.unwrap();
+    assert!((spread.sigma_px.unwrap() - 0.49).abs() < 0.07, "{spread:?}");
+}
+
+#[test]
+fn sharpness_follows_the_footage_where_nobody_says_it() {
+    let folder = demo(3, |time_s, pose| (time_s, *pose));
+    let site = folder.path().join("site");
+    let told = said(&["analyse", site.to_str().unwrap()]);
+    assert!(told.contains("spread     unknown: ") && told.contains("40 are needed"), "{told}");
+    let toml = folder.path().join("site.analysis/analysis.toml");
+    let sigma_px = |sets: &[&str]| {
+        let given = Given { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..Given::default() };
+        let shot = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
+        let tables = shot.settings.tables();
+        match tables.iter().find(|t| t.table() == "point_spread").unwrap().get("sigma_px") {
+            Some(Value::Number(px)) => px,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(sigma_px(&[]), 0.0);
+    // 0.566 px is what a drawn edge measures of 0.6.
+    let text = std::fs::read_to_string(&toml).unwrap();
+    std::fs::write(&toml, text.replace("[spread]\n", "[spread]\nsigma_px = 0.566\n")).unwrap();
+    assert!((sigma_px(&[]) - 0.6).abs() < 1e-12);
+    // Who says the default says it, too.
+    for said in [0.0, 0.6, 1.0, 2.5] {
+        assert_eq!(sigma_px(&[&format!("point_spread.sigma_px={said}")]), said);
+    }
+    let camera = site.join("camera.toml");
+    let profile = std::fs::read_to_string(&camera).unwrap();
+    std::fs::write(&camera, profile + "\n[point_spread]\nsigma_px = 0.0\n").unwrap();
+    assert_eq!(sigma_px(&[]), 0.0);
 }
 
 #[test]

@@ -11,6 +11,7 @@ use super::global::Global;
 use super::inputs;
 use super::registration::{Registration, Verdict};
 use super::shutter::Run;
+use super::spread::PointSpread;
 use super::track::{self, Stop};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
@@ -44,6 +45,7 @@ pub struct Findings {
     pub registration: Registered,
     pub gain: Option<Gained>,
     pub shutter: Option<Shuttered>,
+    pub spread: Option<Sharpness>,
     /// For which it was made. Its readout time is the one that was found.
     pub camera: Geometry,
 }
@@ -94,6 +96,20 @@ pub struct Shuttered {
     pub runs: Vec<Run>,
 }
 
+/// How sharp the camera is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sharpness {
+    /// Standard deviation of the Gaussian that lens and sensor make, px; `None` where the footage does not tell.
+    pub sigma_px: Option<f64>,
+    /// In two cases of three it lies between these.
+    pub between_px: Option<[f64; 2]>,
+    /// Straight edges that were measured.
+    pub edges: Option<usize>,
+    /// Why it is not known.
+    pub why: Option<String>,
+}
+
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Analysis {
@@ -136,6 +152,7 @@ impl Analysis {
         gain: Option<Gained>,
         gains: &[Option<[f64; 3]>],
         exposed: Result<Vec<Run>, String>,
+        spread: Result<PointSpread, String>,
     ) -> Self {
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
@@ -165,6 +182,7 @@ impl Analysis {
                 Ok(runs) => Shuttered { why: None, runs },
                 Err(why) => Shuttered { why: Some(why), runs: Vec::new() },
             }),
+            spread: Some(Sharpness::of(spread)),
             camera,
         };
         // They ascend.
@@ -334,6 +352,29 @@ impl Registered {
     }
 }
 
+impl Sharpness {
+    fn of(found: Result<PointSpread, String>) -> Self {
+        match found {
+            Ok(PointSpread { sigma_px, between_px, edges }) => {
+                Self { sigma_px: Some(sigma_px), between_px: Some(between_px), edges: Some(edges), why: None }
+            }
+            Err(why) => Self { sigma_px: None, between_px: None, edges: None, why: Some(why) },
+        }
+    }
+}
+
+impl fmt::Display for Sharpness {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let px = |px: f64| fixed(px, 2);
+        match (self.sigma_px, self.between_px, self.edges) {
+            (Some(sigma), Some([low, high]), Some(edges)) => {
+                writeln!(f, "spread     σ {} px, {} to {} ({edges} edges)", px(sigma), px(low), px(high))
+            }
+            _ => writeln!(f, "spread     unknown: {}", self.why.as_deref().unwrap_or("nothing can be said")),
+        }
+    }
+}
+
 /// Factors on light; a frame that could not be compared lies between its neighbours. Empty if none could.
 fn filled(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
     let known: Vec<(usize, [f64; 3])> = gains.iter().enumerate().filter_map(|(n, g)| Some((n, (*g)?))).collect();
@@ -455,6 +496,7 @@ impl fmt::Display for Findings {
                 g.pairs
             ),
             None => writeln!(f, "gain       unknown: too few surfaces are seen twice"),
-        }
+        }?;
+        self.spread.as_ref().map_or(Ok(()), |spread| spread.fmt(f))
     }
 }

@@ -11,6 +11,7 @@ mod boxes;
 mod carried;
 mod cross_blur;
 mod depth_clock;
+mod edges;
 mod gain;
 mod global;
 mod graph;
@@ -22,6 +23,7 @@ mod path;
 mod pyramid;
 mod registration;
 mod shutter;
+mod spread;
 mod state;
 mod track;
 mod view;
@@ -31,10 +33,13 @@ pub use interrupted::Interrupted;
 pub use registration::{RegistrationError, Verdict};
 
 use crate::camera::{Geometry, NoiseProfile, Response};
-use crate::recording::Recording;
+use crate::frame::Frame;
+use crate::recording::{Recording, RecordingError};
 use artefact::Gained;
 use gain::{GAPS, Gains, Pair};
-use shutter::Shutter;
+use registration::Registration;
+use shutter::{Run, Shutter};
+use spread::{Motion, PointSpread, Spreads, chosen};
 use view::{Eye, View};
 
 /// Distances of pairs by which the gains are judged, frames.
@@ -43,13 +48,21 @@ const HELD_OUT: [usize; 3] = [3, 7, 13];
 /// Frames whose light differs by less, ln, root mean square, are equally bright.
 const STEADY: f64 = 0.01;
 
-/// Looks at a whole recording, as seen by `camera`, whose `noise` need not be known. `told(done, of)` hears how far it is, in frames looked at; its error ends
+/// What is known of the camera besides its geometry.
+pub struct Known<'a> {
+    pub response: &'a Response,
+    /// Its noise, if that was calibrated.
+    pub noise: Option<&'a NoiseProfile>,
+    /// How long a frame's rows gather light, s, by what is known of the frame.
+    pub exposure_s: &'a dyn Fn(&Frame) -> f64,
+}
+
+/// Looks at a whole recording, as seen by `camera`. `told(done, of)` hears how far it is, in frames looked at; its error ends
 /// the work. The result is the same for any number of `threads`, bit for bit.
 pub fn analyse(
     recording: &Recording,
     camera: &Geometry,
-    response: &Response,
-    noise: Option<&NoiseProfile>,
+    known: &Known<'_>,
     threads: usize,
     told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 ) -> Result<Analysis, RegistrationError> {
@@ -63,11 +76,18 @@ pub fn analyse(
     seen_by.intrinsics.readout_time_s = registration.readout_s;
     let eye = Eye::new(seen_by);
     let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
-    let mut gains = Gains::new(&eye, response, &gaps, threads);
+    let mut gains = Gains::new(&eye, known.response, &gaps, threads);
     let is_placed = !matches!(registration.verdict, Verdict::Refused(_));
     let states = if is_placed { registration.states.as_slice() } else { &[] };
-    let mut shutter =
-        Shutter::new(&eye, response, noise, states, &recording.timestamps_s, recording.frame_interval_s, threads);
+    let mut shutter = Shutter::new(
+        &eye,
+        known.response,
+        known.noise,
+        states,
+        &recording.timestamps_s,
+        recording.frame_interval_s,
+        threads,
+    );
     if recording.has_depth() && !camera.sees_around() {
         for frame in recording.frames(0..frames)? {
             let frame = frame?;
@@ -89,9 +109,33 @@ pub fn analyse(
         range_ev: range_ev(&found),
         is_followed: recorded > STEADY.max(2.0 * left),
     });
-    let known = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
+    let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
     let exposed = if is_placed { shutter.finish() } else { Err("where the camera was is not known".to_owned()) };
-    Ok(Analysis::new(recording, camera, &registration, told_of, &known, exposed))
+    let spread = point_spread(recording, &eye, known, &registration, exposed.as_deref().unwrap_or_default(), threads)?;
+    Ok(Analysis::new(recording, camera, &registration, told_of, &gains_of, exposed, spread))
+}
+
+/// The camera's sharpness, from some of the frames, or why it is not known.
+fn point_spread(
+    recording: &Recording,
+    eye: &Eye,
+    known: &Known<'_>,
+    registration: &Registration,
+    exposed: &[Run],
+    threads: usize,
+) -> Result<Result<PointSpread, String>, RecordingError> {
+    let mut spreads = Spreads::new(eye, known.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
+    for n in chosen(&registration.states) {
+        let Some(state) = registration.states[n] else { continue };
+        for frame in recording.frames(n..n + 1)? {
+            let mut frame = frame?;
+            let run = exposed.iter().find(|run| (run.from..run.to).contains(&n));
+            frame.exposure.blurred_s = run.map(|run| run.exposure_s);
+            let depth = View::depth_of(eye, &frame, &state, registration.depth_later_s());
+            spreads.add(&frame, &Motion { state: &state, depth: &depth, exposure_s: (known.exposure_s)(&frame) });
+        }
+    }
+    Ok(spreads.finish())
 }
 
 /// Of green, the brightest frame by the darkest, stops.

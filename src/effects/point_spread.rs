@@ -49,6 +49,28 @@ impl Effect for PointSpread {
     }
 }
 
+/// What is set, px, and what an edge drawn so measures: mean of edges slanted by 5 to 40°. Few taps are no Gaussian.
+const MEASURES: [(f64, f64); 9] = [
+    (0.0, 0.0),
+    (0.15, 0.0845),
+    (0.2, 0.1209),
+    (0.3, 0.2093),
+    (0.4, 0.3135),
+    (0.5, 0.4346),
+    (0.6, 0.566),
+    (0.7, 0.6882),
+    (0.8, 0.797),
+];
+
+/// The `sigma_px` whose drawn edges measure as `measured_px`.
+pub fn measuring(measured_px: f64) -> f64 {
+    let after = MEASURES.partition_point(|(_, measures)| *measures <= measured_px);
+    let (Some((a, from)), Some((b, to))) = (MEASURES.get(after.wrapping_sub(1)), MEASURES.get(after)) else {
+        return measured_px.clamp(0.0, blur::WIDE_PX);
+    };
+    a + (b - a) * (measured_px - from) / (to - from)
+}
+
 /// A blurred layer. `rgba` has `width * height` premultiplied pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, height: usize, sigma_px: f64) -> Vec<[f64; 4]> {
     let taps = blur::taps(sigma_px);

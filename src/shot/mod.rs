@@ -98,7 +98,7 @@ impl Shot {
             rig.set_text(text, &mut settings)?;
             by_sets.set_text(text, &mut Settings::default())?;
         }
-        let analysis = analysed::take(&mut recording, &mut rig, given)?;
+        let analysis = analysed::take(&mut recording, &mut rig, &mut settings, &profiles, given)?;
         recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
             Some(path) => scene::load(path, recording.up)?,
