@@ -11,7 +11,7 @@ mod random;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec2, DVec3};
-use locard::analyse::{Analysis, Known, analyse, beside};
+use locard::analyse::{Analysis, Taken, analyse, beside};
 use locard::camera::{Camera, CameraExposure, Geometry};
 use locard::compositor::exposure_time_s;
 use locard::frame::{Frame, FrameExposure};
@@ -62,8 +62,8 @@ fn analysed(shot: &Shot, threads: usize) -> Analysis {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
-    let known = Known { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-    analyse(&shot.recording, &camera, &known, threads, &mut |_, _| Ok(())).unwrap()
+    let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+    analyse(&shot.recording, &camera, &taken, threads, &mut |_, _| Ok(())).unwrap()
 }
 
 /// Where a point of one frame lands in another, by a track: each row by its own pose.

@@ -49,7 +49,7 @@ const HELD_OUT: [usize; 3] = [3, 7, 13];
 const STEADY: f64 = 0.01;
 
 /// What is known of the camera besides its geometry.
-pub struct Known<'a> {
+pub struct Taken<'a> {
     pub response: &'a Response,
     /// Its noise, if that was calibrated.
     pub noise: Option<&'a NoiseProfile>,
@@ -62,7 +62,7 @@ pub struct Known<'a> {
 pub fn analyse(
     recording: &Recording,
     camera: &Geometry,
-    known: &Known<'_>,
+    taken: &Taken<'_>,
     threads: usize,
     told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 ) -> Result<Analysis, RegistrationError> {
@@ -76,13 +76,13 @@ pub fn analyse(
     seen_by.intrinsics.readout_time_s = registration.readout_s;
     let eye = Eye::new(seen_by);
     let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
-    let mut gains = Gains::new(&eye, known.response, &gaps, threads);
+    let mut gains = Gains::new(&eye, taken.response, &gaps, threads);
     let is_placed = !matches!(registration.verdict, Verdict::Refused(_));
     let states = if is_placed { registration.states.as_slice() } else { &[] };
     let mut shutter = Shutter::new(
         &eye,
-        known.response,
-        known.noise,
+        taken.response,
+        taken.noise,
         states,
         &recording.timestamps_s,
         recording.frame_interval_s,
@@ -111,7 +111,7 @@ pub fn analyse(
     });
     let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
     let exposed = if is_placed { shutter.finish() } else { Err("where the camera was is not known".to_owned()) };
-    let spread = point_spread(recording, &eye, known, &registration, exposed.as_deref().unwrap_or_default(), threads)?;
+    let spread = point_spread(recording, &eye, taken, &registration, exposed.as_deref().unwrap_or_default(), threads)?;
     Ok(Analysis::new(recording, camera, &registration, told_of, &gains_of, exposed, spread))
 }
 
@@ -119,12 +119,12 @@ pub fn analyse(
 fn point_spread(
     recording: &Recording,
     eye: &Eye,
-    known: &Known<'_>,
+    taken: &Taken<'_>,
     registration: &Registration,
     exposed: &[Run],
     threads: usize,
 ) -> Result<Result<PointSpread, String>, RecordingError> {
-    let mut spreads = Spreads::new(eye, known.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
+    let mut spreads = Spreads::new(eye, taken.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
     for n in chosen(&registration.states) {
         let Some(state) = registration.states[n] else { continue };
         for frame in recording.frames(n..n + 1)? {
@@ -132,7 +132,7 @@ fn point_spread(
             let run = exposed.iter().find(|run| (run.from..run.to).contains(&n));
             frame.exposure.blurred_s = run.map(|run| run.exposure_s);
             let depth = View::depth_of(eye, &frame, &state, registration.depth_later_s());
-            spreads.add(&frame, &Motion { state: &state, depth: &depth, exposure_s: (known.exposure_s)(&frame) });
+            spreads.add(&frame, &Motion { state: &state, depth: &depth, exposure_s: (taken.exposure_s)(&frame) });
         }
     }
     Ok(spreads.finish())

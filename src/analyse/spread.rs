@@ -265,7 +265,7 @@ mod tests {
     fn corners_and_stripes_are_no_edges() {
         let side = 61;
         let corner = |i: usize| if i % side > 30 && i / side > 30 { 0.5 } else { 0.1 };
-        let stripes = |i: usize| if (i % side) / 4 % 2 == 0 { 0.5 } else { 0.1 };
+        let stripes = |i: usize| if ((i % side) / 4).is_multiple_of(2) { 0.5 } else { 0.1 };
         let picture =
             |of: &dyn Fn(usize) -> f32| Plane { width: side, height: side, values: (0..side * side).map(of).collect() };
         let measured = |light: &Plane| {

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 
 use super::skip::Skip;
 use super::{progress, tell, warn};
-use crate::analyse::{Analysis, FILE_NAME, FILES, analyse, beside};
+use crate::analyse::{Analysis, FILE_NAME, FILES, Taken, analyse, beside};
 use crate::compositor::exposure_time_s;
 use crate::frame::Frame;
 use crate::recording::OpenOptions;
@@ -77,8 +77,8 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Anal
     let bar = progress(quiet, 0);
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
-    let known = Known { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-    let made = analyse(&shot.recording, &camera, &known, processors(), &mut |done, of| {
+    let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+    let made = analyse(&shot.recording, &camera, &taken, processors(), &mut |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
         Ok(())
