@@ -197,6 +197,27 @@ fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
 }
 
 #[test]
+fn what_is_not_this_recordings_is_refused_and_not_fitted_away() {
+    let folder = demo(16, |time_s, pose| (time_s, *pose));
+    let site = folder.path().join("site");
+    let refused = |sets: &[&str]| {
+        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+        let given = Given { sets, ..Given::default() };
+        let found = analysed(&Shot::open(&site, &OpenOptions::default(), &given).unwrap(), 2);
+        assert!(found.track.is_none(), "{}", found.findings);
+        found.findings.registration.why.unwrap_or_default()
+    };
+    let why = refused(&["camera.fx_px=640", "camera.fy_px=640"]);
+    assert!(why.contains("focal length"), "{why}");
+    // The same way half a second later.
+    let later = demo(16, |time_s, pose| (time_s - 0.5, *pose));
+    let found = analysed(&opened(&later), 2);
+    assert!(found.track.is_none() && found.findings.gain.is_none(), "{}", found.findings);
+    let why = found.findings.registration.why.unwrap();
+    assert!(why.contains("away from where the poses say"), "{why}");
+}
+
+#[test]
 fn any_number_of_threads_finds_the_same() {
     // Neither count fills the last batch.
     let folder = demo(13, |time_s, pose| (time_s + 0.01, *pose));

@@ -88,7 +88,8 @@ pub fn analyse(
         recording.frame_interval_s,
         threads,
     );
-    if recording.has_depth() && !camera.sees_around() {
+    // Poses that are another recording's would compare other things.
+    if is_placed {
         for frame in recording.frames(0..frames)? {
             let frame = frame?;
             told(whole + frame.index, whole + frames)?;

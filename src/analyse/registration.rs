@@ -30,6 +30,9 @@ const HELD_OUT: [usize; 2] = [3, 7];
 const ROUNDS: usize = 4;
 /// Of a step of the readout that is taken.
 const DAMPED: f64 = 0.7;
+/// A camera stands no farther than this from what was tracked, m, and is not turned against it by more, rad.
+const MOST_WAY_M: f64 = 0.1;
+const MOST_TURN_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 /// Rounds of the readout by refined poses.
 const AGAIN: usize = 2;
 /// No readout is longer, s.
@@ -142,6 +145,7 @@ pub fn register(
     // 1. Clocks, readout, the camera's place on what was tracked.
     let every = frames.div_ceil(clock_frames);
     let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: usize::MAX, every };
+    let mut asks_px = 0.0;
     for round in 0..ROUNDS {
         let eye = Eye::new(known.geometry.clone());
         let states = known.states(recording);
@@ -151,6 +155,9 @@ pub fn register(
         }
         let linked = work.links(&eye, &states, known.depth_later_s, pass)?;
         known.repeats.clone_from(&linked.repeats);
+        if round == 0 {
+            asks_px = median(&mut linked.good.iter().map(|link| link.displaced_px(&link.e)).collect::<Vec<_>>());
+        }
         let Some(global) = global::global(&linked.good, &states, true).filter(|_| linked.good.len() >= 12) else {
             return refused("the frames' pictures do not overlap, or lack texture where depth is known");
         };
@@ -159,6 +166,10 @@ pub fn register(
         known.clock_s += global.clock_s;
         found.global = Some(Global { hand_eye: known.hand_eye, clock_s: known.clock_s, ..global });
         known.follow(global::readout(&linked.good), DAMPED, &mut found);
+    }
+
+    if let Some(why) = found.global.as_ref().filter(|_| asks_px > RIGHT_PX).and_then(out_of_place) {
+        return Ok(Registration { verdict: Verdict::Refused(why), ..found });
     }
 
     // 2. All frames, at once.
@@ -234,6 +245,21 @@ pub enum RegistrationError {
     Recording(#[from] RecordingError),
     #[error(transparent)]
     Interrupted(#[from] Interrupted),
+}
+
+/// Why no camera can be where the poses would have to be wrong by so much: a wrong focal length moves it along its axis, poses of
+/// another recording turn it anywhere.
+fn out_of_place(global: &Global) -> Option<String> {
+    let (way_m, turn) = (twist::way(&global.hand_eye).length(), twist::turn(&global.hand_eye).length());
+    let sigma_m = twist::way(&global.hand_eye_sigma).length();
+    let is_far = way_m > MOST_WAY_M && way_m > 3.0 * sigma_m;
+    (is_far || turn > MOST_TURN_RAD).then(|| {
+        format!(
+            "the camera would stand {:.0} mm away from where the poses say, turned by {:.0}°: poses, focal length or the unit of depth are not this recording's",
+            1e3 * way_m,
+            turn.to_degrees()
+        )
+    })
 }
 
 /// What all frames share.
