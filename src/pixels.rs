@@ -64,6 +64,14 @@ impl Pixels {
         }
     }
 
+    /// Something of every pixel's code values, row by row.
+    pub fn each<T>(&self, of: impl Fn([u32; 3]) -> T) -> Vec<T> {
+        match &self.codes {
+            Codes::U8(codes) => codes.as_chunks::<3>().0.iter().map(|c| of(c.map(u32::from))).collect(),
+            Codes::U16(codes) => codes.as_chunks::<3>().0.iter().map(|c| of(c.map(u32::from))).collect(),
+        }
+    }
+
     /// The code values of the pixel in column `x`, row `y`.
     pub fn at(&self, x: u32, y: u32) -> [u32; 3] {
         let i = 3 * (y as usize * self.width as usize + x as usize);

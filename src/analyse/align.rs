@@ -47,8 +47,8 @@ pub struct Link {
     pub correlation: f64,
     /// Share of the points that the other frame shows.
     pub overlap: f64,
-    /// Of the readout time, s: information and slope of the loss with all else marginalised.
-    pub readout: (f64, f64),
+    /// Of the readout time, s: information and slope of the loss with all else marginalised. Only if it was asked for.
+    pub readout: Option<(f64, f64)>,
 }
 
 impl Link {
@@ -62,28 +62,15 @@ impl Link {
     }
 }
 
-/// Where alignment begins.
-#[derive(Clone, Copy, Debug)]
-pub struct Start {
-    pub e: Twist,
-    /// The coarsest level that is looked at.
-    pub coarsest: usize,
-}
-
-impl Default for Start {
-    fn default() -> Self {
-        Self { e: Twist::zeros(), coarsest: usize::MAX }
-    }
-}
-
 const N: usize = 8;
 
-/// Aligns `from` to `to`. `None` if too few of its points are seen there.
-pub fn align(eye: &Eye, from: &View, to: &View, start: Start) -> Option<Link> {
+/// Aligns `from` to `to`, from the level `coarsest` on (at most the coarsest there is), and says what the readout lacks if
+/// `asks_readout`. `None` if too few of its points are seen there.
+pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: bool) -> Option<Link> {
     let j_from_i = to.state.world_from_camera.inverse() * from.state.world_from_camera;
-    let mut e = twist::exp(&start.e);
+    let mut e = DAffine3::IDENTITY;
     let (mut gain, mut shift) = (1.0, 0.0);
-    let coarsest = start.coarsest.min(from.levels.len() - 1);
+    let coarsest = coarsest.min(from.levels.len() - 1);
     let mut last = None;
     for level in (0..=coarsest).rev() {
         let points = &from.levels[level].points;
@@ -127,7 +114,10 @@ pub fn align(eye: &Eye, from: &View, to: &View, start: Start) -> Option<Link> {
         metric: sums.metric,
         correlation: sums.correlation,
         overlap: sums.count as f64 / points as f64,
-        readout: seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma)?,
+        readout: match asks_readout {
+            true => Some(seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma)?),
+            false => None,
+        },
     })
 }
 

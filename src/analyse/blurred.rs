@@ -6,7 +6,6 @@ use super::view::{Eye, scattered};
 use crate::camera::{NoiseProfile, Response, side_tap};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;
-use crate::pixels::Codes;
 
 /// Pictures are halved until they are not wider than this, px.
 const WIDEST: usize = 800;
@@ -55,19 +54,11 @@ impl Blurred {
         let most = CLIPPED * (frame.pixels.max_code() / 255);
         let across = width.div_ceil(SQUARE);
         let mut is_clipped = vec![false; across * height.div_ceil(SQUARE)];
-        let mut greens = vec![0u32; width * height];
-        let mut put = |i: usize, c: [u32; 3]| {
-            greens[i] = c[1];
-            if c.iter().any(|code| *code >= most) {
-                is_clipped[(i / width / SQUARE) * across + i % width / SQUARE] = true;
-            }
-        };
-        match &frame.pixels.codes {
-            Codes::U8(codes) => codes.as_chunks::<3>().0.iter().enumerate().for_each(|(i, c)| put(i, c.map(u32::from))),
-            Codes::U16(codes) => {
-                codes.as_chunks::<3>().0.iter().enumerate().for_each(|(i, c)| put(i, c.map(u32::from)))
-            }
+        let clipped = frame.pixels.each(|c| c.into_iter().any(|code| code >= most));
+        for (i, _) in clipped.iter().enumerate().filter(|(_, clipped)| **clipped) {
+            is_clipped[(i / width / SQUARE) * across + i % width / SQUARE] = true;
         }
+        let greens = frame.pixels.each(|c| c[1]);
         let values = greens.iter().map(|g| light_of[*g as usize]).collect();
         let mut light = Plane { width, height, values };
         let mut noise = noise.map(|profile| {

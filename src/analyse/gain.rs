@@ -18,8 +18,8 @@ use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved, seen};
 use super::view::{Eye, scattered};
 use crate::camera::Response;
+use crate::fit::band::Band;
 use crate::frame::Frame;
-use crate::pixels::Pixels;
 use crate::rows::over_rows;
 
 /// Distances between compared frames.
@@ -111,7 +111,7 @@ impl<'a> Gains<'a> {
     fn seen(&self, frame: &Frame, state: State, depth: &[f32]) -> Seen {
         let halvings = self.halvings();
         let colours = [0, 1, 2].map(|channel| {
-            let mut plane = channel_of(&frame.pixels, channel);
+            let mut plane = Plane::of_channel(&frame.pixels, channel);
             for _ in 0..halvings {
                 plane = plane.halved();
             }
@@ -195,17 +195,6 @@ impl<'a> Gains<'a> {
     }
 }
 
-fn channel_of(pixels: &Pixels, channel: usize) -> Plane {
-    let scale = 255.0 / pixels.max_code() as f32;
-    let values = match &pixels.codes {
-        crate::pixels::Codes::U8(codes) => codes.as_chunks::<3>().0.iter().map(|c| f32::from(c[channel])).collect(),
-        crate::pixels::Codes::U16(codes) => {
-            codes.as_chunks::<3>().0.iter().map(|c| scale * f32::from(c[channel])).collect()
-        }
-    };
-    Plane { width: pixels.width as usize, height: pixels.height as usize, values }
-}
-
 /// ln of each frame's gain: 0 is the recording's median, for each colour. `None` where a frame took part in no pair.
 pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
     let mut is_linked = vec![false; frames];
@@ -219,64 +208,36 @@ pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
     (0..frames).map(|n| is_linked[n].then(|| [0, 1, 2].map(|c| each[c][n] - middle[c]))).collect()
 }
 
-/// Gauss-Seidel would do; the band is narrow, so it is solved at once: rows of the normal equations, 41 wide.
+/// By a band of equations, of all frames at once.
 fn of_channel(pairs: &[Pair], frames: usize, channel: usize) -> Vec<f64> {
     /// Holds the mean, which no pair tells, and frames without pairs.
     const HELD: f64 = 1e-3;
-    let band = pairs.iter().map(|pair| pair.from.abs_diff(pair.to)).max().unwrap_or(0);
+    let width = pairs.iter().map(|pair| pair.from.abs_diff(pair.to)).max().unwrap_or(0);
     let mut gains = vec![0.0; frames];
     for _ in 0..ROUNDS {
-        let mut rows = vec![0.0; frames * (band + 1)];
-        let mut right = vec![0.0; frames];
-        // Of row r the columns r − band ..= r.
-        let at = |row: usize, column: usize| row * (band + 1) + band + column - row;
-        for row in 0..frames {
-            rows[at(row, row)] = HELD;
+        let mut equations = Band::new(frames, width);
+        for frame in 0..frames {
+            equations.add(frame, frame, HELD);
         }
         for pair in pairs {
             let (i, j) = (pair.from, pair.to);
             let off = pair.ratio[channel] - (gains[j] - gains[i]);
             let w = pair.sigma[channel].powi(-2) / (1.0 + (off / SCALE).powi(2));
-            rows[at(i, i)] += w;
-            rows[at(j, j)] += w;
-            rows[at(i.max(j), i.min(j))] -= w;
-            right[j] += w * pair.ratio[channel];
-            right[i] -= w * pair.ratio[channel];
+            equations.add(i, i, w);
+            equations.add(j, j, w);
+            equations.add(i.max(j), i.min(j), -w);
+            equations.add_right(j, w * pair.ratio[channel]);
+            equations.add_right(i, -w * pair.ratio[channel]);
         }
-        let next = solved(rows, right, band);
-        let moved = next.iter().zip(&gains).map(|(a, b): (&f64, &f64)| (a - b).abs()).fold(0.0, f64::max);
+        // The diagonal outweighs each row.
+        let Some(next) = equations.solved() else { return gains };
+        let moved = next.iter().zip(&gains).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         gains = next;
         if moved < 1e-7 {
             break;
         }
     }
     gains
-}
-
-/// A symmetric positive band matrix by Cholesky.
-fn solved(mut rows: Vec<f64>, mut right: Vec<f64>, band: usize) -> Vec<f64> {
-    let n = right.len();
-    let at = |row: usize, column: usize| row * (band + 1) + band + column - row;
-    for row in 0..n {
-        for column in row.saturating_sub(band)..=row {
-            let from = row.saturating_sub(band).max(column.saturating_sub(band));
-            let dot: f64 = (from..column).map(|k| rows[at(row, k)] * rows[at(column, k)]).sum();
-            let rest = rows[at(row, column)] - dot;
-            rows[at(row, column)] =
-                if column < row { rest / rows[at(column, column)] } else { rest.max(1e-300).sqrt() };
-        }
-    }
-    for row in 0..n {
-        let dot: f64 = (row.saturating_sub(band)..row).map(|k| rows[at(row, k)] * right[k]).sum();
-        right[row] = (right[row] - dot) / rows[at(row, row)];
-    }
-    for row in (0..n).rev() {
-        right[row] /= rows[at(row, row)];
-        for k in row.saturating_sub(band)..row {
-            right[k] -= rows[at(row, k)] * right[row];
-        }
-    }
-    right
 }
 
 /// Root mean square of what pairs say beyond the gains, and of what they say without them, over all colours, ln.

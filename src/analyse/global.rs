@@ -88,8 +88,8 @@ pub fn readout(links: &[Link]) -> Option<(f64, f64)> {
     const EACH_S: f64 = 0.003;
     let told: Vec<(f64, f64)> = links
         .iter()
-        .filter(|link| link.readout.0 > 0.0)
-        .map(|link| (-link.readout.1 / link.readout.0, ALIKE / link.readout.0 + EACH_S * EACH_S))
+        .filter_map(|link| link.readout.filter(|(information, _)| *information > 0.0))
+        .map(|(information, slope)| (-slope / information, ALIKE / information + EACH_S * EACH_S))
         .collect();
     let mut weights = vec![1.0; told.len()];
     let (mut mean, mut sigma) = (0.0, f64::INFINITY);

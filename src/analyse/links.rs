@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::align::{Link, Start, align};
+use super::align::{Link, align};
 use super::state::State;
 use super::view::{Eye, View};
 use crate::pixels::Pixels;
@@ -21,6 +21,8 @@ pub struct Pass<'a> {
     pub both_ways: bool,
     /// Levels of the pictures, from the finest to the coarsest: `usize::MAX` for all.
     pub coarsest: usize,
+    /// Whether each link says what the readout time lacks.
+    pub asks_readout: bool,
     /// Only every so many frames are aligned to others.
     pub every: usize,
 }
@@ -81,8 +83,7 @@ pub fn links(
         }
         over_rows(&mut tasks, 1, threads, |_, slot| {
             let ((from, to), link) = &mut slot[0];
-            let start = Start { coarsest: pass.coarsest, ..Start::default() };
-            *link = align(eye, &window[*from], &window[*to], start);
+            *link = align(eye, &window[*from], &window[*to], pass.coarsest, pass.asks_readout);
         });
         for (_, link) in tasks {
             match link {

@@ -12,6 +12,7 @@ mod carried;
 mod cross_blur;
 mod depth_clock;
 mod edges;
+mod findings;
 mod gain;
 mod global;
 mod graph;
@@ -28,14 +29,15 @@ mod state;
 mod track;
 mod view;
 
-pub use artefact::{Analysis, AnalysisError, FILE_NAME, FILES, Findings, beside};
+pub use artefact::{Analysis, AnalysisError, FILE_NAME, FILES, beside};
+pub use findings::Findings;
 pub use interrupted::Interrupted;
 pub use registration::{RegistrationError, Verdict};
 
 use crate::camera::{Geometry, NoiseProfile, Response};
 use crate::frame::Frame;
 use crate::recording::{Recording, RecordingError};
-use artefact::Gained;
+use findings::Gained;
 use gain::{GAPS, Gains, Pair};
 use registration::Registration;
 use shutter::{Run, Shutter};

@@ -18,15 +18,17 @@ impl Plane {
     /// Luma of the codes (BT.601), scaled to 8 bits.
     pub fn of(pixels: &Pixels) -> Self {
         let scale = 255.0 / pixels.max_code() as f32;
-        let luma = |c: [f32; 3]| scale * (0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2]);
-        let values = match &pixels.codes {
-            crate::pixels::Codes::U8(codes) => {
-                codes.as_chunks::<3>().0.iter().map(|c| luma(c.map(f32::from))).collect()
-            }
-            crate::pixels::Codes::U16(codes) => {
-                codes.as_chunks::<3>().0.iter().map(|c| luma(c.map(f32::from))).collect()
-            }
-        };
+        let values = pixels.each(|c| {
+            let [r, g, b] = c.map(|code| code as f32);
+            scale * (0.299 * r + 0.587 * g + 0.114 * b)
+        });
+        Self { width: pixels.width as usize, height: pixels.height as usize, values }
+    }
+
+    /// A channel's codes, scaled to 8 bits.
+    pub fn of_channel(pixels: &Pixels, channel: usize) -> Self {
+        let scale = 255.0 / pixels.max_code() as f32;
+        let values = pixels.each(|c| scale * c[channel] as f32);
         Self { width: pixels.width as usize, height: pixels.height as usize, values }
     }
 

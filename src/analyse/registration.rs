@@ -144,7 +144,7 @@ pub fn register(
 
     // 1. Clocks, readout, the camera's place on what was tracked.
     let every = frames.div_ceil(clock_frames);
-    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: usize::MAX, every };
+    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: usize::MAX, asks_readout: true, every };
     let mut asks_px = 0.0;
     for round in 0..ROUNDS {
         let eye = Eye::new(known.geometry.clone());
@@ -173,7 +173,7 @@ pub fn register(
     }
 
     // 2. All frames, at once.
-    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: usize::MAX, every: 1 };
+    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: usize::MAX, asks_readout: false, every: 1 };
     let start = known.states(recording);
     let eye = Eye::new(known.geometry.clone());
     let linked = work.links(&eye, &start, known.depth_later_s, pass)?;
@@ -194,7 +194,7 @@ pub fn register(
     // 3. Recorded jitter makes the readout look short; refined poses have none.
     found.depth = depth_clock(&eye, recording, &refined, threads)?;
     known.depth_later_s = found.depth_later_s();
-    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: 1, every };
+    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: 1, asks_readout: true, every };
     for _ in 0..AGAIN {
         let linked = work.links(&Eye::new(known.geometry.clone()), &refined, known.depth_later_s, pass)?;
         known.follow(global::readout(&linked.good), 1.0, &mut found);
@@ -205,7 +205,7 @@ pub fn register(
     }
 
     // 4. Once more from there.
-    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: 1, every: 1 };
+    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: 1, asks_readout: false, every: 1 };
     let eye = Eye::new(known.geometry.clone());
     let linked = work.links(&eye, &refined, known.depth_later_s, pass)?;
     let held: Vec<Twist> = refined.iter().zip(&start).map(|(now, was)| back(now.as_ref(), was.as_ref())).collect();
@@ -215,7 +215,7 @@ pub fn register(
     let refined = path::with_motion(&recording.timestamps_s, &corrected(&refined, &corrections), gap_s(recording));
 
     // 5. Those that took no part.
-    let pass = Pass { gaps: &HELD_OUT, both_ways: false, coarsest: 1, every: 1 };
+    let pass = Pass { gaps: &HELD_OUT, both_ways: false, coarsest: 1, asks_readout: false, every: 1 };
     let held_out = work.links(&eye, &refined, known.depth_later_s, pass)?;
     let (before, after) = judged(&held_out, &recorded(recording, 0.0), &refined);
     found.held_out_px = Some((before, after));

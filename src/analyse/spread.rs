@@ -20,7 +20,7 @@ use crate::camera::Response;
 use crate::fit::twist;
 use crate::frame::Frame;
 use crate::measure::spread::{Sample, Step, fit};
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::Pixels;
 use crate::rows::over_rows;
 
 /// Green.
@@ -141,14 +141,7 @@ impl<'a> Spreads<'a> {
     }
 
     fn linear(&self, pixels: &Pixels) -> Plane {
-        let values = match &pixels.codes {
-            Codes::U8(codes) => {
-                codes.as_chunks::<3>().0.iter().map(|c| self.light[usize::from(c[CHANNEL])] as f32).collect()
-            }
-            Codes::U16(codes) => {
-                codes.as_chunks::<3>().0.iter().map(|c| self.light[usize::from(c[CHANNEL])] as f32).collect()
-            }
-        };
+        let values = pixels.each(|c| self.light[c[CHANNEL] as usize] as f32);
         Plane { width: pixels.width as usize, height: pixels.height as usize, values }
     }
 
@@ -171,10 +164,7 @@ impl<'a> Spreads<'a> {
 /// Where a channel may be clipped.
 fn clipped(pixels: &Pixels) -> Vec<bool> {
     let most = CLIPPED / 255.0 * pixels.max_code() as f32;
-    match &pixels.codes {
-        Codes::U8(codes) => codes.as_chunks::<3>().0.iter().map(|c| c.iter().any(|c| f32::from(*c) >= most)).collect(),
-        Codes::U16(codes) => codes.as_chunks::<3>().0.iter().map(|c| c.iter().any(|c| f32::from(*c) >= most)).collect(),
-    }
+    pixels.each(|c| c.into_iter().any(|code| code as f32 >= most))
 }
 
 /// Of the Gaussian that blurred an edge, px²: below 0 where it is sharper than pixels without any. `None` if it is no clean step.

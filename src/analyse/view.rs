@@ -116,14 +116,7 @@ impl View {
 fn usable(frame: &Frame, depth: &[f32], width: usize) -> Vec<bool> {
     let pixels = &frame.pixels;
     let most = CLIPPED * (pixels.max_code() / 255);
-    let clipped: Vec<f32> = match &pixels.codes {
-        crate::pixels::Codes::U8(codes) => {
-            codes.as_chunks::<3>().0.iter().map(|c| f32::from(u32::from(c[0].max(c[1]).max(c[2])) >= most)).collect()
-        }
-        crate::pixels::Codes::U16(codes) => {
-            codes.as_chunks::<3>().0.iter().map(|c| f32::from(u32::from(c[0].max(c[1]).max(c[2])) >= most)).collect()
-        }
-    };
+    let clipped = pixels.each(|c| f32::from(u8::from(c.into_iter().any(|code| code >= most))));
     let near_clipped = carried::extreme(&clipped, width, 2, |a, b| if a > b { a } else { b });
     let smooth = carried::smooth(depth, width, FROM_EDGE, EDGE);
     smooth.iter().zip(&near_clipped).map(|(smooth, clipped)| *smooth && *clipped == 0.0).collect()

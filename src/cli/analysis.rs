@@ -2,8 +2,13 @@
 
 use std::path::PathBuf;
 
+use anyhow::Result;
+
+use super::analyse::make;
 use super::tell;
-use crate::shot::{Analysed, AnalysisState, Shot};
+use crate::analyse::beside;
+use crate::recording::Recording;
+use crate::shot::{Analysed, AnalysisState, Given, Shot};
 
 #[derive(clap::Args)]
 pub struct Analysis {
@@ -15,7 +20,7 @@ pub struct Analysis {
     no_analysis: bool,
     /// Analyse the recording first, where that was not done or does not fit any more
     #[arg(long, conflicts_with_all = ["analysis", "no_analysis"])]
-    pub analyse: bool,
+    analyse: bool,
 }
 
 impl Analysis {
@@ -25,6 +30,16 @@ impl Analysis {
             None if self.no_analysis => Analysed::No,
             None => Analysed::Beside,
         }
+    }
+
+    /// Analyses a recording with the camera that is given, if that is asked for and was not done.
+    pub fn first(&self, recording: &Recording, given: &Given, quiet: bool) -> Result<()> {
+        if self.analyse {
+            let recorded = Given { scene: None, analysis: Analysed::No, ..given.clone() };
+            let shot = Shot::of(recording.clone(), &recorded)?;
+            make(&shot, &beside(&recording.path), false, quiet)?;
+        }
+        Ok(())
     }
 }
 

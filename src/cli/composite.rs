@@ -6,17 +6,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
-use super::analyse;
 use super::analysis::{self, Analysis};
 use super::skip::Skip;
 use super::which::Which;
 use super::{progress, tell, told, warn};
-use crate::analyse::beside;
 use crate::compositor::{Compositor, Target};
 use crate::export::{Export, Inputs};
 use crate::gpu::Gpu;
-use crate::recording::OpenOptions;
-use crate::shot::{Analysed, Given, Note, Shot};
+use crate::recording::{OpenOptions, Recording};
+use crate::shot::{Given, Note, Shot};
 use crate::sink::{self, OutPath};
 use crate::words::count;
 
@@ -120,12 +118,9 @@ pub fn run(args: Args) -> Result<()> {
         scene: Some(args.scene.clone()),
         analysis: args.analysis.asked(),
     };
-    if args.analysis.analyse {
-        let recorded = Given { scene: None, analysis: Analysed::No, ..given.clone() };
-        let recorded = Shot::open(&args.recording, &options, &recorded)?;
-        analyse::make(&recorded, &beside(&recorded.recording.path), false, args.quiet)?;
-    }
-    let mut shot = Shot::open(&args.recording, &options, &given)?;
+    let recording = Recording::open(&args.recording, &options)?;
+    args.analysis.first(&recording, &given, args.quiet)?;
+    let mut shot = Shot::of(recording, &given)?;
     if let Some(frame) = args.preview {
         super::check_frame(frame, shot.recording.frame_count())?;
     }

@@ -4,13 +4,11 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use super::analyse;
 use super::analysis::Analysis;
 use super::skip::Skip;
-use crate::analyse::beside;
 use crate::camera::stops;
 use crate::recording::{OpenOptions, Recording};
-use crate::shot::{Analysed, Given, Shot};
+use crate::shot::{Given, Shot};
 
 #[derive(clap::Args)]
 pub struct LightArgs {
@@ -56,13 +54,9 @@ impl LightArgs {
         let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
-        if self.analysis.analyse {
-            let (profile, sets) = (self.profile.clone(), self.sets.clone());
-            let recorded = Given { profile, sets, analysis: Analysed::No, ..Given::default() };
-            analyse::make(&Shot::of(recording.clone(), &recorded)?, &beside(&recording.path), false, false)?;
-        }
         let given =
             Given { profile: self.profile.clone(), sets: self.sets.clone(), scene, analysis: self.analysis.asked() };
+        self.analysis.first(&recording, &given, false)?;
         Ok(Shot::of(recording, &given)?)
     }
 }

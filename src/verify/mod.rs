@@ -66,13 +66,14 @@ pub fn verify(gpu: &Gpu, shot: &Shot, plan: Plan, mut seen: impl FnMut(usize, us
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
     let from: Vec<usize> = (0..count).step_by(plan.every.max(1)).collect();
+    let mut compositor = shot.compositor(gpu.clone());
     let (mut displaced, mut brighter, mut pairs) = (Vec::new(), Vec::new(), 0);
     for (done, n) in from.iter().enumerate() {
         seen(done, from.len());
         let frame = shot.read(*n)?;
         let Some(scene) = twin(&shot, &frame) else { continue };
+        compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
-        let mut compositor = shot.compositor(gpu.clone());
         for to in [n.checked_sub(plan.gap), Some(n + plan.gap)].into_iter().flatten().filter(|to| *to < count) {
             let real = shot.read(to)?.pixels;
             let Some(made) = shot.frames(&mut compositor, to..to + 1, true, 1)?.next().transpose()? else { continue };
