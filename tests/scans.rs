@@ -21,7 +21,7 @@ use locard::depth::holes;
 use locard::frame::Frame;
 use locard::pixels::LayerImage;
 use locard::recording::{OpenOptions, Recording, Registration};
-use locard::simulate::{self, Format, Layout, Motion, Options};
+use locard::simulate::{self, Flaws, Format, Layout, Motion, Options};
 
 fn depth_png(file: &Path, width: u32, height: u32, code: impl Fn(u32, u32) -> u16) {
     fs::create_dir_all(file.parent().unwrap()).unwrap();
@@ -297,7 +297,7 @@ fn site() -> Options {
 
 fn simulated(folder: &Path, name: &str, options: &Options) -> PathBuf {
     let out = folder.join(name);
-    simulate::run(&out, options, false, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    simulate::run(&out, options, &Flaws::default(), false, &mut |_, _| ControlFlow::Continue(())).unwrap();
     out
 }
 
@@ -383,6 +383,8 @@ fn a_phones_export_and_unregistered_depth_show_the_same_as_our_own() {
 fn what_no_phone_has_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let options = Options { layout: Some(Layout::Stray), depth_beside_mm: Some(20.0), ..site() };
-    let error = simulate::run(&folder.path().join("s"), &options, false, &mut |_, _| ControlFlow::Continue(()));
+    let error = simulate::run(&folder.path().join("s"), &options, &Flaws::default(), false, &mut |_, _| {
+        ControlFlow::Continue(())
+    });
     assert!(error.unwrap_err().to_string().contains("simulate.layout = stray: a phone has no such lens"));
 }

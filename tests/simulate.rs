@@ -8,7 +8,9 @@ use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use locard::params::{Kind, Params, Value};
-use locard::simulate::{Detail, Format, Motion, Options, Picture, SimulateError, Simulation, Snapshot, board, run};
+use locard::simulate::{
+    self, Detail, Flaws, Format, Motion, Options, Picture, SimulateError, Simulation, Snapshot, board,
+};
 
 /// The board shines by itself, so the site may be crude.
 const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
@@ -236,6 +238,15 @@ fn small() -> Options {
         format: Format::Png,
         ..Options::default()
     }
+}
+
+fn run(
+    out: &Path,
+    options: &Options,
+    force: bool,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<(), SimulateError> {
+    simulate::run(out, options, &Flaws::default(), force, progress)
 }
 
 fn columns(folder: &Path, list: &str) -> Vec<Vec<String>> {

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 
 use super::{progress, tell};
 use crate::params::{Params, Value};
-use crate::simulate::{self, Options};
+use crate::simulate::{self, Flaws, Options};
 use crate::words::{count, shown_unit};
 
 #[derive(clap::Args)]
@@ -16,7 +16,7 @@ pub struct Args {
     /// The folder of the recording
     #[arg(short = 'o', long = "output", value_name = "DIR", required_unless_present = "list")]
     output: Option<PathBuf>,
-    /// Set an option, as in --set frames=30; without any, the demo is made
+    /// Set an option, as in --set frames=30 or --set flaws.jitter_mm=1; without any, the demo is made
     #[arg(long = "set", value_name = "NAME=VALUE")]
     sets: Vec<String>,
     /// List the options
@@ -31,22 +31,29 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let mut options = Options::default();
+    let (mut options, mut flaws) = (Options::default(), Flaws::default());
     if args.list {
         let mut out = std::io::stdout().lock();
-        for s in options.specs() {
-            let unit = shown_unit(s.unit);
-            writeln!(out, "{} = {}{unit}    ({})\n      {}", s.name, s.default, s.kind, s.help)?;
+        let tables: [(&dyn Params, &str); 2] = [(&options, ""), (&flaws, "flaws.")];
+        for (table, before) in tables {
+            for s in table.specs() {
+                let unit = shown_unit(s.unit);
+                writeln!(out, "{before}{} = {}{unit}    ({})\n      {}", s.name, s.default, s.kind, s.help)?;
+            }
         }
         return Ok(());
     }
     for set in &args.sets {
         let Some((name, value)) = set.split_once('=') else { bail!("--set {set}: expected name=value") };
-        options.set(name.trim().trim_start_matches("simulate."), &Value::parse(value))?;
+        let (name, value) = (name.trim(), Value::parse(value));
+        match name.strip_prefix("flaws.") {
+            Some(name) => flaws.set(name, &value)?,
+            None => options.set(name.trim_start_matches("simulate."), &value)?,
+        }
     }
     let Some(output) = &args.output else { bail!("-o DIR is missing") };
     let bar = progress(args.quiet, options.frames as usize);
-    let done = simulate::run(output, &options, args.force, &mut |done, _| {
+    let done = simulate::run(output, &options, &flaws, args.force, &mut |done, _| {
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     });

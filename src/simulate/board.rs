@@ -12,8 +12,8 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use crate::camera::Response;
 use crate::scene::{Texture, Wrap};
 
+use super::chart::Chart;
 use super::shapes::Shape;
-use super::site::Chart;
 
 /// Texels per side; 5 mm each.
 const SIDE: u32 = 64;

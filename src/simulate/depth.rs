@@ -1,4 +1,5 @@
-//! A depth sensor that is not the frames' camera: with fewer pixels, or beside it with a lens of its own.
+//! A depth sensor that is not the frames' camera: with fewer pixels, beside it with a lens of its own, or at a moment of its
+//! own.
 
 use glam::{DQuat, DVec3};
 
@@ -21,6 +22,8 @@ pub struct DepthSensor {
     pub geometry: Geometry,
     /// Where it stands in the axes of the frames' camera, if it is a camera of its own, metres.
     pub beside_m: Option<DVec3>,
+    /// How much later than a frame it measures, s.
+    later_s: f64,
 }
 
 impl DepthSensor {
@@ -28,7 +31,8 @@ impl DepthSensor {
     pub fn new(simulation: &Simulation) -> Result<Option<Self>, SimulateError> {
         let Options { width_px, height_px, depth_width_px, depth_beside_mm, layout, .. } = *simulation.options();
         let width = depth_width_px.or((layout == Some(Layout::Stray)).then_some(PHONE_PX.min(width_px)));
-        if width.is_none() && depth_beside_mm.is_none() {
+        let later_s = simulation.flaws().depth_later_s;
+        if width.is_none() && depth_beside_mm.is_none() && later_s == 0.0 {
             return Ok(None);
         }
         let width = width.unwrap_or(width_px);
@@ -37,7 +41,7 @@ impl DepthSensor {
         let Some(beside_mm) = depth_beside_mm else {
             let geometry = simulation.geometry().resized(width, height);
             let track = simulation.track().clone();
-            return Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: None }));
+            return Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: None, later_s }));
         };
         let focal_px = WIDER * share * simulation.options().focal_px;
         let geometry = Geometry::pinhole(width, height, focal_px);
@@ -46,13 +50,18 @@ impl DepthSensor {
         let moved = |pose: &Pose| Pose::new(pose.rotation, pose.translation_m - at_m);
         let poses = simulation.track().poses().iter().map(|(time_s, pose)| (*time_s, moved(pose))).collect();
         let track = PoseTrack::new(poses, f64::INFINITY)?;
-        Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: Some(at_m) }))
+        Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: Some(at_m), later_s }))
     }
 
-    /// What it measures at a frame's time, of which only the depth counts.
+    /// What it measures with a frame, of which only the depth counts.
     pub fn picture(&self, simulation: &Simulation, frame: usize) -> Picture {
-        let snapshot =
-            Snapshot { exposure_time_s: 0.0, samples: 1, aperture_diameter_m: 0.0, ..simulation.snapshot(frame) };
+        let snapshot = Snapshot {
+            timestamp_s: simulation.timestamp_s(frame) + self.later_s,
+            exposure_time_s: 0.0,
+            samples: 1,
+            aperture_diameter_m: 0.0,
+            ..simulation.snapshot(frame)
+        };
         render::shoot(&simulation.site, &self.lens, &self.track, &snapshot, simulation.threads)
     }
 }

@@ -64,7 +64,7 @@ fn noise(p: DVec2, seed: u64) -> f64 {
 }
 
 /// Octaves of [`noise`], each twice as fine and half as strong; in [0, 1), mean near 0.5.
-fn fractal(p: DVec2, octaves: u32, seed: u64) -> f64 {
+pub fn fractal(p: DVec2, octaves: u32, seed: u64) -> f64 {
     let (mut sum, mut weight, mut total, mut at) = (0.0, 1.0, 0.0, p);
     for octave in 0..octaves {
         sum += weight * noise(at, seed + u64::from(octave));

@@ -1,18 +1,21 @@
 //! A simulated site: footage about which everything is known, for demonstration and to judge everything else by.
 //!
 //! Its own small ray caster images the site through a lens with distortion, a rolling shutter and a noisy sensor, and
-//! writes a recording together with its ground truth. It shares no rendering, blur or noise code with what it is used
-//! to judge, only plain values.
+//! writes a recording together with its ground truth. [`Flaws`] make it as wrong as real ones are. It shares no rendering,
+//! blur or noise code with what it is used to judge, only plain values.
 //!
-//! Not modelled: vignetting, chromatic aberration, mosaic, changing exposure, light that falls on the board or comes
-//! from it.
+//! Not modelled: vignetting, chromatic aberration, mosaic, light that falls on the board or comes from it.
 
 mod board;
+mod chart;
 mod depth;
 mod encoded;
 mod finish;
+mod flaws;
+mod mistracked;
 mod output;
 mod path;
+mod person;
 mod random;
 mod render;
 mod sensor;
@@ -20,6 +23,8 @@ mod shapes;
 mod site;
 mod stray;
 mod survey;
+mod truth;
+mod wander;
 mod write;
 mod written;
 
@@ -32,7 +37,10 @@ use crate::sink::SinkError;
 use crate::tracking::{NotAscending, PoseTrack};
 use crate::words::reason;
 
+use person::Person;
+
 pub use board::{Board, board};
+pub use flaws::Flaws;
 pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
 pub use render::{Picture, Snapshot};
 pub use sensor::Sensor;
@@ -148,6 +156,7 @@ pub enum SimulateError {
 #[derive(Clone, Debug)]
 pub struct Simulation {
     options: Options,
+    flaws: Flaws,
     site: site::Site,
     lens: render::Lens,
     geometry: Geometry,
@@ -160,12 +169,21 @@ pub struct Simulation {
 impl Simulation {
     /// Uses as many threads as there are cores, and a site as fine as the lens can see.
     pub fn new(options: &Options) -> Result<Self, SimulateError> {
+        Self::flawed(options, &Flaws::default())
+    }
+
+    /// The same of a recording of which something is wrong.
+    pub fn flawed(options: &Options, flaws: &Flaws) -> Result<Self, SimulateError> {
         let threads = crate::rows::processors();
-        Self::with_detail(options, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
+        Self::made(options, flaws, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 
     /// Uses a site of the given detail. Computes its light, which takes most of the time.
     pub fn with_detail(options: &Options, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
+        Self::made(options, &Flaws::default(), detail, threads)
+    }
+
+    fn made(options: &Options, flaws: &Flaws, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
         let geometry = geometry(options);
         let Options { width_px: width, height_px: height, .. } = *options;
         if geometry.is_round() && width != 2 * height {
@@ -180,12 +198,16 @@ impl Simulation {
         }
         let lens = render::Lens::new(geometry.clone())?;
         let board = if options.board { board().shining() } else { None };
+        let mut site = site::Site::new(detail, board, threads);
+        site.is_blank = flaws.blank;
+        site.person = (flaws.person_m_per_s > 0.0).then(|| Person::new(flaws.person_m_per_s, detail.texture_m));
         Ok(Self {
             options: options.clone(),
-            site: site::Site::new(detail, board, threads),
+            flaws: flaws.clone(),
+            site,
             lens,
             geometry,
-            track: path::track(options)?,
+            track: path::track(options, flaws.poses_later_s.abs().max(flaws.depth_later_s.abs()))?,
             sensor: Sensor {
                 response: Response::default(),
                 noise_scale: options.noise_scale,
@@ -201,6 +223,10 @@ impl Simulation {
         &self.options
     }
 
+    pub fn flaws(&self) -> &Flaws {
+        &self.flaws
+    }
+
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
@@ -214,6 +240,16 @@ impl Simulation {
     pub fn turned(mut self, turn: DQuat) -> Self {
         self.track = self.track.turned(turn);
         self
+    }
+
+    /// The poses that are recorded of it.
+    pub fn recorded_track(&self) -> Result<PoseTrack, NotAscending> {
+        self.flaws.recorded(&self.track)
+    }
+
+    /// Factors on the light of a frame's picture: red, green, blue.
+    pub fn gains(&self, frame: usize) -> [f64; 3] {
+        self.flaws.gains(self.timestamp_s(self.flaws.picture_of(frame))).map(|gain| self.options.gain * gain)
     }
 
     /// The middle of the middle row's exposure of a frame, seconds.

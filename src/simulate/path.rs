@@ -29,10 +29,10 @@ pub fn timestamp_s(options: &Options, frame: usize) -> f64 {
 }
 
 /// The camera's poses every [`INTERVAL_S`], from before the first row of the first frame to after the last row of the
-/// last.
-pub fn track(options: &Options) -> Result<PoseTrack, NotAscending> {
+/// last, and `more_s` beyond.
+pub fn track(options: &Options, more_s: f64) -> Result<PoseTrack, NotAscending> {
     let shutter_s = 0.5 * (options.readout_time_s + options.exposure_time_s);
-    let before = ((MARGIN_S + shutter_s) / INTERVAL_S).ceil();
+    let before = ((MARGIN_S + more_s + shutter_s) / INTERVAL_S).ceil();
     let duration_s = f64::from(options.frames.saturating_sub(1)) / options.fps;
     let steps = (2.0 * before + (duration_s / INTERVAL_S).ceil()) as usize;
     let pose = |i: usize| {

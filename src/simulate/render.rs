@@ -180,7 +180,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
     let middle_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
     let centre = lens.ray(x, y, DVec2::splat(0.5));
     let (origin, direction) = shutter.ray(middle_s, centre);
-    let ahead = site.light(origin, direction);
+    let ahead = site.light(origin, direction, middle_s);
     let blur_px = ahead.map_or(0.0, |(_, t)| {
         let seen_at = |time_s| lens.geometry.project(shutter.to_camera(time_s, origin + direction * t));
         let half_s = 0.5 * snapshot.exposure_time_s;
@@ -210,7 +210,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
         } else {
             shutter.ray(time_s, ray)
         };
-        if let Some((light, _)) = site.light(origin, direction) {
+        if let Some((light, _)) = site.light(origin, direction, time_s) {
             for (s, l) in sum.iter_mut().zip(light) {
                 *s += l;
             }

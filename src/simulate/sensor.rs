@@ -67,12 +67,19 @@ impl Sensor {
     /// The noise-free picture in code values, not rounded; three per pixel. `gain`: factor on the light. Beyond white
     /// the curve continues straight, because it is the noisy value that clips: saturated pixels are quiet.
     pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
+        self.clean_balanced(picture, [gain; 3])
+    }
+
+    /// The same with a factor for each colour. All three clip at camera white, before the response: red and blue are
+    /// amplified by 1.5 to 2.5 before they are white, so a white balance that takes some of that back still finds the
+    /// sensor full.
+    pub fn clean_balanced(&self, picture: &Picture, gains: [f64; 3]) -> Vec<f32> {
         let steepness = self.response.slope_at_code(1.0);
-        let encode = |light: &f32| {
+        let encode = |(light, gain): (&f32, f64)| {
             let light = gain * f64::from(*light);
             (255.0 * (self.response.encode(light) + steepness * (light - 1.0).max(0.0))) as f32
         };
-        picture.light.iter().flatten().map(encode).collect()
+        picture.light.iter().flat_map(|light| light.iter().zip(gains)).map(encode).collect()
     }
 
     /// Adds the noise of one frame to noise-free code values (three per pixel, `width` pixels per row) and rounds. A

@@ -6,9 +6,10 @@
 
 use glam::{DVec2, DVec3};
 
+use super::chart::Chart;
 use super::finish::{Finish, gloss, surface};
+use super::person::Person;
 use super::shapes::{Hit, Shape};
-use crate::rows::over_rows;
 
 /// The lamp: a rectangle in the ceiling, shining downwards.
 pub mod lamp {
@@ -23,43 +24,6 @@ pub mod lamp {
 
 /// Light in addition to the lamp in what bounces, from everywhere.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
-
-/// A grid over a face's chart, interpolated linearly between cell centres.
-#[derive(Clone, Debug)]
-pub struct Chart {
-    width: usize,
-    height: usize,
-    /// Linear R, G, B and gloss.
-    cells: Vec<[f32; 4]>,
-}
-
-impl Chart {
-    pub fn new(width: usize, height: usize, cells: Vec<[f32; 4]>) -> Option<Self> {
-        (width > 0 && cells.len() == width * height).then_some(Self { width, height, cells })
-    }
-
-    fn filled(width: usize, height: usize, threads: usize, value: impl Fn(DVec2) -> [f32; 4] + Sync) -> Self {
-        let mut cells = vec![[0.0; 4]; width * height];
-        over_rows(&mut cells, width, threads, |y, row| {
-            for (x, cell) in row.iter_mut().enumerate() {
-                *cell = value(DVec2::new((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64));
-            }
-        });
-        Self { width, height, cells }
-    }
-
-    /// At `uv` in [0, 1]²; constant outside the outermost cells' centres.
-    pub fn at(&self, uv: DVec2) -> [f32; 4] {
-        let x = (uv.x * self.width as f64 - 0.5).clamp(0.0, (self.width - 1) as f64);
-        let y = (uv.y * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);
-        let (x0, y0) = (x as usize, y as usize);
-        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-        let (x1, y1) = ((x0 + 1).min(self.width - 1), (y0 + 1).min(self.height - 1));
-        let cell = |x: usize, y: usize| self.cells[y * self.width + x];
-        let (a, b, c, d) = (cell(x0, y0), cell(x1, y0), cell(x0, y1), cell(x1, y1));
-        std::array::from_fn(|i| (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy)
-    }
-}
 
 /// A shape, its look, and the light that leaves each of its faces.
 #[derive(Clone, Debug)]
@@ -94,7 +58,14 @@ impl Detail {
 #[derive(Clone, Debug)]
 pub struct Site {
     things: Vec<Thing>,
+    /// Somebody who walks in it.
+    pub person: Option<Person>,
+    /// Whether all surfaces send the same light, so that only depth tells them apart.
+    pub is_blank: bool,
 }
+
+/// The light of a blank site.
+const BLANK: [f32; 3] = [0.2; 3];
 
 /// The contents of the room: world axes, z up, metres. The floor within 0.5 m of the origin is free, except for the
 /// stool's legs from 0.38 m on.
@@ -134,7 +105,7 @@ impl Site {
     /// neither lights nor shades anything.
     pub fn new(detail: Detail, board: Option<(Shape, Chart)>, threads: usize) -> Self {
         let things = inventory().into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
-        let mut site = Self { things: things.collect() };
+        let mut site = Self { things: things.collect(), person: None, is_blank: false };
         let light: Vec<_> = site.things.iter().map(|thing| site.lit(thing, detail, threads)).collect();
         for (thing, light) in site.things.iter_mut().zip(light) {
             thing.light = light;
@@ -228,10 +199,17 @@ impl Site {
         self.nearest(origin, to).is_some_and(|(_, hit)| hit.t < 1.0)
     }
 
-    /// The linear light (1 is camera white) that comes along a ray, and its distance (in lengths of `direction`);
+    /// The linear light (1 is camera white) that comes along a ray at a time, and its distance (in lengths of `direction`);
     /// `None` outside the room.
-    pub fn light(&self, origin: DVec3, direction: DVec3) -> Option<([f32; 3], f64)> {
+    pub fn light(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], f64)> {
         let (thing, hit) = self.nearest(origin, direction)?;
+        let in_front = self.person.as_ref().and_then(|person| person.light(origin, direction, time_s));
+        if let Some(of_person) = in_front.filter(|(_, t)| *t < hit.t) {
+            return Some(of_person);
+        }
+        if self.is_blank {
+            return Some((BLANK, hit.t));
+        }
         let [r, g, b, visible] = thing.light.get(hit.face)?.at(hit.uv);
         let mut light = [r, g, b];
         if let (Some(finish), true) = (thing.finish, visible > 0.0) {

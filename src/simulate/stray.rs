@@ -10,6 +10,7 @@ use super::render::Picture;
 use super::{Format, SimulateError, Simulation};
 use crate::pixels::Pixels;
 use crate::sink::{self, OutPath, Sink, SinkOptions};
+use crate::tracking::PoseTrack;
 
 const CODES_PER_METRE: f64 = 1000.0;
 const REACH_M: f32 = 5.0;
@@ -41,10 +42,11 @@ impl Scan {
         Ok(Self { video, file, odometry: "timestamp, frame, x, y, z, qx, qy, qz, qw\n".to_owned() })
     }
 
-    /// Takes a frame; gives its depth and how sure that is.
+    /// Takes a frame, with its pose by `recorded`; gives its depth and how sure that is.
     pub fn add(
         &mut self,
         simulation: &Simulation,
+        recorded: &PoseTrack,
         frame: usize,
         codes: Vec<u8>,
         depth: &Picture,
@@ -54,7 +56,7 @@ impl Scan {
             self.video.write(frame, &pixels)?;
         }
         let time_s = simulation.timestamp_s(frame);
-        if let Some(pose) = simulation.track().at_or_nearest(time_s) {
+        if let Some(pose) = recorded.at_or_nearest(time_s) {
             let at_m = phone_from_site() * pose.position_in_world_m();
             let turn = phone_from_site() * pose.world_from_camera_rotation();
             let numbers = at_m.to_array().into_iter().chain(turn.to_array());

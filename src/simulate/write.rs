@@ -7,10 +7,8 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use image::ImageError;
 use image::codecs::hdr::HdrEncoder;
-use toml_edit::{DocumentMut, Item, Table, Value};
 
-use crate::camera::{CameraExposure, Lens, LensModel, NoiseBin, NoiseProfile};
-use crate::document::{numbers, table_of};
+use crate::camera::{CameraExposure, Lens, LensModel, NoiseProfile};
 use crate::frame::FrameExposure;
 use crate::params::Params;
 use crate::pose::Pose;
@@ -18,15 +16,16 @@ use crate::profile;
 use crate::recording::write::{
     self, CameraFile, CameraKind, DepthList, Description, ExposureList, FrameFiles, Line, Placement, PoseFile,
 };
+use crate::tracking::PoseTrack;
 
 use super::depth::DepthSensor;
 use super::encoded::{self, depth_png, encoding, extension};
 use super::output::{Output, writing};
-use super::site::lamp;
 use super::stray::{self, Scan};
 use super::survey::noise_through_file;
-use super::written::{TRUTH, Written, sealed};
-use super::{Format, Layout, Options, SimulateError, Simulation, board};
+use super::truth::{self, rounded, rounded_noise, truth_toml};
+use super::written::{TRUTH, Written};
+use super::{Flaws, Format, Layout, Options, SimulateError, Simulation, board};
 
 /// Film speed given in the profile for a noise scale of 1.
 const ISO: f64 = 400.0;
@@ -40,11 +39,12 @@ const PANORAMA_AT_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
 pub fn run(
     out: &Path,
     options: &Options,
+    flaws: &Flaws,
     force: bool,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     let output = Output::begin(out, force)?;
-    let simulation = Simulation::new(options)?;
+    let simulation = Simulation::flawed(options, flaws)?;
     if progress(0, options.frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }
@@ -58,7 +58,8 @@ fn fill(
     simulation: &Simulation,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
-    let options = simulation.options();
+    let (options, flaws) = (simulation.options(), simulation.flaws());
+    let recorded = simulation.recorded_track()?;
     let mut written = Written::default();
     let mut save = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
@@ -66,7 +67,8 @@ fn fill(
         fs::write(&path, bytes).map_err(writing(&path))
     };
     let is_scan = options.layout == Some(Layout::Stray);
-    for sub in if is_scan { stray::FOLDERS } else { ["rgb", "depth"] } {
+    let subs = if is_scan { stray::FOLDERS } else { ["rgb", "depth"] };
+    for sub in subs.into_iter().chain(flaws.is_any().then_some(truth::FOLDER)) {
         fs::create_dir_all(folder.join(sub)).map_err(writing(folder))?;
     }
     let frames = options.frames as usize;
@@ -75,14 +77,18 @@ fn fill(
     let (mut pictures, mut depths, mut exposures) = (Vec::new(), Vec::new(), Vec::new());
     let mut blur = Vec::new();
     let mut surveyed = Vec::new();
+    let (mut codes, mut most_blur_px) = (Vec::new(), 0.0);
     for frame in 0..frames {
         let picture = simulation.picture(frame);
-        let clean = simulation.sensor.clean(&picture, options.gain);
-        let codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);
+        let clean = simulation.sensor.clean_balanced(&picture, simulation.gains(frame));
+        if flaws.picture_of(frame) == frame {
+            codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);
+            most_blur_px = picture.most_blur_px;
+        }
         let measured = sensor.as_ref().map(|sensor| sensor.picture(simulation, frame));
         let depth = measured.as_ref().unwrap_or(&picture);
         if let Some(scan) = &mut scan {
-            let files = scan.add(simulation, frame, codes, depth)?;
+            let files = scan.add(simulation, &recorded, frame, codes.clone(), depth)?;
             files.into_iter().try_for_each(|(name, bytes)| save(&name, &bytes))?;
         } else {
             let (time_s, extension) = (rounded(simulation.timestamp_s(frame), 6), extension(options.format));
@@ -93,9 +99,11 @@ fn fill(
             depths.push((time_s, depth_path));
             // An instant gathers no light; the profile records that it is one.
             let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
-            exposures.push((time_s, FrameExposure { time_s: exposure_s, gain: Some(1.0), ..FrameExposure::default() }));
+            // A camera that changes it by itself does not say so.
+            let gain = (!flaws.is_automatic()).then_some(1.0);
+            exposures.push((time_s, FrameExposure { time_s: exposure_s, gain, ..FrameExposure::default() }));
         }
-        blur.push(picture.most_blur_px);
+        blur.push(most_blur_px);
         let is_surveyed = !is_scan && options.format == Format::Jpg;
         if is_surveyed && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
             surveyed.push((picture, clean));
@@ -117,12 +125,17 @@ fn fill(
             save("rgb.txt", list(&pictures)?.as_bytes())?;
             save("depth.txt", list(&depths)?.as_bytes())?;
             save("exposure.txt", write::exposures(&exposures).as_bytes())?;
-            save("groundtruth.txt", trajectory(simulation).as_bytes())?;
+            save("groundtruth.txt", trajectory(&recorded).as_bytes())?;
             save("recording.toml", recording_toml(name, options, sensor.as_ref())?.as_bytes())?;
             if let Some(sensor) = sensor.as_ref().filter(|sensor| sensor.beside_m.is_some()) {
                 save(DEPTH_CAMERA, depth_camera_toml(sensor).as_bytes())?;
             }
         }
+    }
+    if flaws.is_any() {
+        let (poses, frames) = truth::files(simulation);
+        save(truth::POSES, trajectory(&poses).as_bytes())?;
+        save(truth::FRAMES, frames.as_bytes())?;
     }
     save("environment.hdr", &panorama(simulation).map_err(encoding("environment.hdr"))?)?;
     if options.board {
@@ -144,20 +157,14 @@ fn fill(
     fs::write(&path, truth_toml(simulation, &blur, &written)).map_err(writing(&path))
 }
 
-/// Micrometres, nanoseconds and the like: anything below is rounding noise.
-fn rounded(value: f64, digits: usize) -> f64 {
-    // Via text, which rounds correctly at every magnitude.
-    format!("{value:.digits$}").parse().unwrap_or(value)
-}
-
-fn trajectory(simulation: &Simulation) -> String {
+fn trajectory(track: &PoseTrack) -> String {
     let line = |(time_s, pose): &(f64, Pose)| {
         let line = Line::new(*time_s, pose);
         let rotation = DQuat::from_array(line.rotation.to_array().map(|v| rounded(v, 12)));
         let position_m = DVec3::from_array(line.position_m.to_array().map(|v| rounded(v, 9)));
         Line { time_s: rounded(*time_s, 6), position_m, rotation }
     };
-    write::trajectory(&simulation.track().poses().iter().map(line).collect::<Vec<_>>())
+    write::trajectory(&track.poses().iter().map(line).collect::<Vec<_>>())
 }
 
 /// The site's light around the evidence as a Radiance file: equirectangular, row 0 looks up (+z), the middle column
@@ -217,20 +224,6 @@ fn recording_toml(name: &str, options: &Options, sensor: Option<&DepthSensor>) -
     Ok(format!("# A simulated recording; truth.toml tells how it was made.\n{description}"))
 }
 
-fn numbers_in(values: impl IntoIterator<Item = f64>, digits: usize) -> Value {
-    numbers(values.into_iter().map(|v| rounded(v, digits)))
-}
-
-/// To a thousandth of a code, which is finer than the measurement.
-fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
-    let bin = |bin: &NoiseBin| NoiseBin { code: rounded(bin.code, 1), sigma: rounded(bin.sigma, 3) };
-    NoiseProfile {
-        bins: noise.bins.each_ref().map(|bins| bins.iter().map(bin).collect()),
-        channel_correlation: noise.channel_correlation.map(|v| rounded(v, 3)),
-        neighbour_correlation: noise.neighbour_correlation.map(|v| rounded(v, 3)),
-    }
-}
-
 fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
     let options = simulation.options();
     let lens = Lens { aperture_diameter_mm: Some(0.0), ..Lens::default() };
@@ -248,47 +241,4 @@ fn camera_toml(simulation: &Simulation, noise: &NoiseProfile) -> String {
     tables.into_iter().for_each(|table| profile.set_params(table));
     profile.set_noise(&rounded_noise(noise), "");
     profile.to_string()
-}
-
-/// A table with a comment above it.
-fn said(mut table: Table, comment: &str) -> Item {
-    table.decor_mut().set_prefix(if comment.is_empty() { "\n".to_owned() } else { format!("\n# {comment}\n") });
-    Item::Table(table)
-}
-
-fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Written) -> String {
-    let mut text = DocumentMut::new();
-    text.insert("version", toml_edit::value(1));
-    text.insert("most_blur_px", Item::Value(numbers_in(blur.iter().copied(), 2)));
-    let comments = [
-        ("version", "# How this recording was made.\n"),
-        (
-            "most_blur_px",
-            "\n# The longest way that anything takes across the picture during a row's exposure, a frame each.\n",
-        ),
-    ];
-    for (key, comment) in comments {
-        if let Some(mut key) = text.key_mut(key) {
-            key.leaf_decor_mut().set_prefix(comment);
-        }
-    }
-    let options = simulation.options();
-    text.insert(options.table(), said(table_of(options), ""));
-    let values = [
-        ("centre_m", numbers_in(lamp::CENTRE_M.to_array(), 3)),
-        ("half_size_m", numbers_in(lamp::HALF_M, 3)),
-        ("radiance", numbers_in(lamp::RADIANCE.to_array(), 3)),
-    ];
-    let comment = "The only lamp: a rectangle in the ceiling that shines down; linear light, 1 is camera white.";
-    text.insert("lamp", said(values.into_iter().collect(), comment));
-    let before_file = profile::noise_table(&rounded_noise(&simulation.sensor.profile()));
-    text.insert("noise_before_file", said(before_file, "σ before rounding and compression."));
-    if options.board {
-        let corners = board().corners_in_world_m.map(|corner| numbers_in(corner.to_array(), 4));
-        let board = Table::from_iter([("corners_in_world_m", Value::Array(corners.into_iter().collect()))]);
-        text.insert("board", said(board, ""));
-    }
-    let comment = "Length, bytes, and crc32 of the other files: what differs is not replaced.";
-    text.insert("files", said(written.table(), comment));
-    sealed(&text.to_string())
 }

@@ -1,0 +1,114 @@
+//! What is wrong with real recordings and not with simulated ones: cameras that change exposure and white balance by
+//! themselves, poses that are off, clocks that disagree, pictures that repeat, people who walk past. Each follows from
+//! [`Flaws::seed`] and a time or a frame's number, so frames do not depend on which others are made.
+//!
+//! Not modelled: an exposure that changes its own duration or the noise; a lens that refocuses.
+
+use super::path::START_S;
+use super::random::Random;
+use super::wander::{Steps, Walk};
+
+/// Between the random numbers of what wanders, s: the exposure, the white balance.
+const EXPOSURE_S: f64 = 0.7;
+const WHITE_BALANCE_S: f64 = 1.0;
+
+/// What the random numbers are for: keys beside the seed.
+const EXPOSURE: u64 = 1;
+const STEP: u64 = 2;
+const RED: u64 = 3;
+const BLUE: u64 = 4;
+const REPEAT: u64 = 5;
+
+crate::params! {
+    /// What is wrong with a recording. By default nothing is.
+    pub struct Flaws in "flaws" {
+        "how far automatic exposure wanders either way, smoothly, at most" exposure_walk_ev: f64 = 0.0, "EV", 0.0..=5.0;
+        "how far automatic exposure jumps, at most" exposure_step_ev: f64 = 0.0, "EV", 0.0..=5.0;
+        "how often it jumps" exposure_steps_per_s: f64 = 2.0, "1/s", 0.01..=100.0;
+        "share by which automatic white balance makes red and blue brighter or darker than green, at most" white_balance_share: f64 = 0.0, "1", 0.0..=0.5;
+        "how far each pose is off by itself, root mean square" jitter_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "how far each pose is turned by itself, root mean square" jitter_deg: f64 = 0.0, "deg", 0.0..=90.0;
+        "how far poses drift, smoothly, at most" drift_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "how far poses drift by turning, at most" drift_deg: f64 = 0.0, "deg", 0.0..=90.0;
+        "how far the camera stands from what was tracked" hand_eye_mm: f64 = 0.0, "mm", 0.0..=1000.0;
+        "how far the camera is turned against what was tracked" hand_eye_deg: f64 = 0.0, "deg", 0.0..=90.0;
+        "how much later than the pictures' clock the poses' clock says" poses_later_s: f64 = 0.0, "s", -1.0..=1.0;
+        "how much later than it says depth was measured" depth_later_s: f64 = 0.0, "s", -1.0..=1.0;
+        "share of the frames whose picture is that of the frame before" repeat_share: f64 = 0.0, "1", 0.0..=0.9;
+        "speed of a person who walks to and fro in the room; 0 for nobody" person_m_per_s: f64 = 0.0, "m/s", 0.0..=20.0;
+        "whether all surfaces shine alike, without pattern or shade" blank: bool = false;
+        "seed of all of these" seed: u64 = 1, "1", 0.0..=9007199254740991.0;
+    }
+}
+
+impl Flaws {
+    /// Whether the recording says no longer what is true.
+    pub fn is_any(&self) -> bool {
+        Self { seed: 0, ..self.clone() } != Self { seed: 0, ..Self::default() }
+    }
+
+    /// Whether the camera changes its exposure or white balance.
+    pub fn is_automatic(&self) -> bool {
+        self.exposure_walk_ev > 0.0 || self.exposure_step_ev > 0.0 || self.white_balance_share > 0.0
+    }
+
+    /// Factors on the light at a time: red, green, blue. The exposure's are powers of two, as stops are. Green is what white
+    /// balance leaves alone.
+    pub fn gains(&self, time_s: f64) -> [f64; 3] {
+        let after_s = time_s - START_S;
+        let walk = |what, every_s| Walk::new([self.seed, what], every_s).at(after_s);
+        let steps = Steps { keys: [self.seed, STEP], every_s: self.exposure_steps_per_s.recip() };
+        let stops = self.exposure_walk_ev * walk(EXPOSURE, EXPOSURE_S) + self.exposure_step_ev * steps.at(after_s);
+        let balance = |what| (1.0 + self.white_balance_share).powf(walk(what, WHITE_BALANCE_S));
+        [balance(RED), 1.0, balance(BLUE)].map(|balance| stops.exp2() * balance)
+    }
+
+    /// The frame whose picture a frame has: itself, or one before it.
+    pub fn picture_of(&self, frame: usize) -> usize {
+        let repeats =
+            |frame: usize| frame > 0 && Random::new([self.seed, REPEAT, frame as u64, 0]).uniform() < self.repeat_share;
+        (0..=frame).rev().find(|frame| !repeats(*frame)).unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_wrong_by_default() {
+        let none = Flaws { seed: 9, ..Flaws::default() };
+        assert!(!none.is_any() && !none.is_automatic());
+        assert_eq!(none.gains(1.7), [1.0; 3]);
+        assert!((0..100).all(|frame| none.picture_of(frame) == frame));
+        assert!(Flaws { depth_later_s: -0.01, ..none }.is_any());
+    }
+
+    #[test]
+    fn exposure_and_white_balance_stay_within_what_is_asked() {
+        let flaws = Flaws { exposure_step_ev: 1.5, white_balance_share: 0.1, ..Flaws::default() };
+        let gains: Vec<[f64; 3]> = (0..6000).map(|n| flaws.gains(1.0 + 0.01 * f64::from(n))).collect();
+        let stops = |of: &[f64; 3]| of[1].log2();
+        assert!(gains.iter().all(|of| stops(of).abs() <= 0.75));
+        let jumps: Vec<f64> =
+            gains.windows(2).map(|pair| (stops(&pair[1]) - stops(&pair[0])).abs()).filter(|jump| *jump > 0.0).collect();
+        assert_eq!(jumps.len(), 120, "two a second for a minute");
+        assert!(jumps.iter().fold(0.0, |most, jump| jump.max(most)) > 1.0);
+        for channel in [0, 2] {
+            let most = gains.iter().map(|of| (of[channel] / of[1]).ln().abs()).fold(0.0, f64::max);
+            assert!(most > 0.6 * 1.1f64.ln() && most <= 1.1f64.ln() + 1e-12, "{most}");
+        }
+    }
+
+    #[test]
+    fn as_many_pictures_repeat_as_asked() {
+        let flaws = Flaws { repeat_share: 0.25, ..Flaws::default() };
+        let repeats: Vec<usize> = (0..4000).filter(|frame| flaws.picture_of(*frame) != *frame).collect();
+        // Standard error 27.
+        assert!((repeats.len() as f64 - 1000.0).abs() < 110.0, "{}", repeats.len());
+        for frame in repeats {
+            assert_eq!(flaws.picture_of(frame), flaws.picture_of(frame - 1));
+        }
+        assert_eq!(flaws.picture_of(0), 0);
+    }
+}

@@ -1,0 +1,79 @@
+//! Somebody who walks to and fro where the evidence lies, in patterned clothes: what moves in a picture and is not the camera.
+//! They shine by themselves like the board, and neither light nor shade anything.
+
+use glam::{DVec2, DVec3};
+
+use super::chart::Chart;
+use super::finish::fractal;
+use super::path::START_S;
+use super::shapes::Shape;
+
+/// Shoulder to shoulder, back to front, and tall, m.
+const SIZE_M: DVec3 = DVec3::new(0.45, 0.25, 1.75);
+/// They walk along x between two places of the floor, between the camera and what stands at the walls.
+const FROM_M: DVec3 = DVec3::new(-0.5, -0.2, 0.0);
+const WAY_M: f64 = 0.6;
+/// Size of the largest patches of their clothes, m.
+const PATCH_M: f64 = 0.08;
+
+#[derive(Clone, Debug)]
+pub struct Person {
+    speed_m_per_s: f64,
+    /// Standing at the way's beginning.
+    shape: Shape,
+    /// One per face: what they shine.
+    clothes: Vec<Chart>,
+}
+
+impl Person {
+    /// `texture_m`: cell of the clothes' charts.
+    pub fn new(speed_m_per_s: f64, texture_m: f64) -> Self {
+        let centre = FROM_M + DVec3::new(0.0, 0.0, 0.5 * SIZE_M.z);
+        let shape = Shape::Block { centre, half: 0.5 * SIZE_M, yaw_rad: 0.0 };
+        let chart = |face: usize| {
+            let size = shape.face_size_m(face);
+            let [width, height] = [size.x, size.y].map(|side| (side / texture_m).ceil().clamp(4.0, 2048.0) as usize);
+            let cell = |i: usize| {
+                let uv = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5)
+                    / DVec2::new(width as f64, height as f64);
+                let cloth = |seed: u64| fractal(uv * size / PATCH_M, 4, 100 * (1 + face as u64) + 10 * seed) as f32;
+                let (light, hue) = (0.02 + 0.5 * cloth(0).powi(2), cloth(1) - 0.5);
+                [light * (1.0 + hue), light, light * (1.0 - hue), 0.0]
+            };
+            Chart::new(width, height, (0..width * height).map(cell).collect())
+        };
+        let clothes = (0..shape.faces()).filter_map(chart).collect();
+        Self { speed_m_per_s, shape, clothes }
+    }
+
+    /// How far from the way's beginning they are at a time, m.
+    fn gone_m(&self, time_s: f64) -> f64 {
+        let gone = (self.speed_m_per_s * (time_s - START_S)).rem_euclid(2.0 * WAY_M);
+        gone.min(2.0 * WAY_M - gone)
+    }
+
+    /// The linear light that comes from them along a ray, and its distance in lengths of `direction`.
+    pub fn light(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], f64)> {
+        let hit = self.shape.hit(origin - DVec3::new(self.gone_m(time_s), 0.0, 0.0), direction)?;
+        let [r, g, b, _] = self.clothes.get(hit.face)?.at(hit.uv);
+        Some(([r, g, b], hit.t))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn they_walk_to_and_fro() {
+        let person = Person::new(2.0, 0.05);
+        // A metre away, facing +y; their front is at −0.325. From −0.5 they reach 0.1 after 0.3 s.
+        let seen = |x: f64, after_s: f64| {
+            person.light(DVec3::new(x, -1.325, 1.0), DVec3::Y, START_S + after_s).map(|(_, t)| t)
+        };
+        assert!((seen(-0.5, 0.0).unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(seen(-0.27, 0.0), None);
+        assert!(seen(0.1, 0.3).is_some() && seen(-0.5, 0.3).is_none());
+        assert!(seen(-0.5, 0.6).is_some() && seen(-0.3, 0.5).is_some());
+    }
+}
