@@ -11,7 +11,7 @@ use super::{progress, warn};
 use crate::gpu::Gpu;
 use crate::recording::OpenOptions;
 use crate::shot::{Analysed, AnalysisState, Given, Shot};
-use crate::verify::{Plan, Verified, verify};
+use crate::verify::{Plan, Verified, real_px, verify};
 use crate::words::{count, fixed};
 
 #[derive(clap::Args)]
@@ -39,9 +39,12 @@ pub struct Args {
     quiet: bool,
 }
 
-/// What passes: a median displacement, px, and a median difference of luma, codes.
+/// What passes: a median displacement, px; a median difference of luma, codes; lengths of blur, virtual by real, between these;
+/// a difference of point spreads' σ, px.
 const MOST_PX: f64 = 0.7;
 const MOST_CODES: f64 = 1.5;
+const BLUR: (f64, f64) = (0.8, 1.25);
+const SPREAD_PX: f64 = 0.15;
 
 pub fn run(args: &Args) -> Result<()> {
     if args.every == 0 || args.gap == 0 {
@@ -71,31 +74,66 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let by_record = judged(&recorded)?;
     let by_findings = matches!(found.analysis, AnalysisState::Used(..)).then(|| judged(&found)).transpose()?;
+    let real_px = real_px(&found)?;
     bar.finish_and_clear();
-    say(args, &by_record, by_findings.as_ref())
+    say(args, &by_record, by_findings.as_ref(), &real_px)
 }
 
-fn say(args: &Args, recorded: &Verified, found: Option<&Verified>) -> Result<()> {
+fn say(args: &Args, recorded: &Verified, found: Option<&Verified>, real_px: &Result<f64, String>) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let now = found.unwrap_or(recorded);
     writeln!(out, "pairs        {}, {} frames apart", count(now.pairs, "pair"), args.gap)?;
     let mut failed = Vec::new();
-    let mut line =
-        |name: &str, unit: &str, most: f64, of: fn(&Verified) -> Option<(f64, f64)>, second: &str| -> Result<()> {
-            let told = |of: Option<(f64, f64)>| match of {
-                Some((median, worst)) => format!("{} {unit} ({second} {})", fixed(median, 2), fixed(worst, 2)),
-                None => "unknown".to_owned(),
-            };
-            let passes = of(now).is_some_and(|(median, _)| median <= most);
-            let refined = found.map_or(String::new(), |found| format!(", as analysed {}", told(of(found))));
-            let verdict = if passes { "pass" } else { "FAIL" };
-            writeln!(out, "{name:<12} recorded {}{refined}; at most {most} {unit}: {verdict}", told(of(recorded)))?;
-            if !passes {
-                failed.push(name.to_owned());
-            }
-            Ok(())
+    let mut line = |name: &str, passes: Option<bool>, told: &dyn Fn(&Verified) -> String, bar: &str| -> Result<()> {
+        let analysed = found.map_or(String::new(), |found| format!(", as analysed {}", told(found)));
+        let verdict = match passes {
+            Some(true) => "pass",
+            Some(false) => "FAIL",
+            None => "not judged",
         };
-    line("registration", "px", MOST_PX, |v| v.displaced_px, "90 %")?;
-    line("gain", "codes", MOST_CODES, |v| v.brighter_codes, "worst pair")?;
+        writeln!(out, "{name:<12} recorded {}{analysed}; {bar}: {verdict}", told(recorded))?;
+        if passes == Some(false) {
+            failed.push(name.to_owned());
+        }
+        Ok(())
+    };
+    let two = |of: Option<(f64, f64)>, unit: &str, second: &str| match of {
+        Some((median, worst)) => format!("{} {unit} ({second} {})", fixed(median, 2), fixed(worst, 2)),
+        None => "unknown".to_owned(),
+    };
+    let most = |of: Option<(f64, f64)>, most: f64| Some(of.is_some_and(|(median, _)| median <= most));
+    line(
+        "registration",
+        most(now.displaced_px, MOST_PX),
+        &|v| two(v.displaced_px, "px", "90 %"),
+        &format!("at most {MOST_PX} px"),
+    )?;
+    line(
+        "gain",
+        most(now.brighter_codes, MOST_CODES),
+        &|v| two(v.brighter_codes, "codes", "worst pair"),
+        &format!("at most {MOST_CODES} codes"),
+    )?;
+    let blur = |v: &Verified| match &v.blur {
+        Some(b) => {
+            let (low, high) = (fixed(b.between.0, 2), fixed(b.between.1, 2));
+            format!(
+                "{} of real (half of the areas {low} to {high}; {} px long)",
+                fixed(b.ratio, 2),
+                fixed(b.length_px, 1)
+            )
+        }
+        None => "unknown, the camera is nowhere fast".to_owned(),
+    };
+    let (low, high) = BLUR;
+    let passes = now.blur.map(|b| b.ratio >= low && b.ratio <= high);
+    line("blur", passes, &blur, &format!("from {low} to {high}"))?;
+    let spread = |v: &Verified| v.sharpness_px.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
+    let real = match real_px {
+        Ok(px) => format!("real {} px, at most {SPREAD_PX} px apart", fixed(*px, 2)),
+        Err(why) => format!("real unknown: {why}"),
+    };
+    let passes = now.sharpness_px.zip(real_px.as_ref().ok()).map(|(drawn, real)| (drawn - real).abs() <= SPREAD_PX);
+    line("sharpness", passes, &spread, &real)?;
     if failed.is_empty() { Ok(()) } else { bail!("{}: {} fail", args.recording.display(), failed.join(" and ")) }
 }

@@ -2,18 +2,24 @@
 //!
 //! Through the whole pipeline, with what was recorded and with what was found out ([`crate::analyse`]). A place is judged by the
 //! phase correlation of patches, brightness by the luma of small areas, so that noise and blur, which the thing's own picture
-//! has already, do not count. Those effects are off.
+//! has already, do not count. Those effects are off. Motion blur and sharpness are judged each by itself.
 
+mod blur;
+mod error;
+mod sharpness;
 mod twin;
 
 use std::sync::Arc;
 
+pub use blur::{Blur, blur};
+pub use error::VerifyError;
+pub use sharpness::{real_px, sharpness_px};
 pub use twin::twin;
 
 use crate::gpu::Gpu;
+use crate::measure::Grey;
 use crate::measure::displacement::{DisplacementOptions, displacements};
-use crate::measure::{Grey, MeasureError};
-use crate::shot::{Shot, ShotError};
+use crate::shot::Shot;
 
 /// Patches must be much larger than what they are displaced by, which may be 10 px, px.
 const PATCH_PX: usize = 64;
@@ -49,19 +55,15 @@ pub struct Verified {
     pub displaced_px: Option<(f64, f64)>,
     /// Of the pairs' median differences of luma the median and the largest, 8-bit codes.
     pub brighter_codes: Option<(f64, f64)>,
-}
-
-#[derive(Debug, thiserror::Error)]
-pub enum VerifyError {
-    #[error(transparent)]
-    Shot(#[from] ShotError),
-    #[error(transparent)]
-    Measure(#[from] MeasureError),
+    /// `None` where the camera is nowhere fast.
+    pub blur: Option<Blur>,
+    /// σ of drawn edges, px.
+    pub sharpness_px: Option<f64>,
 }
 
 /// Verifies a recording as it was opened. `seen(done, of)` is told each pair.
-pub fn verify(gpu: &Gpu, shot: &Shot, plan: Plan, mut seen: impl FnMut(usize, usize)) -> Result<Verified, VerifyError> {
-    let mut shot = shot.clone();
+pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usize)) -> Result<Verified, VerifyError> {
+    let mut shot = by.clone();
     shot.settings.plain();
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
@@ -99,6 +101,8 @@ pub fn verify(gpu: &Gpu, shot: &Shot, plan: Plan, mut seen: impl FnMut(usize, us
         pairs,
         displaced_px: at(&displaced, 0.5).zip(at(&displaced, 0.9)),
         brighter_codes: at(&brighter, 0.5).zip(brighter.last().copied()),
+        blur: blur(by, &mut compositor)?,
+        sharpness_px: sharpness_px(by, &mut compositor)?,
     })
 }
 

@@ -1,0 +1,261 @@
+//! Whether virtual things are blurred by the camera's motion as much as real ones.
+//!
+//! A frame in which the camera moves fast is compared with a slow one near it, which is put into it as a thing
+//! ([`twin`](super::twin)), exposed for several multiples of what the pipeline would expose for. Blur takes fine detail away: the
+//! multiple at which the virtual picture has as much of it as the real one says how much too short its blur is. Detail is the
+//! power of luma between two Gaussians, by the square of its mean; it does not change when things lie beside their place.
+//! What drawing a picture again loses, and its noise, is told by the slow frame put into itself, and taken off. Its own blur is
+//! in the virtual picture too: at a share of 0.3 it makes that longer by 4 %.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::error::VerifyError;
+use super::twin::twin;
+use crate::compositor::{Compositor, exposure_time_s};
+use crate::measure::Grey;
+use crate::params::Value;
+use crate::shot::Shot;
+
+/// The camera moves what is so far away, m, by at least this in a fast frame's exposure, px, and by at most this share of it in
+/// the slow one's.
+const FAR_M: f64 = 1.5;
+const FAST_PX: f64 = 3.0;
+const SLOW: f64 = 0.3;
+/// Frames apart at most, and pairs that are looked at.
+const APART: usize = 10;
+const PAIRS: usize = 8;
+/// Multiples of the exposure that are tried.
+const TRIED: [f64; 7] = [0.4, 0.55, 0.75, 1.0, 1.33, 1.8, 2.4];
+/// σ of the two Gaussians, px; sides of the areas that are looked at, px; how many of a pair: those with most detail.
+const BAND_PX: (f64, f64) = (1.5, 4.0);
+const AREA_PX: usize = 64;
+const AREAS: usize = 12;
+/// Fewer areas say nothing.
+const LEAST_AREAS: usize = 10;
+
+/// How long virtual blur is by real blur.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Blur {
+    /// The median of the areas, and a quarter and three quarters of them.
+    pub ratio: f64,
+    pub between: (f64, f64),
+    /// Pairs of frames that told something, and the median length of their virtual blur, px.
+    pub pairs: usize,
+    pub length_px: f64,
+}
+
+/// `None` where no frame is fast beside a slow one, or their pictures lack detail.
+pub fn blur(shot: &Shot, compositor: &mut Compositor) -> Result<Option<Blur>, VerifyError> {
+    let mut shot = shot.clone();
+    shot.settings.plain();
+    for effect in ["exposure", "motion_blur"] {
+        let _ = shot.settings.switch(effect, true);
+    }
+    let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
+    for (fast, slow, length_px) in chosen(&shot) {
+        let Some(scene) = twin(&shot, &shot.read(slow)?) else { continue };
+        compositor.set_scene(scene.clone());
+        shot.scene = Arc::new(scene);
+        let Some(kept) = kept(&shot, compositor, slow)? else { continue };
+        let real = band(&Grey::luma(&shot.read(fast)?.pixels));
+        let usual_s = exposure_s(&shot, fast)?;
+        let mut made = Vec::new();
+        for by in TRIED {
+            let deg = 360.0 * by * usual_s / shot.interval_s(fast);
+            let mut shot = shot.clone();
+            let table = shot.rig.set(&mut shot.settings, "camera.exposure", "shutter_angle_deg", &Value::Number(deg));
+            if !matches!(table, Some(Ok(()))) {
+                continue;
+            }
+            made.extend(drawn(shot, compositor, fast)?.map(|(band, whole)| Made { by, band, whole }));
+        }
+        let told = areas(&real, kept, &made);
+        if !told.is_empty() {
+            lengths.push(length_px);
+        }
+        ratios.extend(told);
+    }
+    if ratios.len() < LEAST_AREAS {
+        return Ok(None);
+    }
+    ratios.sort_by(f64::total_cmp);
+    lengths.sort_by(f64::total_cmp);
+    let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64).round() as usize];
+    let (ratio, between) = (at(0.5), (at(0.25), at(0.75)));
+    Ok(Some(Blur { ratio, between, pairs: lengths.len(), length_px: lengths[lengths.len() / 2] }))
+}
+
+fn exposure_s(shot: &Shot, n: usize) -> Result<f64, VerifyError> {
+    Ok(exposure_time_s(&shot.camera(), &shot.settings, &shot.read(n)?, shot.interval_s(n)))
+}
+
+/// Fast frames, each with the slowest near it, and the fast one's blur, px; the longest first.
+fn chosen(shot: &Shot) -> Vec<(usize, usize, f64)> {
+    let count = shot.recording.frame_count();
+    let exposure_s = |n: usize| exposure_s(shot, n).ok().filter(|s| *s > 0.0);
+    let ways: Vec<Option<f64>> = (0..count).map(|n| way_px(shot, n, exposure_s(n)?)).collect();
+    let mut found = Vec::new();
+    for fast in 0..count {
+        let Some(way) = ways[fast].filter(|way| *way >= FAST_PX) else { continue };
+        let near = fast.saturating_sub(APART)..(fast + APART + 1).min(count);
+        let slow = near.filter_map(|n| Some((n, ways[n]?))).min_by(|a, b| a.1.total_cmp(&b.1));
+        found.extend(slow.filter(|slow| slow.1 <= SLOW * way).map(|slow| (fast, slow.0, way)));
+    }
+    found.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
+    found.truncate(PAIRS);
+    found
+}
+
+/// How far what the camera sees moves during an exposure, root mean square of five places, px.
+fn way_px(shot: &Shot, n: usize, exposure_s: f64) -> Option<f64> {
+    let geometry = shot.geometry_at(n).ok()?;
+    let time_s = shot.recording.timestamps_s[n] + shot.recording.time_offset_s;
+    let at = |by: f64| shot.recording.track.at(time_s + by * exposure_s).ok();
+    let (here, before, after) = (at(0.0)?, at(-0.5)?, at(0.5)?);
+    let mut sum = 0.0;
+    let places = [(0.0, 0.0), (0.25, 0.2), (-0.25, 0.2), (0.25, -0.2), (-0.25, -0.2)];
+    for (x, y) in places {
+        let world = here.inverse_transform_point(FAR_M * DVec3::new(x, y, 1.0));
+        let seen = |pose: &crate::pose::Pose| geometry.project(pose.transform_point(world));
+        sum += (seen(&after)? - seen(&before)?).length_squared();
+    }
+    Some((sum / places.len() as f64).sqrt())
+}
+
+/// A frame with the scene in it, and where the scene covers it.
+fn drawn(shot: Shot, compositor: &mut Compositor, n: usize) -> Result<Option<(Band, Vec<bool>)>, VerifyError> {
+    let Some(made) = shot.frames(compositor, n..n + 1, true, 1)?.next().transpose()? else { return Ok(None) };
+    let whole = made.layer.map(|layer| layer.rgba.iter().map(|p| p[3] > 0.999).collect());
+    Ok(whole.map(|whole| (band(&Grey::luma(&made.pixels)), whole)))
+}
+
+/// What drawing a frame's twin into itself keeps of its detail's power, the median of the areas with most of it.
+fn kept(shot: &Shot, compositor: &mut Compositor, n: usize) -> Result<Option<f64>, VerifyError> {
+    let mut plain = shot.clone();
+    let _ = plain.settings.switch("motion_blur", false);
+    let Some((made, whole)) = drawn(plain, compositor, n)? else { return Ok(None) };
+    let real = band(&Grey::luma(&shot.read(n)?.pixels));
+    let mut kept: Vec<f64> =
+        places(&real, &[&whole]).into_iter().map(|(x, y)| made.power(x, y) / real.power(x, y).max(1e-12)).collect();
+    kept.sort_by(f64::total_cmp);
+    Ok(kept.get(kept.len() / 2).copied())
+}
+
+/// One multiple of the exposure.
+struct Made {
+    by: f64,
+    band: Band,
+    whole: Vec<bool>,
+}
+
+/// Of the areas with most detail: virtual blur by real blur.
+fn areas(real: &Band, kept: f64, made: &[Made]) -> Vec<f64> {
+    let Some(sharpest) = made.first() else { return Vec::new() };
+    let masks: Vec<&[bool]> = made.iter().map(|made| made.whole.as_slice()).collect();
+    let ratio = |(x, y): (usize, usize)| {
+        let powers: Vec<(f64, f64)> = made.iter().map(|made| (made.by, made.band.power(x, y))).collect();
+        crossing(&powers, kept * real.power(x, y)).map(|by| 1.0 / by)
+    };
+    places(&sharpest.band, &masks).into_iter().filter_map(ratio).collect()
+}
+
+/// The corners of the areas with most detail that all masks hold.
+fn places(band: &Band, masks: &[&[bool]]) -> Vec<(usize, usize)> {
+    let (w, h) = (band.width, band.height);
+    let mut found = Vec::new();
+    for y in (0..h.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
+        for x in (0..w.saturating_sub(AREA_PX - 1)).step_by(AREA_PX / 2) {
+            let is_whole = |mask: &&[bool]| {
+                (y..y + AREA_PX).all(|y| mask[y * w + x..y * w + x + AREA_PX].iter().all(|inside| *inside))
+            };
+            if masks.iter().all(is_whole) {
+                found.push((band.power(x, y), (x, y)));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(AREAS);
+    found.into_iter().map(|(_, at)| at).collect()
+}
+
+/// Where a falling curve has a value, between its points by logarithms; its end where it lies beyond. `None` where blur hardly
+/// takes anything away.
+fn crossing(powers: &[(f64, f64)], value: f64) -> Option<f64> {
+    const FALLS: f64 = 0.75;
+    let (first, last) = (powers.first()?, powers.last()?);
+    if !(last.1 < FALLS * first.1 && last.1 > 0.0 && value > 0.0) {
+        return None;
+    }
+    if value >= first.1 {
+        return Some(first.0);
+    }
+    let step = powers.windows(2).find(|pair| pair[0].1 >= value && value > pair[1].1);
+    let Some([a, b]) = step.and_then(|pair| <[(f64, f64); 2]>::try_from(pair).ok()) else { return Some(last.0) };
+    let share = (a.1 / value).ln() / (a.1 / b.1).ln();
+    Some((a.0.ln() + share * (b.0 / a.0).ln()).exp())
+}
+
+/// Luma between two Gaussians, and its mean.
+struct Band {
+    width: usize,
+    height: usize,
+    values: Vec<f64>,
+    mean: Vec<f64>,
+}
+
+impl Band {
+    /// Of an area, by the square of its mean.
+    fn power(&self, x: usize, y: usize) -> f64 {
+        let rows = || (y..y + AREA_PX).map(|y| y * self.width + x..y * self.width + x + AREA_PX);
+        let power: f64 = rows().flat_map(|row| &self.values[row]).map(|v| v * v).sum();
+        let sum: f64 = rows().flat_map(|row| &self.mean[row]).sum();
+        power / (sum / (AREA_PX * AREA_PX) as f64).max(1.0).powi(2)
+    }
+}
+
+fn band(grey: &Grey) -> Band {
+    let (fine, coarse) = (smoothed(grey, BAND_PX.0), smoothed(grey, BAND_PX.1));
+    let values = fine.iter().zip(&coarse).map(|(a, b)| a - b).collect();
+    Band { width: grey.width, height: grey.height, values, mean: coarse }
+}
+
+/// By a Gaussian's samples along rows and columns; edges repeat.
+fn smoothed(grey: &Grey, sigma: f64) -> Vec<f64> {
+    let reach = (3.0 * sigma).ceil() as i64;
+    let taps: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+    let whole: f64 = taps.iter().sum();
+    let (w, h) = (grey.width as i64, grey.height as i64);
+    let along = |values: &[f64], of: &dyn Fn(i64, i64, i64) -> i64| -> Vec<f64> {
+        let one = |x: i64, y: i64| {
+            taps.iter().zip(-reach..).map(|(tap, k)| tap * values[of(x, y, k) as usize]).sum::<f64>() / whole
+        };
+        (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| one(x, y)).collect()
+    };
+    let rows = along(&grey.values, &|x, y, k| y * w + (x + k).clamp(0, w - 1));
+    along(&rows, &|x, y, k| (y + k).clamp(0, h - 1) * w + x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_is_met_between_two_multiples() {
+        let powers = [(0.5, 8.0), (1.0, 4.0), (2.0, 1.0)];
+        // Half way down by logarithms from 4 to 1: half way by logarithms from 1 to 2.
+        assert!((crossing(&powers, 2.0).unwrap() - 2f64.sqrt()).abs() < 1e-12);
+        assert_eq!((crossing(&powers, 9.0), crossing(&powers, 0.5)), (Some(0.5), Some(2.0)));
+        assert_eq!(crossing(&[(0.5, 8.0), (2.0, 7.0)], 7.5), None, "blur takes nothing away");
+    }
+
+    #[test]
+    fn power_does_not_change_with_brightness() {
+        let stripes = |by: f64| {
+            let values = (0..96 * 96).map(|i| by * (100.0 + 20.0 * ((i % 96) as f64 * 0.6).sin())).collect();
+            band(&Grey::new(96, 96, values).unwrap()).power(16, 16)
+        };
+        assert!((stripes(0.5) / stripes(1.0) - 1.0).abs() < 1e-9 && stripes(1.0) > 0.0);
+    }
+}

@@ -1,0 +1,92 @@
+//! Whether virtual edges are as sharp as the footage's own.
+//!
+//! Real: edges that happen to be in the recording ([`crate::analyse`]). Virtual: a board of bright and dark squares that hangs
+//! slanted before the camera, drawn through the pipeline with the point spread alone, and measured in the same way.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::error::VerifyError;
+use crate::analyse::{Taken, drawn_spread_px, footage_spread_px, still_frames};
+use crate::compositor::{Compositor, exposure_time_s};
+use crate::frame::Frame;
+use crate::pose::Pose;
+use crate::rows::processors;
+use crate::scene::{Material, Mesh, Object, Part, Scene, Vertex};
+use crate::shot::Shot;
+
+/// How far before the camera the board hangs, m, how it is turned about the camera's axis, rad, and its squares' side, px.
+const FAR_M: f64 = 0.4;
+const TURNED: f64 = 0.12;
+const SIDE_PX: f64 = 48.0;
+/// Light of bright and dark squares.
+const LIGHT: [f32; 2] = [0.5, 0.1];
+
+/// σ of the recording's own edges, px, or why it is not known.
+pub fn real_px(shot: &Shot) -> Result<Result<f64, String>, VerifyError> {
+    let rig = shot.camera();
+    let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
+    let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+    Ok(footage_spread_px(&shot.recording, &shot.geometry_at(0)?, &taken, processors())?)
+}
+
+/// σ of drawn edges, px; `None` where no frame has a pose.
+pub fn sharpness_px(shot: &Shot, compositor: &mut Compositor) -> Result<Option<f64>, VerifyError> {
+    let mut shot = shot.clone();
+    shot.settings.plain();
+    let _ = shot.settings.switch("point_spread", true);
+    let Some(n) = still_frames(&shot.recording).first().copied() else { return Ok(None) };
+    let geometry = shot.geometry_at(n)?;
+    let time_s = shot.recording.timestamps_s[n] + shot.recording.time_offset_s;
+    let Ok(pose) = shot.recording.track.at(time_s) else { return Ok(None) };
+    let i = &geometry.intrinsics;
+    let side_m = SIDE_PX * FAR_M / i.fx_px;
+    let scene = board(&pose, side_m, (i.width_px.max(i.height_px) as f64 / SIDE_PX).ceil() as i32);
+    compositor.set_scene(scene.clone());
+    shot.scene = Arc::new(scene);
+    let Some(made) = shot.frames(compositor, n..n + 1, false, 1)?.next().transpose()? else { return Ok(None) };
+    Ok(drawn_spread_px(&geometry, &shot.camera().response, made.pixels, processors()))
+}
+
+/// A board of squares in the camera's axes, larger than the picture.
+fn board(pose: &Pose, side_m: f64, squares: i32) -> Scene {
+    let turned = DQuat::from_rotation_z(TURNED);
+    let mesh = |parity: i32, material: usize| {
+        let (mut vertices, mut indices) = (Vec::new(), Vec::new());
+        for (x, y) in (-squares..squares).flat_map(|y| (-squares..squares).map(move |x| (x, y))) {
+            if (x + y).rem_euclid(2) != parity {
+                continue;
+            }
+            let first = vertices.len() as u32;
+            for (dx, dy) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
+                let at = side_m * DVec3::new(f64::from(x + dx), f64::from(y + dy), 0.0);
+                let world = pose.inverse_transform_point(turned * at + FAR_M * DVec3::Z);
+                vertices.push(Vertex {
+                    position: world.as_vec3().to_array(),
+                    normal: [0.0, 0.0, 1.0],
+                    tangent: [0.0; 4],
+                    uv0: [0.0; 2],
+                    uv1: [0.0; 2],
+                    color: [1.0; 4],
+                });
+            }
+            indices.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+        }
+        Arc::new(Mesh { vertices, indices, material })
+    };
+    let material = |light: f32| Material {
+        name: "square".to_owned(),
+        base_color: [light, light, light, 1.0],
+        double_sided: true,
+        unlit: true,
+        ..Material::default()
+    };
+    let parts = (0..2).map(|mesh| Part { mesh, world_from_mesh: DAffine3::IDENTITY }).collect();
+    Scene {
+        meshes: vec![mesh(0, 0), mesh(1, 1)],
+        materials: LIGHT.map(material).to_vec(),
+        objects: vec![Object { name: "board".to_owned(), parts, ..Object::default() }],
+        ..Scene::default()
+    }
+}
