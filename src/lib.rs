@@ -48,6 +48,7 @@ pub mod export;
 pub mod live;
 pub mod measure;
 pub mod photo;
+pub mod report;
 pub mod shot;
 pub mod simulate;
 pub mod verify;

@@ -11,8 +11,10 @@
 use glam::DAffine3;
 use nalgebra::{Matrix6, SMatrix, SVector};
 
+use super::eye::Eye;
+use super::robust::scatter;
 use super::state::seen;
-use super::view::{Eye, View};
+use super::view::View;
 use crate::fit::twist::{self, Twist};
 
 /// Gauss-Newton steps by level, from the finest.
@@ -260,13 +262,5 @@ fn weight(residual: f64, sigma: f64) -> f64 {
 
 /// 1.4826 · median |r − median r|, and the rounding of codes.
 fn sigma(residuals: &[f64]) -> f64 {
-    let mut sorted = residuals.to_vec();
-    let middle = median(&mut sorted);
-    sorted.iter_mut().for_each(|r| *r = (*r - middle).abs());
-    1.4826 * median(&mut sorted) + 0.5
-}
-
-pub fn median(values: &mut [f64]) -> f64 {
-    let half = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
+    scatter(&mut residuals.to_vec()).1 + 0.5
 }

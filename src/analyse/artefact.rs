@@ -1,5 +1,5 @@
-//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt` and `poses.txt`. Frames read it and nothing
-//! else of the recording's neighbours, so any range of frames keeps its bits.
+//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `poses.txt` and `links.txt`. Frames read it
+//! and nothing else of the recording's neighbours, so any range of frames keeps its bits.
 
 use std::path::{Path, PathBuf};
 
@@ -7,8 +7,8 @@ use serde::Deserialize;
 
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered};
 use super::inputs;
-use super::registration::{Registration, Verdict};
-use super::shutter::Run;
+use super::registration::{Missed, Registration, Verdict};
+use super::shutter::Exposed;
 use super::spread::PointSpread;
 use super::track::{self, Stop};
 use crate::camera::Geometry;
@@ -24,10 +24,11 @@ use crate::words::{fixed, reason};
 pub const FILE_NAME: &str = "analysis.toml";
 const FRAMES: &str = "frames.txt";
 const POSES: &str = "poses.txt";
+const LINKS: &str = "links.txt";
 /// All that an analysis consists of.
-pub const FILES: [&str; 3] = [FILE_NAME, FRAMES, POSES];
+pub const FILES: [&str; 4] = [FILE_NAME, FRAMES, POSES, LINKS];
 /// Another version is made anew.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +41,8 @@ pub struct Analysis {
     /// One per frame: how much brighter it is than the recording's median, factors on light (red, green, blue). Empty if the
     /// footage does not tell.
     pub gains: Vec<[f64; 3]>,
+    /// Links that took no part in the poses, and by how much these miss them. Empty if there are none.
+    pub held_out: Vec<Missed>,
 }
 
 /// Why there is no analysis.
@@ -70,7 +73,7 @@ impl Analysis {
         registration: &Registration,
         gain: Option<Gained>,
         gains: &[Option<[f64; 3]>],
-        exposed: Result<Vec<Run>, String>,
+        exposed: Result<Exposed, String>,
         spread: Result<PointSpread, String>,
     ) -> Self {
         let mut camera = camera.clone();
@@ -103,7 +106,7 @@ impl Analysis {
         };
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
-        Self { findings, track, lines, gains: filled(gains) }
+        Self { findings, track, lines, gains: filled(gains), held_out: registration.held_out.clone() }
     }
 
     pub fn read(folder: &Path) -> Result<Self, AnalysisError> {
@@ -137,7 +140,11 @@ impl Analysis {
         } else {
             Vec::new()
         };
-        Ok(Self { findings, track, lines, gains })
+        let held_out = match findings.registration.recorded_px {
+            Some(_) => read_links(&folder.join(LINKS), findings.frames)?,
+            None => Vec::new(),
+        };
+        Ok(Self { findings, track, lines, gains, held_out })
     }
 
     /// The files, by name.
@@ -159,6 +166,14 @@ impl Analysis {
             files.push((
                 FRAMES,
                 format!("# frame timestamp red green blue: brighter than usual by these factors\n{lines}"),
+            ));
+        }
+        if self.findings.registration.recorded_px.is_some() {
+            let line = |m: &Missed| format!("{} {} {} {}\n", m.from, m.to, m.recorded_px, m.refined_px);
+            let lines: String = self.held_out.iter().map(line).collect();
+            files.push((
+                LINKS,
+                format!("# from to recorded refined: px by which poses miss links that took no part\n{lines}"),
             ));
         }
         // Last, since it tells an analysis.
@@ -256,4 +271,26 @@ fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError
         return Err(AnalysisError::Content { file: path.to_owned(), problem });
     }
     Ok(gains)
+}
+
+fn read_links(path: &Path, frames: usize) -> Result<Vec<Missed>, AnalysisError> {
+    let whole = text::read_listing(path)?;
+    let mut links = Vec::new();
+    for (at, record) in text::records(&whole) {
+        let wrong = |problem: String| TextError::line(path, at, problem);
+        let mut rest = record;
+        let mut numbers = [0.0; 4];
+        for (number, name) in numbers.iter_mut().zip(["from", "to", "recorded", "refined"]) {
+            *number = text::number(&mut rest, name).map_err(wrong)?;
+        }
+        text::end(rest).map_err(wrong)?;
+        let [from, to, recorded_px, refined_px] = numbers;
+        let is_frame = |n: f64| n >= 0.0 && n.fract() == 0.0 && n < frames as f64;
+        if !(is_frame(from) && is_frame(to) && recorded_px >= 0.0 && refined_px >= 0.0) {
+            let problem = format!("two of the {frames} frames and two lengths are expected");
+            return Err(wrong(problem).into());
+        }
+        links.push(Missed { from: from as usize, to: to as usize, recorded_px, refined_px });
+    }
+    Ok(links)
 }

@@ -1,8 +1,9 @@
 //! A frame as its motion blur is looked at: the light of green between two Gaussians, and noise such as is in it.
 
+use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
 use super::state::State;
-use super::view::{Eye, scattered};
+use super::view::scattered;
 use crate::camera::{NoiseProfile, Response, side_tap};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;

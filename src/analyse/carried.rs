@@ -44,10 +44,10 @@ pub fn carried(geometry: &Geometry, rays: &[[f32; 3]], map: &DepthMap, state: &S
         let point = f64::from(*z) * DVec3::from(ray.map(f64::from));
         let row_s = geometry.row_time_s((i / width) as f64 + 0.5);
         let here = shift.transform_point3(moved(point, &state.twist, row_s));
-        let Some((at, far)) = seen(geometry, here, &state.twist, Some((i / width) as f64 + 0.5), 2) else { continue };
-        let (x, y) = (at.x.floor(), at.y.floor());
-        if x >= 0.0 && y >= 0.0 && (x as usize) < width && (y as usize) < height {
-            let texel = &mut out[y as usize * width + x as usize];
+        let Some((at, far)) = seen(geometry, here, &state.twist, Some((i / width) as f64 + 0.5), 1) else { continue };
+        if at.x >= 0.0 && at.y >= 0.0 && at.x < width as f64 && at.y < height as f64 {
+            let (x, y) = (at.x as usize, at.y as usize);
+            let texel = &mut out[y * width + x];
             if *texel == 0.0 || (far as f32) < *texel {
                 *texel = far as f32;
             }

@@ -15,12 +15,12 @@
 
 use glam::{DMat2, DVec2};
 
-use super::align::median;
 use super::blurred::{Blurred, between};
 use super::boxes::{BLOCK, Block, PIXELS, Tried, boxes, part};
+use super::eye::Eye;
 use super::mesh::Mesh;
 use super::pyramid::Plane;
-use super::view::Eye;
+use super::robust::median;
 
 /// Side of what is judged by one correlation, px.
 const PATCH: usize = 64;

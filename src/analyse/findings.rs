@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::depth_clock::DepthLater;
 use super::global::Global;
-use super::registration::{Registration, Verdict};
-use super::shutter::Run;
+use super::registration::{Registration, SURE_READOUT_S, Verdict};
+use super::shutter::{Exposed, Run};
 use super::spread::PointSpread;
 use crate::camera::Geometry;
 use crate::fit::twist;
@@ -15,6 +15,9 @@ use crate::words::fixed;
 
 /// The poses were replaced.
 const REFINED: &str = "refined";
+/// They are right.
+const RIGHT: &str = "right";
+const REFUSED: &str = "refused";
 
 /// `analysis.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,7 +38,7 @@ pub struct Findings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Registered {
-    /// `refined`, `right` or `refused`.
+    /// `refined`, `right`, `kept` or `refused`.
     pub poses: String,
     pub why: Option<String>,
     pub links: usize,
@@ -74,6 +77,9 @@ pub struct Gained {
 pub struct Shuttered {
     /// Why nothing is known.
     pub why: Option<String>,
+    /// Frames that say it clearly: number, and the exposure that each says by itself, s.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub heard: Vec<(usize, f64)>,
     /// In order; each frame lies in one. Empty if nothing is known.
     pub runs: Vec<Run>,
 }
@@ -93,10 +99,13 @@ pub struct Sharpness {
 }
 
 impl Shuttered {
-    pub fn of(found: Result<Vec<Run>, String>) -> Self {
+    pub fn of(found: Result<Exposed, String>) -> Self {
         match found {
-            Ok(runs) => Self { why: None, runs },
-            Err(why) => Self { why: Some(why), runs: Vec::new() },
+            Ok(Exposed { runs, heard }) => {
+                let heard = heard.iter().map(|heard| (heard.frame, heard.exposure_s)).collect();
+                Self { why: None, heard, runs }
+            }
+            Err(why) => Self { why: Some(why), heard: Vec::new(), runs: Vec::new() },
         }
     }
 
@@ -131,11 +140,22 @@ impl Registered {
         self.poses == REFINED
     }
 
+    /// Whether they cannot be this recording's.
+    pub fn is_refused(&self) -> bool {
+        self.poses == REFUSED
+    }
+
+    /// Whether they were found to be right.
+    pub fn is_right(&self) -> bool {
+        self.poses == RIGHT
+    }
+
     pub fn of(found: &Registration) -> Self {
         let (poses, why) = match &found.verdict {
             Verdict::Refined => (REFINED, None),
-            Verdict::Right => ("right", None),
-            Verdict::Refused(why) => ("refused", Some(why.clone())),
+            Verdict::Right => (RIGHT, None),
+            Verdict::Kept(why) => ("kept", Some(why.clone())),
+            Verdict::Refused(why) => (REFUSED, Some(why.clone())),
         };
         let global = |of: fn(&Global) -> f64| found.global.as_ref().map(of);
         Self {
@@ -172,93 +192,98 @@ impl fmt::Display for Sharpness {
         let px = |px: f64| fixed(px, 2);
         match (self.sigma_px, self.between_px, self.edges) {
             (Some(sigma), Some([low, high]), Some(edges)) => {
-                writeln!(f, "spread     σ {} px, {} to {} ({edges} edges)", px(sigma), px(low), px(high))
+                write!(f, "σ {} px, {} to {} ({edges} edges)", px(sigma), px(low), px(high))
             }
-            _ => writeln!(f, "spread     unknown: {}", self.why.as_deref().unwrap_or("nothing can be said")),
+            _ => write!(f, "unknown: {}", self.why.as_deref().unwrap_or("nothing can be said")),
         }
+    }
+}
+
+impl fmt::Display for Run {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (time, sigma) = (fixed(1e3 * self.exposure_s, 2), fixed(1e3 * self.sigma_s, 2));
+        write!(f, "{time} ms, ± {sigma} ms, by the blur of {} frames", self.heard)
+    }
+}
+
+impl fmt::Display for Gained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.is_followed {
+            return write!(f, "steady within ln {} ({} pairs)", fixed(self.recorded, 4), self.pairs);
+        }
+        write!(
+            f,
+            "{} stops from the darkest to the brightest frame; left of ln {} is {} ({} pairs)",
+            fixed(self.range_ev, 2),
+            fixed(self.recorded, 3),
+            fixed(self.left, 4),
+            self.pairs
+        )
+    }
+}
+
+impl fmt::Display for Registered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let px = |value: Option<f64>| value.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
+        let (recorded, refined) = (px(self.recorded_px), px(self.refined_px));
+        match self.poses.as_str() {
+            REFINED => write!(f, "refined: links that took no part miss by {refined}, {recorded} as recorded"),
+            RIGHT => {
+                write!(f, "kept as recorded: links that took no part miss by {recorded}, {refined} if refined")
+            }
+            _ => write!(f, "kept as recorded: {}", self.why.as_deref().unwrap_or("nothing can be said")),
+        }
+    }
+}
+
+impl Findings {
+    /// The readout time, if rows tell it.
+    pub fn readout_s(&self) -> Option<f64> {
+        let is_sure = self.registration.readout_sigma_s.is_some_and(|sigma_s| sigma_s < SURE_READOUT_S);
+        (self.registration.is_refined() && is_sure).then_some(self.camera.intrinsics.readout_time_s)
+    }
+
+    /// What was found, a line for each, with the name of what it is about.
+    pub fn lines(&self) -> Vec<(&'static str, String)> {
+        let r = &self.registration;
+        let mut lines = vec![("poses", r.to_string())];
+        if r.links + r.missing_links > 0 {
+            lines.push(("links", format!("{}, {} more did not fit", r.links, r.missing_links)));
+        }
+        let ms = |s: f64| fixed(1e3 * s, 1);
+        if let (Some(clock_s), Some(sigma_s)) = (r.clock_s, r.clock_sigma_s) {
+            let way = if clock_s < 0.0 { "earlier" } else { "later" };
+            lines.push(("clock", format!("poses {} ms {way} fit best, ± {} ms", ms(clock_s.abs()), ms(sigma_s))));
+        }
+        if let (Some(turn), Some(way)) = (r.hand_eye_turn_deg, r.hand_eye_way_m) {
+            let all = |values: [f64; 3], by: f64, digits| values.map(|v| fixed(by * v, digits)).join(", ");
+            let (turn, way) = (all(turn, 1.0, 2), all(way, 1e3, 1));
+            lines.push(("hand-eye", format!("turned by {turn}°, {way} mm away from where the poses say")));
+        }
+        let sigma = r.readout_sigma_s.map_or(String::new(), |s| format!(", ± {} ms by scatter", ms(s)));
+        lines.push(("readout", format!("{} ms{sigma}", ms(self.camera.intrinsics.readout_time_s))));
+        if let Some(sigma_s) = r.depth_later_sigma_s {
+            let way = if r.depth_later_s < 0.0 { "earlier" } else { "later" };
+            let by = ms(r.depth_later_s.abs());
+            lines.push(("depth", format!("{by} ms {way} than it says, ± {} ms", ms(sigma_s))));
+        }
+        if let Some(shutter) = &self.shutter {
+            lines.extend(shutter.why.iter().map(|why| ("exposure", format!("unknown: {why}"))));
+            let of = |run: &Run| match shutter.runs.len() {
+                1 => run.to_string(),
+                _ => format!("frames {} to {}, {run}", run.from, run.to - 1),
+            };
+            lines.extend(shutter.runs.iter().map(|run| ("exposure", of(run))));
+        }
+        let gain = self.gain.as_ref().map(Gained::to_string);
+        lines.push(("gain", gain.unwrap_or_else(|| "unknown: too few surfaces are seen twice".to_owned())));
+        lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
+        lines
     }
 }
 
 impl fmt::Display for Findings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let r = &self.registration;
-        let px = |value: Option<f64>| value.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
-        match (r.poses.as_str(), &r.why) {
-            (REFINED, _) => writeln!(
-                f,
-                "poses      refined: links that took no part miss by {}, {} as recorded",
-                px(r.refined_px),
-                px(r.recorded_px)
-            )?,
-            ("right", _) => writeln!(
-                f,
-                "poses      kept as recorded: links that took no part miss by {}, {} if refined",
-                px(r.recorded_px),
-                px(r.refined_px)
-            )?,
-            (_, why) => {
-                writeln!(f, "poses      kept as recorded: {}", why.as_deref().unwrap_or("nothing can be said"))?
-            }
-        }
-        writeln!(f, "links      {}, {} more did not fit", r.links, r.missing_links)?;
-        let ms = |s: f64| fixed(1e3 * s, 1);
-        if let (Some(clock_s), Some(sigma_s)) = (r.clock_s, r.clock_sigma_s) {
-            writeln!(
-                f,
-                "clock      poses {} ms {} fit best, ± {} ms",
-                ms(clock_s.abs()),
-                if clock_s < 0.0 { "earlier" } else { "later" },
-                ms(sigma_s)
-            )?;
-        }
-        if let (Some(turn), Some(way)) = (r.hand_eye_turn_deg, r.hand_eye_way_m) {
-            let all = |values: [f64; 3], by: f64, digits| values.map(|v| fixed(by * v, digits)).join(", ");
-            writeln!(
-                f,
-                "hand-eye   turned by {}°, {} mm away from where the poses say",
-                all(turn, 1.0, 2),
-                all(way, 1e3, 1)
-            )?;
-        }
-        let sigma = r.readout_sigma_s.map_or(String::new(), |s| format!(", ± {} ms by scatter", ms(s)));
-        writeln!(f, "readout    {} ms{sigma}", ms(self.camera.intrinsics.readout_time_s))?;
-        if let Some(sigma_s) = r.depth_later_sigma_s {
-            writeln!(
-                f,
-                "depth      {} ms {} than it says, ± {} ms",
-                ms(r.depth_later_s.abs()),
-                if r.depth_later_s < 0.0 { "earlier" } else { "later" },
-                ms(sigma_s)
-            )?;
-        }
-        if let Some(shutter) = &self.shutter {
-            if let Some(why) = &shutter.why {
-                writeln!(f, "exposure   unknown: {why}")?;
-            }
-            for run in &shutter.runs {
-                let of = if shutter.runs.len() > 1 {
-                    format!("frames {} to {}, ", run.from, run.to - 1)
-                } else {
-                    String::new()
-                };
-                let (time, sigma) = (fixed(1e3 * run.exposure_s, 2), fixed(1e3 * run.sigma_s, 2));
-                writeln!(f, "exposure   {of}{time} ms, ± {sigma} ms, by the blur of {} frames", run.heard)?;
-            }
-        }
-        match &self.gain {
-            Some(g) if !g.is_followed => {
-                writeln!(f, "gain       steady within ln {} ({} pairs)", fixed(g.recorded, 4), g.pairs)
-            }
-            Some(g) => writeln!(
-                f,
-                "gain       {} stops from the darkest to the brightest frame; left of ln {} is {} ({} pairs)",
-                fixed(g.range_ev, 2),
-                fixed(g.recorded, 3),
-                fixed(g.left, 4),
-                g.pairs
-            ),
-            None => writeln!(f, "gain       unknown: too few surfaces are seen twice"),
-        }?;
-        self.spread.as_ref().map_or(Ok(()), |spread| spread.fmt(f))
+        self.lines().iter().try_for_each(|(name, text)| writeln!(f, "{name:<11}{text}"))
     }
 }

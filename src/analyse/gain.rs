@@ -13,10 +13,11 @@ use std::collections::VecDeque;
 
 use glam::DVec3;
 
-use super::align::median;
+use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
+use super::robust::{median, scatter};
 use super::state::{State, moved, seen};
-use super::view::{Eye, scattered};
+use super::view::scattered;
 use crate::camera::Response;
 use crate::fit::band::Band;
 use crate::frame::Frame;
@@ -37,6 +38,8 @@ const BLUR_PX: f32 = 1.0;
 const SAME: f64 = 0.03;
 /// Fewer points say nothing of a pair.
 const LEAST_POINTS: usize = 150;
+/// Places are the same things if their ratios scatter by less than this share of their light, or by less than this, ln.
+const MATCHED: (f64, f64) = (0.5, 0.05);
 /// Cauchy's scale, ln.
 const SCALE: f64 = 0.01;
 const ROUNDS: usize = 30;
@@ -158,9 +161,10 @@ impl<'a> Gains<'a> {
         let (w, h) = (to.colours[0].width, to.colours[0].height);
         let scale = (1usize << self.halvings()) as f64;
         let mut ratios: [Vec<f64>; 3] = Default::default();
+        let mut light = Vec::new();
         for point in &from.points {
             let there = motion.transform_point3(point.at);
-            if there.z <= 0.15 {
+            if there.z <= 0.0 {
                 continue;
             }
             let Some((at, far)) = seen(&self.eye.geometry, there, &to.state.twist, None, 2) else { continue };
@@ -169,7 +173,7 @@ impl<'a> Gains<'a> {
                 continue;
             }
             let depth = f64::from(to.depth[y.round() as usize * w + x.round() as usize]);
-            if depth <= 0.0 || (depth - far).abs() > SAME * far {
+            if depth <= 0.0 || (depth - far).abs() > SAME * far + self.eye.slack_m(far) {
                 continue;
             }
             let codes = [0, 1, 2].map(|c| to.colours[c].at(x as f32, y as f32).unwrap_or(0.0));
@@ -177,6 +181,7 @@ impl<'a> Gains<'a> {
                 for c in 0..3 {
                     ratios[c].push(self.light(codes[c]) - point.light[c]);
                 }
+                light.push(point.light[1]);
             }
         }
         let points = ratios[0].len();
@@ -184,11 +189,14 @@ impl<'a> Gains<'a> {
             return None;
         }
         let gap = from.index.abs_diff(to.index) as f64;
+        let most = MATCHED.1.max(MATCHED.0 * scatter(&mut light).1);
         let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
         for c in 0..3 {
-            ratio[c] = median(&mut ratios[c]);
-            ratios[c].iter_mut().for_each(|r| *r = (*r - ratio[c]).abs());
-            let spread = 1.4826 * median(&mut ratios[c]);
+            let (middle, spread) = scatter(&mut ratios[c]);
+            if spread > most {
+                return None;
+            }
+            ratio[c] = middle;
             sigma[c] = (0.003f64.powi(2) + 20.0 * spread * spread / points as f64 + (0.0005 * gap).powi(2)).sqrt();
         }
         Some(Pair { from: from.index, to: to.index, ratio, sigma })

@@ -8,13 +8,19 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::align::{Link, median};
+use super::align::Link;
+use super::robust::median;
 use super::state::State;
 use crate::fit::twist::{self, Twist};
 
 const ROUNDS: usize = 10;
 /// Parts of which each is left out once to see how sure the numbers are.
 const PARTS: usize = 8;
+/// What moves things between frames by less is not seen, px.
+const UNSEEN_PX: f64 = 0.02;
+/// What is believed of each number before the footage is asked, where that says nothing (a camera at rest): one standard
+/// deviation, m, rad and s.
+const BELIEVED: [f64; 7] = [0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.05];
 
 /// Seven numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +29,7 @@ pub struct Global {
     pub hand_eye: Twist,
     /// Added to a frame's time to look up its pose, seconds.
     pub clock_s: f64,
-    /// One standard deviation of each, by jackknife over parts of the recording.
+    /// One standard deviation of each, by jackknife over parts of the recording, and by what is not seen.
     pub hand_eye_sigma: Twist,
     pub clock_sigma_s: f64,
 }
@@ -46,10 +52,10 @@ pub fn global(links: &[Link], states: &[Option<State>], has_body: bool) -> Optio
             Some((link, b))
         })
         .collect();
-    let solve = |without: Option<usize>| -> Option<Seven> {
+    let solve = |without: Option<usize>| -> Option<(Seven, Seven)> {
         let kept: Vec<_> = terms.iter().filter(|(link, _)| Some(link.from * PARTS / frames) != without).collect();
         let mut weights = vec![1.0; kept.len()];
-        let mut x = Seven::zeros();
+        let (mut x, mut unseen) = (Seven::zeros(), Seven::zeros());
         for _ in 0..ROUNDS {
             let (mut h, mut g) = (SMatrix::<f64, 7, 7>::zeros(), Seven::zeros());
             for ((link, b), w) in kept.iter().zip(&weights) {
@@ -57,22 +63,24 @@ pub fn global(links: &[Link], states: &[Option<State>], has_body: bool) -> Optio
                 h += by * b;
                 g += by * link.e;
             }
+            let count = kept.len().max(1) as f64;
             for k in 0..7 {
-                h[(k, k)] = h[(k, k)] * (1.0 + 1e-9) + 1e-12;
+                h[(k, k)] += count * (UNSEEN_PX / BELIEVED[k]).powi(2);
+                unseen[k] = UNSEEN_PX * (count / h[(k, k)]).sqrt();
             }
             x = h.cholesky()?.solve(&g);
             let off: Vec<f64> = kept.iter().map(|(link, b)| link.displaced_px(&(link.e - b * x))).collect();
             let usual = median(&mut off.clone()).max(1e-6);
             weights = off.iter().map(|off| 1.0 / (1.0 + (off / (2.0 * usual)).powi(2))).collect();
         }
-        Some(x)
+        Some((x, unseen))
     };
-    let x = solve(None)?;
-    let without: Vec<Seven> = (0..PARTS).filter_map(|part| solve(Some(part))).collect();
+    let (x, unseen) = solve(None)?;
+    let without: Vec<Seven> = (0..PARTS).filter_map(|part| Some(solve(Some(part))?.0)).collect();
     let n = without.len() as f64;
     let mean = without.iter().sum::<Seven>() / n;
     let spread = without.iter().fold(Seven::zeros(), |sum, x| sum + (x - mean).component_mul(&(x - mean)));
-    let sigma = (spread * ((n - 1.0) / n)).map(f64::sqrt);
+    let sigma = (spread * ((n - 1.0) / n)).zip_map(&unseen, |spread, unseen| spread.sqrt().hypot(unseen));
     Some(Global {
         hand_eye: x.fixed_rows::<6>(0).clone_owned(),
         clock_s: x[6],

@@ -7,7 +7,8 @@
 
 use nalgebra::Matrix6;
 
-use super::align::{Link, median};
+use super::align::Link;
+use super::robust::median;
 use super::state::State;
 use crate::fit::band::Band;
 use crate::fit::twist::{self, Twist};

@@ -1,10 +1,12 @@
 //! Which frames are aligned with which, in one pass over the recording.
 
 use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 use super::align::{Link, align};
+use super::eye::Eye;
 use super::state::State;
-use super::view::{Eye, View};
+use super::view::View;
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
 use crate::rows::over_rows;
@@ -17,14 +19,24 @@ const BATCH: usize = 4;
 pub struct Pass<'a> {
     /// Distances between linked frames, in frames.
     pub gaps: &'a [usize],
-    /// Whether each pair is aligned both ways.
-    pub both_ways: bool,
+    /// Those of them at which later frames are aligned to earlier ones too.
+    pub back: &'a [usize],
     /// Levels of the pictures, from the finest to the coarsest: `usize::MAX` for all.
     pub coarsest: usize,
+    /// No finer ones are looked at.
+    pub finest: usize,
     /// Whether each link says what the readout time lacks.
     pub asks_readout: bool,
-    /// Only every so many frames are aligned to others.
+    /// Only every so many frames are aligned to later ones.
     pub every: usize,
+}
+
+impl Pass<'_> {
+    /// Whether a frame takes part.
+    fn needs(&self, index: usize) -> bool {
+        let begins = |gap: &usize| index.checked_sub(*gap).is_some_and(|from| from.is_multiple_of(self.every));
+        index.is_multiple_of(self.every) || self.gaps.iter().any(begins)
+    }
 }
 
 /// Aligned frames, in order of `from` of the later frame of each pair; `refused` of them found no match.
@@ -34,6 +46,8 @@ pub struct Links {
     pub refused: usize,
     /// One per frame: whether its picture has the code values of the one before.
     pub repeats: Vec<bool>,
+    /// How long it waited for pictures.
+    pub waited: Duration,
 }
 
 /// `states`: one per frame; frames without one are left out. `seen` is told how far it is, and
@@ -54,7 +68,9 @@ pub fn links(
     let mut before: Option<Pixels> = None;
     let mut frames = recording.frames(0..recording.frame_count())?;
     loop {
+        let begun = Instant::now();
         let batch: Vec<_> = frames.by_ref().take(BATCH * threads.max(1)).collect::<Result<_, _>>()?;
+        found.waited += begun.elapsed();
         let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(found) };
         let (first, last) = (first.index, last.index);
         for frame in &batch {
@@ -64,7 +80,8 @@ pub fn links(
         let mut views: Vec<_> = batch.into_iter().map(|frame| (frame, None)).collect();
         over_rows(&mut views, 1, threads, |_, slot| {
             let (frame, view) = &mut slot[0];
-            *view = states[frame.index].map(|state| View::new(eye, frame, state, depth_later_s, 0));
+            let state = states[frame.index].filter(|_| pass.needs(frame.index));
+            *view = state.map(|state| View::new(eye, frame, state, depth_later_s, pass.finest));
         });
         window.extend(views.into_iter().filter_map(|(_, view)| view));
         let at = |index: usize| window.binary_search_by_key(&index, |view| view.index).ok();
@@ -76,7 +93,7 @@ pub fn links(
                 if (index - gap).is_multiple_of(pass.every) {
                     tasks.push(((old, new), None));
                 }
-                if pass.both_ways && index.is_multiple_of(pass.every) {
+                if pass.back.contains(gap) && index.is_multiple_of(pass.every) {
                     tasks.push(((new, old), None));
                 }
             }

@@ -2,12 +2,12 @@
 
 use glam::{DAffine3, DMat2, DVec2, DVec3};
 
-use super::align::median;
 use super::blurred::{Blurred, halvings};
 use super::boxes::weights;
+use super::eye::Eye;
 use super::pyramid::Plane;
+use super::robust::median;
 use super::state::{State, moved, seen};
-use super::view::Eye;
 
 /// Distance between the places, px.
 const CELL: usize = 8;
@@ -16,9 +16,8 @@ const SMOOTH: f64 = 0.08;
 const SAME: (f64, f64) = (0.04, 0.04);
 /// Faster flows are not followed, px/s.
 const FASTEST: f64 = 4000.0;
-/// How far from the rim a place must lie, px, and from the camera, m.
+/// How far from the rim a place must lie, px.
 const RIM_PX: f64 = 6.0;
-const FRONT_M: f64 = 0.15;
 /// The warp's area may change by this share.
 const AREA: f64 = 0.7;
 /// Shifts count that differ from the usual one by less, px; σ over which they are smoothed, px; weight of the usual one.
@@ -40,6 +39,8 @@ pub struct Mesh {
     across: usize,
     down: usize,
     nodes: Vec<Node>,
+    /// [`Eye::loose`].
+    loose: f64,
 }
 
 impl Mesh {
@@ -52,7 +53,7 @@ impl Mesh {
             let (x, y) = ((n % across) * CELL, (n / across) * CELL);
             Self::node(eye, i, j, &i_from_j, (x, y), scale)
         };
-        let mut mesh = Self { across, down, nodes: (0..across * down).map(node).collect() };
+        let mut mesh = Self { across, down, nodes: (0..across * down).map(node).collect(), loose: eye.loose };
         mesh.turn();
         mesh.fill();
         mesh
@@ -67,7 +68,7 @@ impl Mesh {
         let found = || {
             let own = flow(eye, there, &j.at_row(eye.geometry.row_time_s(y as f64 + 0.5)))?;
             let now = i_from_j.transform_point3(moved(there, &j.state.twist, eye.geometry.row_time_s(y as f64 + 0.5)));
-            if now.z < FRONT_M {
+            if now.z <= 0.0 {
                 return None;
             }
             let (at, far) = seen(&eye.geometry, now, &i.state.twist, None, 2)?;
@@ -80,7 +81,7 @@ impl Mesh {
         let margin = RIM_PX * small;
         let is_inside = at.x > margin && at.y > margin && at.x < width as f64 - margin && at.y < height as f64 - margin;
         let depth_there = if is_inside { f64::from(i.depth[at.y as usize * width + at.x as usize]) } else { 0.0 };
-        let is_same = depth_there == 0.0 || (depth_there - far).abs() < SAME.0 + SAME.1 * far;
+        let is_same = depth_there == 0.0 || (depth_there - far).abs() < SAME.0 + SAME.1 * far + eye.slack_m(far);
         let is_clipped =
             j.is_clipped_near(eye, x as f64, y as f64) || (is_inside && i.is_clipped_near(eye, at.x, at.y));
         Node {
@@ -171,7 +172,7 @@ impl Mesh {
                 (near, far) = (near.min(node.depth), far.max(node.depth));
             }
         }
-        (far - near < SMOOTH * near).then(|| &self.nodes[(cy + 1) * self.across + cx + 1])
+        (far - near < SMOOTH * near + self.loose * near * near).then(|| &self.nodes[(cy + 1) * self.across + cx + 1])
     }
 
     /// A plane of I as J would show it.

@@ -5,26 +5,32 @@
 //! that took no part (3 and 7 apart) say how much was wrong and how much still is. Held-out links share the aligner's own bias
 //! and flatter small corrections, so poses that are nearly right are kept as they were recorded, bit for bit.
 
+use std::time::Instant;
+
 use glam::DAffine3;
 use nalgebra::Matrix6;
 
-use super::align::{Link, median};
+use super::align::Link;
 use super::depth_clock::{DepthClock, DepthLater};
+use super::eye::Eye;
 use super::global::{self, Global};
 use super::graph;
 use super::interrupted::Interrupted;
 use super::links::{Links, Pass, links};
 use super::path;
+use super::robust::median;
 use super::state::State;
+use super::times::{self, Times};
 use super::track::MOST_INTERVALS;
-use super::view::Eye;
 use crate::camera::Geometry;
 use crate::fit::twist::{self, Twist};
 use crate::recording::{Recording, RecordingError};
+use crate::words::fixed;
 
 /// Distances between linked frames.
 const LINKED: [usize; 5] = [1, 2, 5, 10, 20];
-const CLOCKED: [usize; 2] = [2, 5];
+const CLOCKED: [usize; 2] = [2, 4];
+const CLOCKED_AGAIN: [usize; 2] = [2, 5];
 const HELD_OUT: [usize; 2] = [3, 7];
 /// Rounds of clock, seven numbers and readout.
 const ROUNDS: usize = 4;
@@ -40,7 +46,7 @@ const LONGEST_READOUT_S: f64 = 0.05;
 /// A readout time that differs by less is what was given, s.
 const SAME_READOUT_S: f64 = 0.002;
 /// A readout with a larger σ is not known, s.
-const SURE_READOUT_S: f64 = 0.001;
+pub const SURE_READOUT_S: f64 = 0.001;
 /// A delay of depth below this, or within 2σ, is none, s.
 const SAME_DEPTH_S: f64 = 0.004;
 /// Poses whose links ask for less than this are right, px.
@@ -50,8 +56,9 @@ const GAINED: f64 = 0.3;
 /// Refused above this, px, or with so many links missing.
 const WRONG_PX: f64 = 0.75;
 const MISSING: f64 = 0.25;
-/// Frames that are looked at for the clocks, and for depth's.
-const CLOCK_FRAMES: usize = 90;
+/// Frames that are looked at for the clocks, for the readout by refined poses, and for depth's clock.
+const CLOCK_FRAMES: usize = 45;
+const AGAIN_FRAMES: usize = 90;
 const DEPTH_FRAMES: usize = 200;
 
 /// What becomes of the recorded poses.
@@ -61,6 +68,8 @@ pub enum Verdict {
     Refined,
     /// They are right: nothing is changed.
     Right,
+    /// There is nothing to check them by: nothing is changed.
+    Kept(String),
     /// Nothing can be said.
     Refused(String),
 }
@@ -78,8 +87,20 @@ pub struct Registration {
     pub missing: usize,
     /// What links that took no part say is wrong, median, px: as recorded and refined.
     pub held_out_px: Option<(f64, f64)>,
+    /// Each of these links.
+    pub held_out: Vec<Missed>,
     /// One per frame: whether its picture has the code values of the one before.
     pub repeats: Vec<bool>,
+}
+
+/// By how much poses miss a link that took no part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Missed {
+    pub from: usize,
+    pub to: usize,
+    /// As recorded and as refined, root mean square over the picture, px.
+    pub recorded_px: f64,
+    pub refined_px: f64,
 }
 
 impl Registration {
@@ -99,6 +120,7 @@ impl Registration {
             links: 0,
             missing: 0,
             held_out_px: None,
+            held_out: Vec::new(),
             repeats: Vec::new(),
         }
     }
@@ -115,24 +137,25 @@ pub fn register(
     recording: &Recording,
     geometry: &Geometry,
     threads: usize,
+    times: &mut Times,
     told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 ) -> Result<Registration, RegistrationError> {
     let frames = recording.frame_count();
-    let refused = |why: &str| Ok(Registration::as_recorded(recording, geometry, Verdict::Refused(why.to_owned())));
+    let as_recorded = |verdict: Verdict| Ok(Registration::as_recorded(recording, geometry, verdict));
+    let kept = |why: &str| as_recorded(Verdict::Kept(why.to_owned()));
+    let refused = |why: &str| as_recorded(Verdict::Refused(why.to_owned()));
     if !recording.has_depth() {
-        return refused("there is no depth");
+        return kept("there is no depth to align them by");
     }
     if geometry.sees_around() {
-        return refused("the picture does not fit a plane in front of the camera");
+        return kept("the picture does not fit a plane in front of the camera");
     }
-    let states = recorded(recording, 0.0);
-    let posed = states.iter().flatten().count();
-    if posed < 3 {
-        return refused("fewer than three frames have a pose");
+    if recorded(recording, 0.0).iter().flatten().count() < 3 {
+        return kept("fewer than three frames have one");
     }
-    let clock_frames = frames.min(CLOCK_FRAMES);
-    let whole = (ROUNDS + AGAIN) * clock_frames + 3 * frames;
-    let mut work = Work { recording, threads, done: 0, whole, told };
+    let [every, again_every] = [CLOCK_FRAMES, AGAIN_FRAMES].map(|most| frames.div_ceil(most));
+    let whole = ROUNDS * frames.div_ceil(every) + AGAIN * frames.div_ceil(again_every) + 2 * frames;
+    let mut work = Work { recording, threads, done: 0, whole, times, told };
     let mut known = Known {
         geometry: geometry.clone(),
         clock_s: 0.0,
@@ -143,23 +166,24 @@ pub fn register(
     let mut found = Registration::as_recorded(recording, geometry, Verdict::Right);
 
     // 1. Clocks, readout, the camera's place on what was tracked.
-    let every = frames.div_ceil(clock_frames);
-    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: usize::MAX, asks_readout: true, every };
     let mut asks_px = 0.0;
     for round in 0..ROUNDS {
+        // After the first, what is left is small.
+        let coarsest = if round == 0 { usize::MAX } else { 1 };
+        let pass = Pass { gaps: &CLOCKED, back: &[], coarsest, finest: 1, asks_readout: true, every };
         let eye = Eye::new(known.geometry.clone());
         let states = known.states(recording);
         if round == 1 {
-            found.depth = depth_clock(&eye, recording, &states, threads)?;
+            found.depth = work.depth_clock(&eye, &states)?;
             known.depth_later_s = found.depth_later_s();
         }
-        let linked = work.links(&eye, &states, known.depth_later_s, pass)?;
+        let linked = work.links(times::CLOCKS, &eye, &states, known.depth_later_s, pass)?;
         known.repeats.clone_from(&linked.repeats);
         if round == 0 {
             asks_px = median(&mut linked.good.iter().map(|link| link.displaced_px(&link.e)).collect::<Vec<_>>());
         }
         let Some(global) = global::global(&linked.good, &states, true).filter(|_| linked.good.len() >= 12) else {
-            return refused("the frames' pictures do not overlap, or lack texture where depth is known");
+            return refused(&apart(recording)?);
         };
         // Small corrections of an already corrected place add up.
         known.hand_eye = twist::log(&(twist::exp(&known.hand_eye) * twist::exp(&global.hand_eye)));
@@ -173,10 +197,10 @@ pub fn register(
     }
 
     // 2. All frames, at once.
-    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: usize::MAX, asks_readout: false, every: 1 };
+    let pass = Pass { gaps: &LINKED, back: &LINKED, coarsest: usize::MAX, finest: 1, asks_readout: false, every: 1 };
     let start = known.states(recording);
     let eye = Eye::new(known.geometry.clone());
-    let linked = work.links(&eye, &start, known.depth_later_s, pass)?;
+    let linked = work.links(times::LINKS, &eye, &start, known.depth_later_s, pass)?;
     (found.links, found.missing) = (linked.good.len(), linked.refused);
     if linked.refused as f64 > MISSING * (linked.good.len() + linked.refused) as f64 {
         let share = 100.0 * linked.refused as f64 / (linked.good.len() + linked.refused) as f64;
@@ -187,16 +211,17 @@ pub fn register(
             ..found
         });
     }
-    let solved = graph::solve(&linked.good, &start, &vec![Twist::zeros(); frames]);
+    let solved = work.times.of(times::GRAPH, || graph::solve(&linked.good, &start, &vec![Twist::zeros(); frames]));
     let Some(corrections) = solved else { return refused("the links' equations have no solution") };
     let refined = path::with_motion(&recording.timestamps_s, &corrected(&start, &corrections), gap_s(recording));
 
     // 3. Recorded jitter makes the readout look short; refined poses have none.
-    found.depth = depth_clock(&eye, recording, &refined, threads)?;
+    found.depth = work.depth_clock(&eye, &refined)?;
     known.depth_later_s = found.depth_later_s();
-    let pass = Pass { gaps: &CLOCKED, both_ways: false, coarsest: 1, asks_readout: true, every };
+    let pass = Pass { gaps: &CLOCKED_AGAIN, back: &[], coarsest: 1, finest: 0, asks_readout: true, every: again_every };
     for _ in 0..AGAIN {
-        let linked = work.links(&Eye::new(known.geometry.clone()), &refined, known.depth_later_s, pass)?;
+        let eye = Eye::new(known.geometry.clone());
+        let linked = work.links(times::CLOCKS, &eye, &refined, known.depth_later_s, pass)?;
         known.follow(global::readout(&linked.good), 1.0, &mut found);
     }
     let given_s = geometry.intrinsics.readout_time_s;
@@ -204,23 +229,28 @@ pub fn register(
         known.geometry.intrinsics.readout_time_s = given_s;
     }
 
-    // 4. Once more from there.
-    let pass = Pass { gaps: &LINKED, both_ways: true, coarsest: 1, asks_readout: false, every: 1 };
+    // 4. Once more from there, with links that take no part.
+    let gaps: Vec<usize> = LINKED.into_iter().chain(HELD_OUT).collect();
+    let pass = Pass { gaps: &gaps, back: &LINKED, coarsest: 1, finest: 0, asks_readout: false, every: 1 };
     let eye = Eye::new(known.geometry.clone());
-    let linked = work.links(&eye, &refined, known.depth_later_s, pass)?;
-    let held: Vec<Twist> = refined.iter().zip(&start).map(|(now, was)| back(now.as_ref(), was.as_ref())).collect();
-    let Some(corrections) = graph::solve(&linked.good, &refined, &held) else {
+    let linked = work.links(times::AGAIN, &eye, &refined, known.depth_later_s, pass)?;
+    let takes_part = |link: &Link| LINKED.contains(&link.from.abs_diff(link.to));
+    let (linked, held_out): (Vec<Link>, Vec<Link>) = linked.good.into_iter().partition(takes_part);
+    let by_first: Vec<Twist> = refined.iter().zip(&start).map(|(now, was)| back(now.as_ref(), was.as_ref())).collect();
+    let Some(corrections) = work.times.of(times::GRAPH, || graph::solve(&linked, &refined, &by_first)) else {
         return refused("the links' equations have no solution");
     };
-    let refined = path::with_motion(&recording.timestamps_s, &corrected(&refined, &corrections), gap_s(recording));
+    let used = refined;
+    let refined = path::with_motion(&recording.timestamps_s, &corrected(&used, &corrections), gap_s(recording));
 
-    // 5. Those that took no part.
-    let pass = Pass { gaps: &HELD_OUT, both_ways: false, coarsest: 1, asks_readout: false, every: 1 };
-    let held_out = work.links(&eye, &refined, known.depth_later_s, pass)?;
-    let (before, after) = judged(&held_out, &recorded(recording, 0.0), &refined);
+    // 5. Is it better?
+    let as_recorded = recorded(recording, 0.0);
+    found.held_out = judged(&held_out, &as_recorded, &refined, &used);
+    let middle = |of: fn(&Missed) -> f64| median(&mut found.held_out.iter().map(of).collect::<Vec<_>>());
+    let (before, after) = (middle(|missed| missed.recorded_px), middle(|missed| missed.refined_px));
     found.held_out_px = Some((before, after));
     found.readout_s = known.geometry.intrinsics.readout_time_s;
-    let correction_px = asked(&linked.good, &recorded(recording, 0.0), &refined);
+    let correction_px = asked(&linked, &as_recorded, &used);
     found.verdict = if after > WRONG_PX {
         Verdict::Refused(format!("links that took no part still miss by {after:.2} px, more than {WRONG_PX}"))
     } else if correction_px < RIGHT_PX || after > (1.0 - GAINED) * before {
@@ -230,7 +260,7 @@ pub fn register(
     };
     match found.verdict {
         Verdict::Refined => {
-            let refined = in_gauge(&refined, &recorded(recording, 0.0), &linked.good);
+            let refined = in_gauge(&refined, &as_recorded, &linked);
             found.states = repeated(refined, &known.repeats);
             found.repeats = known.repeats;
         }
@@ -260,6 +290,21 @@ fn out_of_place(global: &Global) -> Option<String> {
             turn.to_degrees()
         )
     })
+}
+
+/// Why no frames were linked. Half of a frame's depth tells whether its unit can be right.
+fn apart(recording: &Recording) -> Result<String, RecordingError> {
+    let middle = recording.frame_count() / 2;
+    let depth = recording.frames(middle..middle + 1)?.next().transpose()?.and_then(|frame| frame.depth);
+    let mut known: Vec<f64> =
+        depth.iter().flat_map(|map| &map.depth_m).filter(|m| **m > 0.0).map(|m| f64::from(*m)).collect();
+    let usual = if known.is_empty() {
+        "the middle frame has no depth".to_owned()
+    } else {
+        let metres = fixed(median(&mut known), 3);
+        format!("half of the middle frame's depth is beyond {metres} m; if that is wrong, so is depth's unit")
+    };
+    Ok(format!("the frames' pictures do not overlap where poses and depth say they do, or lack texture; {usual}"))
 }
 
 /// What all frames share.
@@ -293,19 +338,22 @@ struct Work<'a> {
     threads: usize,
     done: usize,
     whole: usize,
+    times: &'a mut Times,
     told: &'a mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 }
 
 impl Work<'_> {
     fn links(
         &mut self,
+        part: &'static str,
         eye: &Eye,
         states: &[Option<State>],
         depth_later_s: f64,
         pass: Pass<'_>,
     ) -> Result<Links, RegistrationError> {
+        let begun = Instant::now();
         let (before, whole) = (self.done, self.whole);
-        let frames = if pass.every > 1 { CLOCK_FRAMES } else { self.recording.frame_count() };
+        let frames = self.recording.frame_count().div_ceil(pass.every);
         let mut ended = Ok(());
         let found = links(eye, self.recording, states, depth_later_s, pass, self.threads, &mut |seen: usize| {
             let share = (seen + 1) * frames / self.recording.frame_count();
@@ -314,25 +362,23 @@ impl Work<'_> {
         })?;
         ended?;
         self.done = before + frames;
+        self.times.add(part, begun.elapsed().saturating_sub(found.waited));
+        self.times.add(times::READING, found.waited);
         Ok(found)
     }
-}
 
-fn depth_clock(
-    eye: &Eye,
-    recording: &Recording,
-    states: &[Option<State>],
-    threads: usize,
-) -> Result<Option<DepthLater>, RecordingError> {
-    let mut clock = DepthClock::default();
-    let every = recording.frame_count().div_ceil(DEPTH_FRAMES).max(1);
-    for frame in recording.frames(0..recording.frame_count())?.step_by(every) {
-        let frame = frame?;
-        if let Some(state) = &states[frame.index] {
-            clock.add(eye, &frame, state, threads);
+    fn depth_clock(&mut self, eye: &Eye, states: &[Option<State>]) -> Result<Option<DepthLater>, RecordingError> {
+        let mut clock = DepthClock::default();
+        let frames = self.recording.frame_count();
+        let mut coming = self.recording.frames(0..frames)?.step_by(frames.div_ceil(DEPTH_FRAMES).max(1));
+        while let Some(frame) = self.times.of(times::READING, || coming.next()) {
+            let frame = frame?;
+            if let Some(state) = &states[frame.index] {
+                self.times.of(times::DEPTH, || clock.add(eye, &frame, state, self.threads));
+            }
         }
+        Ok(self.times.of(times::DEPTH, || clock.finish()))
     }
-    Ok(clock.finish())
 }
 
 fn corrected(states: &[Option<State>], by: &[Twist]) -> Vec<Option<State>> {
@@ -382,20 +428,23 @@ fn gap_s(recording: &Recording) -> f64 {
     MOST_INTERVALS * recording.frame_interval_s
 }
 
-/// The median of what links say is wrong, px: with `before`, and with `after`, in which they were aligned.
-fn judged(links: &Links, before: &[Option<State>], after: &[Option<State>]) -> (f64, f64) {
-    let mut off: Vec<f64> = links.good.iter().map(|link| link.displaced_px(&link.e)).collect();
-    (asked(&links.good, before, after), median(&mut off))
+/// What links aligned with `used` say is wrong, px: with `before`, and with `after`.
+fn judged(links: &[Link], before: &[Option<State>], after: &[Option<State>], used: &[Option<State>]) -> Vec<Missed> {
+    let of = |link: &Link| {
+        let (recorded_px, refined_px) = (asks(link, before, used)?, asks(link, after, used)?);
+        Some(Missed { from: link.from, to: link.to, recorded_px, refined_px })
+    };
+    links.iter().filter_map(of).collect()
 }
 
 /// What links aligned with `used` say is wrong with the poses of `states`, median, px.
 fn asked(links: &[Link], states: &[Option<State>], used: &[Option<State>]) -> f64 {
-    let of = |link: &Link| {
-        let motion =
-            |of: &[Option<State>]| Some(of[link.to]?.world_from_camera.inverse() * of[link.from]?.world_from_camera);
-        let seen = motion(used)? * twist::exp(&link.e);
-        Some(link.displaced_px(&twist::log(&(motion(states)?.inverse() * seen))))
-    };
-    let mut off: Vec<f64> = links.iter().filter_map(of).collect();
-    median(&mut off)
+    median(&mut links.iter().filter_map(|link| asks(link, states, used)).collect::<Vec<_>>())
+}
+
+fn asks(link: &Link, states: &[Option<State>], used: &[Option<State>]) -> Option<f64> {
+    let motion =
+        |of: &[Option<State>]| Some(of[link.to]?.world_from_camera.inverse() * of[link.from]?.world_from_camera);
+    let seen = motion(used)? * twist::exp(&link.e);
+    Some(link.displaced_px(&twist::log(&(motion(states)?.inverse() * seen))))
 }

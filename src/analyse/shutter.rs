@@ -13,13 +13,13 @@ use std::collections::BTreeMap;
 use glam::{DMat2, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::align::median;
 use super::blurred::{Blurred, halvings};
 use super::boxes::Tried;
 use super::cross_blur::{Curve, compared};
+use super::eye::Eye;
 use super::mesh::flow;
+use super::robust::{median, scatter};
 use super::state::State;
-use super::view::Eye;
 use crate::camera::{NoiseProfile, Response};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;
@@ -73,6 +73,15 @@ pub struct Run {
     pub sigma_s: f64,
     /// Frames that said it.
     pub heard: usize,
+}
+
+/// What all of them say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exposed {
+    /// In order; each frame lies in one.
+    pub runs: Vec<Run>,
+    /// Frames that say it clearly, in order.
+    pub heard: Vec<Heard>,
 }
 
 /// Which frames are compared, and what they said.
@@ -153,7 +162,7 @@ impl<'a> Shutter<'a> {
     }
 
     /// The recording's runs of one exposure, or why there are none.
-    pub fn finish(self) -> Result<Vec<Run>, String> {
+    pub fn finish(self) -> Result<Exposed, String> {
         if self.looked == 0 {
             return Err("the camera's motion is too even: blur does not differ between frames".to_owned());
         }
@@ -165,7 +174,7 @@ impl<'a> Shutter<'a> {
                 self.looked
             ));
         }
-        Ok(runs(&clear, self.changes.len()))
+        Ok(Exposed { runs: runs(&clear, self.changes.len()), heard: clear })
     }
 }
 
@@ -250,13 +259,12 @@ fn norm(m: &DMat2) -> f64 {
     m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// Mean of v·vᵀ over five places of the picture, (px/s)², of things 1.5 m away.
+/// Mean of v·vᵀ over five places of the picture, (px/s)², of things as far away as is usual.
 fn spread(eye: &Eye, state: &State) -> DMat2 {
-    const FAR_M: f64 = 1.5;
     let places = [(0.0, 0.0), (0.27, 0.2), (-0.27, 0.2), (0.27, -0.2), (-0.27, -0.2)];
     let mut sum = DMat2::ZERO;
     for (x, y) in places {
-        if let Some(v) = flow(eye, FAR_M * DVec3::new(x, y, 1.0), state) {
+        if let Some(v) = flow(eye, eye.usual_m * DVec3::new(x, y, 1.0), state) {
             let v: DVec2 = v;
             sum += DMat2::from_cols(v * v.x, v * v.y) * (1.0 / places.len() as f64);
         }
@@ -319,9 +327,7 @@ fn parted(clear: &[Heard]) -> Vec<usize> {
 /// The median, and one standard deviation by 1.4826·MAD, s.
 fn middle(part: &[Heard]) -> (f64, f64) {
     let mut values: Vec<f64> = part.iter().map(|heard| heard.exposure_s).collect();
-    let middle = median(&mut values);
-    values.iter_mut().for_each(|value| *value = (*value - middle).abs());
-    (middle, 1.4826 * median(&mut values))
+    scatter(&mut values)
 }
 
 #[cfg(test)]

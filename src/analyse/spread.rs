@@ -13,9 +13,9 @@
 use glam::DVec3;
 
 use super::edges::{ACROSS, ALONG, Line, edges};
+use super::eye::Eye;
 use super::pyramid::Plane;
 use super::state::{State, moved};
-use super::view::Eye;
 use crate::camera::Response;
 use crate::fit::twist;
 use crate::frame::Frame;
@@ -268,7 +268,12 @@ mod tests {
     }
 
     fn of(variances: Vec<f64>) -> Result<PointSpread, String> {
-        let eye = Eye { geometry: Geometry::new(Intrinsics::default(), Distortion::default()), rays: Vec::new() };
+        let eye = Eye {
+            geometry: Geometry::new(Intrinsics::default(), Distortion::default()),
+            rays: Vec::new(),
+            loose: 0.0,
+            usual_m: 1.0,
+        };
         let mut spreads = Spreads::new(&eye, &Response::default(), 255, 1);
         spreads.variances = variances;
         spreads.finish()

@@ -2,9 +2,10 @@
 
 use glam::{DVec2, DVec3};
 
-use super::carried;
+use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved};
+use super::{carried, depths};
 use crate::camera::Geometry;
 use crate::frame::Frame;
 
@@ -22,30 +23,6 @@ const CLIPPED: u32 = 250;
 /// Points keep this far from a depth edge, px, and an edge is this share of the depth.
 const FROM_EDGE: usize = 3;
 const EDGE: f32 = 0.05;
-/// Levels of a picture: the coarsest is about this wide, px.
-const COARSEST: usize = 80;
-
-/// What is the same for all views of a recording.
-#[derive(Debug)]
-pub struct Eye {
-    pub geometry: Geometry,
-    pub rays: Vec<[f32; 3]>,
-}
-
-impl Eye {
-    pub fn new(geometry: Geometry) -> Self {
-        Self { rays: carried::rays(&geometry), geometry }
-    }
-
-    pub fn size(&self) -> (usize, usize) {
-        (self.geometry.intrinsics.width_px as usize, self.geometry.intrinsics.height_px as usize)
-    }
-
-    pub fn levels(&self) -> usize {
-        let width = self.size().0;
-        (1..).take_while(|level| width >> level >= COARSEST).count() + 1
-    }
-}
 
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
@@ -81,7 +58,7 @@ impl View {
     /// `depth_later_s` is added to the time of the frame's depth map. Levels below `finest` have no points.
     pub fn new(eye: &Eye, frame: &Frame, state: State, depth_later_s: f64, finest: usize) -> Self {
         let (width, _) = eye.size();
-        let depth = Self::depth_of(eye, frame, &state, depth_later_s);
+        let depth = depths::measured(eye, frame, &state, depth_later_s);
         let is_usable = usable(frame, &depth, width);
         let mut picture = Plane::of(&frame.pixels);
         let mut levels = Vec::new();
@@ -96,19 +73,6 @@ impl View {
             picture = next;
         }
         Self { index: frame.index, state, depth, levels }
-    }
-
-    /// The frame's depth at its moment, m, 0 where unknown.
-    pub fn depth_of(eye: &Eye, frame: &Frame, state: &State, depth_later_s: f64) -> Vec<f32> {
-        let (width, height) = eye.size();
-        match &frame.depth {
-            Some(map) if (map.width as usize, map.height as usize) == (width, height) => {
-                let later_s = map.timestamp_s + depth_later_s - frame.timestamp_s;
-                let later_s = if later_s.abs() < 1e-4 { 0.0 } else { later_s };
-                carried::carried(&eye.geometry, &eye.rays, map, state, later_s)
-            }
-            _ => vec![0.0; width * height],
-        }
     }
 }
 

@@ -6,17 +6,26 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 
+use super::calibrate::existing;
 use super::skip::Skip;
 use super::{progress, tell, warn};
-use crate::analyse::{Analysis, FILE_NAME, FILES, Taken, analyse, beside};
+use crate::analyse::{Accepted, Analysis, FILE_NAME, FILES, Findings, Outcome, Taken, Times, accept, analyse, beside};
 use crate::compositor::exposure_time_s;
+use crate::export::{Inputs, resolved};
 use crate::frame::Frame;
+use crate::profile::Document;
 use crate::recording::OpenOptions;
+use crate::report;
 use crate::rows::processors;
 use crate::shot::{Analysed, Given, Shot};
+use crate::sink;
 use crate::sink::atomic::write_atomically;
+use crate::source::file;
 use crate::unfinished::MadeFolder;
-use crate::words::{count, reason, shown};
+use crate::words::{count, fixed, number, reason, shown};
+
+/// A page is shorter, bytes.
+const MOST_PAGE: u64 = 64 << 20;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -31,6 +40,13 @@ pub struct Args {
     /// The folder of what is found; otherwise beside the recording, of its name with .analysis, where `composite` finds it
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Also write what was found as a page for a browser, with plots and pictures: one file of HTML
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Write what belongs to the camera (readout, point spread, exposure) into this profile; everything else in it is kept. A new
+    /// one begins as a copy of --profile
+    #[arg(long, value_name = "PROFILE")]
+    accept: Option<PathBuf>,
     /// Make it anew though it is there and fits
     #[arg(long)]
     force: bool,
@@ -50,15 +66,90 @@ pub fn run(args: &Args) -> Result<()> {
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
     }
-    let made = make(&shot, &folder, args.force, args.quiet)?;
+    if let Some(report) = &args.report {
+        check_report(report, &shot, &folder)?;
+    }
+    let accepting = args.accept.as_deref().map(|path| accepting(path, args, &shot)).transpose()?;
+    let (made, times) = make(&shot, &folder, args.force, args.quiet)?;
     write!(std::io::stdout().lock(), "{}", made.findings)?;
+    if let Some(path) = &args.report {
+        write_report(path, &shot, &made, times.as_ref())?;
+    }
+    if let (Some(path), Some(mut profile)) = (&args.accept, accepting) {
+        let accepted = accept(&made.findings, &mut profile);
+        if accepted.iter().any(|accepted| matches!(accepted.outcome, Outcome::Written { .. })) {
+            write_atomically(path, true, |out| out.write_all(profile.to_string().as_bytes()))?;
+        }
+        tell_accepted(&accepted, &made.findings, shot.recording.time_offset_s)?;
+    }
     let frames = count(shot.recording.frame_count(), "frame");
     tell(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
     Ok(())
 }
 
-/// Analyses a recording that was opened without its analysis, unless the one that is there fits.
-pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Analysis> {
+/// The profile that is to be written into, before the work: what is no profile is refused.
+fn accepting(path: &Path, args: &Args, shot: &Shot) -> Result<Document> {
+    let (is_there, profile) = existing(path)?;
+    if is_there {
+        return Ok(profile);
+    }
+    Inputs::of(shot).check_file(path)?;
+    match &args.profile {
+        Some(from) => Ok(existing(from)?.1),
+        None => Ok(profile),
+    }
+}
+
+/// A line for each key: before, after.
+fn tell_accepted(accepted: &[Accepted], findings: &Findings, time_offset_s: f64) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    for Accepted { key, outcome } in accepted {
+        match outcome {
+            Outcome::Written { before, after } => {
+                let before = before.map_or("unsaid".to_owned(), number);
+                writeln!(out, "accepted   {key}: {before} -> {}", number(*after))?;
+            }
+            Outcome::Kept(why) => writeln!(out, "accepted   {key} stays: {why}")?,
+        }
+    }
+    let registered = &findings.registration;
+    if let Some(clock_s) = registered.clock_s.filter(|_| registered.is_refined()) {
+        let offset_s = fixed(time_offset_s + clock_s, 4);
+        writeln!(
+            out,
+            "accepted   the poses' clock stays: it belongs to what tracks the camera, and the analysis has it (in a recording.toml: \
+             poses.time_offset_s = {offset_s})"
+        )?;
+    }
+    Ok(())
+}
+
+/// Before the work, so that none of it is lost: the page may be written there, and nothing but such a page is replaced.
+fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
+    Inputs::of(shot).check_file(path)?;
+    sink::check_file(path, true)?;
+    if resolved(path).parent() == Some(&resolved(folder)) {
+        bail!("{}: an analysis' folder holds nothing else; choose another place", path.display());
+    }
+    let is_page = || file::read_text(path, MOST_PAGE).is_ok_and(|text| text.contains(report::MADE_BY));
+    if path.is_file() && path.metadata().is_ok_and(|there| there.len() > 0) && !is_page() {
+        bail!("{}: exists already and is no report of an analysis, so it is kept; name another file", path.display());
+    }
+    Ok(())
+}
+
+fn write_report(path: &Path, shot: &Shot, analysis: &Analysis, times: Option<&Times>) -> Result<()> {
+    let camera = shot.geometry_at(0)?;
+    let response = shot.camera().response;
+    let source = report::Source { recording: &shot.recording, camera: &camera, response: &response, analysis, times };
+    let page = report::html(&source).with_context(|| format!("{}: cannot be made", path.display()))?;
+    write_atomically(path, true, |out| out.write_all(page.as_bytes()))?;
+    Ok(())
+}
+
+/// Analyses a recording that was opened without its analysis, unless the one that is there fits: then nothing is known of how
+/// long it took.
+pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Analysis, Option<Times>)> {
     let camera = shot.geometry_at(0)?;
     if let Some(other) = others(folder) {
         bail!(
@@ -72,7 +163,7 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Anal
         && there.fits(&shot.recording, &camera).is_ok()
     {
         tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
-        return Ok(there);
+        return Ok((there, None));
     }
     let bar = progress(quiet, 0);
     let rig = shot.camera();
@@ -84,9 +175,9 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<Anal
         Ok(())
     });
     bar.finish_and_clear();
-    let made = made.with_context(|| shot.recording.path.display().to_string())?;
+    let (made, times) = made.with_context(|| shot.recording.path.display().to_string())?;
     write(folder, &made, shot).with_context(|| format!("{}: cannot be written", folder.display()))?;
-    Ok(made)
+    Ok((made, Some(times)))
 }
 
 /// Something in a folder that no analysis has; what an interrupted one left is none.

@@ -11,7 +11,8 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use existing::{existing, pictures_beside};
+pub use existing::existing;
+use existing::pictures_beside;
 
 use crate::calibrate::{NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths};
 use crate::export::Inputs;

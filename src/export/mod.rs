@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 pub use error::ExportError;
-pub use inputs::Inputs;
+pub use inputs::{Inputs, resolved};
 pub use run::Exported;
 
 use crate::sink::OutPath;

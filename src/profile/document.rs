@@ -101,6 +101,19 @@ impl Document {
         self.set_key(params.table(), name, table_of(params).remove(name));
     }
 
+    /// The number that the text has for a parameter; `None` where it says nothing, or something else.
+    pub fn number(&self, table: &str, name: &str) -> Option<f64> {
+        let mut tables = table.split('.');
+        let first = self.text.get(tables.next()?)?;
+        let value = tables.try_fold(first, |item, part| item.get(part))?.get(name)?;
+        value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
+    }
+
+    /// Sets one parameter to a number within its range, and leaves the table's other keys alone.
+    pub fn set_number(&mut self, table: &str, name: &str, to: f64) {
+        self.set_key(table, name, Some(Item::Value(document::number(to))));
+    }
+
     /// Says whether an effect may run, in its table.
     pub fn switch(&mut self, effect: &str, on: bool) {
         self.set_key(effect, ON, Some(toml_edit::value(on)));

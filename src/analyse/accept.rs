@@ -1,0 +1,167 @@
+//! What of an analysis belongs to the camera, and so to its profile: readout, exposure, sharpness. What belongs to the recording
+//! (poses, gain) or to what tracks the camera (clocks) stays in the analysis.
+
+use super::findings::{Findings, Sharpness};
+use crate::calibrate::sharpness::PARAMETER;
+use crate::camera::{CameraExposure, Intrinsics};
+use crate::effects::point_spread::measuring;
+use crate::params::Params;
+use crate::profile::Document;
+use crate::words::count;
+
+/// Times are written to this part of a second, lengths to that of a pixel: finer than they are known.
+const OF_SECOND: f64 = 1e5;
+const OF_PIXEL: f64 = 1e3;
+/// Goes before the exposure time.
+const ANGLE: &str = "shutter_angle_deg";
+
+/// What became of one key of a profile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Accepted {
+    /// With its table.
+    pub key: String,
+    pub outcome: Outcome,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// `before`: what the profile said; the same as `after` if that was found.
+    Written { before: Option<f64>, after: f64 },
+    /// The profile stays as it is there, and why.
+    Kept(String),
+}
+
+/// Puts into a profile what was found of its camera.
+pub fn accept(findings: &Findings, profile: &mut Document) -> Vec<Accepted> {
+    let (intrinsics, exposure) = (Intrinsics::default(), CameraExposure::default());
+    let time_s = match profile.number(exposure.table(), ANGLE) {
+        Some(_) => Err(format!("the profile says {ANGLE}, which goes before it")),
+        None => time_s(findings),
+    };
+    let found = [
+        (intrinsics.table(), "readout_time_s", readout_s(findings)),
+        (PARAMETER.0, PARAMETER.1, sigma_px(findings.spread.as_ref())),
+        (exposure.table(), "time_s", time_s),
+    ];
+    let put = |(table, name, found): (&str, &str, Result<f64, String>)| {
+        let outcome = match found {
+            Ok(after) => {
+                let before = profile.number(table, name);
+                if before != Some(after) {
+                    profile.set_number(table, name, after);
+                }
+                Outcome::Written { before, after }
+            }
+            Err(why) => Outcome::Kept(why),
+        };
+        Accepted { key: format!("{table}.{name}"), outcome }
+    };
+    found.map(put).into()
+}
+
+fn rounded(value: f64, parts: f64) -> f64 {
+    (value * parts).round() / parts
+}
+
+fn readout_s(findings: &Findings) -> Result<f64, String> {
+    let why = || match findings.registration.is_refined() {
+        true => "the camera moves too little to tell it",
+        false => "it is found with the poses, and these are as recorded",
+    };
+    findings.readout_s().map(|s| rounded(s, OF_SECOND)).ok_or_else(|| why().to_owned())
+}
+
+/// What draws edges as sharp as they were measured.
+fn sigma_px(spread: Option<&Sharpness>) -> Result<f64, String> {
+    let unknown = "it was not looked for".to_owned();
+    let spread = spread.ok_or_else(|| unknown.clone())?;
+    let sigma_px = spread.sigma_px.ok_or_else(|| spread.why.clone().unwrap_or(unknown))?;
+    Ok(rounded(measuring(sigma_px), OF_PIXEL))
+}
+
+/// Of a camera that exposed all frames alike.
+fn time_s(findings: &Findings) -> Result<f64, String> {
+    let shutter = findings.shutter.as_ref();
+    match shutter.map_or(&[][..], |shutter| &shutter.runs) {
+        [run] => Ok(rounded(run.exposure_s, OF_SECOND)),
+        [] => Err(shutter.and_then(|shutter| shutter.why.clone()).unwrap_or("it was not looked for".to_owned())),
+        runs => {
+            Err(format!("it differs from frame to frame ({}), and the analysis has it", count(runs.len(), "exposure")))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::camera::Geometry;
+
+    /// Readout 26.65 ms ± 0.4 ms, σ 0.566 px, exposures of these runs of frames.
+    fn findings(poses: &str, runs: &[(usize, usize)]) -> Findings {
+        let mut camera = Geometry::pinhole(640, 480, 500.0);
+        camera.intrinsics.readout_time_s = 0.0266512;
+        let run = |(from, to): &(usize, usize)| json!({ "from": from, "to": to, "exposure_s": 0.019444, "sigma_s": 0.0001, "heard": 8 });
+        let registration = json!({
+            "poses": poses, "links": 9, "missing_links": 0, "depth_later_s": 0.0, "readout_sigma_s": 0.0004
+        });
+        let spread = json!({ "sigma_px": 0.566, "between_px": [0.5, 0.6], "edges": 50 });
+        let found = json!({
+            "version": 2, "recording": "", "frames": 20, "registration": registration, "spread": spread,
+            "shutter": { "runs": runs.iter().map(run).collect::<Vec<_>>() }, "camera": camera
+        });
+        serde_json::from_value(found).unwrap()
+    }
+
+    fn taken(findings: &Findings, text: &str) -> (Vec<String>, String) {
+        let mut profile = Document::parse(text, Path::new("p.toml")).unwrap();
+        let told = accept(findings, &mut profile).into_iter().map(|accepted| match accepted.outcome {
+            Outcome::Written { before, after } => format!("{} {before:?} {after}", accepted.key),
+            Outcome::Kept(why) => format!("{} stays: {why}", accepted.key),
+        });
+        (told.collect(), profile.to_string())
+    }
+
+    #[test]
+    fn what_was_found_of_the_camera_is_written_and_comments_stay() {
+        let text = "version = 1\n# a camera\n[camera]\nreadout_time_s = 0.02 # guessed\n[point_spread]\nsigma_px = 1 # by eye\n";
+        let (told, written) = taken(&findings("refined", &[(0, 20)]), text);
+        // 0.566 px is what a drawn edge measures of 0.6.
+        assert_eq!(
+            told,
+            [
+                "camera.readout_time_s Some(0.02) 0.02665",
+                "point_spread.sigma_px Some(1.0) 0.6",
+                "camera.exposure.time_s None 0.01944"
+            ]
+        );
+        let expected = text.replace("0.02 ", "0.02665 ").replace("= 1 # by eye", "= 0.6 # by eye");
+        assert!(written.starts_with(&expected[..60]) && written.contains("sigma_px = 0.6 # by eye\n"), "{written}");
+        assert!(written.contains("[camera.exposure]\ntime_s = 0.01944\n"), "{written}");
+        Document::parse(&written, Path::new("p.toml")).unwrap();
+    }
+
+    #[test]
+    fn what_was_not_found_stays() {
+        let text = "version = 1\n[camera.exposure]\ntime_s = 0.01\n";
+        let mut found = findings("right", &[(0, 9), (9, 20)]);
+        found.spread = None;
+        let (told, written) = taken(&found, text);
+        assert_eq!(written, text);
+        assert!(told.iter().all(|told| told.contains(" stays: ")) && told[2].contains("2 exposures"), "{told:?}");
+        // The angle goes before the time.
+        let angled = "version = 1\n[camera.exposure]\nshutter_angle_deg = 180\n";
+        let (told, written) = taken(&findings("right", &[(0, 20)]), angled);
+        assert!(
+            told[2].contains("shutter_angle_deg, which goes before it") && !written.contains("time_s ="),
+            "{told:?}"
+        );
+        // A readout that rows do not tell.
+        let mut unsure = findings("refined", &[(0, 20)]);
+        unsure.registration.readout_sigma_s = Some(0.002);
+        assert!(taken(&unsure, text).0[0].contains("moves too little"));
+    }
+}

@@ -1,0 +1,248 @@
+//! One plot as SVG that takes its colours from the page's style, so that it is light or dark as the page is.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::ValueFormatter;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::{
+    ChartBuilder, Circle, Color, IntoDrawingArea, IntoLogRange, LineSeries, PathElement, Polygon, RGBColor, Ranged,
+    SVGBackend, TextStyle,
+};
+use plotters::style::{FontFamily, FontStyle};
+use serde::Serialize;
+
+use super::ReportError;
+use crate::words::short;
+
+/// Places are whole units of the drawing, so it is drawn twice as large as it is shown at most.
+const WIDTH: u32 = 1840;
+const LETTERS: f64 = 31.0;
+/// More points than this along a line are not seen.
+const MOST_POINTS: usize = 2000;
+/// The least range of an axis, by the largest value.
+const LEAST_RANGE: f64 = 1e-6;
+
+/// What something is drawn in. The page's style knows the colours by their codes (page.html).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Ink {
+    /// As recorded.
+    Recorded,
+    /// As found.
+    Found,
+    Red,
+    Green,
+    Blue,
+}
+
+/// Letters, axes and grid.
+const TEXT: RGBColor = RGBColor(1, 1, 1);
+const AXIS: RGBColor = RGBColor(2, 2, 2);
+const GRID: RGBColor = RGBColor(3, 3, 3);
+
+impl Ink {
+    fn colour(self) -> RGBColor {
+        match self {
+            Self::Recorded => RGBColor(4, 4, 4),
+            Self::Found => RGBColor(5, 5, 5),
+            Self::Red => RGBColor(6, 6, 6),
+            Self::Green => RGBColor(7, 7, 7),
+            Self::Blue => RGBColor(8, 8, 8),
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// A value per frame; where frames are missing the line is interrupted.
+    Line(Vec<(f64, f64)>),
+    Dots(Vec<(f64, f64)>),
+    /// From one frame to another a value, and how far it may be off to either side.
+    Level {
+        from: f64,
+        to: f64,
+        value: f64,
+        sigma: f64,
+    },
+}
+
+/// Over the frames of a recording.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    pub frames: usize,
+    /// With its unit.
+    pub y: String,
+    /// Whether the frames' axis is named: below the last of several.
+    pub names_frames: bool,
+    pub is_logarithmic: bool,
+    /// Whether 0 belongs to the range.
+    pub from_zero: bool,
+    pub height: u32,
+    pub shapes: Vec<(Ink, Shape)>,
+}
+
+impl Chart {
+    /// SVG whose text others cannot have written.
+    pub fn svg(&self) -> Result<String, ReportError> {
+        let mut text = String::new();
+        let range = self.range();
+        let across = 0.0..(self.frames.max(2) - 1) as f64;
+        let area = SVGBackend::with_string(&mut text, (WIDTH, self.height)).into_drawing_area();
+        let failed = |error: &dyn std::fmt::Display| ReportError::Plot(error.to_string());
+        let mut chart = ChartBuilder::on(&area);
+        chart.margin_top(14).margin_right(20).y_label_area_size(120);
+        chart.x_label_area_size(if self.names_frames { 84 } else { 20 });
+        if self.is_logarithmic {
+            let built = chart.build_cartesian_2d(across, range.log_scale());
+            self.draw(&mut built.map_err(|error| failed(&error))?)?;
+        } else {
+            let built = chart.build_cartesian_2d(across, range);
+            self.draw(&mut built.map_err(|error| failed(&error))?)?;
+        }
+        area.present().map_err(|error| failed(&error))?;
+        drop(chart);
+        drop(area);
+        // The page gives it its size.
+        Ok(text.replacen(&format!("width=\"{WIDTH}\" height=\"{}\" ", self.height), "", 1))
+    }
+
+    fn range(&self) -> Range<f64> {
+        let values = self.shapes.iter().flat_map(|(_, shape)| match shape {
+            Shape::Line(points) | Shape::Dots(points) => points.iter().map(|point| point.1).collect(),
+            Shape::Level { value, sigma, .. } => vec![value - sigma, value + sigma],
+        });
+        let zero = self.from_zero.then_some(0.0);
+        let (low, high) = values
+            .chain(zero)
+            .filter(|value| value.is_finite() && (!self.is_logarithmic || *value > 0.0))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        if low > high {
+            return if self.is_logarithmic { 0.1..10.0 } else { 0.0..1.0 };
+        }
+        if self.is_logarithmic {
+            return 0.8 * low..1.25 * high;
+        }
+        let room = (0.06 * (high - low)).max(LEAST_RANGE * high.abs().max(1.0));
+        (if self.from_zero && low == 0.0 { 0.0 } else { low - room })..high + room
+    }
+
+    fn draw<'a, Y>(
+        &self,
+        chart: &mut plotters::prelude::ChartContext<
+            'a,
+            SVGBackend<'_>,
+            plotters::prelude::Cartesian2d<RangedCoordf64, Y>,
+        >,
+    ) -> Result<(), ReportError>
+    where
+        Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    {
+        let failed = |error: &dyn std::fmt::Display| ReportError::Plot(error.to_string());
+        let letters = TextStyle::from((FontFamily::SansSerif, LETTERS, FontStyle::Normal)).color(&TEXT);
+        let span = self.range();
+        let label = |value: &f64| {
+            // A sum of steps that should be zero.
+            let is_zero = value.abs() < 1e-9 * (span.end - span.start).abs();
+            if is_zero { "0".to_owned() } else { short(*value).replace('-', "−") }
+        };
+        let mut mesh = chart.configure_mesh();
+        mesh.disable_x_mesh().bold_line_style(GRID).light_line_style(GRID.mix(0.0)).axis_style(AXIS);
+        mesh.label_style(letters.clone()).axis_desc_style(letters.clone());
+        mesh.y_desc(self.y.as_str()).y_labels(5).y_label_formatter(&label);
+        let number = |frame: &f64| if frame.fract() == 0.0 { format!("{frame}") } else { String::new() };
+        let none = |_: &f64| String::new();
+        mesh.x_labels(10);
+        if self.names_frames {
+            mesh.x_desc("frame").x_label_formatter(&number);
+        } else {
+            mesh.x_label_formatter(&none);
+        }
+        mesh.draw().map_err(|error| failed(&error))?;
+        for (ink, shape) in &self.shapes {
+            let colour = ink.colour();
+            match shape {
+                Shape::Line(points) => {
+                    for part in connected(&thinned(points)) {
+                        let line = LineSeries::new(part, colour.stroke_width(4));
+                        chart.draw_series(line).map_err(|error| failed(&error))?;
+                    }
+                }
+                Shape::Dots(points) => {
+                    let points = thinned(points);
+                    let dots = points.into_iter().map(|at| Circle::new(at, 6, colour.mix(0.7).filled()));
+                    chart.draw_series(dots).map_err(|error| failed(&error))?;
+                }
+                Shape::Level { from, to, value, sigma } => {
+                    let band =
+                        [(*from, value - sigma), (*to, value - sigma), (*to, value + sigma), (*from, value + sigma)];
+                    let band = Polygon::new(band.to_vec(), colour.mix(0.22).filled());
+                    chart.draw_series([band]).map_err(|error| failed(&error))?;
+                    let line = PathElement::new(vec![(*from, *value), (*to, *value)], colour.stroke_width(4));
+                    chart.draw_series([line]).map_err(|error| failed(&error))?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// At most [`MOST_POINTS`], evenly.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    points.iter().step_by(points.len().div_ceil(MOST_POINTS).max(1)).copied().collect()
+}
+
+/// Parts of a line between which points are missing: farther apart than twice the usual distance.
+fn connected(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
+    let mut steps: Vec<f64> = points.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    steps.sort_by(f64::total_cmp);
+    let most = 2.0 * steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    points.chunk_by(|a, b| b.0 - a.0 < most).map(<[_]>::to_vec).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart(shapes: Vec<(Ink, Shape)>) -> Chart {
+        let y = "turn, °".to_owned();
+        Chart { frames: 11, y, names_frames: true, is_logarithmic: false, from_zero: false, height: 300, shapes }
+    }
+
+    #[test]
+    fn a_line_is_interrupted_where_frames_are_missing() {
+        let points: Vec<(f64, f64)> = [0, 1, 2, 6, 7].map(|n| (f64::from(n), 1.0)).to_vec();
+        assert_eq!(connected(&points).iter().map(Vec::len).collect::<Vec<_>>(), [3, 2]);
+        assert_eq!(connected(&points[..1]).len(), 1);
+        assert_eq!(connected(&[]).len(), 0);
+        let svg = chart(vec![(Ink::Found, Shape::Line(points))]).svg().unwrap();
+        assert_eq!(svg.matches("stroke=\"#050505\"").count(), 2, "{svg}");
+    }
+
+    #[test]
+    fn values_lie_where_the_axes_say() {
+        let dots = Shape::Dots(vec![(0.0, 0.0), (5.0, 5.0), (10.0, 10.0)]);
+        let svg = chart(vec![(Ink::Red, dots)]).svg().unwrap();
+        let places = |name: &str| -> Vec<f64> {
+            let circles = svg.split("<circle").skip(1);
+            let of = |text: &str| text.split(&format!("{name}=\"")).nth(1).unwrap().split('"').next().unwrap().parse();
+            circles.map(|text| of(text).unwrap()).collect()
+        };
+        let (x, y) = (places("cx"), places("cy"));
+        // From the labels' area to the margin, and in the middle between.
+        assert_eq!((x[0], x[2]), (120.0, f64::from(WIDTH) - 21.0));
+        assert!((x[1] - 0.5 * (x[0] + x[2])).abs() <= 1.0 && (y[1] - 0.5 * (y[0] + y[2])).abs() <= 1.0, "{x:?} {y:?}");
+        assert!(y[0] > y[2], "upwards");
+        assert!(svg.contains("turn, °") && svg.contains("frame"));
+    }
+
+    #[test]
+    fn nothing_and_what_is_no_number_is_no_panic() {
+        for values in [vec![], vec![(0.0, f64::NAN)], vec![(3.0, 5.0)], vec![(0.0, 1e300), (1.0, -1e300)]] {
+            for is_logarithmic in [false, true] {
+                let shapes = vec![(Ink::Blue, Shape::Dots(values.clone()))];
+                Chart { is_logarithmic, ..chart(shapes) }.svg().unwrap();
+            }
+        }
+        Chart { frames: 0, ..chart(Vec::new()) }.svg().unwrap();
+    }
+}

@@ -1,0 +1,71 @@
+//! What recorded poses lack, frame by frame.
+
+use glam::{DAffine3, DVec2, DVec3};
+
+use super::Source;
+use super::sight::Sight;
+use crate::fit::twist;
+use crate::pose::Pose;
+use crate::recording::RecordingError;
+
+/// Of one frame: recorded_from_refined, in the recorded camera's axes (right, down, forward).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Correction {
+    pub frame: usize,
+    pub turn_deg: DVec3,
+    pub way_mm: DVec3,
+    /// How far apart both show things that are `depth_m` away: mean over the picture, px.
+    pub picture_px: f64,
+}
+
+/// One for each frame that has both poses. `depth_m`: how far away things usually are.
+pub fn corrections(source: &Source<'_>, depth_m: f64) -> Vec<Correction> {
+    let Some(refined) = refined(source) else { return Vec::new() };
+    let recorded = recorded(source);
+    let of = |(frame, time_s): (usize, &f64)| {
+        let (was, now) = (recorded.pose(*time_s)?, refined.pose(*time_s)?);
+        Some(correction(frame, source, &was, &now, depth_m))
+    };
+    source.recording.timestamps_s.iter().enumerate().filter_map(of).collect()
+}
+
+pub fn recorded<'a>(source: &Source<'a>) -> Sight<'a> {
+    Sight { track: &source.recording.track, later_s: source.recording.time_offset_s, camera: source.camera }
+}
+
+/// `None` where the recorded poses were kept.
+pub fn refined<'a>(source: &Source<'a>) -> Option<Sight<'a>> {
+    let track = source.analysis.track.as_ref()?;
+    Some(Sight { track, later_s: 0.0, camera: &source.analysis.findings.camera })
+}
+
+fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m: f64) -> Correction {
+    let world_from_camera = |pose: &Pose| {
+        DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m())
+    };
+    let by = world_from_camera(was).inverse() * world_from_camera(now);
+    let turn = twist::turn(&twist::log(&by));
+    let size = DVec2::new(source.camera.intrinsics.width_px.into(), source.camera.intrinsics.height_px.into());
+    let places = (0..9).map(|n| size * DVec2::new(f64::from(n % 3) + 0.5, f64::from(n / 3) + 0.5) / 3.0);
+    let moved = |at: DVec2| {
+        let there = by.transform_point3(source.camera.unproject(at)? * depth_m);
+        Some((source.camera.project(there)? - at).length())
+    };
+    let moved: Vec<f64> = places.filter_map(moved).collect();
+    Correction {
+        frame,
+        turn_deg: DVec3::from_array(turn.to_array().map(f64::to_degrees)),
+        way_mm: 1e3 * by.translation,
+        picture_px: moved.iter().sum::<f64>() / moved.len().max(1) as f64,
+    }
+}
+
+/// The median depth of the recording's middle frame, m; `None` without depth.
+pub fn usual_depth_m(source: &Source<'_>) -> Result<Option<f64>, RecordingError> {
+    let middle = source.recording.frame_count() / 2;
+    let Some(frame) = source.recording.frames(middle..middle + 1)?.next().transpose()? else { return Ok(None) };
+    let mut known: Vec<f32> = frame.depth.map_or(Vec::new(), |map| map.depth_m);
+    known.retain(|z| *z > 0.0);
+    known.sort_by(f32::total_cmp);
+    Ok(known.get(known.len() / 2).map(|z| f64::from(*z)))
+}

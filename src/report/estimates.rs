@@ -1,0 +1,218 @@
+//! The verdicts at the top of a page: what was found, with its interval, what was kept and what was refused.
+
+use serde::Serialize;
+
+use crate::analyse::Findings;
+use crate::words::fixed;
+
+/// What became of what was recorded or given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mark {
+    /// Something else was found, and is used.
+    Changed,
+    /// It is right.
+    Kept,
+    /// The footage does not tell.
+    Refused,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Estimate {
+    pub name: &'static str,
+    pub mark: Mark,
+    pub verdict: &'static str,
+    /// With its interval; empty if it is not known.
+    pub value: String,
+    /// Why it was kept or refused; empty if it was not.
+    pub why: String,
+}
+
+/// `given_readout_s`: by the camera as it was given.
+pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
+    let of_poses = [poses(findings), clock(findings), readout(findings, given_readout_s), depth(findings)];
+    of_poses.into_iter().chain([gain(findings), exposure(findings), sharpness(findings)]).collect()
+}
+
+/// What is found with the poses, where these are as recorded.
+const WITH_POSES: &str = "found with the poses, and these are as recorded";
+
+fn estimate(name: &'static str, mark: Mark, verdict: &'static str, value: String, why: impl Into<String>) -> Estimate {
+    Estimate { name, mark, verdict, value, why: why.into() }
+}
+
+fn poses(findings: &Findings) -> Estimate {
+    let r = &findings.registration;
+    let px = |value: Option<f64>| value.map_or("?".to_owned(), |px| fixed(px, 2));
+    if r.is_refined() {
+        let value = format!("{} → {} px", px(r.recorded_px), px(r.refined_px));
+        estimate("poses", Mark::Changed, "refined", value, "")
+    } else if r.is_right() {
+        let value = format!("{} px", px(r.recorded_px));
+        estimate("poses", Mark::Kept, "kept", value, "the links between frames ask for no more than their own error")
+    } else {
+        let (mark, verdict) = if r.is_refused() { (Mark::Refused, "refused") } else { (Mark::Kept, "kept") };
+        estimate("poses", mark, verdict, String::new(), r.why.as_deref().unwrap_or("nothing can be said"))
+    }
+}
+
+fn clock(findings: &Findings) -> Estimate {
+    let r = &findings.registration;
+    match r.clock_s.zip(r.clock_sigma_s).filter(|_| r.is_refined()) {
+        Some((clock_s, sigma_s)) => estimate("poses' clock", Mark::Changed, "found", later(clock_s, sigma_s), ""),
+        None => estimate("poses' clock", Mark::Refused, "as given", String::new(), WITH_POSES),
+    }
+}
+
+/// A delay with its interval.
+fn later(by_s: f64, sigma_s: f64) -> String {
+    let ms = |s: f64| fixed(1e3 * s, 1);
+    format!("{} ± {} ms {}", ms(by_s.abs()), ms(sigma_s), if by_s < 0.0 { "early" } else { "late" })
+}
+
+fn readout(findings: &Findings, given_s: f64) -> Estimate {
+    let ms = |s: f64| fixed(1e3 * s, 1);
+    let sigma = findings.registration.readout_sigma_s.map_or(String::new(), |s| format!(" ± {}", ms(s)));
+    match findings.readout_s() {
+        Some(found_s) if found_s != given_s => {
+            estimate("readout", Mark::Changed, "found", format!("{}{sigma} ms", ms(found_s)), "")
+        }
+        Some(found_s) => {
+            let why = format!("the camera's {} ms fit as well", ms(given_s));
+            estimate("readout", Mark::Kept, "kept", format!("{}{sigma} ms", ms(found_s)), why)
+        }
+        None => {
+            let why = match findings.registration.is_refined() {
+                true => "rows do not tell it: the camera moves too little",
+                false => WITH_POSES,
+            };
+            estimate("readout", Mark::Refused, "as given", String::new(), why)
+        }
+    }
+}
+
+fn depth(findings: &Findings) -> Estimate {
+    let r = &findings.registration;
+    let refused = |why: &str| estimate("depth's clock", Mark::Refused, "as given", String::new(), why);
+    match r.depth_later_sigma_s {
+        _ if !r.is_refined() => refused(WITH_POSES),
+        None => refused("too few rims of near things move across the picture"),
+        Some(sigma_s) if r.depth_later_s != 0.0 => {
+            estimate("depth's clock", Mark::Changed, "found", later(r.depth_later_s, sigma_s), "")
+        }
+        Some(sigma_s) => {
+            let value = format!("± {} ms", fixed(1e3 * sigma_s, 1));
+            estimate("depth's clock", Mark::Kept, "kept", value, "depth lies on the picture's edges")
+        }
+    }
+}
+
+fn gain(findings: &Findings) -> Estimate {
+    match &findings.gain {
+        Some(g) if g.is_followed => {
+            estimate("light", Mark::Changed, "followed", format!("{} stops", fixed(g.range_ev, 2)), "")
+        }
+        Some(g) => {
+            let value = format!("± {} stops", fixed(g.recorded / std::f64::consts::LN_2, 3));
+            estimate("light", Mark::Kept, "steady", value, "frames are equally bright")
+        }
+        None => estimate("light", Mark::Refused, "refused", String::new(), "too few surfaces are seen twice"),
+    }
+}
+
+fn exposure(findings: &Findings) -> Estimate {
+    let refused = |why: &str| estimate("exposure", Mark::Refused, "refused", String::new(), why);
+    let Some(shutter) = &findings.shutter else { return refused("it was not looked for") };
+    let ms = |s: f64| fixed(1e3 * s, 2);
+    let value = match shutter.runs.as_slice() {
+        [] => return refused(shutter.why.as_deref().unwrap_or("nothing can be said")),
+        [run] => format!("{} ± {} ms", ms(run.exposure_s), ms(run.sigma_s)),
+        runs => {
+            let (low, high) = runs
+                .iter()
+                .fold((f64::MAX, 0.0f64), |(low, high), run| (low.min(run.exposure_s), high.max(run.exposure_s)));
+            format!("{} to {} ms", ms(low), ms(high))
+        }
+    };
+    estimate("exposure", Mark::Changed, "found", value, "")
+}
+
+fn sharpness(findings: &Findings) -> Estimate {
+    let spread = findings.spread.as_ref();
+    match spread.and_then(|spread| Some((spread.sigma_px?, spread.between_px?))) {
+        Some((sigma, [low, high])) => {
+            let px = |px: f64| fixed(px, 2);
+            let value = format!("{} px ({} to {})", px(sigma), px(low), px(high));
+            estimate("sharpness", Mark::Changed, "found", value, "")
+        }
+        None => {
+            let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not looked for");
+            estimate("sharpness", Mark::Refused, "refused", String::new(), why)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::camera::Geometry;
+
+    fn findings(registration: Value, more: Value) -> Findings {
+        let mut camera = Geometry::pinhole(640, 480, 500.0);
+        camera.intrinsics.readout_time_s = 0.0267;
+        let mut found = json!({
+            "version": 2, "recording": "", "frames": 20, "camera": camera,
+            "registration": { "poses": "refused", "links": 9, "missing_links": 0, "depth_later_s": 0.0 }
+        });
+        for (into, from) in [("registration", registration), ("", more)] {
+            let into = if into.is_empty() { &mut found } else { &mut found[into] };
+            into.as_object_mut().unwrap().extend(from.as_object().unwrap().clone());
+        }
+        serde_json::from_value(found).unwrap()
+    }
+
+    fn verdicts(findings: &Findings, given_readout_s: f64) -> Vec<String> {
+        let all = estimates(findings, given_readout_s);
+        all.iter().map(|e| format!("{} {} {}", e.name, e.verdict, e.value)).collect()
+    }
+
+    #[test]
+    fn what_was_found_stands_with_its_interval() {
+        let registration = json!({
+            "poses": "refined", "recorded_px": 2.889, "refined_px": 0.1397, "clock_s": -0.00546, "clock_sigma_s": 0.00036,
+            "readout_sigma_s": 0.0002, "depth_later_s": 0.0243, "depth_later_sigma_s": 0.0044
+        });
+        let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01941, "sigma_s": 0.00042, "heard": 11 });
+        let gain = json!({ "pairs": 9, "recorded": 0.18, "left": 0.01, "range_ev": 1.2525, "is_followed": true });
+        let spread = json!({ "sigma_px": 0.4386, "between_px": [0.4265, 0.4502], "edges": 420 });
+        let found = findings(registration, json!({ "gain": gain, "spread": spread, "shutter": { "runs": [run] } }));
+        assert_eq!(
+            verdicts(&found, 0.02),
+            [
+                "poses refined 2.89 → 0.14 px",
+                "poses' clock found 5.5 ± 0.4 ms early",
+                "readout found 26.7 ± 0.2 ms",
+                "depth's clock found 24.3 ± 4.4 ms late",
+                "light followed 1.25 stops",
+                "exposure found 19.41 ± 0.42 ms",
+                "sharpness found 0.44 px (0.43 to 0.45)"
+            ]
+        );
+        assert_eq!(estimates(&found, 0.0267)[2].verdict, "kept", "the camera's own");
+    }
+
+    #[test]
+    fn what_was_refused_has_its_reason_and_no_number() {
+        let shutter = json!({ "why": "too even", "runs": [] });
+        let found = findings(json!({ "why": "there is no depth" }), json!({ "shutter": shutter }));
+        for estimate in estimates(&found, 0.0) {
+            assert!(
+                estimate.mark == Mark::Refused && estimate.value.is_empty() && !estimate.why.is_empty(),
+                "{estimate:?}"
+            );
+        }
+        assert_eq!(estimates(&found, 0.0)[0].why, "there is no depth");
+    }
+}

@@ -1,0 +1,25 @@
+//! What an analysis found, as a page that a browser opens: one file of HTML with its pictures and plots within, without script.
+//!
+//! It reads an [`Analysis`](crate::analyse::Analysis) and the recording that it is of, as it was recorded, and knows nothing of
+//! who asks. What the recording cannot show is left out, and the page says why.
+
+mod chart;
+mod correction;
+mod estimates;
+mod followed;
+mod page;
+mod places;
+mod plots;
+mod sight;
+mod source;
+mod strips;
+mod tile;
+
+pub use source::{MADE_BY, ReportError, Source};
+
+/// The page. The same analysis and recording give the same bytes, but for [`Source::times`].
+pub fn html(source: &Source<'_>) -> Result<String, ReportError> {
+    let mut figures = vec![plots::correction(source)?, plots::links(source)?, strips::point(source)?];
+    figures.extend([plots::gain(source)?, strips::brightness(source)?, plots::exposure(source)?]);
+    page::page(source, figures)
+}

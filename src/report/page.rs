@@ -1,0 +1,127 @@
+//! The page around plots and pictures (page.html).
+
+use std::time::Duration;
+
+use minijinja::value::Serde;
+use minijinja::{Environment, UndefinedBehavior};
+use serde::Serialize;
+
+use super::chart::Ink;
+use super::estimates::{Estimate, Mark, estimates};
+use super::{MADE_BY, ReportError, Source};
+use crate::words::{count, fixed, shown};
+
+/// A figure, or why it is not there.
+#[derive(Clone, Debug, Serialize)]
+pub struct Figure {
+    pub title: &'static str,
+    pub caption: String,
+    pub legend: Vec<(Ink, &'static str)>,
+    pub body: Body,
+}
+
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Body {
+    /// SVG, from above to below.
+    Plots { plots: Vec<String> },
+    /// Pictures of a place in several frames.
+    Strip {
+        /// What the pictures of a frame show, from above to below.
+        rows: Vec<(Ink, &'static str)>,
+        /// Of each picture, px.
+        side: usize,
+        cells: Vec<Cell>,
+    },
+    /// The caption says why.
+    LeftOut,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct Cell {
+    pub frame: usize,
+    /// Whether the place was chosen here.
+    pub is_start: bool,
+    /// As `data:` URIs, one for each row.
+    pub pictures: Vec<String>,
+}
+
+impl Figure {
+    pub fn left_out(title: &'static str, why: String) -> Self {
+        Self { title, caption: why, legend: Vec::new(), body: Body::LeftOut }
+    }
+}
+
+/// A part of the work: its share of the whole, per cent.
+#[derive(Serialize)]
+struct Part {
+    name: &'static str,
+    took: String,
+    share: String,
+}
+
+/// By its ending it is known that what is filled in is escaped.
+const TEMPLATE: (&str, &str) = ("page.html", include_str!("page.html"));
+
+#[derive(Serialize)]
+struct Page {
+    made_by: &'static str,
+    version: &'static str,
+    name: String,
+    facts: Vec<String>,
+    estimates: Vec<Estimate>,
+    figures: Vec<Figure>,
+    lines: Vec<(&'static str, String)>,
+    /// What was kept or refused, and why.
+    reasons: Vec<(String, &'static str, String)>,
+    whole: String,
+    parts: Vec<Part>,
+}
+
+pub fn page(source: &Source<'_>, figures: Vec<Figure>) -> Result<String, ReportError> {
+    let (recording, findings) = (source.recording, &source.analysis.findings);
+    let estimates = estimates(findings, source.camera.intrinsics.readout_time_s);
+    let (first, last) = (recording.timestamps_s.first(), recording.timestamps_s.last());
+    let long_s = first.zip(last).map_or(0.0, |(first, last)| last - first);
+    let (whole, parts) = parts(source.times.map_or(&[], |times| times.parts()));
+    let page = Page {
+        made_by: MADE_BY,
+        version: env!("CARGO_PKG_VERSION"),
+        name: shown(&recording.name),
+        facts: vec![
+            shown(&recording.path.display().to_string()),
+            recording.kind.to_string(),
+            format!("{}, {} s", count(recording.frame_count(), "frame"), fixed(long_s, 1)),
+            format!("{} × {} px", recording.width, recording.height),
+        ],
+        reasons: reasons(&estimates),
+        estimates,
+        figures,
+        lines: findings.lines(),
+        whole,
+        parts,
+    };
+    let mut templates = Environment::new();
+    // A name that the page does not have is an error.
+    templates.set_undefined_behavior(UndefinedBehavior::Strict);
+    Ok(templates.render_named_str(TEMPLATE.0, TEMPLATE.1, Serde(page))? + "\n")
+}
+
+/// What was kept or refused: names, verdict and reason. What has one reason stands together.
+fn reasons(estimates: &[Estimate]) -> Vec<(String, &'static str, String)> {
+    let others: Vec<&Estimate> = estimates.iter().filter(|estimate| estimate.mark != Mark::Changed).collect();
+    let alike = others.chunk_by(|a, b| (a.verdict, &a.why) == (b.verdict, &b.why));
+    let names = |alike: &[&Estimate]| alike.iter().map(|estimate| estimate.name).collect::<Vec<_>>().join(", ");
+    alike.map(|alike| (names(alike), alike[0].verdict, alike[0].why.clone())).collect()
+}
+
+/// How long it took, and each part of it.
+fn parts(times: &[(&'static str, Duration)]) -> (String, Vec<Part>) {
+    let whole_s: f64 = times.iter().map(|(_, took)| took.as_secs_f64()).sum();
+    let part = |(name, took): &(&'static str, Duration)| Part {
+        name,
+        took: format!("{} s", fixed(took.as_secs_f64(), 1)),
+        share: fixed(100.0 * took.as_secs_f64() / whole_s.max(1e-9), 1),
+    };
+    (format!("{} s", fixed(whole_s, 1)), times.iter().map(part).collect())
+}

@@ -1,0 +1,173 @@
+//! What is plotted over the frames, or why it is not.
+
+use super::chart::{Chart, Ink, Shape};
+use super::correction::{Correction, corrections, usual_depth_m};
+use super::page::{Body, Figure};
+use super::{ReportError, Source};
+use crate::analyse::Missed;
+use crate::words::{count, fixed, short};
+
+/// Heights of plots, units of a drawing that is 1840 wide.
+const TALL: u32 = 480;
+const LOW: u32 = 300;
+const AXIS: u32 = 64;
+/// Without depth things count as so far away, m.
+const FAR_M: f64 = 2.0;
+
+const RECORDED: (Ink, &str) = (Ink::Recorded, "as recorded");
+
+pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "What the recorded poses lack";
+    let registered = &source.analysis.findings.registration;
+    if source.analysis.track.is_none() {
+        let why = match registered.is_right() {
+            true => "the recorded poses are right, and are kept bit for bit".to_owned(),
+            false => format!("poses are as recorded: {}", registered.why.as_deref().unwrap_or("nothing can be said")),
+        };
+        return Ok(Figure::left_out(title, why));
+    }
+    let depth_m = usual_depth_m(source)?.unwrap_or(FAR_M);
+    let all = corrections(source, depth_m);
+    let of = |value: &dyn Fn(&Correction) -> f64| Shape::Line(all.iter().map(|c| (c.frame as f64, value(c))).collect());
+    let axes = |vector: fn(&Correction) -> glam::DVec3| {
+        let inks = [Ink::Red, Ink::Green, Ink::Blue];
+        inks.iter().enumerate().map(|(k, ink)| (*ink, of(&move |c| vector(c)[k]))).collect::<Vec<_>>()
+    };
+    let plot = |y: &str, shapes, is_last: bool| Chart {
+        frames: source.recording.frame_count(),
+        y: y.to_owned(),
+        names_frames: is_last,
+        is_logarithmic: false,
+        from_zero: is_last,
+        height: if is_last { LOW + AXIS } else { LOW },
+        shapes,
+    };
+    let plots = [
+        plot("turn, °", axes(|c| c.turn_deg), false),
+        plot("way, mm", axes(|c| c.way_mm), false),
+        plot("picture, px", vec![(Ink::Found, of(&|c| c.picture_px))], true),
+    ];
+    Ok(Figure {
+        title,
+        caption: format!(
+            "How the refined camera is turned and placed against the recorded one, in its own axes, and how far apart both show \
+             things {} m away, mean over the picture. What is alike in all frames is how the camera sits on what was tracked; \
+             what changes is what made evidence slide.",
+            fixed(depth_m, 1)
+        ),
+        legend: vec![(Ink::Red, "right"), (Ink::Green, "down"), (Ink::Blue, "forward"), (Ink::Found, "on the picture")],
+        body: Body::Plots { plots: plots.iter().map(Chart::svg).collect::<Result<_, _>>()? },
+    })
+}
+
+pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "Links that took no part";
+    let registered = &source.analysis.findings.registration;
+    let missed = &source.analysis.held_out;
+    if missed.is_empty() {
+        let why = registered.why.as_deref().unwrap_or("none could be aligned");
+        return Ok(Figure::left_out(title, format!("no frames were linked to judge the poses by: {why}")));
+    }
+    let of = |px: fn(&Missed) -> f64| {
+        Shape::Dots(missed.iter().map(|m| (0.5 * (m.from + m.to) as f64, px(m).max(0.01))).collect())
+    };
+    let share = |px: fn(&Missed) -> f64, share: f64| {
+        let mut all: Vec<f64> = missed.iter().map(px).collect();
+        all.sort_by(f64::total_cmp);
+        fixed(all[((share * all.len() as f64) as usize).min(all.len() - 1)], 2)
+    };
+    let median_and_most = |px: fn(&Missed) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
+    let chart = Chart {
+        frames: source.recording.frame_count(),
+        y: "missed by, px".to_owned(),
+        names_frames: true,
+        is_logarithmic: true,
+        from_zero: false,
+        height: TALL,
+        shapes: vec![(Ink::Recorded, of(|m| m.recorded_px)), (Ink::Found, of(|m| m.refined_px))],
+    };
+    Ok(Figure {
+        title,
+        caption: format!(
+            "{} of frames 3 and 7 apart, aligned by brightness and kept out of the fit: by how much poses miss each. Median and \
+             90 % as recorded: {}; {}: {}.",
+            count(missed.len(), "pair"),
+            median_and_most(|m| m.recorded_px),
+            if registered.is_refined() { "refined" } else { "if they were refined" },
+            median_and_most(|m| m.refined_px)
+        ),
+        legend: vec![RECORDED, (Ink::Found, "refined")],
+        body: Body::Plots { plots: vec![chart.svg()?] },
+    })
+}
+
+pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "How bright each frame is";
+    let gains = &source.analysis.gains;
+    if gains.is_empty() {
+        let why = match &source.analysis.findings.gain {
+            Some(gain) => format!("frames are equally bright, {gain}"),
+            None => "too few surfaces are seen twice".to_owned(),
+        };
+        return Ok(Figure::left_out(title, why));
+    }
+    let of = |c: usize| Shape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
+    let chart = Chart {
+        frames: gains.len(),
+        y: "stops".to_owned(),
+        names_frames: true,
+        is_logarithmic: false,
+        from_zero: false,
+        height: TALL,
+        shapes: vec![(Ink::Red, of(0)), (Ink::Green, of(1)), (Ink::Blue, of(2))],
+    };
+    Ok(Figure {
+        title,
+        caption: "Light of the same surfaces against the recording's median, by colour: exposure and gain move the three lines \
+                  together, white balance moves them apart. What is drawn follows them."
+            .to_owned(),
+        legend: vec![(Ink::Red, "red"), (Ink::Green, "green"), (Ink::Blue, "blue")],
+        body: Body::Plots { plots: vec![chart.svg()?] },
+    })
+}
+
+pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "How long frames were exposed";
+    let Some(shutter) = source.analysis.findings.shutter.as_ref().filter(|shutter| !shutter.runs.is_empty()) else {
+        let why = source.analysis.findings.shutter.as_ref().and_then(|shutter| shutter.why.as_deref());
+        return Ok(Figure::left_out(title, why.unwrap_or("nothing can be said").to_owned()));
+    };
+    let told = source.recording.exposure.iter().enumerate().filter_map(|(n, e)| Some((n as f64, 1e3 * e.time_s?)));
+    let told: Vec<(f64, f64)> = told.collect();
+    let mut legend = vec![(Ink::Found, "by blur: single frames, and runs with ± 1 σ")];
+    let mut shapes = Vec::new();
+    if !told.is_empty() {
+        legend.push(RECORDED);
+        shapes.push((Ink::Recorded, Shape::Line(told)));
+    }
+    shapes.extend(shutter.runs.iter().map(|run| {
+        let (from, to) = (run.from as f64, (run.to - 1) as f64);
+        (Ink::Found, Shape::Level { from, to, value: 1e3 * run.exposure_s, sigma: 1e3 * run.sigma_s })
+    }));
+    let heard = shutter.heard.iter().map(|(frame, s)| (*frame as f64, 1e3 * s)).collect();
+    shapes.push((Ink::Found, Shape::Dots(heard)));
+    let chart = Chart {
+        frames: source.recording.frame_count(),
+        y: "exposure, ms".to_owned(),
+        names_frames: true,
+        is_logarithmic: false,
+        from_zero: true,
+        height: LOW + AXIS,
+        shapes,
+    };
+    let interval_ms = short((1e4 * source.recording.frame_interval_s).round() / 10.0);
+    Ok(Figure {
+        title,
+        caption: format!(
+            "By motion blur against that of neighbouring frames; {interval_ms} ms lie between two frames. One exposure holds for \
+             all frames unless a row of them says another."
+        ),
+        legend,
+        body: Body::Plots { plots: vec![chart.svg()?] },
+    })
+}

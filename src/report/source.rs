@@ -1,0 +1,35 @@
+//! What a page is made of, and why there is none.
+
+use crate::analyse::{Analysis, Times};
+use crate::camera::{Geometry, Response};
+use crate::recording::{Recording, RecordingError};
+
+/// What a page is made of.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// As it was recorded: without its analysis.
+    pub recording: &'a Recording,
+    /// The camera as it was given.
+    pub camera: &'a Geometry,
+    pub response: &'a Response,
+    /// Of this recording and camera ([`Analysis::fits`]).
+    pub analysis: &'a Analysis,
+    /// How long it took, if it was made just now.
+    pub times: Option<&'a Times>,
+}
+
+/// By this a page of ours is told.
+pub const MADE_BY: &str = "<meta name=\"generator\" content=\"locard analyse\" />";
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error("a picture cannot be encoded: {0}")]
+    Picture(#[from] image::ImageError),
+    #[error("a plot cannot be drawn: {0}")]
+    Plot(String),
+    #[error("the page cannot be put together: {0}")]
+    Page(#[from] minijinja::Error),
+}
