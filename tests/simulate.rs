@@ -1,11 +1,15 @@
 //! The simulated camera against projection, arithmetic and its own tables.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "common/columns.rs"]
+mod columns;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use columns::columns;
 use glam::{DVec2, DVec3};
 use locard::params::{Kind, Params, Value};
 use locard::simulate::{
@@ -247,12 +251,6 @@ fn run(
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
     simulate::run(out, options, &Flaws::default(), force, progress)
-}
-
-fn columns(folder: &Path, list: &str) -> Vec<Vec<String>> {
-    let text = fs::read_to_string(folder.join(list)).unwrap();
-    let lines = text.lines().filter(|line| !line.starts_with('#'));
-    lines.map(|line| line.split(' ').map(str::to_owned).collect()).collect()
 }
 
 #[test]

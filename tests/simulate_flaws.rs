@@ -1,10 +1,14 @@
 //! What is wrong with a simulated recording if that is asked, and the truth beside it.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "common/columns.rs"]
+mod columns;
+
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use columns::columns;
 use glam::{DQuat, DVec3};
 use locard::camera::Response;
 use locard::simulate::{self, Flaws, Format, Motion, Options, Simulation};
@@ -24,12 +28,6 @@ fn small() -> Options {
 
 fn made(out: &Path, options: &Options, flaws: &Flaws) {
     simulate::run(out, options, flaws, true, &mut |_, _| ControlFlow::Continue(())).unwrap();
-}
-
-fn columns(folder: &Path, list: &str) -> Vec<Vec<String>> {
-    let text = fs::read_to_string(folder.join(list)).unwrap();
-    let lines = text.lines().filter(|line| !line.starts_with('#'));
-    lines.map(|line| line.split(' ').map(str::to_owned).collect()).collect()
 }
 
 /// The same recording without flaws differs by what is asked, and the truth tells how.

@@ -11,7 +11,7 @@
 use glam::DAffine3;
 use nalgebra::{Matrix6, SMatrix, SVector};
 
-use super::eye::Eye;
+use super::eye::{Eye, is_same};
 use super::robust::scatter;
 use super::state::seen;
 use super::view::View;
@@ -22,9 +22,6 @@ const STEPS: [usize; 4] = [5, 6, 8, 8];
 /// A frame shows a point if it lies this far from the rim, px, and in front of the camera by this, m.
 const RIM: f64 = 4.0;
 const FRONT_M: f64 = 0.15;
-/// A point is hidden in the other frame if depth there differs by more, m and by share.
-const HIDDEN_M: f64 = 0.04;
-const HIDDEN: f64 = 0.04;
 /// Fewer points tell nothing.
 const LEAST_POINTS: usize = 150;
 const LEAST_SEEN: usize = 120;
@@ -161,7 +158,7 @@ impl Seen {
                 continue;
             }
             let depth = f64::from(to.depth[at.y as usize * width + at.x as usize]);
-            if depth > 0.0 && (depth - far).abs() >= HIDDEN_M + HIDDEN * far {
+            if depth > 0.0 && !is_same(depth, far, 0.0) {
                 continue;
             }
             let (x, y) = (scale * (at.x - 0.5), scale * (at.y - 0.5));

@@ -8,6 +8,15 @@ const COARSEST: usize = 80;
 /// How far away the things of a room are, m.
 const USUAL_M: f64 = 1.5;
 
+/// Measured depths of one surface differ by less, m and by share: what a Kinect's sensor and an edge's neighbourhood make of it.
+const SAME_M: f64 = 0.04;
+const SAME: f64 = 0.04;
+
+/// Whether a depth that was measured is of the surface that lies so far away, m, or of one before or behind it.
+pub fn is_same(measured_m: f64, far_m: f64, slack_m: f64) -> bool {
+    (measured_m - far_m).abs() < SAME_M + SAME * far_m + slack_m
+}
+
 /// What is the same for all views of a recording.
 #[derive(Debug)]
 pub struct Eye {

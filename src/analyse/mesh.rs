@@ -4,16 +4,15 @@ use glam::{DAffine3, DMat2, DVec2, DVec3};
 
 use super::blurred::{Blurred, halvings};
 use super::boxes::weights;
-use super::eye::Eye;
+use super::eye::{Eye, is_same};
 use super::pyramid::Plane;
 use super::robust::median;
 use super::state::{State, moved, seen};
 
 /// Distance between the places, px.
 const CELL: usize = 8;
-/// Within a block depth differs by less than this share; and two frames' depths agree within m and share.
+/// Within a block depth differs by less than this share.
 const SMOOTH: f64 = 0.08;
-const SAME: (f64, f64) = (0.04, 0.04);
 /// Faster flows are not followed, px/s.
 const FASTEST: f64 = 4000.0;
 /// How far from the rim a place must lie, px.
@@ -81,7 +80,7 @@ impl Mesh {
         let margin = RIM_PX * small;
         let is_inside = at.x > margin && at.y > margin && at.x < width as f64 - margin && at.y < height as f64 - margin;
         let depth_there = if is_inside { f64::from(i.depth[at.y as usize * width + at.x as usize]) } else { 0.0 };
-        let is_same = depth_there == 0.0 || (depth_there - far).abs() < SAME.0 + SAME.1 * far + eye.slack_m(far);
+        let is_same = depth_there == 0.0 || is_same(depth_there, far, eye.slack_m(far));
         let is_clipped =
             j.is_clipped_near(eye, x as f64, y as f64) || (is_inside && i.is_clipped_near(eye, at.x, at.y));
         Node {

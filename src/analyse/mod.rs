@@ -39,6 +39,7 @@ mod view;
 
 pub use accept::{Accepted, Outcome, accept};
 pub use artefact::{Analysis, AnalysisError, FILE_NAME, FILES, beside};
+pub(crate) use eye::is_same;
 pub use findings::Findings;
 pub use interrupted::Interrupted;
 pub use registration::{Missed, RegistrationError, Verdict};
