@@ -12,14 +12,18 @@ override whole: bool = false;
 override parted: bool = false;
 // Whether there may be light where nothing is covered.
 override light_alone: bool = false;
+// Whether things take light from the real part.
+override shaded: bool = false;
 
 // Pixel (0, 0) is the upper left of the rectangle that is made.
 struct Composite {
     in_picture: vec2<i32>,   // its place in the picture
     in_camera: vec2<i32>,    // in the camera's texture
     in_layer: vec2<i32>,     // in the layer
+    in_shade: vec2<i32>,     // in the shade
     camera_size: vec2<i32>,
     layer_size: vec2<i32>,
+    shade_size: vec2<i32>,
     max_code: f32,
     gain: f32,               // on the real light
     noise_left: f32,         // share of the variance of the real pixels' noise
@@ -33,6 +37,8 @@ struct Composite {
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
 // Coverage of red, green and blue.
 @group(0) @binding(4) var coverage: texture_2d<f32>;
+// The share of the real light that is taken.
+@group(0) @binding(6) var shade: texture_2d<f32>;
 
 // σ at a code value (0..1), in 8-bit codes.
 fn sigma_at(code: vec3<f32>) -> vec3<f32> {
@@ -71,6 +77,16 @@ fn coverage_at(p: vec2<i32>, mean: f32) -> vec3<f32> {
     return select(vec3<f32>(0.0), present(textureLoad(coverage, q, 0)).rgb, inside);
 }
 
+// The share of the real light that is left at a pixel of the rectangle.
+fn left_at(p: vec2<i32>) -> vec3<f32> {
+    if !shaded {
+        return vec3<f32>(1.0);
+    }
+    let q = p + composite.in_shade;
+    let inside = all(q >= vec2<i32>(0)) && all(q < composite.shade_size);
+    return select(vec3<f32>(1.0), 1.0 - textureLoad(shade, q, 0).rgb, inside);
+}
+
 fn inside_picture(p: vec2<i32>) -> bool {
     let q = p + composite.in_camera;
     return all(q >= vec2<i32>(0)) && all(q < composite.camera_size);
@@ -106,14 +122,18 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let w = 1.0 - coverage;
-    let real = real_at(p, decode(code, curve, composite.gamma));
+    let left = left_at(p);
+    let recorded = decode(code, curve, composite.gamma);
+    let real = real_at(p, left * recorded);
     let real_light = composite.gain * real.rgb;
     let light = max(virtual_light + w * real_light, vec3<f32>(0.0));
     let mixed = encode(light, curve, composite.gamma);
     let after = slope_at(mixed, light, curve, composite.gamma);
-    var s = w * after / slope_at(code, real_light, curve, composite.gamma) * sigma_at(code);
+    // Light that is taken takes its share of the noise along.
+    let brought = w * left * after;
+    var s = brought / slope_at(code, composite.gain * recorded, curve, composite.gamma) * sigma_at(code);
     if whole {
-        s = w * after * recorded_sigma(real_light) * real.a;
+        s = brought * recorded_sigma(real_light / max(left, vec3<f32>(1e-3))) * real.a;
     }
     let variance = s * s;
     return Mixed(mixed, variance);
@@ -121,7 +141,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
 
 // A pixel of the camera's with nothing in front of it.
 fn camera_at(p: vec2<i32>) -> Mixed {
-    if whole {
+    if whole || shaded {
         return mixed_at(p, vec3<f32>(0.0), vec3<f32>(0.0));
     }
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
@@ -135,7 +155,7 @@ fn camera_at(p: vec2<i32>) -> Mixed {
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
     let virtual_light = layer_at(p);
-    if all(virtual_light == vec4<f32>(0.0)) && !whole {
+    if all(virtual_light == vec4<f32>(0.0)) && all(left_at(p) == vec3<f32>(1.0)) && !whole {
         return camera_codes(p);
     }
     let pixel = apply_effects(p, mixed_at(p, virtual_light.rgb, coverage_at(p, virtual_light.a)));

@@ -2,6 +2,8 @@
 // @import shared/fullscreen
 // @import shared/response
 override curve: f32 = 0.0;
+// Whether virtual things take light from it.
+override shaded: bool = false;
 
 struct Grid {
     size: vec2<i32>,
@@ -15,6 +17,8 @@ struct Grid {
 @group(0) @binding(2) var near_light: texture_2d<f32>;
 @group(0) @binding(3) var far_light: texture_2d<f32>;
 @group(0) @binding(4) var depths: texture_2d<u32>;
+// The share of the light that is taken, over the part.
+@group(0) @binding(5) var shade: texture_2d<f32>;
 
 // σ of colours (square roots of light) that are taken for one thing.
 const COLOR_SIGMA: f32 = 0.05;
@@ -67,5 +71,9 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     }
     let found = select(far, near, near.y >= far.y);
     let depth = found.y / max(found.x, 1e-12);
-    return Out(vec4<f32>(light, 1.0), vec4<f32>(behind.rgb, 1.0), vec4<u32>(words(depth), words(1.0 / behind.a)));
+    var left = light;
+    if shaded {
+        left *= 1.0 - textureLoad(shade, vec2<i32>(at.xy), 0).rgb;
+    }
+    return Out(vec4<f32>(left, 1.0), vec4<f32>(behind.rgb, 1.0), vec4<u32>(words(depth), words(1.0 / behind.a)));
 }

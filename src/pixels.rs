@@ -107,7 +107,7 @@ pub struct DepthMap {
 pub struct LayerImage {
     pub width: u32,
     pub height: u32,
-    /// Linear, premultiplied. Where all four are 0, the camera's pixels stay untouched. Where only A is 0, there is
+    /// Linear, premultiplied. Where only A is 0, there is
     /// light without coverage: a glow.
     pub rgba: Vec<[f32; 4]>,
     /// Metres along the optical axis, 0 where A is 0.
@@ -116,6 +116,9 @@ pub struct LayerImage {
     pub velocity: Vec<[f32; 2]>,
     /// Whether there may be light where A is 0: a glow.
     pub light_alone: bool,
+    /// The share of the real light that things leave, for each colour; 1 outside of their shadows. Where it is 1 and all of
+    /// `rgba` 0, the camera's pixels stay untouched.
+    pub left: Vec<[f32; 3]>,
 }
 
 impl LayerImage {
@@ -129,6 +132,7 @@ impl LayerImage {
             depth_m: vec![0.0; count],
             velocity: vec![[0.0; 2]; count],
             light_alone: false,
+            left: vec![[1.0; 3]; count],
         }
     }
 

@@ -10,12 +10,13 @@ use glam::{DAffine3, DQuat, DVec3};
 
 mod changed;
 mod full_picture;
+mod standing;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
-use crate::compositor::{Compositor, Job, Settings, SubmitError, Target};
+use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
-use crate::pixels::Pixels;
+use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
 use crate::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
 use crate::tracking::PoseTrack;
@@ -114,8 +115,11 @@ fn scene(geometry: &Geometry) -> Scene {
         DQuat::IDENTITY,
         DVec3::new(0.0, 0.0, depth_m),
     );
-    let sun =
-        Sun { towards_light_in_world: glam::Vec3::new(0.3, -0.8, -0.5).normalize(), color: glam::Vec3::splat(0.6) };
+    let sun = Sun {
+        towards_light_in_world: glam::Vec3::new(0.3, -0.8, -0.5).normalize(),
+        color: glam::Vec3::splat(0.6),
+        diameter_rad: 0.00925,
+    };
     Scene {
         meshes: vec![sphere().into()],
         materials: vec![Material {
@@ -219,31 +223,45 @@ impl<'a> Table<'a> {
     }
 }
 
+/// The median time of a frame, upload to readback, milliseconds. `look` is shown what each was made of.
+fn median_of(
+    gpu: &Gpu,
+    load: &Load,
+    scene: &Scene,
+    (pixels, depth): (&Pixels, Option<&DepthMap>),
+    settings: &Settings,
+    look: &mut dyn FnMut(&FrameStats),
+) -> Result<f64, SubmitError> {
+    let Load { camera, geometry, track, .. } = load;
+    let mut compositor = Compositor::new(gpu.clone(), scene.clone());
+    let mut index = 0;
+    let frame = || {
+        index += 1;
+        let (pixels, depth, exposure) = (pixels.clone(), depth.cloned(), FrameExposure::default());
+        Frame { index, timestamp_s: 0.0, pixels, depth, exposure, presence: 1.0 }
+    };
+    median_ms(frame, |frame| {
+        let job = Job::of_frame(frame, camera, settings, geometry, track, INTERVAL_S)?;
+        let pending = compositor.submit(job, camera, settings, Target::Pixels)?;
+        let done = compositor.collect(pending)?;
+        look(&done.stats);
+        Ok::<_, SubmitError>(())
+    })
+}
+
 /// Times everything at a picture size: the copy, the plain composite, each effect alone over it, all effects at their
-/// defaults, a changed setting, and depth of field over a whole picture.
+/// defaults, what stands in the room, a changed setting, and depth of field over a whole picture.
 pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height)?;
     let load = Load::new(width, height);
-    let Load { camera, geometry, track, scene } = &load;
+    let scene = &load.scene;
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
     // An effect that this load leaves neutral has no row.
     let mut time = |name: String, settings: Settings, effect: Option<&str>| -> Result<(), SubmitError> {
-        let mut compositor = Compositor::new(gpu.clone(), scene.clone());
-        let mut index = 0;
         let mut runs = true;
-        let frame = || {
-            index += 1;
-            let exposure = FrameExposure::default();
-            Frame { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure, presence: 1.0 }
-        };
-        let ms = median_ms(frame, |frame| {
-            let job = Job::of_frame(frame, camera, &settings, geometry, track, INTERVAL_S)?;
-            let pending = compositor.submit(job, camera, &settings, Target::Pixels)?;
-            let done = compositor.collect(pending)?;
-            runs &= effect.is_none_or(|effect| done.stats.effects.contains(&effect));
-            Ok::<_, SubmitError>(())
-        })?;
+        let mut look = |stats: &FrameStats| runs &= effect.is_none_or(|effect| stats.effects.contains(&effect));
+        let ms = median_of(gpu, &load, scene, (&pixels, None), &settings, &mut look)?;
         if !runs {
             return Ok(());
         }
@@ -263,6 +281,7 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError
         }
     }
     time(ALL.to_owned(), Settings::default(), None)?;
+    standing::standing(&mut table, &load, &pixels)?;
     changed::settings(&mut table, &load, &pixels)?;
     full_picture::depth_of_field(&mut table)?;
     Ok(table.rows())

@@ -16,6 +16,8 @@ pub struct Piece {
     pub shown: Rect,
     /// The layer's rectangle in this piece's coordinates; may extend beyond the picture. Elsewhere the layer is empty.
     pub drawn: Rect,
+    /// The same of the shade.
+    pub shaded: Rect,
 }
 
 /// The part of the camera's picture that the composite reads, on the GPU.
@@ -69,8 +71,10 @@ crate::uniform! {
         in_picture: [i32; 2],
         in_camera: [i32; 2],
         in_layer: [i32; 2],
+        in_shade: [i32; 2],
         camera_size: [i32; 2],
         layer_size: [i32; 2],
+        shade_size: [i32; 2],
         max_code: f32,
         gain: f32,
         noise_left: f32,
@@ -106,24 +110,26 @@ pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, St
     (shaders, tail)
 }
 
-/// Records the composite of a piece.
+/// Records the composite of a piece. `shade` is the share of the real light that is taken.
 pub fn mix(
     recorder: &mut Recorder,
     camera: &Camera,
     job: &Job<'_>,
     sent: &Sent,
-    layer: &Layer,
+    (layer, shade): (&Layer, Option<&Texture>),
     piece: &Piece,
     parts: Vec<MixedPart>,
 ) -> Texture {
-    let (Piece { shown, drawn }, capture) = (*piece, &job.capture);
+    let (Piece { shown, drawn, shaded }, capture) = (*piece, &job.capture);
     let size = (shown.width(), shown.height());
     let uniform = Composite {
         in_picture: [shown.x0, shown.y0],
         in_camera: [shown.x0 - sent.rect.x0, shown.y0 - sent.rect.y0],
         in_layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0],
+        in_shade: [shown.x0 - shaded.x0, shown.y0 - shaded.y0],
         camera_size: [sent.rect.width() as i32, sent.rect.height() as i32],
         layer_size: [drawn.width() as i32, drawn.height() as i32],
+        shade_size: [shaded.width() as i32, shaded.height() as i32],
         max_code: sent.max_code,
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
@@ -135,7 +141,8 @@ pub fn mix(
         .choose("curve", curve_choice(&camera.response))
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())
-        .choose("light_alone", layer.light_alone);
+        .choose("light_alone", layer.light_alone)
+        .choose("shaded", shade.is_some());
     let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
     let (shaders, tail) = module(&named, layer.real.is_some());
     let mut pass = recorder
@@ -144,7 +151,8 @@ pub fn mix(
         .buffer("sigma_table", sigma)
         .texture("camera", &sent.texture)
         .texture("layer", &layer.color)
-        .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color));
+        .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color))
+        .texture("shade", shade.unwrap_or(&layer.color));
     for part in &parts {
         pass = pass.packed(part.name, &part.uniform);
         for (name, texture) in &part.textures {

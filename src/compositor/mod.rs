@@ -14,6 +14,7 @@ mod real;
 mod rgba;
 mod run;
 mod settings;
+mod shade;
 
 use crate::camera::Camera;
 use crate::depth::RayCache;
@@ -23,16 +24,17 @@ use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
+use crate::shadow::Shadows;
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
 pub use plan::poses_within_s;
 pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
-pub use settings::{Depth, ON, Settings, SettingsError};
+pub use settings::{Depth, ON, Settings, SettingsError, Shade};
 
 use hide::Hidden;
 use mix::{Piece, Sent, mix};
-use paste::{paste, paste_layer};
+use paste::{paste, paste_layer, paste_shade};
 use plan::{Plan, Sight, moment};
 
 /// Draws a scene into frames. All that it keeps between frames are caches: each call returns what a new compositor
@@ -40,6 +42,7 @@ use plan::{Plan, Sight, moment};
 #[derive(Debug)]
 pub struct Compositor {
     renderer: Renderer,
+    shadows: Shadows,
     recorder: Recorder,
     rays: RayCache,
     readbacks: ReadbackSet,
@@ -90,11 +93,14 @@ struct LayerBack {
     light_alone: bool,
     presence: f32,
     parts: [Readback; 2],
+    shaded: Rect,
+    shade: Option<Readback>,
 }
 
 impl Compositor {
     pub fn new(gpu: Gpu, scene: Scene) -> Self {
         Self {
+            shadows: Shadows::new(&scene),
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
             rays: RayCache::default(),
@@ -104,6 +110,11 @@ impl Compositor {
 
     /// Replaces the scene. Compiled pipelines stay, so that this costs no more than uploading the scene.
     pub fn set_scene(&mut self, scene: Scene) {
+        // Charts that are known hold for the same things in the same light.
+        let before = self.renderer.scene();
+        if !before.is_made_of_the_same(&scene) || before.lighting != scene.lighting {
+            self.shadows = Shadows::new(&scene);
+        }
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }
 
@@ -153,9 +164,13 @@ impl Compositor {
         if job.frame.presence <= 0.0 && !job.capture.whole {
             return Ok(self.untouched(job, stats, target));
         }
-        let sight = Sight::new(&self.renderer, &job, settings);
+        let charts = match settings.shadow.cast && settings.shadow.strength > 0.0 {
+            true => self.shadows.charts(self.renderer.scene()),
+            false => Vec::new(),
+        };
+        let sight = Sight::new(&self.renderer, charts, &job, settings);
         let moment = moment(&job, camera, settings, &sight);
-        let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight.footprint)?;
+        let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight)?;
         stats.fastest_px_per_s = sight.footprint.fastest_px_per_s;
         stats.effects = plan.active.iter().map(|effect| effect.table()).collect();
         let Some(places) = &plan.places else { return Ok(self.untouched(job, stats, target)) };
@@ -177,6 +192,17 @@ impl Compositor {
             parallel_to_m: None,
             outer: None,
         };
+        self.recorder.part("shadow");
+        let asked = shade::Asked {
+            geometry: job.picture,
+            keys: &sight.keys,
+            shutter: sight.shutter,
+            part: places.shaded,
+            depth: hidden.real.as_ref().map(|(depth, rect)| (depth, *rect)),
+            settings: &settings.shadow,
+            presence: job.frame.presence,
+        };
+        let shade = shade::shade(&mut self.recorder, &sight.shades, &asked);
         self.recorder.part("objects");
         let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);
         layer.real = plan.surfaces.map(|surfaces| {
@@ -184,7 +210,15 @@ impl Compositor {
             let hides = settings.depth.occlusion && job.real.moments().is_empty();
             let tolerance_m = hides.then_some(tolerance_m);
             let pixels = &job.frame.pixels;
-            real::real_layer(&mut self.recorder, pixels, surfaces, places.drawn, tolerance_m, &camera.response)
+            real::real_layer(
+                &mut self.recorder,
+                pixels,
+                surfaces,
+                places.drawn,
+                tolerance_m,
+                &camera.response,
+                shade.as_ref(),
+            )
         });
         let mut run = LayerRun {
             recorder: &mut self.recorder,
@@ -205,7 +239,7 @@ impl Compositor {
         for (i, piece) in places.pieces.iter().enumerate() {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
             let sent = sent.get(i).unwrap_or(&sent[0]);
-            let made = mix(run.recorder, camera, &job, sent, &layer, piece, parts);
+            let made = mix(run.recorder, camera, &job, sent, (&layer, shade.as_ref()), piece, parts);
             match target {
                 Target::Pixels => {
                     let size = (piece.shown.width(), piece.shown.height());
@@ -217,16 +251,23 @@ impl Compositor {
         if let (Target::View(view, format), Some(sent)) = (target, sent.first()) {
             sent.show(run.recorder, view, format);
         }
+        let first = places.pieces[0];
         work.layer = job.want_layer.then(|| LayerBack {
-            drawn: places.pieces.first().map_or(places.drawn, |piece| piece.drawn),
+            drawn: first.drawn,
             over_seam: places.pieces.len() > 1,
             light_alone: layer.light_alone,
             presence: job.frame.presence as f32,
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
+            shaded: first.shaded,
+            shade: shade.as_ref().map(|t| {
+                let size = (places.shaded.width(), places.shaded.height());
+                run.recorder.read_back(&mut self.readbacks, t, size)
+            }),
         });
         let submission = self.recorder.submit();
         let codes = work.codes.iter_mut().map(|(_, readback)| readback);
-        for readback in codes.chain(work.layer.iter_mut().flat_map(|layer| &mut layer.parts)) {
+        let layers = work.layer.iter_mut().flat_map(|layer| layer.parts.iter_mut().chain(&mut layer.shade));
+        for readback in codes.chain(layers) {
             readback.submitted(submission.clone());
         }
         let last = Some(submission);
@@ -259,7 +300,7 @@ impl Compositor {
     /// Whether [`Compositor::collect`] would return without waiting.
     pub fn is_done(&self, pending: &Pending) -> Result<bool, GpuError> {
         let Some(work) = &pending.work else { return Ok(true) };
-        let layer = work.layer.iter().flat_map(|layer| &layer.parts);
+        let layer = work.layer.iter().flat_map(|layer| layer.parts.iter().chain(&layer.shade));
         for readback in work.codes.iter().map(|(_, readback)| readback).chain(layer) {
             if !readback.is_ready(self.gpu())? {
                 return Ok(false);
@@ -291,12 +332,14 @@ impl Compositor {
             self.readbacks.give_back(codes);
         }
         if let (Some(image), Some(back)) = (&mut layer, back) {
-            let LayerBack { drawn, over_seam, light_alone, presence, parts: [color, geometry] } = back;
+            let LayerBack { drawn, over_seam, light_alone, presence, parts: [color, geometry], shaded, shade } = back;
             image.light_alone = light_alone;
-            paste_layer(self.gpu(), &color, &geometry, drawn, over_seam, image)?;
+            paste_layer(self.gpu(), [&color, &geometry], drawn, over_seam, image)?;
+            if let Some(shade) = &shade {
+                paste_shade(self.gpu(), shade, shaded, over_seam, image)?;
+            }
             image.fade(presence);
-            self.readbacks.give_back(color);
-            self.readbacks.give_back(geometry);
+            [Some(color), Some(geometry), shade].into_iter().flatten().for_each(|back| self.readbacks.give_back(back));
         }
         Ok(Composited { frame: index, pixels, layer, stats })
     }

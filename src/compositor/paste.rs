@@ -26,24 +26,17 @@ pub fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) ->
     }
 }
 
-/// Fills in a layer that was drawn over `rect`, which may extend beyond the picture. With `over_seam` it continues at
-/// the opposite rim.
+/// Fills in a layer that was drawn over `rect`, which may extend beyond the picture. With `over_seam` it continues at the opposite
+/// rim.
 pub fn paste_layer(
     gpu: &Gpu,
-    color: &Readback,
-    geometry: &Readback,
+    [color, geometry]: [&Readback; 2],
     rect: Rect,
     over_seam: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
-    let (light_alone, width, height) = (out.light_alone, out.width as i32, out.height as i32);
-    let half = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32();
-    let at = |row: usize, column: usize| {
-        let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
-        let x = if over_seam { x.rem_euclid(width) } else { x };
-        (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
-    };
-    let texel = |t: &[u8]| [half(&t[0..]), half(&t[2..]), half(&t[4..]), half(&t[6..])];
+    let light_alone = out.light_alone;
+    let at = places(rect, over_seam, out);
     color.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             // Light whose coverage was rounded to 0 is dropped, as in the composite.
@@ -60,4 +53,41 @@ pub fn paste_layer(
             }
         }
     })
+}
+
+/// Fills in what is left of the real light over `rect`; what comes back is the share that is taken.
+pub fn paste_shade(
+    gpu: &Gpu,
+    shade: &Readback,
+    rect: Rect,
+    over_seam: bool,
+    out: &mut LayerImage,
+) -> Result<(), GpuError> {
+    let at = places(rect, over_seam, out);
+    shade.rows(gpu, |row, bytes| {
+        for (column, t) in bytes.chunks_exact(8).enumerate() {
+            if let Some(i) = at(row, column) {
+                let [r, g, b, _] = texel(t);
+                out.left[i] = [1.0 - r, 1.0 - g, 1.0 - b];
+            }
+        }
+    })
+}
+
+fn half(bytes: &[u8]) -> f32 {
+    half::f16::from_le_bytes([bytes[0], bytes[1]]).to_f32()
+}
+
+fn texel(bytes: &[u8]) -> [f32; 4] {
+    [half(&bytes[0..]), half(&bytes[2..]), half(&bytes[4..]), half(&bytes[6..])]
+}
+
+/// The index of a rectangle's row and column in a layer.
+fn places(rect: Rect, over_seam: bool, out: &LayerImage) -> impl Fn(usize, usize) -> Option<usize> + use<> {
+    let (width, height) = (out.width as i32, out.height as i32);
+    move |row, column| {
+        let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
+        let x = if over_seam { x.rem_euclid(width) } else { x };
+        (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
+    }
 }

@@ -14,6 +14,8 @@ pub struct Asked {
     pub region: Rect,
     /// Where objects can be while the shutter is open.
     pub footprint: Rect,
+    /// Where they shade real surfaces.
+    pub shaded: Rect,
     /// How far effects look, and how far beyond the objects they draw, px, summed over the effects.
     pub reach_px: i32,
     pub spread_px: i32,
@@ -29,6 +31,8 @@ pub struct Asked {
 pub struct Places {
     /// The layer's rectangle; may extend beyond the picture.
     pub drawn: Rect,
+    /// That of the shade; may be empty.
+    pub shaded: Rect,
     /// Where something virtual can be.
     pub objects_px: Rect,
     /// At least one.
@@ -50,39 +54,51 @@ impl Places {
         }
         let objects_px =
             if asked.footprint.is_empty() { asked.footprint } else { asked.footprint.grown(asked.spread_px) };
-        let mut drawn = if asked.real_too { reach } else { objects_px.intersection(&reach) };
+        // Across a seam, and where effects see shaded real things, shade and layer lie over the same pixels.
+        let together = round || asked.real_too;
+        let touched = if together { objects_px.union(&asked.shaded) } else { objects_px };
+        let mut drawn = if asked.real_too { reach } else { touched.intersection(&reach) };
         if round && drawn.width() >= region.width() {
             (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);
         }
         // Lower resolutions have larger pixels, which must be the same in every part of a photograph.
         let on_grid = |edge: i32| if asked.whole { edge.div_euclid(GRID_PX) * GRID_PX } else { edge };
         let drawn = Rect { x0: on_grid(drawn.x0), y0: on_grid(drawn.y0), ..drawn };
-        let mut pieces = pieces(drawn, region, round);
-        let nothing = (asked.footprint.is_empty() && !asked.real_too) || pieces.is_empty();
+        let shaded = match asked.shaded.is_empty() {
+            true => asked.shaded,
+            false if together => drawn,
+            false => asked.shaded.intersection(&reach),
+        };
+        let mut pieces = pieces(drawn, shaded, region, round);
         let whole = asked.whole && !region.is_empty();
-        if nothing && !whole {
+        if pieces.is_empty() && !whole {
             return None;
         }
-        let drawn = if nothing { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
+        // A layer has a pixel at least.
+        let none = drawn.is_empty() || pieces.is_empty();
+        let drawn = if none { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
         if whole {
-            pieces = vec![Piece { shown: region, drawn }];
+            pieces = vec![Piece { shown: region, drawn, shaded }];
+        } else if none {
+            pieces.iter_mut().for_each(|piece| piece.drawn = drawn);
         }
         let looked_at = match pieces.as_slice() {
             [one] => one.shown,
             _ => drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region }),
         };
-        Some(Self { drawn, objects_px, pieces, looked_at })
+        Some(Self { drawn, shaded, objects_px, pieces, looked_at })
     }
 }
 
-/// The pieces of the picture that a layer covers. In a 360° picture, what is beyond a rim appears at the opposite one.
-fn pieces(drawn: Rect, region: Rect, round: bool) -> Vec<Piece> {
+/// The pieces of the picture that a layer and its shade cover. In a 360° picture, what is beyond a rim appears at the opposite
+/// one.
+fn pieces(drawn: Rect, shaded: Rect, region: Rect, round: bool) -> Vec<Piece> {
     let width = region.width() as i32;
     // A layer that spans the whole picture already contains what is beyond the rims.
     let turns: &[i32] = if round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
-        let drawn = Rect { x0: drawn.x0 - turn * width, x1: drawn.x1 - turn * width, ..drawn };
-        Piece { shown: drawn.intersection(&region), drawn }
+        let [drawn, shaded] = [drawn, shaded].map(|rect| rect.moved(-turn * width, 0));
+        Piece { shown: drawn.union(&shaded).intersection(&region), drawn, shaded }
     };
     turns.iter().map(piece).filter(|piece| !piece.shown.is_empty()).collect()
 }
@@ -95,6 +111,7 @@ mod tests {
         Asked {
             region: Rect::new(0, 0, 100, 50),
             footprint,
+            shaded: Rect::new(0, 0, 0, 0),
             reach_px: 10,
             spread_px: 4,
             round: false,
@@ -111,6 +128,25 @@ mod tests {
         assert_eq!(places.pieces.len(), 1);
         assert!(Places::of(&asked(Rect::new(-30, 10, -20, 20))).is_none());
         assert!(Places::of(&asked(Rect::new(0, 0, 0, 0))).is_none());
+    }
+
+    #[test]
+    fn a_shade_needs_no_layer_and_a_layer_no_shade() {
+        let shaded = Rect::new(60, 20, 90, 70);
+        let beside = Asked { shaded, ..asked(Rect::new(10, 10, 20, 20)) };
+        let places = Places::of(&beside).unwrap();
+        assert_eq!((places.drawn, places.shaded), (Rect::new(6, 6, 24, 24), Rect::new(60, 20, 90, 60)));
+        assert_eq!(places.pieces[0].shown, Rect::new(6, 6, 90, 50));
+        // Where nothing is drawn, a pixel of the layer is.
+        let places = Places::of(&Asked { footprint: Rect::new(0, 0, 0, 0), ..beside }).unwrap();
+        assert_eq!((places.drawn, places.pieces[0].drawn), (Rect::new(0, 0, 1, 1), Rect::new(0, 0, 1, 1)));
+        assert_eq!(places.pieces[0].shown, Rect::new(60, 20, 90, 50));
+        // Across a seam, and under effects that see the real part, they are together.
+        for beside in [Asked { real_too: true, ..beside }, Asked { round: true, ..beside }] {
+            let places = Places::of(&beside).unwrap();
+            assert_eq!(places.drawn, places.shaded);
+            assert_eq!(places.drawn.union(&shaded.intersection(&beside.region)), places.drawn);
+        }
     }
 
     #[test]

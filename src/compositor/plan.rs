@@ -1,6 +1,7 @@
 //! A frame's first phase: what is in view, which effects act, where work takes place.
 
 use super::places::{Asked, Places};
+use super::shade::{Seen, around, seen};
 use super::{Job, RealDepth, Settings, SubmitError, exposure_time_s};
 use crate::camera::{Camera, Geometry};
 use crate::depth::{DepthGrid, Surfaces};
@@ -10,6 +11,7 @@ use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
+use crate::shadow::Chart;
 
 /// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
@@ -18,10 +20,13 @@ pub struct Sight {
     pub keys: ViewKeys,
     pub footprint: Footprint,
     pub objects: Vec<ObjectMotion>,
+    /// What they shade.
+    pub shades: Vec<Seen>,
 }
 
 impl Sight {
-    pub fn new(renderer: &Renderer, job: &Job<'_>, settings: &Settings) -> Self {
+    /// `charts`: the shadows on what the objects stand on.
+    pub fn new(renderer: &Renderer, charts: Vec<Chart>, job: &Job<'_>, settings: &Settings) -> Self {
         let capture = &job.capture;
         let exposure_time_s = capture.exposure_time_s;
         let summed_to_s = capture.summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
@@ -32,7 +37,8 @@ impl Sight {
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = renderer.footprint(job.picture, &keys, shutter);
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
-        Self { shutter, keys, footprint, objects }
+        let shades = seen(charts, job.picture, &keys);
+        Self { shutter, keys, footprint, objects, shades }
     }
 }
 
@@ -124,7 +130,7 @@ impl<'a> Plan<'a> {
         camera: &Camera,
         settings: &'a Settings,
         moment: &Moment<'_>,
-        footprint: &Footprint,
+        sight: &Sight,
     ) -> Result<Self, SubmitError> {
         let active = settings.active(moment);
         for effect in &active {
@@ -139,7 +145,8 @@ impl<'a> Plan<'a> {
         };
         let places = Places::of(&Asked {
             region: job.capture.region.intersection(&picture),
-            footprint: footprint.rect,
+            footprint: sight.footprint.rect,
+            shaded: around(&sight.shades),
             reach_px: total(|reach| reach.look_px),
             spread_px: total(|reach| reach.spread_px),
             round: job.picture.is_round(),

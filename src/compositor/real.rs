@@ -4,7 +4,7 @@ use super::rgba::rgba;
 use crate::camera::Response;
 use crate::depth::Surfaces;
 use crate::effects::curve_choice;
-use crate::gpu::{Entry, Recorder, Shader, half_texels};
+use crate::gpu::{Entry, Recorder, Shader, Texture, half_texels};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::{COLOR, GEOMETRY, RealLayer};
 
@@ -12,7 +12,8 @@ crate::uniform! {
     struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, gamma: f32 }
 }
 
-/// The real part over `drawn`, which may extend beyond the picture: the edge continues there.
+/// The real part over `drawn`, which may extend beyond the picture: the edge continues there. `shade` is the share of its light
+/// that virtual things take.
 pub fn real_layer(
     recorder: &mut Recorder,
     pixels: &Pixels,
@@ -20,6 +21,7 @@ pub fn real_layer(
     drawn: Rect,
     tolerance_m: Option<f32>,
     response: &Response,
+    shade: Option<&Texture>,
 ) -> RealLayer {
     let gpu = recorder.gpu.clone();
     let size = (drawn.width(), drawn.height());
@@ -58,9 +60,10 @@ pub fn real_layer(
         step: surfaces.nearest.enlargement.recip() as f32,
         gamma: response.gamma as f32,
     };
-    let entry = Entry::from("main").choose("curve", curve_choice(response));
+    let entry = Entry::from("main").choose("curve", curve_choice(response)).choose("shaded", shade.is_some());
     let pass = recorder.pass(Shader::RealPart, entry).uniform("grid", &uniform).texture("codes", &camera);
     let pass = pass.texture("near_light", &near).texture("far_light", &behind).texture("depths", &depths);
+    let pass = pass.texture("shade", shade.unwrap_or(&near));
     let [light, behind, depths] = pass.draw([COLOR, COLOR, GEOMETRY], size);
     let ranges_m = surfaces.ranges_m(drawn, RealLayer::SIDE_PX);
     RealLayer { light, behind, depths, tolerance_m, ranges_m }

@@ -17,6 +17,14 @@ crate::params! {
     }
 }
 
+crate::params! {
+    /// How things shade the real surface that they stand on.
+    pub struct Shade in "shadow" {
+        "things take light from the real surface that they stand on" cast: bool = true;
+        "how much of a shadow's darkness is drawn; 1 is what the light says" strength: f32 = 1.0, "", 0.0..=2.0;
+    }
+}
+
 /// Everything that is done to pictures. A plain value.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
@@ -26,6 +34,7 @@ pub struct Settings {
     /// For each effect, whether it may run at all.
     enabled: Vec<bool>,
     pub depth: Depth,
+    pub shadow: Shade,
     pub seed: u64,
     /// Whether the camera's exposure overrides what the recording reports for each frame.
     pub overrule_recorded_exposure: bool,
@@ -97,7 +106,14 @@ impl Default for Settings {
     fn default() -> Self {
         let effects = effects::all();
         let enabled = vec![true; effects.len()];
-        Self { effects, enabled, depth: Depth::default(), seed: 0, overrule_recorded_exposure: false }
+        Self {
+            effects,
+            enabled,
+            depth: Depth::default(),
+            shadow: Shade::default(),
+            seed: 0,
+            overrule_recorded_exposure: false,
+        }
     }
 }
 
@@ -138,10 +154,11 @@ impl Settings {
         self.effects.iter().map(AsRef::as_ref)
     }
 
-    /// Switches every effect and occlusion off. The camera's geometry stays on.
+    /// Switches every effect, occlusion and shadows off. The camera's geometry stays on.
     pub fn plain(&mut self) {
         self.enabled.fill(false);
         self.depth.occlusion = false;
+        self.shadow.cast = false;
     }
 
     /// Whether the camera has what the effects that are on need. To be called before anything is written.
@@ -171,14 +188,14 @@ impl Settings {
 
     /// Every table of parameters that a profile or `--set` may write to.
     pub fn tables_mut(&mut self) -> Vec<&mut dyn Params> {
-        let mut tables: Vec<&mut dyn Params> = vec![&mut self.depth];
+        let mut tables: Vec<&mut dyn Params> = vec![&mut self.depth, &mut self.shadow];
         tables.extend(self.effects.iter_mut().map(|e| -> &mut dyn Params { e.as_mut() }));
         tables
     }
 
     /// Every table of parameters.
     pub fn tables(&self) -> Vec<&dyn Params> {
-        let mut tables: Vec<&dyn Params> = vec![&self.depth];
+        let mut tables: Vec<&dyn Params> = vec![&self.depth, &self.shadow];
         tables.extend(self.effects.iter().map(|e| -> &dyn Params { e.as_ref() }));
         tables
     }

@@ -60,7 +60,7 @@ impl Interface {
     /// # Panics
     /// If there is no such entry point.
     pub fn globals(&self, entries: &[&str]) -> BTreeMap<String, Global> {
-        let mut read = Vec::new();
+        let mut found: BTreeMap<String, Global> = BTreeMap::new();
         for entry in entries {
             let at = self.module.entry_points.iter().position(|e| e.name == *entry);
             let at = at.unwrap_or_else(|| panic!("{}: there is no entry {entry}", self.label));
@@ -71,16 +71,18 @@ impl Interface {
             };
             let uses = self.info.get_entry_point(at);
             let own = self.module.global_variables.iter().filter(|(handle, _)| !uses[*handle].is_empty());
-            read.extend(own.filter_map(|(_, global)| Some((global, global.binding?, stage))));
-        }
-        let is_sampler =
-            |g: &naga::GlobalVariable| matches!(self.module.types[g.ty].inner, naga::TypeInner::Sampler { .. });
-        let sampled = read.iter().any(|(global, ..)| is_sampler(global));
-        let mut found: BTreeMap<String, Global> = BTreeMap::new();
-        for (global, place, stage) in read {
-            let name = global.name.clone().unwrap_or_default();
-            let new = || self.global(&name, global, place, sampled);
-            found.entry(name.clone()).or_insert_with(new).visibility |= stage;
+            for (handle, global) in own {
+                let Some(place) = global.binding else { continue };
+                let sampled = uses.sampling_set.iter().any(|key| key.image == handle);
+                let name = global.name.clone().unwrap_or_default();
+                let new = self.global(&name, global, place, sampled);
+                let known = found.entry(name).or_insert_with(|| new.clone());
+                known.visibility |= stage;
+                // One of the entries may only load what another samples.
+                if sampled {
+                    known.kind = new.kind;
+                }
+            }
         }
         found
     }
@@ -111,7 +113,7 @@ impl Interface {
                     match kind {
                         naga::ScalarKind::Sint => wgpu::TextureSampleType::Sint,
                         naga::ScalarKind::Uint => wgpu::TextureSampleType::Uint,
-                        // 32-bit textures are only loaded.
+                        // Those that are only loaded may be of 32 bits.
                         _ => wgpu::TextureSampleType::Float { filterable: sampled && !multi },
                     },
                     multi,

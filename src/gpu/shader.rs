@@ -70,6 +70,7 @@ shaders! {
     Raster = "raster",
     RealPart = "real_part",
     Resolve = "resolve",
+    Shade = "shade",
     Show = "show",
     Vignetting = "vignetting",
     Window = "window",

@@ -5,7 +5,6 @@
 pub mod across;
 pub mod displacement;
 pub mod edge;
-pub mod flip;
 pub mod histogram;
 pub mod slanted;
 pub(crate) mod spread;

@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec3, Vec3A};
 
-use super::panorama::{Level, direction, resampled};
+use super::panorama::{Level, direction, resampled, solid_sr};
 
 /// A lamp's light ends with a kink where a surface turns away from it: interpolation between texels is off there by up
 /// to a quarter of their distance, 1.2 % of a surface facing the lamp. Columns wrap around. The first and the last row
@@ -36,9 +36,7 @@ fn patches(panorama: &Level) -> Vec<Patch> {
     for (i, &texel) in (0..).zip(&texels) {
         let (x, y) = (i % width, i / width);
         let towards = direction(x, y, width, height);
-        // Between the texel's upper and lower edge.
-        let edge = |y: u32| (y as f32 / height as f32 * PI).cos();
-        let solid_sr = (edge(y) - edge(y + 1)) * TAU / width as f32;
+        let solid_sr = solid_sr(y, width, height);
         let at = (y / PATCH * PATCHES + x / PATCH) as usize;
         let patch = &mut patches[at];
         patch.light += texel * solid_sr;

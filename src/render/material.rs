@@ -135,18 +135,7 @@ fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
 /// Each level is the mean of 2×2 texels of the previous one (3 wide if a side is odd), averaged in linear light for
 /// colours.
 fn mip_chain(texture: &Texture) -> Vec<(u32, u32, Vec<u8>)> {
-    let to_linear: Vec<f32> = (0..256u32)
-        .map(|v| {
-            let code = v as f32 / 255.0;
-            if !texture.srgb {
-                code
-            } else if code <= 0.04045 {
-                code / 12.92
-            } else {
-                ((code + 0.055) / 1.055).powf(2.4)
-            }
-        })
-        .collect();
+    let to_linear: Vec<f32> = (0..=255).map(|code| texture.linear(code)).collect();
     let from_linear = |v: f32| {
         let code = if !texture.srgb {
             v

@@ -13,7 +13,7 @@ mod light;
 mod material;
 mod motion;
 mod occlusion;
-mod panorama;
+pub(crate) mod panorama;
 mod pipeline;
 mod plan;
 mod projected;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use crate::scene::EnvironmentMap;
 
@@ -17,9 +17,20 @@ pub type Level = (u32, u32, Vec<Vec3>);
 
 /// The direction through a texel's centre, in the panorama's axes: y is up, −z in the middle.
 pub fn direction(x: u32, y: u32, width: u32, height: u32) -> Vec3 {
-    let phi = ((x as f32 + 0.5) / width as f32 - 0.5) * std::f32::consts::TAU;
-    let theta = (y as f32 + 0.5) / height as f32 * std::f32::consts::PI;
+    direction_at(Vec2::new(x as f32, y as f32) + 0.5, width, height)
+}
+
+/// The direction through any place, in texels from the upper left.
+pub fn direction_at(place: Vec2, width: u32, height: u32) -> Vec3 {
+    let phi = (place.x / width as f32 - 0.5) * std::f32::consts::TAU;
+    let theta = place.y / height as f32 * std::f32::consts::PI;
     Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
+}
+
+/// The solid angle of a texel of a row, sr.
+pub fn solid_sr(y: u32, width: u32, height: u32) -> f32 {
+    let edge = |y: u32| (y as f32 / height as f32 * std::f32::consts::PI).cos();
+    (edge(y) - edge(y + 1)) * std::f32::consts::TAU / width as f32
 }
 
 /// Interpolated between the four texels around a direction.

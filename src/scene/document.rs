@@ -98,6 +98,9 @@ pub struct PlacedModel {
     /// Left out of the picture, with all its instances.
     #[serde(default, skip_serializing_if = "is_default")]
     pub hidden: bool,
+    /// Throws no shadow on the real surface below it.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub shadowless: bool,
     pub up: Option<Up>,
     /// Whether the position is that of the model's lowest point.
     #[serde(default, skip_serializing_if = "is_default")]
@@ -124,6 +127,8 @@ pub struct Instance {
     pub name: Option<String>,
     #[serde(default, skip_serializing_if = "is_default")]
     pub hidden: bool,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub shadowless: bool,
     pub position_m: Option<[f64; 3]>,
     pub rotation_deg: Option<[f64; 3]>,
     pub quaternion: Option<[f64; 4]>,
@@ -168,6 +173,19 @@ pub struct LightTable {
     pub white_lx: Option<f64>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sun: Vec<SunTable>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lamp: Vec<LampTable>,
+}
+
+/// A lamp that shines evenly into all directions.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct LampTable {
+    /// World axes.
+    pub at_m: [f64; 3],
+    pub color: Option<Color>,
+    /// What white matt that faces it shows at 1 m, linear; 1 without it.
+    pub intensity: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -177,6 +195,8 @@ pub struct SunTable {
     pub towards: [f64; 3],
     pub color: Option<Color>,
     pub intensity: Option<f64>,
+    /// How wide it stands in the sky; the sun's 0.53° without it.
+    pub diameter_deg: Option<f64>,
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -377,8 +397,14 @@ mod tests {
             after in prop::collection::vec(placed(), 0..4),
             sun in prop::option::of([number(), number(), number()]),
         ) {
-            let suns = sun.map(|towards| SunTable { towards, color: Some(Color::Rgb(towards)), intensity: Some(towards[0]) });
-            let light = LightTable { ambient: sun.map(|s| Color::Grey(s[1])), sun: suns.into_iter().collect(), ..LightTable::default() };
+            let suns = sun.map(|towards| SunTable { towards, color: Some(Color::Rgb(towards)), intensity: Some(towards[0]), diameter_deg: Some(towards[1]) });
+            let lamp = sun.map(|at_m| LampTable { at_m, color: Some(Color::Grey(at_m[2])), intensity: Some(at_m[1]) });
+            let light = LightTable {
+                ambient: sun.map(|s| Color::Grey(s[1])),
+                sun: suns.into_iter().collect(),
+                lamp: lamp.into_iter().collect(),
+                ..LightTable::default()
+            };
             let scene = |objects| SceneFile { up: sun.map(Up::Direction), objects, light: light.clone(), ..SceneFile::default() };
             let mut document = Document::new(scene(before)).unwrap();
             let read = Document::parse(&document.to_string()).unwrap();

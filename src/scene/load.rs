@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::document::SceneFile;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loader::Loader;
-use super::{Lighting, Models, Object, Scene, SceneError, bytes, document, model, scene_file};
+use super::{Lighting, LitBy, Models, Object, Scene, SceneError, bytes, document, model, scene_file};
 
 /// Reads what is to be put into the room.
 ///
@@ -71,7 +71,9 @@ fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneEr
             loader.place(path, &model, Object { name, ..Object::default() }, DEFAULT_WHITE_LX)?;
             if loader.scene.lighting.is_dark() {
                 loader.scene.lighting = world_up.map_or_else(Lighting::default, default_lighting);
+                loader.scene.lit_by = LitBy::Nobody;
             } else {
+                loader.scene.lit_by = LitBy::Models;
                 loader.say_dark_ambient(path);
             }
         }

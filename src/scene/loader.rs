@@ -6,6 +6,7 @@ use std::rc::Rc;
 
 use glam::{DVec3, Vec2, Vec3};
 
+use super::light::SUN_RAD;
 use super::models::{LightKind, Model, Models};
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
@@ -88,7 +89,9 @@ impl Loader {
             }
             let lighting = &mut self.scene.lighting;
             match light.kind {
-                LightKind::Directional => lighting.suns.push(Sun { towards_light_in_world: towards, color }),
+                LightKind::Directional => {
+                    lighting.suns.push(Sun { towards_light_in_world: towards, color, diameter_rad: SUN_RAD })
+                }
                 LightKind::Point { range_m, spot } => lighting.points.push(PointLight {
                     position_in_world_m: world_from_light.translation,
                     color,

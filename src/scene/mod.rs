@@ -30,7 +30,7 @@ mod schema;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3, Vec2, Vec3};
+use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 pub use describe::{Description, ObjectDescription, TextureDescription, describe};
 pub use document::{Document, Entry, Gauge, SceneFile};
@@ -43,6 +43,28 @@ pub use models::Models;
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
 
+/// The pixels of a Radiance panorama: width, height, linear light row by row. Otherwise what is wrong with it.
+pub fn panorama_of(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
+    picture::hdr_of(hdr).map_err(|(found, accepted)| format!("{found}; accepted is {accepted}"))
+}
+
+/// How a panorama stands on a world's up: takes its axes (y up, −z in the middle) to the world's.
+pub fn upright(up: DVec3) -> DQuat {
+    place::turn_up(DVec3::Y, up)
+}
+
+/// Who said how a scene is lit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LitBy {
+    /// The scene file, by its `[light]`, or whoever made the scene.
+    #[default]
+    Scene,
+    /// Nobody: the light is guessed.
+    Nobody,
+    /// Its models alone.
+    Models,
+}
+
 /// Everything that the renderer draws.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
@@ -51,6 +73,7 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     pub objects: Vec<Object>,
     pub lighting: Lighting,
+    pub lit_by: LitBy,
     /// The world's up, if known: a unit vector.
     pub up_in_world: Option<DVec3>,
     /// How long the recording's unit is by the scene file, metres.
@@ -94,6 +117,10 @@ pub struct Object {
     pub position_m: DVec3,
     /// Left out by its scene file; it has no parts then.
     pub hidden: bool,
+    /// Takes no light from what it stands on.
+    pub shadowless: bool,
+    /// The real surface below it, on which its shadow falls; `None` if unknown.
+    pub support: Option<Support>,
 }
 
 /// A placed mesh.
@@ -216,6 +243,20 @@ pub struct Texture {
     pub mipmaps: bool,
 }
 
+impl Texture {
+    /// What a code stands for, 0 to 1 (sRGB: IEC 61966-2-1).
+    pub fn linear(&self, code: u8) -> f32 {
+        let value = f32::from(code) / 255.0;
+        if !self.srgb {
+            value
+        } else if value <= 0.04045 {
+            value / 12.92
+        } else {
+            ((value + 0.055) / 1.055).powf(2.4)
+        }
+    }
+}
+
 /// The light. Linear 1.0 is the camera's white.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
@@ -231,6 +272,8 @@ pub struct Sun {
     pub towards_light_in_world: Vec3,
     /// The linear colour that a white matt surface shows when it faces this light.
     pub color: Vec3,
+    /// How wide it stands in the sky: the wider, the softer are its shadows.
+    pub diameter_rad: f32,
 }
 
 /// A point or spot light.

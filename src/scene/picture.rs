@@ -61,14 +61,22 @@ const MAX_HDR_HEADER: usize = 1 << 16;
 /// A Radiance HDR picture as linear RGB, row by row from the top left.
 pub(super) fn decode_hdr(file: &Path, named_in: &Path) -> Result<(u32, u32, Vec<[f32; 3]>), SceneError> {
     let bytes = bytes::read(file, Some(named_in))?;
-    let bad = |found: String, accepted: &str| SceneError::bad(file, "the panorama", found, accepted);
+    hdr_of(&bytes).map_err(|(found, accepted)| SceneError::bad(file, "the panorama", found, accepted))
+}
+
+/// Width, height, and linear light row by row.
+pub(super) type Hdr = (u32, u32, Vec<[f32; 3]>);
+
+/// Of a Radiance HDR picture's bytes; otherwise what was found, and what is accepted.
+pub(super) fn hdr_of(bytes: &[u8]) -> Result<Hdr, (String, String)> {
+    let bad = |found: String, accepted: &str| (found, accepted.to_owned());
     let failed = |e: image::ImageError| bad(format!("bytes that do not decode ({e})"), "a whole Radiance .hdr file");
     // The decoder reads any header, of any length, word by word.
     let head = &bytes[..bytes.len().min(MAX_HDR_HEADER)];
     if !head.windows(2).any(|pair| pair == b"\n\n") && !head.windows(3).any(|three| three == b"\n\r\n") {
         return Err(bad(format!("no empty line in the first {} bytes", head.len()), "a header, which ends with one"));
     }
-    let decoder = HdrDecoder::new(Cursor::new(&bytes)).map_err(failed)?;
+    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
     if width == 0 || height == 0 || width.max(height) > MAX_SIDE_PX || pixels > MAX_PANORAMA_PIXELS {

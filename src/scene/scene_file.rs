@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::document::{Instance, LightTable, PlacedModel, Scale, SceneFile, SunTable};
+use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, SceneFile, SunTable};
 use super::edit;
-use super::light::{DEFAULT_WHITE_LX, default_lighting};
+use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
 use super::place::{Placement, Size, turn_up};
-use super::{Environment, EnvironmentMap, Object, SceneError, Sun, model, picture};
+use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, picture};
 
 /// Puts the contents of a scene file into the loader. `file` is named in errors, and models are found relative to it.
 pub(super) fn read(
@@ -49,9 +49,19 @@ pub(super) fn read(
     for (i, sun) in light.sun.iter().enumerate() {
         loader.scene.lighting.suns.push(read_sun(file, sun, &format!("light.sun[{i}]"))?);
     }
+    for (i, lamp) in light.lamp.iter().enumerate() {
+        loader.scene.lighting.points.push(read_lamp(file, lamp, &format!("light.lamp[{i}]"))?);
+    }
     match (environment(loader, file, light, world_up)?, loader.scene.lighting.is_dark()) {
         (Some(environment), _) => loader.scene.lighting.environment = environment,
-        (None, true) => loader.scene.lighting = default_lighting(world_up),
+        (None, true) => {
+            loader.scene.lighting = default_lighting(world_up);
+            loader.scene.lit_by = LitBy::Nobody;
+        }
+        (None, false) if light.sun.is_empty() && light.lamp.is_empty() => {
+            loader.scene.lit_by = LitBy::Models;
+            loader.say_dark_ambient(file);
+        }
         (None, false) => loader.say_dark_ambient(file),
     }
     Ok(())
@@ -84,6 +94,7 @@ fn place(
         let position = instance.and_then(|i| i.position_m).or(object.position_m).unwrap_or([0.0; 3]);
         let rotation = own_rotation.or(turned(object.rotation_deg, object.quaternion)?).unwrap_or(DQuat::IDENTITY);
         let hidden = object.hidden || instance.is_some_and(|i| i.hidden);
+        let shadowless = object.shadowless || instance.is_some_and(|i| i.shadowless);
         let heading_deg = instance.and_then(|i| i.heading_deg).or(object.heading_deg).unwrap_or(0.0);
         let placement = Placement {
             world_up,
@@ -97,7 +108,8 @@ fn place(
             let found = "numbers too large, or a model without extent";
             SceneError::bad(file, what, found, "a place, a rotation and a size that fit the model")
         })?;
-        Ok(Object { name, parts: Vec::new(), world_from_model, position_m: placement.position_m, hidden })
+        let position_m = placement.position_m;
+        Ok(Object { name, world_from_model, position_m, hidden, shadowless, ..Object::default() })
     };
     let name = object.name.clone().unwrap_or_else(|| {
         Path::new(&object.model).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
@@ -160,7 +172,19 @@ fn read_sun(file: &Path, sun: &SunTable, what: &str) -> Result<Sun, SceneError> 
         .ok_or_else(|| SceneError::bad(file, format!("{what}.towards"), towards, "a vector with a length"))?
         .as_vec3();
     let color = sun.color.map_or(Vec3::ONE, Vec3::from) * sun.intensity.unwrap_or(1.0) as f32;
-    Ok(Sun { towards_light_in_world, color: positive(file, &format!("{what}.color · intensity"), color)? })
+    let diameter_rad = match sun.diameter_deg {
+        None => SUN_RAD,
+        Some(deg) if (0.0..=170.0).contains(&deg) => deg.to_radians() as f32,
+        Some(found) => return Err(SceneError::bad(file, format!("{what}.diameter_deg"), found, "0 to 170")),
+    };
+    let color = positive(file, &format!("{what}.color · intensity"), color)?;
+    Ok(Sun { towards_light_in_world, color, diameter_rad })
+}
+
+fn read_lamp(file: &Path, lamp: &LampTable, what: &str) -> Result<PointLight, SceneError> {
+    let color = lamp.color.map_or(Vec3::ONE, Vec3::from) * lamp.intensity.unwrap_or(1.0) as f32;
+    let color = positive(file, &format!("{what}.color · intensity"), color)?;
+    Ok(PointLight { position_in_world_m: lamp.at_m.into(), color, range_m: f32::INFINITY, spot: None })
 }
 
 fn positive(file: &Path, what: &str, color: Vec3) -> Result<Vec3, SceneError> {

@@ -1,0 +1,133 @@
+// The share of the real light that virtual things take, at each pixel (src/compositor/shade.rs): where the pixel's ray meets a
+// floor, by the pose of its row at several moments of the exposure, its chart is looked up.
+// @import shared/half
+override has_depth: bool = false;   // of the real scene
+
+const MOMENTS: u32 = 4u;
+// How far apart the four places are at which a pixel's depth is asked, against those in the pixel: a sensor's edges are torn
+// by two pixels.
+const BESIDE_PX: f32 = 6.0;
+
+struct Shade {
+    in_picture: vec2<f32>,   // where the part begins
+    part_px: vec2<f32>,      // its size
+    in_depth: vec2<f32>,     // where it begins in the depth
+    per_texel: vec2<f32>,    // 1 / the atlas's size
+    depth_size: vec2<i32>,   // of the depth; its texture may be larger
+    size: vec2<i32>,         // of the grid of rays, nodes
+    per_step: f32,           // steps of the grid per pixel
+    round_px: f32,           // width of a picture whose rims meet, else 0
+    strength: f32,
+    presence: f32,
+    tolerance_m: f32,
+    per_depth2: f32,         // of the depth's error, 1/m
+}
+
+struct Chart {
+    rect_px: vec4<i32>,      // where in the picture it can be seen
+    in_atlas: vec2<f32>,
+    size: vec2<f32>,         // texels
+    first: u32,              // of its turns: MOMENTS for each row of rect_px
+    height_m: f32,           // of the camera over the floor
+    unused0: f32,
+    unused1: f32,
+}
+
+// From a ray to (x/t, y/t, 1/t): texels of the chart, and how many rays long the way to the floor is.
+struct Turn { x: vec4<f32>, y: vec4<f32>, z: vec4<f32> }
+
+@group(0) @binding(0) var<uniform> shade: Shade;
+@group(0) @binding(1) var rays: texture_2d<f32>;
+@group(0) @binding(2) var atlas: texture_2d<f32>;
+@group(0) @binding(3) var real_depth: texture_2d<f32>;
+@group(0) @binding(4) var<storage, read> charts: array<Chart>;
+@group(0) @binding(5) var<storage, read> turns: array<Turn>;
+@group(0) @binding(6) var between: sampler;
+
+// The rays at the corners of a cell of their grid, and the cell.
+struct Cell { upper: array<vec4<f32>, 2>, lower: array<vec4<f32>, 2>, corner: vec2<f32> }
+
+// The cell around a place in the picture.
+fn cell_at(at_px: vec2<f32>) -> Cell {
+    let on_grid = clamp(at_px * shade.per_step, vec2<f32>(0.0), vec2<f32>(shade.size - 1));
+    let corner = min(floor(on_grid), vec2<f32>(shade.size - 2));
+    let i = vec2<i32>(corner);
+    let right = i + vec2<i32>(1, 0);
+    let below = i + vec2<i32>(0, 1);
+    return Cell(
+        array(textureLoad(rays, i, 0), textureLoad(rays, right, 0)),
+        array(textureLoad(rays, below, 0), textureLoad(rays, i + 1, 0)),
+        corner,
+    );
+}
+
+// The ray through a place in the cell or close to it; w is 1 where there is one.
+fn ray_at(cell: Cell, at_px: vec2<f32>) -> vec4<f32> {
+    let f = at_px * shade.per_step - cell.corner;
+    return mix(mix(cell.upper[0], cell.upper[1], f.x), mix(cell.lower[0], cell.lower[1], f.x), f.y);
+}
+
+// A place within the pixel for each moment: together they cover it.
+fn beside(moment: u32) -> vec2<f32> {
+    let turned = array<vec2<f32>, MOMENTS>(
+        vec2<f32>(-0.375, -0.125), vec2<f32>(0.125, -0.375), vec2<f32>(0.375, 0.125), vec2<f32>(-0.125, 0.375),
+    );
+    return turned[moment];
+}
+
+// How far what is really seen around a pixel is the floor: 1 within the tolerance of it, 0 beyond three times that. `nearness` is
+// 1 over the floor's own depth there. Where nothing was measured it is the floor.
+fn floor_around(at_px: vec2<f32>, nearness: f32, height_m: f32) -> f32 {
+    if !has_depth {
+        return 1.0;
+    }
+    let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
+    let per_off = 0.5 * height_m / near_m;
+    var share = 0.0;
+    for (var i = 0u; i < MOMENTS; i++) {
+        let p = clamp(vec2<i32>(floor(at_px + BESIDE_PX * beside(i))), vec2<i32>(0), shade.depth_size - 1);
+        let real_m = textureLoad(real_depth, p, 0).x;
+        let within = 1.5 - per_off * abs(real_m * nearness - 1.0);
+        share += select(clamp(within, 0.0, 1.0), 1.0, real_m <= 0.0);
+    }
+    return share / f32(MOMENTS);
+}
+
+struct Corner { @builtin(position) at: vec4<f32>, @location(0) @interpolate(flat) chart: u32 }
+
+// The rectangle in which a chart can be seen.
+@vertex
+fn seen(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
+    let rect = vec4<f32>(charts[instance].rect_px);
+    let at = mix(rect.xy, rect.zw, vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) - shade.in_picture;
+    return Corner(vec4<f32>(at / shade.part_px * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0), instance);
+}
+
+// What is left by all charts is the product of what each leaves: the pass blends by D + (1 − D)·d.
+@fragment
+fn main(corner: Corner) -> @location(0) vec4<f32> {
+    let chart = charts[corner.chart];
+    let at = corner.at.xy + shade.in_picture;
+    var place = at;
+    if shade.round_px > 0.0 {
+        place.x -= floor(place.x / shade.round_px) * shade.round_px;
+    }
+    let cell = cell_at(place);
+    let row = chart.first + u32(i32(at.y) - chart.rect_px.y) * MOMENTS;
+    var taken = vec3<f32>(0.0);
+    var nearness = 0.0;
+    for (var moment = 0u; moment < MOMENTS; moment++) {
+        let ray = ray_at(cell, place + beside(moment));
+        let turn = turns[row + moment];
+        let found = vec3<f32>(dot(turn.x.xyz, ray.xyz), dot(turn.y.xyz, ray.xyz), dot(turn.z.xyz, ray.xyz));
+        let texel = found.xy / max(found.z, 1e-9);
+        let is_on = ray.w > 0.999 && found.z > 1e-6 && all(texel > vec2<f32>(0.0)) && all(texel < chart.size);
+        let inside = chart.in_atlas + clamp(texel, vec2<f32>(0.5), chart.size - 0.5);
+        let share = textureSampleLevel(atlas, between, inside * shade.per_texel, 0.0).rgb;
+        taken += select(vec3<f32>(0.0), share, is_on);
+        nearness += found.z;
+    }
+    taken *= floor_around(corner.at.xy + shade.in_depth, nearness / f32(MOMENTS), chart.height_m);
+    let share = clamp(shade.strength * shade.presence * taken / f32(MOMENTS), vec3<f32>(-1.0), vec3<f32>(1.0));
+    return rounded_to_half(vec4<f32>(share, 0.0));
+}

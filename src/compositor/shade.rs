@@ -1,0 +1,326 @@
+//! The share of the real light that virtual things take, at each pixel of a frame.
+//!
+//! A chart (shadow/) lies on a plane. A pixel's ray meets the plane where a linear map of the ray says, one for each row, since
+//! rows have poses of their own, and moment of the exposure. So the shader only multiplies: [u/t, v/t, 1/t] = H·r, with u, v in
+//! texels of the chart and t the way along the ray. H is made here, in double precision.
+//!
+//! A real thing that stands on or before the floor is not darkened: only what depth shows within a tolerance of the plane is.
+//!
+//! Not modelled: the lens's blur of a shadow's edge beyond a pixel's width.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::settings::Shade;
+use crate::camera::Geometry;
+use crate::depth::SENSOR_ERROR;
+use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture, half_texels};
+use crate::pixels::Rect;
+use crate::pose::Pose;
+use crate::render::{COLOR, Shutter, ViewKeys};
+use crate::rows::{over_rows, processors};
+use crate::shadow::{Chart, Shares};
+
+/// Moments of an exposure; the same as in shaders/shade.wgsl.
+const MOMENTS: usize = 4;
+/// Pixels between two rays of the grid: between them a lens bends rays by less than a thousandth of a pixel.
+const STEP_PX: u32 = 8;
+/// Points along each side of a chart by which its place in the picture is found.
+const ALONG: usize = 8;
+/// What lies this near to the floor is the floor, metres; farther away, three times the error of a structured-light
+/// sensor.
+const TOLERANCE_M: f32 = 0.015;
+const PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
+/// D + (1 − D)·d: what one chart takes of what the others leave.
+const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {
+    color: wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::OneMinusDst,
+        dst_factor: wgpu::BlendFactor::One,
+        operation: wgpu::BlendOperation::Add,
+    },
+    alpha: wgpu::BlendComponent::REPLACE,
+};
+/// The widest atlas of charts, texels.
+const WIDEST: u32 = 4096;
+
+crate::uniform! {
+    struct ShadeUniform {
+        in_picture: [f32; 2],
+        part_px: [f32; 2],
+        in_depth: [f32; 2],
+        per_texel: [f32; 2],
+        depth_size: [i32; 2],
+        size: [i32; 2],
+        per_step: f32,
+        round_px: f32,
+        strength: f32,
+        presence: f32,
+        tolerance_m: f32,
+        per_depth2: f32,
+    }
+}
+
+/// `Chart` in shaders/shade.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+struct ChartUniform {
+    rect_px: [i32; 4],
+    in_atlas: [f32; 2],
+    size: [f32; 2],
+    first: u32,
+    height_m: f32,
+    unused: [f32; 2],
+}
+
+/// A chart in a picture.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    chart: Chart,
+    /// Where it can be while the shutter is open.
+    rect: Rect,
+    /// Of the camera over the floor, metres.
+    height_m: f64,
+}
+
+/// The charts that can be seen in a picture.
+pub fn seen(charts: Vec<Chart>, geometry: &Geometry, keys: &ViewKeys) -> Vec<Seen> {
+    let i = &geometry.intrinsics;
+    let picture = Rect::full(i.width_px, i.height_px);
+    let place = |chart: Chart| {
+        let height_m = chart.floor.height_m(keys.middle().position_in_world_m());
+        let rect = rect_of(&chart, geometry, keys)?.intersection(&picture);
+        (height_m > 0.0 && !rect.is_empty()).then_some(Seen { chart, rect, height_m })
+    };
+    charts.into_iter().filter_map(place).collect()
+}
+
+/// The rectangle around all of them.
+pub fn around(seen: &[Seen]) -> Rect {
+    seen.iter().fold(Rect::new(0, 0, 0, 0), |all, seen| all.union(&seen.rect))
+}
+
+/// Where a chart can be in the picture. All of the picture if a part of it is beside or behind the camera; `None` if all is.
+fn rect_of(chart: &Chart, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
+    let (poses, _) = keys.sampled();
+    let sides = (0..=ALONG).map(|n| n as f64 / ALONG as f64);
+    let places = sides.clone().flat_map(|y| sides.clone().map(move |x| chart.at(x, y)));
+    let (mut low, mut high, mut lost, mut found) = (DVec2::INFINITY, DVec2::NEG_INFINITY, geometry.is_round(), false);
+    for point in places {
+        for pose in &poses {
+            match geometry.project(pose.transform_point(point)) {
+                Some(at) => (low, high, found) = (low.min(at), high.max(at), true),
+                None => lost = true,
+            }
+        }
+    }
+    let i = &geometry.intrinsics;
+    let whole = Rect::full(i.width_px, i.height_px);
+    let clamp = |v: f64| v.clamp(-1e6, 1e6);
+    let rect = Rect::new(
+        clamp(low.x).floor() as i32,
+        clamp(low.y).floor() as i32,
+        clamp(high.x).ceil() as i32,
+        clamp(high.y).ceil() as i32,
+    );
+    // A pixel for the ends of the exposure between the sampled poses, and one for what lies between the points.
+    found.then(|| if lost { whole } else { rect.grown(2) })
+}
+
+/// Charts beside each other in one texture.
+#[derive(Clone, Debug)]
+struct Atlas {
+    texture: Texture,
+    size: [u32; 2],
+    /// Where each begins.
+    places: Vec<[u32; 2]>,
+}
+
+/// By identity: charts that were worked out once are not compared again.
+struct Together(Vec<Arc<Shares>>);
+
+impl PartialEq for Together {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.len() == other.0.len() && self.0.iter().zip(&other.0).all(|(a, b)| Arc::ptr_eq(a, b))
+    }
+}
+
+impl Atlas {
+    /// Rows of charts, each row as high as its highest. What does not fit into the device's largest texture is left out.
+    fn new(gpu: &Gpu, Together(charts): &Together) -> Self {
+        let most = gpu.max_side_px();
+        let (mut places, mut at, mut row) = (Vec::new(), [0, 0], 0);
+        let (mut width, mut height) = (1, 1);
+        for chart in charts {
+            if at[0] + chart.width > WIDEST.min(most) {
+                (at, row) = ([0, at[1] + row], 0);
+            }
+            places.push(at);
+            (width, height, row) =
+                (width.max(at[0] + chart.width), height.max(at[1] + chart.height), row.max(chart.height));
+            at[0] += chart.width;
+        }
+        let height = height.min(most);
+        let texture = Texture::new(gpu, "shadows", width, height, COLOR, 1);
+        let mut texels = vec![[0.0f32; 4]; width as usize * height as usize];
+        for (chart, [x, y]) in charts.iter().zip(&places) {
+            for (row, shares) in (*y..height).zip(chart.taken.chunks_exact(chart.width as usize)) {
+                let start = row as usize * width as usize + *x as usize;
+                let out = &mut texels[start..start + shares.len()];
+                out.iter_mut().zip(shares).for_each(|(out, [r, g, b])| *out = [*r, *g, *b, 0.0]);
+            }
+        }
+        texture.write(gpu, width, height, &half_texels(&texels));
+        Self { texture, size: [width, height], places }
+    }
+}
+
+/// The rays through every eighth pixel's corner.
+#[derive(Clone, Debug)]
+struct Rays {
+    texture: Texture,
+    size: [u32; 2],
+}
+
+impl Rays {
+    fn new(gpu: &Gpu, geometry: &Geometry) -> Self {
+        let i = &geometry.intrinsics;
+        let size = [i.width_px, i.height_px].map(|side| side.div_ceil(STEP_PX).max(1) + 1);
+        let mut texels = vec![[0.0f32; 4]; size[0] as usize * size[1] as usize];
+        over_rows(&mut texels, size[0] as usize, processors(), |y, row| {
+            for (x, texel) in row.iter_mut().enumerate() {
+                let at = DVec2::new(x as f64, y as f64) * f64::from(STEP_PX);
+                if let Some(ray) = geometry.depth_ray(at) {
+                    *texel = ray.as_vec3().extend(1.0).to_array();
+                }
+            }
+        });
+        let texture = Texture::new(gpu, "rays", size[0], size[1], wgpu::TextureFormat::Rgba32Float, 1);
+        texture.write(gpu, size[0], size[1], &texels);
+        Self { texture, size }
+    }
+}
+
+/// What is asked of a picture's shade.
+#[derive(Debug)]
+pub struct Asked<'a> {
+    pub geometry: &'a Geometry,
+    pub keys: &'a ViewKeys,
+    pub shutter: Shutter,
+    /// The part of the picture, which may extend beyond it.
+    pub part: Rect,
+    /// The real scene's depth over a rectangle around that part, metres, 0 where unknown.
+    pub depth: Option<(&'a Texture, Rect)>,
+    pub settings: &'a Shade,
+    /// The share of the virtual layer that is seen.
+    pub presence: f64,
+}
+
+/// Records the pass: the share of the real light that is taken, over `part`. `None` where no chart is in it.
+pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Option<Texture> {
+    if seen.is_empty() || asked.part.is_empty() {
+        return None;
+    }
+    let Asked { geometry, part, settings, .. } = *asked;
+    let atlas = recorder.kept_few(Together(seen.iter().map(|s| s.chart.shares.clone()).collect()), Atlas::new);
+    let rays = recorder.kept_few(geometry.clone(), Rays::new);
+    let (mut charts, mut turns) = (Vec::new(), Vec::new());
+    for (seen, in_atlas) in seen.iter().zip(&atlas.places) {
+        let rect = seen.rect.intersection(&part);
+        let shares = &seen.chart.shares;
+        charts.push(ChartUniform {
+            rect_px: [rect.x0, rect.y0, rect.x1, rect.y1],
+            in_atlas: in_atlas.map(|at| at as f32),
+            size: [shares.width as f32, shares.height as f32],
+            first: (turns.len()) as u32,
+            height_m: seen.height_m as f32,
+            unused: [0.0; 2],
+        });
+        for row in rect.y0..rect.y1 {
+            turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, row, moment)));
+        }
+    }
+    // A buffer must not be empty.
+    turns.resize(turns.len().max(1), [[0.0f32; 4]; 3]);
+    let around = asked.depth.map_or(part, |(_, rect)| rect);
+    let uniform = ShadeUniform {
+        in_picture: [part.x0 as f32, part.y0 as f32],
+        part_px: [part.width() as f32, part.height() as f32],
+        in_depth: [(part.x0 - around.x0) as f32, (part.y0 - around.y0) as f32],
+        per_texel: atlas.size.map(|side| (side as f32).recip()),
+        depth_size: [around.width() as i32, around.height() as i32],
+        size: rays.size.map(|side| side as i32),
+        per_step: 1.0 / STEP_PX as f32,
+        round_px: if geometry.is_round() { geometry.intrinsics.width_px as f32 } else { 0.0 },
+        strength: settings.strength,
+        presence: asked.presence as f32,
+        tolerance_m: TOLERANCE_M,
+        per_depth2: PER_DEPTH2,
+    };
+    let count = charts.len() as u32;
+    let [charts, turns] = [bytemuck::cast_slice(&charts), bytemuck::cast_slice(&turns)].map(|b| recorder.storage(b));
+    let entry = Entry::over("seen", "main").choose("has_depth", asked.depth.is_some());
+    let pass = recorder.pass(Shader::Shade, entry).uniform("shade", &uniform).texture("rays", &rays.texture);
+    let pass = pass.texture("atlas", &atlas.texture).buffer("charts", charts).buffer("turns", turns);
+    let pass = pass.texture("real_depth", asked.depth.map_or(&rays.texture, |(depth, _)| depth));
+    let pass = pass.tiles(count).blend(OF_WHAT_IS_LEFT);
+    let [taken] = pass.draw([COLOR], (part.width(), part.height()));
+    Some(taken)
+}
+
+/// From a ray in the camera's axes to the chart, for a row of the picture at a moment of its exposure.
+fn turn(chart: &Chart, asked: &Asked<'_>, row: i32, moment: usize) -> [[f32; 4]; 3] {
+    let Asked { geometry, keys, shutter, .. } = *asked;
+    let down = (f64::from(row) + 0.5) / f64::from(geometry.intrinsics.height_px) - 0.5;
+    let within = (moment as f64 + 0.5) / MOMENTS as f64 - 0.5;
+    let (rotation, eye) = keys.at(down * shutter.readout_time_s + within * shutter.exposure_time_s);
+    let pose = Pose::from_camera_in_world(eye + keys.origin_in_world_m, rotation.inverse());
+    homography(chart, &pose).to_cols_array_2d().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
+}
+
+/// The transpose of H: its columns are the three things that a ray is multiplied with.
+///
+/// A ray r from the eye e meets the floor at e + t·R·r, where its height h + t·(n·R·r) is 0: 1/t = −(n·R·r)/h. Along an axis a
+/// of the floor, from the chart's corner c: (a·(e − o) − c)/t + a·R·r.
+fn homography(chart: &Chart, pose: &Pose) -> DMat3 {
+    let (floor, shares) = (&chart.floor, &chart.shares);
+    let eye = pose.position_in_world_m();
+    let world_from_camera = DMat3::from_quat(pose.world_from_camera_rotation());
+    // Row vectors: aᵀR is Rᵀa.
+    let seen = |axis: DVec3| world_from_camera.transpose() * axis;
+    let per_way = -seen(floor.normal()) / floor.height_m(eye);
+    let texel_m = f64::from(shares.texel_m);
+    let along = |axis: DVec3, low: f32| {
+        let from_corner = axis.dot(eye - floor.origin_m) - f64::from(low);
+        (seen(axis) + per_way * from_corner) / texel_m
+    };
+    DMat3::from_cols(along(floor.axes.x_axis, shares.low_m.x), along(floor.axes.y_axis, shares.low_m.y), per_way)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shadow::Floor;
+    use glam::{DQuat, Vec2};
+
+    #[test]
+    fn a_ray_meets_the_chart_where_the_point_is() {
+        let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
+        let shares =
+            Shares { low_m: Vec2::new(-0.3, -0.2), texel_m: 0.002, width: 400, height: 300, taken: Vec::new() };
+        let chart = Chart { floor, shares: Arc::new(shares) };
+        let pose = Pose::from_camera_in_world(
+            DVec3::new(0.3, -1.2, -0.4),
+            DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),
+        );
+        let h = homography(&chart, &pose);
+        for place in [DVec2::new(0.1, 0.05), DVec2::new(-0.25, 0.3)] {
+            let point = pose.transform_point(floor.at(place));
+            let ray = point / point.z;
+            let found = h.transpose() * ray;
+            let texel = (place - DVec2::new(-0.3, -0.2)) / 0.002;
+            assert!((found.truncate() / found.z).abs_diff_eq(texel, 1e-4), "{found}, {texel}");
+            assert!((1.0 / found.z - point.z).abs() < 1e-6, "{} {}", 1.0 / found.z, point.z);
+        }
+    }
+}

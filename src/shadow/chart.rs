@@ -1,0 +1,189 @@
+//! A picture of a floor: the share of the light that the things on it take, for each colour.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3, Vec2, Vec3};
+
+use super::bounce::{Bounce, Ground};
+use super::casters::Casters;
+use super::extent::Extent;
+use super::floor::Floor;
+use super::mask::{Mask, Sums, jitter};
+use super::sky::{Lamp, Sky};
+use crate::rows::{over_rows, processors};
+
+/// The most texels along a side.
+const MOST: f32 = 640.0;
+/// Texels along the longest side of the thing itself, where the chart has room for them.
+const ACROSS: f32 = 160.0;
+/// No texel is smaller, metres.
+const FINEST_M: f32 = 0.00025;
+/// The rim over which a shadow ends, as a share of the chart's sides.
+const RIM: f32 = 0.08;
+/// A smaller share is none.
+const NOTHING: f32 = 0.0008;
+/// Rays that one mask holds.
+const AT_A_TIME: usize = 32;
+/// The shares, without a place in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shares {
+    /// Where the first texel's corner lies, in the floor's axes, metres.
+    pub low_m: Vec2,
+    pub texel_m: f32,
+    pub width: u32,
+    pub height: u32,
+    /// 1 where all of the light is taken, 0 where none is, below 0 where things throw back more than they take. Row by row.
+    pub taken: Vec<[f32; 3]>,
+}
+
+/// Shares on a floor in the world.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    pub floor: Floor,
+    pub shares: Arc<Shares>,
+}
+
+impl PartialEq for Chart {
+    fn eq(&self, other: &Self) -> bool {
+        self.floor == other.floor && Arc::ptr_eq(&self.shares, &other.shares)
+    }
+}
+
+impl Shares {
+    /// Of all that stands in an extent of a floor.
+    pub fn new(casters: &Casters, extent: Extent, sky: &Sky) -> Self {
+        let size = extent.high - extent.low;
+        let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
+        let texel_m = (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
+        let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
+        let mut shares = Self { low_m: extent.low, texel_m, width, height, taken: Vec::new() };
+        let mut taken = vec![[0.0f32; 3]; width as usize * height as usize];
+        // A band of rows for each thread; what is in it depends on nothing else.
+        let rows = (height as usize).div_ceil(processors()).max(1);
+        over_rows(&mut taken, width as usize * rows, processors(), |band, taken| {
+            let first = band * rows;
+            shares.fill(taken, first..first + taken.len() / width as usize, casters, sky);
+        });
+        shares.taken = taken;
+        let at = |place_m: Vec2| shares.at_texel(shares.texel_of(place_m).as_dvec2());
+        let Self { low_m, texel_m, width, height, .. } = shares;
+        let bounce = Bounce::new(&Ground { low_m, texel_m, width, height, taken: &at }, casters, sky);
+        let mut taken = std::mem::take(&mut shares.taken);
+        over_rows(&mut taken, width as usize, processors(), |y, row| {
+            for (x, taken) in row.iter_mut().enumerate() {
+                let given =
+                    bounce.at(x, y) / sky.light_at(shares.place_m(x, y)).max(Vec3::splat(1e-12)) * shares.rim(x, y);
+                let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
+                *taken = share.to_array().map(|share| if share.abs() < NOTHING { 0.0 } else { share });
+            }
+        });
+        shares.taken = taken;
+        shares
+    }
+
+    /// Where a place on the floor lies, in texels.
+    pub fn texel_of(&self, place_m: Vec2) -> Vec2 {
+        (place_m - self.low_m) / self.texel_m
+    }
+
+    fn fill(&self, taken: &mut [[f32; 3]], rows: Range<usize>, casters: &Casters, sky: &Sky) {
+        let width = self.width as usize;
+        let mut gone = vec![Vec3::ZERO; taken.len()];
+        let mut all = vec![sky.light; taken.len()];
+        let mut mask = Mask::new(width, rows.clone());
+        let mut places = Vec::new();
+        for (n, rays) in sky.rays.chunks(AT_A_TIME).enumerate() {
+            mask.clear();
+            for (bit, ray) in (0..).zip(rays) {
+                let jitter = jitter(n * AT_A_TIME + bit as usize);
+                mask.stop(bit, &casters.corners, &casters.triangles, &mut places, |c| {
+                    Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter)
+                });
+            }
+            let sums = Sums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
+            for (gone, word) in gone.iter_mut().zip(&mask.bits).filter(|(_, word)| **word != 0) {
+                *gone += sums.sum(*word);
+            }
+        }
+        for lamp in &sky.lamps {
+            let stopped = self.stopped(lamp, &mut mask, casters);
+            for (i, stopped) in stopped.into_iter().enumerate() {
+                let light = lamp.light_at(self.place_m(i % width, rows.start + i / width));
+                all[i] += light;
+                gone[i] += light * stopped;
+            }
+        }
+        for (i, taken) in taken.iter_mut().enumerate() {
+            let rim = self.rim(i % width, rows.start + i / width);
+            let share = (gone[i] / all[i].max(Vec3::splat(1e-12))).clamp(Vec3::ZERO, Vec3::ONE) * rim;
+            *taken = share.to_array();
+        }
+    }
+
+    /// The share of a lamp that each texel of the mask's rows does not see.
+    fn stopped(&self, lamp: &Lamp, mask: &mut Mask, casters: &Casters) -> Vec<f32> {
+        let mut counts = vec![0u32; mask.bits.len()];
+        let mut places = Vec::new();
+        for (n, points) in lamp.points_m.chunks(AT_A_TIME).enumerate() {
+            mask.clear();
+            for (bit, point) in (0..).zip(points) {
+                let jitter = jitter(n * AT_A_TIME + bit as usize);
+                mask.stop(bit, &casters.corners, &casters.triangles, &mut places, |c| {
+                    let below = point.z - c.z;
+                    let along = c.z / below;
+                    (below > 0.02 * point.z)
+                        .then(|| self.texel_of(c.truncate() + (c.truncate() - point.truncate()) * along) + jitter)
+                });
+            }
+            counts.iter_mut().zip(&mask.bits).for_each(|(count, word)| *count += word.count_ones());
+        }
+        counts.into_iter().map(|count| count as f32 / lamp.points_m.len() as f32).collect()
+    }
+
+    fn place_m(&self, x: usize, y: usize) -> Vec2 {
+        self.low_m + self.texel_m * (Vec2::new(x as f32, y as f32) + 0.5)
+    }
+
+    /// 1 within the chart, smoothly 0 at its outermost texels.
+    fn rim(&self, x: usize, y: usize) -> f32 {
+        let towards = |at: usize, side: u32| {
+            let from_edge = (at as f32).min(side as f32 - 1.0 - at as f32) / (RIM * side as f32);
+            let t = from_edge.clamp(0.0, 1.0);
+            t * t * (3.0 - 2.0 * t)
+        };
+        towards(x, self.width) * towards(y, self.height)
+    }
+
+    /// Interpolated at a place in texels, as the shader does; 0 beyond the chart.
+    pub fn at_texel(&self, at: DVec2) -> Vec3 {
+        let size = DVec2::new(self.width.into(), self.height.into());
+        if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
+            return Vec3::ZERO;
+        }
+        let middle = (at - 0.5).clamp(DVec2::ZERO, size - 1.0);
+        let (x, y) = (middle.x as usize, middle.y as usize);
+        let texel = |x: usize, y: usize| {
+            let (x, y) = (x.min(self.width as usize - 1), y.min(self.height as usize - 1));
+            Vec3::from(self.taken[y * self.width as usize + x])
+        };
+        let f = (middle - middle.floor()).as_vec2();
+        let row = |y: usize| texel(x, y).lerp(texel(x + 1, y), f.x);
+        row(y).lerp(row(y + 1), f.y)
+    }
+}
+
+impl Chart {
+    /// The corners of the chart in the world.
+    pub fn at(&self, across: f64, down: f64) -> DVec3 {
+        let shares = &self.shares;
+        let size = Vec2::new(shares.width as f32, shares.height as f32).as_dvec2() * f64::from(shares.texel_m);
+        self.floor.at(shares.low_m.as_dvec2() + size * DVec2::new(across, down))
+    }
+
+    /// The share of the light that is taken at a point of the floor.
+    pub fn taken_at(&self, point: DVec3) -> Vec3 {
+        let place = self.floor.floor_from_world().transform_point3(point).truncate();
+        self.shares.at_texel((place - self.shares.low_m.as_dvec2()) / f64::from(self.shares.texel_m))
+    }
+}

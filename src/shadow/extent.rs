@@ -1,0 +1,129 @@
+//! How far a thing's shadow is worth drawing: where a box around the thing takes more than a small share of the light.
+
+use glam::{Vec2, Vec3};
+
+use super::sky::Sky;
+
+/// The share of the light that is not missed: a third of a code of a bright floor.
+const LEAST: f32 = 0.004;
+/// Places beside the box at which its shadow is looked for, in heights.
+const BESIDE: [f32; 19] =
+    [0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 16.0, 20.0];
+/// Places along the box.
+const ALONG: usize = 4;
+
+/// A rectangle on the floor, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    pub low: Vec2,
+    pub high: Vec2,
+}
+
+impl Extent {
+    pub fn union(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    pub fn meets(&self, other: &Self) -> bool {
+        self.low.cmplt(other.high).all() && other.low.cmplt(self.high).all()
+    }
+
+    /// Around the shadow of a box that stands on the floor from `low` to `high`, `height` tall.
+    pub fn of(low: Vec2, high: Vec2, height: f32, sky: &Sky) -> Self {
+        // Flat things have a rim too.
+        let step = height.max(0.05 * (high - low).max_element()).max(1e-4);
+        let [xs, ys] = [(low.x, high.x), (low.y, high.y)].map(|(low, high)| places(low, high, step));
+        let mut found = Self { low, high };
+        for (row, y) in ys.iter().enumerate() {
+            for (column, x) in xs.iter().enumerate() {
+                if taken(Vec2::new(*x, *y), low, high, height, sky) <= LEAST {
+                    continue;
+                }
+                // Halfway to the next place, which is free.
+                let next = |list: &[f32], at: usize| {
+                    let halfway = |next: usize| 0.5 * (list[at] + list[next]);
+                    (halfway(at.saturating_sub(1)), halfway((at + 1).min(list.len() - 1)))
+                };
+                let ((left, right), (top, bottom)) = (next(&xs, column), next(&ys, row));
+                found = found.union(Self { low: Vec2::new(left, top), high: Vec2::new(right, bottom) });
+            }
+        }
+        found
+    }
+}
+
+fn places(low: f32, high: f32, step: f32) -> Vec<f32> {
+    let before = BESIDE.iter().rev().map(|far| low - far * step);
+    let along = (0..=ALONG).map(|i| low + (high - low) * i as f32 / ALONG as f32);
+    before.chain(along).chain(BESIDE.iter().map(|far| high + far * step)).collect()
+}
+
+/// The share of the light at a place that the box takes.
+fn taken(at: Vec2, low: Vec2, high: Vec2, height: f32, sky: &Sky) -> f32 {
+    let stops = |slope: Vec2| meets(at, slope, low, high, height);
+    let mut all = sky.light.element_sum();
+    let mut gone: f32 = sky.rays.iter().filter(|ray| stops(ray.slope)).map(|ray| ray.light.element_sum()).sum();
+    for lamp in &sky.lamps {
+        let light = lamp.light_at(at).element_sum();
+        let share = light / lamp.points_m.len() as f32;
+        all += light;
+        gone += share * lamp.points_m.iter().filter(|point| stops(slope_to(at, **point))).count() as f32;
+    }
+    if all > 0.0 { gone / all } else { 0.0 }
+}
+
+/// Horizontal way for each metre of height from a place on the floor towards a point.
+fn slope_to(at: Vec2, point: Vec3) -> Vec2 {
+    (point.truncate() - at) / point.z
+}
+
+/// Whether a ray from a place on the floor meets the box before it is above it.
+fn meets(at: Vec2, slope: Vec2, low: Vec2, high: Vec2, height: f32) -> bool {
+    let (mut from, mut to) = (0.0f32, height);
+    for axis in 0..2 {
+        let (at, slope, low, high) = (at[axis], slope[axis], low[axis], high[axis]);
+        if slope.abs() < 1e-6 {
+            if at < low || at > high {
+                return false;
+            }
+            continue;
+        }
+        let (a, b) = ((low - at) / slope, (high - at) / slope);
+        (from, to) = (from.max(a.min(b)), to.min(a.max(b)));
+    }
+    from <= to
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Environment, Lighting, Sun};
+    use crate::shadow::Floor;
+    use crate::shadow::sky::{Around, rays};
+    use glam::DVec3;
+
+    fn sky(suns: Vec<Sun>, around: f32) -> Sky {
+        let environment = Environment::Uniform(Vec3::splat(around));
+        let lighting = Lighting { suns, points: Vec::new(), environment };
+        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor)
+    }
+
+    #[test]
+    fn an_even_sky_s_shadow_reaches_a_few_heights_to_all_sides() {
+        let (low, high) = (Vec2::splat(-0.05), Vec2::splat(0.05));
+        let extent = Extent::of(low, high, 0.1, &sky(Vec::new(), 1.0));
+        // (w h² / (2π ε))^⅓ from the middle: 0.34 m for 0.1 m each.
+        let reach = 0.5 * (extent.high - extent.low);
+        assert!(reach.min_element() > 0.3 && reach.max_element() < 0.6, "{extent:?}");
+    }
+
+    #[test]
+    fn a_low_sun_s_shadow_is_long_on_one_side() {
+        let towards = Floor::new(DVec3::ZERO, DVec3::Z).axes.as_mat3() * Vec3::new(4.0, 0.0, 1.0).normalize();
+        let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
+        let extent = Extent::of(Vec2::splat(-0.05), Vec2::splat(0.05), 0.1, &sky(vec![sun], 0.0));
+        assert!(extent.low.x < -0.45 && extent.low.x > -0.8, "{extent:?}");
+        assert!(extent.high.x < 0.1 && extent.high.y < 0.1 && extent.low.y > -0.1, "{extent:?}");
+    }
+}

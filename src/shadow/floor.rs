@@ -1,0 +1,56 @@
+//! A plane on which things stand, with axes of its own.
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+
+/// x and y lie in the plane, z points out of it. Metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Floor {
+    pub origin_m: DVec3,
+    /// World from floor: the columns are its x, its y and its normal.
+    pub axes: DMat3,
+}
+
+impl Floor {
+    /// `normal` of unit length. The axes depend on it alone.
+    pub fn new(origin_m: DVec3, normal: DVec3) -> Self {
+        let aside = DVec3::AXES.into_iter().min_by(|a, b| a.dot(normal).abs().total_cmp(&b.dot(normal).abs()));
+        let x = aside.unwrap_or(DVec3::X).reject_from_normalized(normal).normalize();
+        Self { origin_m, axes: DMat3::from_cols(x, normal.cross(x), normal) }
+    }
+
+    pub fn normal(&self) -> DVec3 {
+        self.axes.z_axis
+    }
+
+    pub fn floor_from_world(&self) -> DAffine3 {
+        let turn = self.axes.transpose();
+        DAffine3 { matrix3: turn, translation: turn * -self.origin_m }
+    }
+
+    /// The point of the plane at a place, in the world.
+    pub fn at(&self, place_m: DVec2) -> DVec3 {
+        self.origin_m + self.axes * place_m.extend(0.0)
+    }
+
+    /// The height of a point over the plane, metres.
+    pub fn height_m(&self, point: DVec3) -> f64 {
+        self.normal().dot(point - self.origin_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_right_handed_and_a_place_comes_back() {
+        for normal in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.3, -0.5, 0.8).normalize()] {
+            let floor = Floor::new(DVec3::new(1.0, 2.0, 3.0), normal);
+            assert!((floor.axes.determinant() - 1.0).abs() < 1e-12);
+            let point = floor.at(DVec2::new(0.4, -0.7)) + 0.2 * normal;
+            let back = floor.floor_from_world().transform_point3(point);
+            assert!(back.abs_diff_eq(DVec3::new(0.4, -0.7, 0.2), 1e-12), "{back}");
+            assert!((floor.height_m(point) - 0.2).abs() < 1e-12);
+        }
+    }
+}

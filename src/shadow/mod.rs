@@ -1,0 +1,29 @@
+//! What stands in the room takes light from the floor that it stands on: how much, of each colour, at each place.
+//!
+//! Room and objects stand still, so that is worked out once and looked up for every frame. On the floor below a thing, the
+//! light that it takes is a share of the light there without it: D = 1 − E_with / E_without. What the floor is made of
+//! cancels, so that the real picture's light is multiplied by 1 − D, and nothing else has to be known of it. Heckbert and
+//! Herf (1996), "Fast shadow generation with projective textures", sum hard shadows of many points of a light alike.
+//!
+//! - `floor`: a plane with axes of its own. `sky`: the light that comes onto it, as a few hundred rays and the lamps nearby.
+//! - `casters`: the triangles that stand on it. `mask`: where 32 rays at a time are stopped.
+//! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
+//! - `shadows`: which things share a chart, and the charts that are known already.
+//!
+//! All of it is arithmetic of the processor, the same on every graphics driver and for any number of threads.
+//!
+//! Not modelled: light that the thing reflects onto the floor; a floor that is not flat; things that shade each other.
+
+mod bounce;
+mod casters;
+mod chart;
+mod extent;
+mod floor;
+mod mask;
+mod shadows;
+mod skin;
+mod sky;
+
+pub use chart::{Chart, Shares};
+pub use floor::Floor;
+pub use shadows::Shadows;

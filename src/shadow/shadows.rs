@@ -1,0 +1,398 @@
+//! Which things share a chart, and the charts that are known already.
+//!
+//! Things on one plane whose shadows may meet are one group: where two shadows fall together, light that is gone is not taken
+//! twice. A chart depends on how the group's things stand to each other and to the light. So it is the same one wherever a
+//! thing is moved to on a plane, as long as all light comes from far away.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DMat3, Mat3, Vec3};
+
+use super::casters::Casters;
+use super::chart::{Chart, Shares};
+use super::extent::Extent;
+use super::floor::Floor;
+use super::sky::{Around, Ray, Sky, rays};
+use crate::scene::{Lighting, Object, Scene, Support};
+
+/// Planes that differ less are one: cosine of their tilt (2°), and metres.
+const ONE_TILT: f64 = 0.9994;
+const ONE_HEIGHT_M: f64 = 0.005;
+/// Places are told apart to a micrometre, directions to a millionth.
+const STEPS_PER_UNIT: f64 = 1e6;
+/// So many charts are kept, the ones used last.
+const KEPT: usize = 64;
+
+/// Works out charts, and keeps them.
+#[derive(Debug)]
+pub struct Shadows {
+    lighting: Lighting,
+    around: Around,
+    /// Far light by the floor's axes.
+    rays: Vec<(DMat3, Arc<[Ray]>)>,
+    extents: Vec<(Key, Extent)>,
+    charts: Vec<(Key, Arc<Shares>)>,
+    /// The objects that were asked for last, and theirs.
+    last: Option<(Vec<Object>, Vec<Chart>)>,
+}
+
+/// All that an extent or a chart depends on but the scene's meshes.
+#[derive(Clone, Debug, PartialEq)]
+struct Key {
+    sky: Arc<Sky>,
+    parts: Vec<(usize, [i64; 12])>,
+}
+
+/// Things that share a floor.
+struct Group {
+    floor: Floor,
+    extent: Extent,
+    objects: Vec<usize>,
+}
+
+/// A thing's or a group's parts, placed in the world.
+type Parts = Vec<(usize, DAffine3)>;
+
+impl Shadows {
+    /// For scenes of these meshes and this light.
+    pub fn new(scene: &Scene) -> Self {
+        let lighting = scene.lighting.clone();
+        let around = Around::new(&lighting.environment);
+        Self { around, lighting, rays: Vec::new(), extents: Vec::new(), charts: Vec::new(), last: None }
+    }
+
+    /// The charts of the scene's objects as they are placed.
+    pub fn charts(&mut self, scene: &Scene) -> Vec<Chart> {
+        if let Some((_, charts)) = self.last.as_ref().filter(|(objects, _)| *objects == scene.objects) {
+            return charts.clone();
+        }
+        let groups = self.groups(scene);
+        let order = by_place(scene);
+        let charts = groups.into_iter().filter_map(|group| {
+            let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
+            self.chart(scene, &members)
+        });
+        let charts: Vec<Chart> = charts.collect();
+        self.last = Some((scene.objects.clone(), charts.clone()));
+        charts
+    }
+
+    /// Objects with a floor, those together whose shadows may meet. In which order a scene lists them changes nothing.
+    fn groups(&mut self, scene: &Scene) -> Vec<Group> {
+        let mut groups: Vec<Group> = Vec::new();
+        for index in by_place(scene) {
+            let object = &scene.objects[index];
+            let Some((floor, extent)) = self.alone(scene, object) else { continue };
+            let mut own = Group { floor, extent, objects: vec![index] };
+            // It may join groups that were apart.
+            let mut apart = Vec::new();
+            for group in groups {
+                match is_one_floor(&own.floor, &group.floor) && meet(&own, &group) {
+                    true => own = join(group, own),
+                    false => apart.push(group),
+                }
+            }
+            apart.push(own);
+            groups = apart;
+        }
+        groups
+    }
+
+    /// An object's floor, and how far its shadow reaches.
+    fn alone(&mut self, scene: &Scene, object: &Object) -> Option<(Floor, Extent)> {
+        let support = object.support.filter(|_| !object.shadowless)?;
+        let parts: Parts = object.parts.iter().map(|part| (part.mesh, part.world_from_mesh)).collect();
+        let floor = floor_of(&support, &parts)?;
+        let key = self.key(&floor, &parts);
+        Some((floor, self.extent(scene, key)?))
+    }
+
+    fn extent(&mut self, scene: &Scene, key: Key) -> Option<Extent> {
+        if let Some(known) = found(&mut self.extents, &key) {
+            return Some(known);
+        }
+        let (low, high, height) = Casters::of(scene, &key.placed()).bounds()?;
+        let extent = Extent::of(low, high, height, &key.sky);
+        keep(&mut self.extents, key, extent);
+        Some(extent)
+    }
+
+    fn chart(&mut self, scene: &Scene, objects: &[usize]) -> Option<Chart> {
+        let all = objects.iter().map(|i| &scene.objects[*i]);
+        let support = all.clone().next()?.support?;
+        let parts: Parts = all.clone().flat_map(|o| &o.parts).map(|part| (part.mesh, part.world_from_mesh)).collect();
+        let floor = floor_of(&support, &parts)?;
+        let key = self.key(&floor, &parts);
+        if let Some(shares) = found(&mut self.charts, &key) {
+            return Some(Chart { floor, shares });
+        }
+        let mut extent: Option<Extent> = None;
+        let mut rest = key.parts.as_slice();
+        for object in all {
+            let (own, others) = rest.split_at(object.parts.len());
+            rest = others;
+            let own = self.extent(scene, Key { sky: key.sky.clone(), parts: own.to_vec() });
+            extent = match (extent, own) {
+                (Some(a), Some(b)) => Some(a.union(b)),
+                (a, b) => a.or(b),
+            };
+        }
+        let shares = Arc::new(Shares::new(&Casters::of(scene, &key.placed()), extent?, &key.sky));
+        keep(&mut self.charts, key, shares.clone());
+        Some(Chart { floor, shares })
+    }
+
+    fn key(&mut self, floor: &Floor, parts: &Parts) -> Key {
+        let known = self.rays.iter().find(|(axes, _)| *axes == floor.axes).map(|(_, rays)| rays.clone());
+        let rays = known.unwrap_or_else(|| {
+            let rays = rays(&self.lighting, &self.around, floor);
+            if self.rays.len() == KEPT {
+                self.rays.remove(0);
+            }
+            self.rays.push((floor.axes, rays.clone()));
+            rays
+        });
+        let sky = Arc::new(Sky::new(&self.lighting, rays, floor));
+        Key { sky, parts: parts.iter().map(|(mesh, from)| (*mesh, steps(floor, from))).collect() }
+    }
+}
+
+impl Key {
+    /// Each mesh with its place on the floor.
+    fn placed(&self) -> Parts {
+        self.parts.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))).collect()
+    }
+}
+
+/// What is kept for a key; it then counts as used last.
+fn found<T: Clone>(kept: &mut Vec<(Key, T)>, key: &Key) -> Option<T> {
+    let at = kept.iter().position(|(k, _)| k == key)?;
+    let known = kept.remove(at);
+    kept.push(known);
+    kept.last().map(|(_, value)| value.clone())
+}
+
+fn keep<T>(kept: &mut Vec<(Key, T)>, key: Key, value: T) {
+    if kept.len() == KEPT {
+        kept.remove(0);
+    }
+    kept.push((key, value));
+}
+
+/// The objects with parts, by where the first one stands.
+fn by_place(scene: &Scene) -> Vec<usize> {
+    let place = |index: &usize| scene.objects[*index].parts.first().map(|part| part.world_from_mesh.translation);
+    let mut order: Vec<usize> = (0..scene.objects.len()).filter(|index| place(index).is_some()).collect();
+    let compared = |a: &usize, b: &usize| {
+        let (a, b) = (place(a).unwrap_or_default(), place(b).unwrap_or_default());
+        a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z))
+    };
+    order.sort_by(compared);
+    order
+}
+
+/// With its origin below the first part.
+fn floor_of(support: &Support, parts: &[(usize, DAffine3)]) -> Option<Floor> {
+    let through = Floor::new(support.point_m, support.normal.try_normalize()?);
+    let (_, first) = parts.first()?;
+    let below = first.translation - through.height_m(first.translation) * through.normal();
+    Some(Floor { origin_m: below, ..through })
+}
+
+/// A part's place on its floor in whole steps, so that a chart is of exactly what it is kept for.
+fn steps(floor: &Floor, world_from_mesh: &DAffine3) -> [i64; 12] {
+    (floor.floor_from_world() * *world_from_mesh).to_cols_array().map(|v| (v * STEPS_PER_UNIT).round() as i64)
+}
+
+fn from_steps(steps: &[i64; 12]) -> DAffine3 {
+    DAffine3::from_cols_array(&steps.map(|step| step as f64 / STEPS_PER_UNIT))
+}
+
+fn is_one_floor(a: &Floor, b: &Floor) -> bool {
+    a.normal().dot(b.normal()) > ONE_TILT
+        && a.height_m(b.origin_m).abs() < ONE_HEIGHT_M
+        && b.height_m(a.origin_m).abs() < ONE_HEIGHT_M
+}
+
+/// Another group's extent in the axes of one: a rectangle around it, turned.
+fn seen_from(floor: &Floor, other: &Group) -> Extent {
+    let turn: Mat3 = (floor.axes.transpose() * other.floor.axes).as_mat3();
+    let offset = floor.floor_from_world().transform_point3(other.floor.origin_m).as_vec3().truncate();
+    let Extent { low, high } = other.extent;
+    let corners = [(low.x, low.y), (high.x, low.y), (low.x, high.y), (high.x, high.y)]
+        .map(|(x, y)| (turn * Vec3::new(x, y, 0.0)).truncate() + offset);
+    let [a, b, c, d] = corners;
+    Extent { low: a.min(b).min(c).min(d), high: a.max(b).max(c).max(d) }
+}
+
+fn meet(a: &Group, b: &Group) -> bool {
+    a.extent.meets(&seen_from(&a.floor, b))
+}
+
+fn join(mut into: Group, other: Group) -> Group {
+    into.extent = into.extent.union(seen_from(&into.floor, &other));
+    into.objects.extend(other.objects);
+    into
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Environment, Material, Mesh, Part, PointLight, Sun, Vertex};
+    use glam::{DQuat, DVec3, Vec2};
+
+    /// A box around its middle.
+    fn cube(half: Vec3) -> Mesh {
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            let position = (half * Vec3::new(sign(0), sign(1), sign(2))).to_array();
+            Vertex {
+                position,
+                normal: [0.0, 0.0, 1.0],
+                tangent: [0.0; 4],
+                uv0: [0.0; 2],
+                uv1: [0.0; 2],
+                color: [1.0; 4],
+            }
+        };
+        let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+        let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
+        Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 }
+    }
+
+    const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
+
+    /// Boxes on a floor, at places and turned about its normal.
+    fn scene(lighting: Lighting, floor: &Floor, boxes: &[(f64, f64, f64)]) -> Scene {
+        let world_from_floor = DAffine3 { matrix3: floor.axes, translation: floor.origin_m };
+        let object = |(x, y, turn): &(f64, f64, f64)| {
+            let on = DAffine3::from_rotation_translation(
+                DQuat::from_rotation_z(*turn),
+                DVec3::new(*x, *y, f64::from(HALF.z)),
+            );
+            let part = Part { mesh: 0, world_from_mesh: world_from_floor * on };
+            let support = Some(Support { point_m: floor.origin_m, normal: floor.normal() });
+            Object { parts: vec![part], support, ..Object::default() }
+        };
+        Scene {
+            meshes: vec![Arc::new(cube(HALF))],
+            // What is black throws nothing back.
+            materials: vec![Material { base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() }],
+            objects: boxes.iter().map(object).collect(),
+            lighting,
+            ..Scene::default()
+        }
+    }
+
+    fn only(chart: Vec<Chart>) -> Chart {
+        assert_eq!(chart.len(), 1);
+        chart.into_iter().next().unwrap()
+    }
+
+    fn even_sky() -> Lighting {
+        Lighting { environment: Environment::Uniform(Vec3::ONE), ..Lighting::default() }
+    }
+
+    /// Whether a ray from a place on the floor meets the box, by its six planes.
+    fn meets(at: DVec3, towards: DVec3) -> bool {
+        let (low, high) = (DVec3::new(-0.04, -0.03, 0.0), DVec3::new(0.04, 0.03, 0.1));
+        let (a, b) = ((low - at) / towards, (high - at) / towards);
+        a.min(b).max_element().max(0.0) <= a.max(b).min_element()
+    }
+
+    #[test]
+    fn under_an_even_sky_it_is_what_many_rays_find() {
+        let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+        let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+        let chart = only(Shadows::new(&scene).charts(&scene));
+        let mut worst = 0.0f64;
+        for at in [(0.045, 0.0), (0.06, 0.02), (0.0, 0.04), (0.1, -0.05), (-0.15, 0.1), (0.0, 0.25), (0.02, 0.01)] {
+            // Evenly over the cosine: a disc, raised to the hemisphere.
+            let count = 16384;
+            let stopped = (0..count).filter(|n| {
+                let r = ((*n as f64 + 0.5) / count as f64).sqrt();
+                let (s, c) = (*n as f64 * 2.399_963_229_728_653).sin_cos();
+                let towards = DVec3::new(r * c + 1e-12, r * s + 1e-12, (1.0 - r * r).sqrt());
+                meets(DVec3::new(at.0, at.1, 0.0), towards)
+            });
+            let truth = stopped.count() as f64 / count as f64;
+            let found = chart.taken_at(floor.at(glam::DVec2::new(at.0, at.1)));
+            assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
+            worst = worst.max((f64::from(found.x) - truth).abs());
+        }
+        // 512 rays: an edge between two of them is 1/512; a code of a mid-grey floor is 0.009.
+        assert!(worst < 0.008, "{worst}");
+        assert_eq!(chart.taken_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
+    }
+
+    #[test]
+    fn a_lamp_s_shadow_lies_where_its_rays_are_stopped_and_has_its_colour() {
+        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        let world = |v: DVec3| floor.axes * v;
+        let lamp = PointLight {
+            position_in_world_m: world(DVec3::new(0.0, 0.0, 0.6)),
+            color: Vec3::new(0.3, 0.0, 0.0),
+            range_m: f32::INFINITY,
+            spot: None,
+        };
+        let lighting = Lighting { points: vec![lamp], ..even_sky() };
+        let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+        let chart = only(Shadows::new(&scene).charts(&scene));
+        let at = |x: f64, y: f64| chart.taken_at(floor.at(glam::DVec2::new(x, y)));
+        // From 0.6 m the top at 0.1 m is thrown outwards by 0.6/0.5: its edge lies at 0.048 m, blurred by the lamp.
+        let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
+        assert!(inside.x > outside.x + 0.2, "{inside} {outside}");
+        // Of the other colours only the sky's is taken.
+        assert!(inside.x > inside.y + 0.15 && outside.x < outside.y, "{inside} {outside}");
+    }
+
+    #[test]
+    fn a_sun_s_shadow_lies_to_the_other_side() {
+        let floor = Floor::new(DVec3::ZERO, DVec3::NEG_Y);
+        let towards = (floor.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();
+        let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
+        let lighting = Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
+        let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+        let chart = only(Shadows::new(&scene).charts(&scene));
+        let at = |x: f64, y: f64| chart.taken_at(floor.at(glam::DVec2::new(x, y))).x;
+        // 0.1 m high under 45°: from −0.04 m to −0.14.
+        assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
+        assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
+    }
+
+    #[test]
+    fn things_whose_shadows_meet_share_a_chart_and_take_no_light_twice() {
+        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        let both = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
+        let chart = only(Shadows::new(&both).charts(&both));
+        let alone = |n: usize| {
+            let one = Scene { objects: vec![both.objects[n].clone()], ..both.clone() };
+            only(Shadows::new(&one).charts(&one))
+        };
+        let between = floor.at(glam::DVec2::new(0.06, 0.0));
+        let [together, left, right] = [&chart, &alone(0), &alone(1)].map(|chart| chart.taken_at(between).x);
+        // They stand to different sides: what one takes the other does not.
+        assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
+        let apart = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
+        assert_eq!(Shadows::new(&apart).charts(&apart).len(), 2);
+        let shadowless = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+        let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
+        let shadowless = Scene { objects: vec![object], ..shadowless };
+        assert!(Shadows::new(&shadowless).charts(&shadowless).is_empty());
+    }
+
+    #[test]
+    fn moved_on_its_floor_it_has_the_chart_that_a_new_one_would_have() {
+        let floor = Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
+        let mut shadows = Shadows::new(&scene(even_sky(), &floor, &[]));
+        let at = |x: f64, y: f64| scene(even_sky(), &floor, &[(x, y, 0.7)]);
+        let first = only(shadows.charts(&at(0.0, 0.0)));
+        let moved = only(shadows.charts(&at(0.731, -0.25)));
+        assert!(Arc::ptr_eq(&first.shares, &moved.shares), "it was worked out again");
+        let scene = at(0.731, -0.25);
+        assert_eq!(*only(Shadows::new(&scene).charts(&scene)).shares, *moved.shares);
+        let beside = moved.taken_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
+        assert!(beside.x > 0.05, "{beside}");
+        assert_eq!(first.taken_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);
+    }
+}
