@@ -10,6 +10,7 @@
 
 use glam::DAffine3;
 use nalgebra::{Matrix6, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use super::eye::{Eye, is_same};
 use super::robust::scatter;
@@ -33,7 +34,8 @@ const LEAST_CORRELATION: f64 = 0.7;
 const STILL_PX: f64 = 0.02;
 
 /// How one frame fits onto another.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(from = "PlainLink", into = "PlainLink")]
 pub struct Link {
     pub from: usize,
     pub to: usize,
@@ -48,6 +50,48 @@ pub struct Link {
     pub overlap: f64,
     /// Of the readout time, s: information and slope of the loss with all else marginalised. Only if it was asked for.
     pub readout: Option<(f64, f64)>,
+}
+
+/// The same as numbers, matrices by columns.
+#[derive(Serialize, Deserialize)]
+struct PlainLink {
+    frames: [usize; 2],
+    e: Vec<f64>,
+    information: Vec<f64>,
+    metric: Vec<f64>,
+    alike: [f64; 2],
+    readout: Option<(f64, f64)>,
+}
+
+impl From<Link> for PlainLink {
+    fn from(link: Link) -> Self {
+        Self {
+            frames: [link.from, link.to],
+            e: link.e.as_slice().to_vec(),
+            information: link.information.as_slice().to_vec(),
+            metric: link.metric.as_slice().to_vec(),
+            alike: [link.correlation, link.overlap],
+            readout: link.readout,
+        }
+    }
+}
+
+impl From<PlainLink> for Link {
+    fn from(plain: PlainLink) -> Self {
+        let matrix =
+            |values: Vec<f64>| Matrix6::from_iterator(values.into_iter().chain(std::iter::repeat(0.0)).take(36));
+        let ([from, to], [correlation, overlap]) = (plain.frames, plain.alike);
+        Self {
+            from,
+            to,
+            e: Twist::from_iterator(plain.e.into_iter().chain(std::iter::repeat(0.0)).take(6)),
+            information: matrix(plain.information),
+            metric: matrix(plain.metric),
+            correlation,
+            overlap,
+            readout: plain.readout,
+        }
+    }
 }
 
 impl Link {
@@ -158,7 +202,7 @@ impl Seen {
                 continue;
             }
             let depth = f64::from(to.depth[at.y as usize * width + at.x as usize]);
-            if depth > 0.0 && !is_same(depth, far, 0.0) {
+            if depth > 0.0 && !is_same(depth, far, eye.slack_m(far)) {
                 continue;
             }
             let (x, y) = (scale * (at.x - 0.5), scale * (at.y - 0.5));

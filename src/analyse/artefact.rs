@@ -1,4 +1,5 @@
-//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `poses.txt` and `links.txt`. Frames read it
+//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `poses.txt`, `links.txt` and the light of the
+//! room as `environment.hdr`. Frames read it
 //! and nothing else of the recording's neighbours, so any range of frames keeps its bits.
 
 use std::path::{Path, PathBuf};
@@ -6,8 +7,10 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered};
+use super::found_light::{Environment, FoundLight};
 use super::inputs;
-use super::registration::{Missed, Registration, Verdict};
+use super::light::RoomLight;
+use super::registered::{Missed, Registration, Verdict};
 use super::shutter::Exposed;
 use super::spread::PointSpread;
 use super::track::{self, Stop};
@@ -15,6 +18,7 @@ use crate::camera::Geometry;
 use crate::document::{self, Document};
 use crate::frame::SeenBrightness;
 use crate::recording::{Recording, Refinement};
+use crate::scene::Lighting;
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::tracking::text::{self, TextError};
 use crate::tracking::tum::{Line, parse_lines, write_trajectory};
@@ -25,16 +29,18 @@ pub const FILE_NAME: &str = "analysis.toml";
 const FRAMES: &str = "frames.txt";
 const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
+const ENVIRONMENT: &str = "environment.hdr";
 /// All that an analysis consists of.
-pub const FILES: [&str; 4] = [FILE_NAME, FRAMES, POSES, LINKS];
+pub const FILES: [&str; 5] = [FILE_NAME, FRAMES, POSES, LINKS, ENVIRONMENT];
 /// Another version is made anew.
-const VERSION: u32 = 2;
+pub const VERSION: u32 = 4;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Analysis {
     pub findings: Findings,
-    /// In place of the recording's own, by the frames' own times; `None` if that is kept.
+    /// In place of the recording's own, by the frames' own times; `None` if that is kept. Where poses are kept and motion is not, it
+    /// goes through the recorded poses of the frames.
     pub track: Option<PoseTrack>,
     /// The track as it is written, which would not follow from the track to the last bit.
     lines: Vec<Line>,
@@ -43,6 +49,18 @@ pub struct Analysis {
     pub gains: Vec<[f64; 3]>,
     /// Links that took no part in the poses, and by how much these miss them. Empty if there are none.
     pub held_out: Vec<Missed>,
+    /// The light of the room around what was looked at, without its lamps; `None` if the footage does not tell.
+    pub environment: Option<Environment>,
+}
+
+/// What was found besides where the camera was.
+pub struct Found<'a> {
+    pub gain: Option<Gained>,
+    /// ln, one per frame, of those that could be compared.
+    pub gains: &'a [Option<[f64; 3]>],
+    pub exposed: Result<Exposed, String>,
+    pub spread: Result<PointSpread, String>,
+    pub light: Result<RoomLight, String>,
 }
 
 /// Why there is no analysis.
@@ -54,6 +72,14 @@ pub enum AnalysisError {
     Content { file: PathBuf, problem: String },
     #[error(transparent)]
     Text(#[from] TextError),
+    #[error("{}: cannot be written: {reason}", folder.display())]
+    Unwritten { folder: PathBuf, reason: String },
+    #[error(
+        "{}: holds {other}, which is no part of an analysis, so nothing is written into it; move that away, or name another \
+         folder (--output)",
+        folder.display()
+    )]
+    Others { folder: PathBuf, other: String },
 }
 
 /// Where a recording's analysis lies: beside it, of its name with `.analysis`.
@@ -66,27 +92,20 @@ pub fn beside(recording: &Path) -> PathBuf {
 }
 
 impl Analysis {
-    /// `gains`: ln, one per frame, of those that could be compared.
-    pub fn new(
-        recording: &Recording,
-        camera: &Geometry,
-        registration: &Registration,
-        gain: Option<Gained>,
-        gains: &[Option<[f64; 3]>],
-        exposed: Result<Exposed, String>,
-        spread: Result<PointSpread, String>,
-    ) -> Self {
+    pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Found<'_>) -> Self {
+        let Found { gain, gains, exposed, spread, light } = found;
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
+        let moves_alone = registration.motion_px.is_some();
         let stop = |n: usize| {
             let state = registration.states[n]?;
             Some(Stop {
                 time_s: recording.timestamps_s[n],
                 state,
-                repeats: registration.repeats.get(n).copied().unwrap_or(false),
+                is_alone: moves_alone || registration.repeats.get(n).copied().unwrap_or(false),
             })
         };
-        let lines: Vec<Line> = if registration.verdict == Verdict::Refined {
+        let lines: Vec<Line> = if registration.verdict == Verdict::Refined || moves_alone {
             let stops: Vec<Stop> = (0..recording.frame_count()).filter_map(stop).collect();
             let usual_s = recording.frame_interval_s;
             let poses = track::poses(&stops, usual_s, track::MOST_INTERVALS * usual_s);
@@ -102,11 +121,18 @@ impl Analysis {
             gain,
             shutter: Some(Shuttered::of(exposed)),
             spread: Some(Sharpness::of(spread)),
+            light: Some(FoundLight::of(&light)),
             camera,
         };
+        let environment = light.ok().and_then(|light| Environment::of(&light.panorama));
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
-        Self { findings, track, lines, gains: filled(gains), held_out: registration.held_out.clone() }
+        Self { findings, track, lines, gains: filled(gains), held_out: registration.held_out.clone(), environment }
+    }
+
+    /// The track, if it shows another place than the recorded one.
+    pub fn refined(&self) -> Option<&PoseTrack> {
+        self.track.as_ref().filter(|_| self.findings.registration.is_refined())
     }
 
     pub fn read(folder: &Path) -> Result<Self, AnalysisError> {
@@ -130,7 +156,7 @@ impl Analysis {
             shutter.check(findings.frames).map_err(|problem| content(&path, problem))?;
         }
         let (mut lines, mut track) = (Vec::new(), None);
-        if findings.registration.is_refined() {
+        if findings.registration.is_refined() || findings.registration.motion_px.is_some() {
             let path = folder.join(POSES);
             lines = parse_lines(&text::read(&path)?, &path)?.0;
             track = Some(track_of(&lines).map_err(|error| content(&path, error.to_string()))?);
@@ -144,11 +170,17 @@ impl Analysis {
             Some(_) => read_links(&folder.join(LINKS), findings.frames)?,
             None => Vec::new(),
         };
-        Ok(Self { findings, track, lines, gains, held_out })
+        let environment = match findings.light.as_ref().is_some_and(|light| light.why.is_none()) {
+            true => {
+                Some(Environment::read(&folder.join(ENVIRONMENT)).map_err(|p| content(&folder.join(ENVIRONMENT), p))?)
+            }
+            false => None,
+        };
+        Ok(Self { findings, track, lines, gains, held_out, environment })
     }
 
     /// The files, by name.
-    pub fn files(&self, recording: &Recording) -> Result<Vec<(&'static str, String)>, AnalysisError> {
+    pub fn files(&self, recording: &Recording) -> Result<Vec<(&'static str, Vec<u8>)>, AnalysisError> {
         let problem = |problem: document::Problem| AnalysisError::Content {
             file: FILE_NAME.into(),
             problem: problem.to_string(),
@@ -156,16 +188,16 @@ impl Analysis {
         let document = Document::new(self.findings.clone()).map_err(problem)?;
         let head =
             "# What the footage says of itself, by `locard analyse`. Frames are composited by it while it lies here.\n";
-        let mut files = vec![];
+        let mut files: Vec<(&'static str, Vec<u8>)> = vec![];
         if !self.lines.is_empty() {
-            files.push((POSES, write_trajectory(&self.lines)));
+            files.push((POSES, write_trajectory(&self.lines).into_bytes()));
         }
         if !self.gains.is_empty() {
             let line = |(n, [r, g, b]): (usize, &[f64; 3])| format!("{n} {} {r} {g} {b}\n", recording.timestamps_s[n]);
             let lines: String = self.gains.iter().enumerate().map(line).collect();
             files.push((
                 FRAMES,
-                format!("# frame timestamp red green blue: brighter than usual by these factors\n{lines}"),
+                format!("# frame timestamp red green blue: brighter than usual by these factors\n{lines}").into_bytes(),
             ));
         }
         if self.findings.registration.recorded_px.is_some() {
@@ -173,12 +205,19 @@ impl Analysis {
             let lines: String = self.held_out.iter().map(line).collect();
             files.push((
                 LINKS,
-                format!("# from to recorded refined: px by which poses miss links that took no part\n{lines}"),
+                format!("# from to recorded refined: px by which poses miss links that took no part\n{lines}")
+                    .into_bytes(),
             ));
         }
+        files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
         // Last, since it tells an analysis.
-        files.push((FILE_NAME, format!("{head}{document}")));
+        files.push((FILE_NAME, format!("{head}{document}").into_bytes()));
         Ok(files)
+    }
+
+    /// The room's light, for a scene that has none of its own.
+    pub fn lighting(&self) -> Option<Lighting> {
+        self.findings.light.as_ref()?.lighting(self.environment.as_ref()?)
     }
 
     /// What a recording takes over from it. `usual_s`: [`SeenBrightness::usual_s`].
@@ -194,13 +233,19 @@ impl Analysis {
 
     /// Whether it is of this recording, seen by this camera; otherwise why not.
     pub fn fits(&self, recording: &Recording, camera: &Geometry) -> Result<(), String> {
-        let Findings { frames, recording: made_from, camera: of, .. } = &self.findings;
+        let Findings { frames, recording: made_from, .. } = &self.findings;
         if *frames != recording.frame_count() {
             return Err(format!("it is of {frames} frames, the recording has {}", recording.frame_count()));
         }
         if *made_from != inputs::fingerprint(recording) {
             return Err("the recording is another now than when it was made".to_owned());
         }
+        self.fits_camera(camera)
+    }
+
+    /// Whether it was made for this camera; otherwise why not.
+    pub fn fits_camera(&self, camera: &Geometry) -> Result<(), String> {
+        let of = &self.findings.camera;
         let same = |of: &Geometry| {
             let (i, j) = (&of.intrinsics, &camera.intrinsics);
             [(i.fx_px, j.fx_px), (i.fy_px, j.fy_px), (i.cx_px, j.cx_px), (i.cy_px, j.cy_px)]
@@ -232,7 +277,7 @@ struct Version {
 }
 
 /// Factors on light; a frame that could not be compared lies between its neighbours. Empty if none could.
-fn filled(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
+pub fn filled(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
     let known: Vec<(usize, [f64; 3])> = gains.iter().enumerate().filter_map(|(n, g)| Some((n, (*g)?))).collect();
     let (Some(first), Some(last)) = (known.first(), known.last()) else { return Vec::new() };
     let at = |n: usize| {

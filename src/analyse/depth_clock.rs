@@ -5,6 +5,7 @@
 //! the offset (parabola through the best and its neighbours).
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::carried;
 use super::eye::Eye;
@@ -37,7 +38,7 @@ pub struct DepthClock {
 }
 
 /// Added to the depth maps' times, and one standard deviation, seconds.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DepthLater {
     pub later_s: f64,
     pub sigma_s: f64,

@@ -30,6 +30,22 @@ impl<'a> Depths<'a> {
         Ok(Self::Swept(Box::new(Sweep::new(eye, recording, states, threads)?)))
     }
 
+    /// Added to the maps' times, s.
+    pub fn later_s(&self) -> f64 {
+        match self {
+            Self::Measured { later_s } => *later_s,
+            Self::Swept(_) => 0.0,
+        }
+    }
+
+    /// A frame's depth as its neighbours say, `None` where it is measured. Frames are asked for in order.
+    pub fn swept(&mut self, frame: usize) -> Result<Option<Vec<f32>>, RecordingError> {
+        match self {
+            Self::Measured { .. } => Ok(None),
+            Self::Swept(sweep) => sweep.depth(frame).map(Some),
+        }
+    }
+
     /// At the frame's moment, in its picture, m or the recording's unit; 0 where unknown.
     pub fn of(&mut self, eye: &Eye, frame: &Frame, state: &State) -> Result<Vec<f32>, RecordingError> {
         match self {

@@ -5,8 +5,9 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::depth_clock::DepthLater;
+use super::found_light::FoundLight;
 use super::global::Global;
-use super::registration::{Registration, SURE_READOUT_S, Verdict};
+use super::registered::{Registration, SURE_READOUT_S, Verdict};
 use super::shutter::{Exposed, Run};
 use super::spread::PointSpread;
 use crate::camera::Geometry;
@@ -31,6 +32,7 @@ pub struct Findings {
     pub gain: Option<Gained>,
     pub shutter: Option<Shuttered>,
     pub spread: Option<Sharpness>,
+    pub light: Option<FoundLight>,
     /// For which it was made. Its readout time is the one that was found.
     pub camera: Geometry,
 }
@@ -46,6 +48,9 @@ pub struct Registered {
     /// What links that took no part say is wrong, median, px.
     pub recorded_px: Option<f64>,
     pub refined_px: Option<f64>,
+    /// Where poses are kept and motion is not: by how much what is seen moves otherwise within half a frame's interval, root mean
+    /// square, px.
+    pub motion_px: Option<f64>,
     /// Added to frame times to look up recorded poses, with one standard deviation.
     pub clock_s: Option<f64>,
     pub clock_sigma_s: Option<f64>,
@@ -165,6 +170,7 @@ impl Registered {
             missing_links: found.missing,
             recorded_px: found.held_out_px.map(|px| px.0),
             refined_px: found.held_out_px.map(|px| px.1),
+            motion_px: found.motion_px,
             clock_s: global(|g| g.clock_s),
             clock_sigma_s: global(|g| g.clock_sigma_s),
             hand_eye_turn_deg: found.global.map(|g| twist::turn(&g.hand_eye).to_array().map(f64::to_degrees)),
@@ -250,6 +256,13 @@ impl Findings {
         if r.links + r.missing_links > 0 {
             lines.push(("links", format!("{}, {} more did not fit", r.links, r.missing_links)));
         }
+        if let Some(px) = r.motion_px {
+            let px = fixed(px, 2);
+            lines.push((
+                "motion",
+                format!("by the pictures: {px} px in half a frame's interval beside the recorded poses'"),
+            ));
+        }
         let ms = |s: f64| fixed(1e3 * s, 1);
         if let (Some(clock_s), Some(sigma_s)) = (r.clock_s, r.clock_sigma_s) {
             let way = if clock_s < 0.0 { "earlier" } else { "later" };
@@ -278,6 +291,7 @@ impl Findings {
         let gain = self.gain.as_ref().map(Gained::to_string);
         lines.push(("gain", gain.unwrap_or_else(|| "unknown: too few surfaces are seen twice".to_owned())));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
+        lines.extend(self.light.iter().flat_map(FoundLight::lines));
         lines
     }
 }

@@ -12,6 +12,7 @@
 use std::collections::VecDeque;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
@@ -61,7 +62,7 @@ struct Point {
 }
 
 /// The logarithm of light from one frame to another.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Pair {
     pub from: usize,
     pub to: usize,

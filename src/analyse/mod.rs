@@ -10,21 +10,29 @@ mod artefact;
 mod blurred;
 mod boxes;
 mod carried;
+mod clocks;
 mod cross_blur;
 mod depth_clock;
 mod depths;
 mod edges;
 mod eye;
 mod findings;
+mod found_light;
 mod gain;
 mod global;
 mod graph;
 mod inputs;
 mod interrupted;
+mod judging;
+mod light;
 mod links;
 mod mesh;
+mod moving;
+mod part;
 mod path;
 mod pyramid;
+mod reading;
+mod registered;
 mod registration;
 mod robust;
 mod sharpness;
@@ -36,23 +44,35 @@ mod taken;
 mod times;
 mod track;
 mod view;
+mod working;
+mod written;
 
 pub use accept::{Accepted, Outcome, accept};
-pub use artefact::{Analysis, AnalysisError, FILE_NAME, FILES, beside};
+pub use artefact::{Analysis, AnalysisError, FILE_NAME, beside};
 pub(crate) use eye::is_same;
 pub use findings::Findings;
+pub use found_light::{Environment, FoundLight};
 pub use interrupted::Interrupted;
-pub use registration::{Missed, RegistrationError, Verdict};
+pub use light::FoundLamp;
+pub use part::Part;
+pub(crate) use pyramid::{Plane, gaussian};
+pub use registered::{Missed, RegistrationError, Verdict};
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};
 pub use taken::Taken;
 pub use times::Times;
+pub use written::check_folder;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Geometry;
 use crate::recording::Recording;
 use depths::Depths;
+use eye::Eye;
 use findings::Gained;
 use gain::{GAPS, Gains, Pair};
-use shutter::Shutter;
+use shutter::{Said, Shutter};
+use state::State;
 
 /// Distances of pairs by which the gains are judged, frames.
 const HELD_OUT: [usize; 3] = [3, 7, 13];
@@ -65,55 +85,39 @@ const STEADY: f64 = 0.01;
 const EXPLAINED: f64 = 1.0 / 3.0;
 
 /// Looks at a whole recording, as seen by `camera`. `told(done, of)` hears how far it is, in frames looked at; its error ends
-/// the work. The analysis is the same for any number of `threads`, bit for bit; beside it is how long its parts took.
+/// the work, and `part` keeps what is finished of it. The analysis is the same for any number of `threads`, bit for bit; beside it is
+/// how long its parts took.
 pub fn analyse(
     recording: &Recording,
     camera: &Geometry,
     taken: &Taken<'_>,
     threads: usize,
+    part: &mut Part,
     told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 ) -> Result<(Analysis, Times), RegistrationError> {
     let frames = recording.frame_count();
     let (mut whole, mut times) = (0, Times::default());
-    let registration = registration::register(recording, camera, threads, &mut times, &mut |done, of| {
+    let registration = registration::register(recording, camera, threads, part, &mut times, &mut |done, of| {
         whole = of;
         told(done, of + frames)
     })?;
     let mut seen_by = camera.clone();
     seen_by.intrinsics.readout_time_s = registration.readout_s;
     let eye = sweep::eye_of(seen_by, recording, &registration.states);
-    let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
-    let mut gains = Gains::new(&eye, taken.response, &gaps, threads);
     let is_placed = !matches!(registration.verdict, Verdict::Refused(_));
-    let states = if is_placed { registration.states.as_slice() } else { &[] };
-    let mut shutter = Shutter::new(
-        &eye,
-        taken.response,
-        taken.noise,
-        states,
-        &recording.timestamps_s,
-        recording.frame_interval_s,
-        threads,
-    );
     let later_s = registration.depth_later_s();
+    let states = registration.states.as_slice();
     // Poses that are another recording's would compare other things.
-    if is_placed {
-        let mut depths = Depths::new(&eye, recording, states, later_s, threads)?;
-        let mut coming = recording.frames(0..frames)?;
-        while let Some(frame) = times.of(times::READING, || coming.next()) {
-            let frame = frame?;
-            told(whole + frame.index, whole + frames)?;
-            if let Some(state) = registration.states[frame.index] {
-                let depth = times.of(times::DEPTHS, || depths.of(&eye, &frame, &state))?;
-                times.of(times::GAIN, || gains.add(&frame, state, &depth));
-                if recording.kind.has_times() {
-                    times.of(times::EXPOSURE, || shutter.add(&frame, state, &depth));
-                }
-            }
-        }
-    }
+    let compared = match is_placed {
+        true => part.stage(|| {
+            compared(recording, &eye, taken, (states, later_s), threads, &mut times, &mut |n| {
+                told(whole + n, whole + frames)
+            })
+        })?,
+        false => Compared::default(),
+    };
     let (used, held_out): (Vec<Pair>, Vec<Pair>) =
-        gains.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
+        compared.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
     let found = times.of(times::GAIN, || gain::solve(&used, frames));
     let told_of = gain::left(&held_out, &found).map(|(recorded, left)| Gained {
         pairs: used.len(),
@@ -124,7 +128,7 @@ pub fn analyse(
     });
     let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
     let exposed = match (is_placed, recording.kind.has_times()) {
-        (true, true) => shutter.finish(),
+        (true, true) => compared.said.exposed(frames),
         (true, false) => Err("the recording keeps no times".to_owned()),
         (false, _) => Err("where the camera was is not known".to_owned()),
     };
@@ -134,7 +138,62 @@ pub fn analyse(
         exposed: exposed.as_ref().map_or(&[][..], |exposed| &exposed.runs),
     };
     let spread = times.of(times::SHARPNESS, || sharpness::of_recording(recording, &eye, taken, &known, threads))?;
-    Ok((Analysis::new(recording, camera, &registration, told_of, &gains_of, exposed, spread), times))
+    let light = match is_placed {
+        true => {
+            let factors = artefact::filled(&gains_of);
+            let known = light::Known {
+                recording,
+                eye: &eye,
+                response: taken.response,
+                states,
+                later_s,
+                gains: &factors,
+                up: recording.up.unwrap_or(DVec3::Z),
+                threads,
+            };
+            part.stage(|| light::of_recording(&known, &mut times))?
+        }
+        false => Err("where the camera was is not known".to_owned()),
+    };
+    let found = artefact::Found { gain: told_of, gains: &gains_of, exposed, spread, light };
+    Ok((Analysis::new(recording, camera, &registration, found), times))
+}
+
+/// What one more pass over the recording gives.
+#[derive(Default, Serialize, Deserialize)]
+struct Compared {
+    pairs: Vec<Pair>,
+    said: Said,
+}
+
+/// `states`: one per frame, with what is added to the depth maps' times, s.
+fn compared(
+    recording: &Recording,
+    eye: &Eye,
+    taken: &Taken<'_>,
+    (states, later_s): (&[Option<State>], f64),
+    threads: usize,
+    times: &mut Times,
+    told: &mut dyn FnMut(usize) -> Result<(), Interrupted>,
+) -> Result<Compared, RegistrationError> {
+    let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
+    let mut gains = Gains::new(eye, taken.response, &gaps, threads);
+    let (times_s, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
+    let mut shutter = Shutter::new(eye, taken.response, taken.noise, states, times_s, interval_s, threads);
+    let mut depths = Depths::new(eye, recording, states, later_s, threads)?;
+    let mut coming = recording.frames(0..recording.frame_count())?;
+    while let Some(frame) = times.of(times::READING, || coming.next()) {
+        let frame = frame?;
+        told(frame.index)?;
+        if let Some(state) = states[frame.index] {
+            let depth = times.of(times::DEPTHS, || depths.of(eye, &frame, &state))?;
+            times.of(times::GAIN, || gains.add(&frame, state, &depth));
+            if recording.kind.has_times() {
+                times.of(times::EXPOSURE, || shutter.add(&frame, state, &depth));
+            }
+        }
+    }
+    Ok(Compared { pairs: gains.pairs, said: shutter.said() })
 }
 
 /// Of green, the brightest frame by the darkest, stops.

@@ -2,7 +2,7 @@
 
 use super::depths::Depths;
 use super::eye::Eye;
-use super::registration::recorded;
+use super::registered::recorded;
 use super::shutter::Run;
 use super::spread::{Motion, PointSpread, Spreads, chosen};
 use super::state::State;

@@ -54,7 +54,7 @@ const EACH_RUN: f64 = 0.3;
 const OF_MEDIAN: f64 = 1.2533;
 
 /// What one frame says.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Heard {
     pub frame: usize,
     pub exposure_s: f64,
@@ -84,6 +84,13 @@ pub struct Exposed {
     pub heard: Vec<Heard>,
 }
 
+/// What frames said, of how many that were looked at.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Said {
+    heard: Vec<Heard>,
+    looked: usize,
+}
+
 /// Which frames are compared, and what they said.
 pub struct Shutter<'a> {
     eye: &'a Eye,
@@ -96,8 +103,7 @@ pub struct Shutter<'a> {
     /// Frames, each with those it is compared with.
     plan: Vec<(usize, Vec<usize>)>,
     kept: BTreeMap<usize, Blurred>,
-    heard: Vec<Heard>,
-    looked: usize,
+    said: Said,
 }
 
 impl<'a> Shutter<'a> {
@@ -115,8 +121,7 @@ impl<'a> Shutter<'a> {
         let tried = Tried { step_s: longest_s / (TRIED - 1) as f64, count: TRIED };
         let plan = plan(eye, states);
         let changes = changes(states, timestamps_s, 2.5 * interval_s);
-        let (kept, heard) = (BTreeMap::new(), Vec::new());
-        Self { eye, response, noise, tried, threads, changes, plan, kept, heard, looked: 0 }
+        Self { eye, response, noise, tried, threads, changes, plan, kept: BTreeMap::new(), said: Said::default() }
     }
 
     /// Whether the next frame takes part.
@@ -137,7 +142,7 @@ impl<'a> Shutter<'a> {
         let (ready, rest): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.plan).into_iter().partition(|job| last(job) <= index);
         self.plan = rest;
-        self.looked += ready.len();
+        self.said.looked += ready.len();
         for (own, others) in ready {
             let mut curves: Vec<(usize, Option<Curve>)> = others.into_iter().map(|other| (other, None)).collect();
             let (kept, eye, tried) = (&self.kept, self.eye, self.tried);
@@ -150,7 +155,7 @@ impl<'a> Shutter<'a> {
             let least = diverse(self.eye);
             let curves: Vec<Curve> =
                 curves.into_iter().filter_map(|(_, curve)| curve).filter(|curve| curve.apart > least).collect();
-            self.heard.extend(least_of(&curves, tried).map(|(exposure_s, clear)| Heard {
+            self.said.heard.extend(least_of(&curves, tried).map(|(exposure_s, clear)| Heard {
                 frame: own,
                 exposure_s,
                 clear,
@@ -161,8 +166,14 @@ impl<'a> Shutter<'a> {
         gone.iter().for_each(|frame| drop(self.kept.remove(frame)));
     }
 
+    pub fn said(self) -> Said {
+        self.said
+    }
+}
+
+impl Said {
     /// The recording's runs of one exposure, or why there are none.
-    pub fn finish(self) -> Result<Exposed, String> {
+    pub fn exposed(self, frames: usize) -> Result<Exposed, String> {
         if self.looked == 0 {
             return Err("the camera's motion is too even: blur does not differ between frames".to_owned());
         }
@@ -174,7 +185,7 @@ impl<'a> Shutter<'a> {
                 self.looked
             ));
         }
-        Ok(Exposed { runs: runs(&clear, self.changes.len()), heard: clear })
+        Ok(Exposed { runs: runs(&clear, frames), heard: clear })
     }
 }
 
@@ -407,7 +418,7 @@ mod tests {
         assert_eq!(plan(&eye, &[None; 40]), []);
         let response = Response::default();
         let shutter = Shutter::new(&eye, &response, None, &[turning(1.0); 40], &[0.0; 40], 0.033, 1);
-        assert!(shutter.finish().unwrap_err().contains("too even"));
+        assert!(shutter.said().exposed(40).unwrap_err().contains("too even"));
         // One frame of forty moves: it is compared with its neighbours, and they with it.
         let mut states = [turning(0.0); 40];
         states[20] = turning(1.0);

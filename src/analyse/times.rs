@@ -12,6 +12,7 @@ pub const DEPTHS: &str = "each frame's depth";
 pub const GAIN: &str = "gain";
 pub const EXPOSURE: &str = "exposure";
 pub const SHARPNESS: &str = "sharpness";
+pub const LIGHT: &str = "light";
 
 /// Wall time by part, in the order in which the parts began.
 #[derive(Clone, Debug, Default)]

@@ -18,8 +18,9 @@ pub const MOST_INTERVALS: f64 = 3.5;
 pub struct Stop {
     pub time_s: f64,
     pub state: State,
-    /// Whether its picture is the one before's, and so are its pose and motion.
-    pub repeats: bool,
+    /// Whether the way to its neighbours says nothing of its motion, which it follows half the way to them: its picture is the one
+    /// before's, or its pose has errors of its own.
+    pub is_alone: bool,
 }
 
 /// Poses by time, strictly ascending. Half a `usual_s` before the first frame and after the last the camera moves on as there,
@@ -46,7 +47,7 @@ pub fn poses(stops: &[Stop], usual_s: f64, most_s: f64) -> Vec<(f64, Pose)> {
                 let interval_s = next.time_s - stop.time_s;
                 for k in 1..PER_INTERVAL {
                     let share = k as f64 / PER_INTERVAL as f64;
-                    let at = if !(stop.repeats || next.repeats) {
+                    let at = if !(stop.is_alone || next.is_alone) {
                         path::between(&stop.state, &next.state, interval_s, share)
                     } else if 2 * k <= PER_INTERVAL {
                         on(stop, share * interval_s)
@@ -68,9 +69,9 @@ mod tests {
     use crate::tracking::PoseTrack;
     use glam::DVec3;
 
-    fn stop(time_s: f64, x: f64, speed: f64, repeats: bool) -> Stop {
+    fn stop(time_s: f64, x: f64, speed: f64, is_alone: bool) -> Stop {
         let twist = twist::twist(DVec3::X * speed, DVec3::ZERO);
-        Stop { time_s, state: State { world_from_camera: DAffine3::from_translation(DVec3::X * x), twist }, repeats }
+        Stop { time_s, state: State { world_from_camera: DAffine3::from_translation(DVec3::X * x), twist }, is_alone }
     }
 
     fn x(track: &PoseTrack, time_s: f64) -> f64 {

@@ -2,10 +2,10 @@
 
 use glam::{DVec2, DVec3};
 
+use super::carried;
 use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved};
-use super::{carried, depths};
 use crate::camera::Geometry;
 use crate::frame::Frame;
 
@@ -55,10 +55,9 @@ pub struct View {
 }
 
 impl View {
-    /// `depth_later_s` is added to the time of the frame's depth map. Levels below `finest` have no points.
-    pub fn new(eye: &Eye, frame: &Frame, state: State, depth_later_s: f64, finest: usize) -> Self {
+    /// `depth`: at the frame's moment, in its picture. Levels below `finest` have no points.
+    pub fn new(eye: &Eye, frame: &Frame, state: State, depth: Vec<f32>, finest: usize) -> Self {
         let (width, _) = eye.size();
-        let depth = depths::measured(eye, frame, &state, depth_later_s);
         let is_usable = usable(frame, &depth, width);
         let mut picture = Plane::of(&frame.pixels);
         let mut levels = Vec::new();

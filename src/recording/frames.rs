@@ -69,6 +69,17 @@ impl Iterator for KeptFrames {
     }
 }
 
+impl Recording {
+    /// A frame's depth alone, as [`Recording::frames`] gives it with the frame.
+    pub fn depth_at(&self, index: usize) -> Result<Option<DepthMap>, RecordingError> {
+        let Some(depth) = &self.depth else { return Ok(None) };
+        let cameras = self.cameras();
+        let camera = cameras.get(index).or(cameras.first()).and_then(Option::as_ref);
+        let map = depth.read(index, (self.width, self.height), camera)?;
+        Ok(map.map(|map| DepthMap { timestamp_s: map.timestamp_s + self.depth_later_s, ..map }))
+    }
+}
+
 impl Frames {
     pub(super) fn new(recording: &Recording, range: Range<usize>) -> Result<Self, RecordingError> {
         let (next, end) = (range.start, range.end);

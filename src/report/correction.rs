@@ -35,7 +35,7 @@ pub fn recorded<'a>(source: &Source<'a>) -> Sight<'a> {
 
 /// `None` where the recorded poses were kept.
 pub fn refined<'a>(source: &Source<'a>) -> Option<Sight<'a>> {
-    let track = source.analysis.track.as_ref()?;
+    let track = source.analysis.refined()?;
     Some(Sight { track, later_s: 0.0, camera: &source.analysis.findings.camera })
 }
 

@@ -31,7 +31,30 @@ pub struct Estimate {
 /// `given_readout_s`: by the camera as it was given.
 pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
     let of_poses = [poses(findings), clock(findings), readout(findings, given_readout_s), depth(findings)];
-    of_poses.into_iter().chain([gain(findings), exposure(findings), sharpness(findings)]).collect()
+    of_poses
+        .into_iter()
+        .chain([gain(findings), exposure(findings), sharpness(findings), light(findings), lamps(findings)])
+        .collect()
+}
+
+fn light(findings: &Findings) -> Estimate {
+    let refused = |why: &str| estimate("room's light", Mark::Refused, "unknown", String::new(), why);
+    let Some(light) = &findings.light else { return refused("it was not looked for") };
+    match (&light.why, light.lines().into_iter().next()) {
+        (None, Some((_, value))) => estimate("room's light", Mark::Changed, "found", value, ""),
+        (why, _) => refused(why.as_deref().unwrap_or("nothing can be said")),
+    }
+}
+
+fn lamps(findings: &Findings) -> Estimate {
+    let refused = |why: &str| estimate("lamps", Mark::Refused, "none claimed", String::new(), why);
+    let Some(light) = &findings.light else { return refused("they were not looked for") };
+    if light.lamps.is_empty() {
+        return refused(light.no_lamp.as_deref().or(light.why.as_deref()).unwrap_or("nothing can be said"));
+    }
+    let lamps: Vec<String> =
+        light.lines().into_iter().filter(|(name, _)| *name == "lamp").map(|(_, text)| text).collect();
+    estimate("lamps", Mark::Changed, "found", lamps.join("; "), "")
 }
 
 /// What is found with the poses, where these are as recorded.
@@ -197,7 +220,9 @@ mod tests {
                 "depth's clock found 24.3 ± 4.4 ms late",
                 "light followed 1.25 stops",
                 "exposure found 19.41 ± 0.42 ms",
-                "sharpness found 0.44 px (0.43 to 0.45)"
+                "sharpness found 0.44 px (0.43 to 0.45)",
+                "room's light unknown ",
+                "lamps none claimed "
             ]
         );
         assert_eq!(estimates(&found, 0.0267)[2].verdict, "kept", "the camera's own");

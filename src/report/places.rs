@@ -3,6 +3,7 @@
 
 use glam::DVec2;
 
+use crate::analyse::Plane;
 use crate::frame::Frame;
 use crate::pixels::{DepthMap, Pixels};
 
@@ -33,8 +34,10 @@ pub struct Place {
 
 /// Places whose texture tells both directions: the smaller eigenvalue of Σ∇I∇Iᵀ (Shi and Tomasi 1994), codes² per px².
 pub fn textured(frame: &Frame) -> Vec<Place> {
-    let grey = grey(&frame.pixels);
-    best(frame, |x, y| Some(smaller_eigenvalue(&grey, frame.pixels.width as usize, x, y)).filter(|score| *score > 0.0))
+    let luma = Plane::of(&frame.pixels);
+    best(frame, |x, y| {
+        Some(smaller_eigenvalue(&luma.values, frame.pixels.width as usize, x, y)).filter(|score| *score > 0.0)
+    })
 }
 
 /// Places of one colour: the inverse of σ over the channels.
@@ -83,12 +86,7 @@ fn smooth(depth: &DepthMap, x: usize, y: usize) -> Option<f64> {
     about.into_iter().all(|z| z.is_some_and(|z| z > 0.0 && (z - here).abs() < ALIKE * here)).then_some(here)
 }
 
-/// Codes of 255.
-fn grey(pixels: &Pixels) -> Vec<f32> {
-    let scale = 255.0 / pixels.max_code() as f32;
-    pixels.each(|[r, g, b]| scale * (0.299 * r as f32 + 0.587 * g as f32 + 0.114 * b as f32))
-}
-
+/// Of luma, codes of 255.
 fn smaller_eigenvalue(grey: &[f32], width: usize, x: usize, y: usize) -> f64 {
     let (mut xx, mut xy, mut yy) = (0.0f64, 0.0f64, 0.0f64);
     for v in y - TEXTURED..=y + TEXTURED {

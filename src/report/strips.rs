@@ -42,7 +42,7 @@ pub fn point(source: &Source<'_>) -> Result<Figure, ReportError> {
     let Some(found) = followed(source, &wanted)? else {
         return Ok(Figure::left_out(title, "no textured place with depth is seen in four frames".to_owned()));
     };
-    let is_refined = source.analysis.track.is_some();
+    let is_refined = source.analysis.refined().is_some();
     let mut cells = Vec::new();
     for seen in &found.seen {
         let mut pictures = vec![seen.by_recorded.crossed(seen.recorded)?];

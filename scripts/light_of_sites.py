@@ -1,0 +1,55 @@
+#!/usr/bin/env python3
+"""The light of 20 simulated sites with one to three lamps that are never seen, beside what it truly is.
+
+    scripts/light_of_sites.py target/release/locard /tmp/sites [first last]
+
+Prints a line for each and the two bars of docs/light.md. Sites that are there are not made again."""
+
+import math
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+program, folder = sys.argv[1], Path(sys.argv[2])
+first, last = (int(n) for n in sys.argv[3:5]) if len(sys.argv) > 4 else (1, 20)
+folder.mkdir(parents=True, exist_ok=True)
+
+
+def mean(values):
+    return sum(values) / len(values)
+
+
+def off_deg(a, b):
+    cosine = sum(p * q for p, q in zip(a, b)) / math.hypot(*a) / math.hypot(*b)
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+within, angles = 0, []
+for site in range(first, last + 1):
+    path = folder / f"s{site}"
+    settings = {"frames": 24, "fps": 10, "lamps": (site - 1) % 3 + 1, "site": site, "seed": site, "samples": 8}
+    if not path.exists():
+        sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
+        subprocess.run([program, "simulate", "-q", "-o", path, *sets], check=True)
+    subprocess.run([program, "analyse", "-q", path], check=True, stdout=subprocess.DEVNULL)
+    truth = tomllib.loads((path / "truth.toml").read_text())["light"]
+    light = tomllib.loads((folder / f"s{site}.analysis" / "analysis.toml").read_text())["light"]
+    middle = light["middle_m"]
+    way = lambda at: [a - b for a, b in zip(at, middle)]
+    shown = lambda at, by: mean(by) * way(at)[2] / math.hypot(*way(at)) ** 3
+    lamps = sorted(zip(truth["lamps_at_m"], truth["lamps_shown_at_1_m"]), key=lambda lamp: -shown(*lamp))
+    found = [lamp["at_m"] for lamp in light.get("lamps", [])]
+    deg = [min((off_deg(way(at), way(f)) for f in found), default=math.inf) for at, _ in lamps]
+    ratio = mean(light["upward"]) / mean(truth["upward"])
+    within += abs(ratio - 1) <= 0.2
+    angles.append(deg[0])
+    print(
+        f"site {site:2}: upward {mean(light['upward']):.2f} of {mean(truth['upward']):.2f} = {ratio:.2f}, "
+        f"{len(found)} of {len(lamps)} lamps, off by {', '.join(f'{d:.1f}°' for d in deg)} {light.get('no_lamp', '')}",
+        flush=True,
+    )
+angles.sort()
+half = len(angles) // 2
+middle = angles[half] if len(angles) % 2 else 0.5 * (angles[half - 1] + angles[half])
+print(f"upward within 20 %: {within} of {len(angles)} sites (16 of 20 wanted); brightest lamp {middle:.1f}° off, median (5° wanted)")

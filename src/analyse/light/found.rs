@@ -1,0 +1,36 @@
+//! The light of a room, as it was found.
+
+use serde::{Deserialize, Serialize};
+
+/// A lamp, as if it shone evenly into all directions: as bright in the middle of what was looked at as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundLamp {
+    /// World axes, m.
+    pub at_m: [f64; 3],
+    /// What a white matt surface that faces it shows at 1 m, linear: red, green, blue.
+    pub shown_at_1_m: [f64; 3],
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RoomLight {
+    /// The place around which the panorama is.
+    pub middle_m: [f64; 3],
+    pub up: [f64; 3],
+    /// Of all directions, and of those above the horizon.
+    pub seen_share: f64,
+    pub seen_above_share: f64,
+    /// Row by row, without the lamps; unseen directions as the light from around and above.
+    pub panorama: Vec<[f32; 3]>,
+    pub lamps: Vec<FoundLamp>,
+    pub around: [f64; 3],
+    pub above: [f64; 3],
+    /// What white matt that looks up shows in the middle, and factors between which it lies.
+    pub upward: [f64; 3],
+    pub between: [f64; 2],
+    /// By how much the lamps lower what is left unexplained, as a share of it.
+    pub explained: f64,
+    /// How far apart the two halves of the frames see the brightest lamp, degrees.
+    pub halves_deg: Option<f64>,
+    /// Why no lamp is claimed.
+    pub no_lamp: Option<String>,
+}

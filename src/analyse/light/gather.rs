@@ -1,0 +1,151 @@
+//! The points of a recording's frames, by its measured depth, in linear light of the frame of usual brightness.
+
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+
+use super::super::carried::smooth;
+use super::super::depths::measured;
+use super::super::eye::Eye;
+use super::super::reading::frames;
+use super::super::registered::RegistrationError;
+use super::super::robust::median;
+use super::super::state::{State, moved};
+use super::super::times::{self, Times};
+use super::sample::Sample;
+use crate::camera::Response;
+use crate::frame::Frame;
+use crate::recording::{Recording, RecordingError};
+use crate::rows::over_rows;
+
+/// Frames that are looked at, and those by which the middle is found.
+pub const MOST_FRAMES: usize = 120;
+const FEW_FRAMES: usize = 12;
+/// Points of a frame, about.
+const POINTS: usize = 76_800;
+/// Depth is smooth so far around a point, px of 640 across, within this share.
+const SMOOTH_PX: usize = 3;
+const SMOOTH: f32 = 0.05;
+/// From this code on, of 255, a colour is clipped.
+const CLIPPED: u32 = 250;
+/// The middle lies this far above what was looked at, m.
+const ABOVE_M: f64 = 0.1;
+
+/// What is known of the recording.
+pub struct Known<'a> {
+    pub recording: &'a Recording,
+    pub eye: &'a Eye,
+    pub response: &'a Response,
+    /// One per frame.
+    pub states: &'a [Option<State>],
+    /// Added to the depth maps' times, s.
+    pub later_s: f64,
+    /// Factors on light, one per frame; empty if all are alike.
+    pub gains: &'a [[f64; 3]],
+    pub up: DVec3,
+    pub threads: usize,
+}
+
+impl Known<'_> {
+    fn chosen(&self, most: usize) -> Vec<usize> {
+        let count = self.recording.frame_count();
+        let taken = count.min(most);
+        (0..taken).map(|n| (2 * n + 1) * count / (2 * taken)).filter(|n| self.states[*n].is_some()).collect()
+    }
+
+    /// What was looked at, in the middle of the pictures, and a little above it. `None` where no depth tells.
+    pub fn middle(&self) -> Result<Option<DVec3>, RecordingError> {
+        let wanted = self.chosen(FEW_FRAMES);
+        let (width, height) = self.eye.size();
+        let mut places: [Vec<f64>; 3] = Default::default();
+        for frame in frames(self.recording, wanted.iter().copied()) {
+            let frame = frame?;
+            let Some(state) = self.states[frame.index].filter(|_| wanted.contains(&frame.index)) else { continue };
+            let depth = measured(self.eye, &frame, &state, self.later_s);
+            let within = |n: &usize| {
+                let (x, y) = (n % width, n / width);
+                x.abs_diff(width / 2) < width / 10 && y.abs_diff(height / 2) < height / 10
+            };
+            let mut far: Vec<f64> =
+                (0..depth.len()).filter(within).map(|n| f64::from(depth[n])).filter(|z| *z > 0.0).collect();
+            let ray = DVec3::from(self.eye.rays[height / 2 * width + width / 2].map(f64::from));
+            if far.is_empty() || !ray.is_finite() {
+                continue;
+            }
+            let at = state.world_from_camera.transform_point3(median(&mut far) * ray);
+            (0..3).for_each(|axis| places[axis].push(at[axis]));
+        }
+        let is_known = !places[0].is_empty();
+        Ok(is_known.then(|| DVec3::from(places.map(|mut values| median(&mut values))) + ABOVE_M * self.up))
+    }
+
+    /// Calls `each` with every frame's samples, the camera's place, and whether the frame is of the second half.
+    pub fn each(
+        &self,
+        times: &mut Times,
+        each: &mut dyn FnMut(&[Sample], Vec3, usize),
+    ) -> Result<(), RegistrationError> {
+        let wanted = self.chosen(MOST_FRAMES);
+        let mut coming = frames(self.recording, wanted.iter().copied());
+        loop {
+            let begun = Instant::now();
+            let mut batch = Vec::new();
+            while batch.len() < 2 * self.threads.max(1) {
+                let Some(frame) = coming.next() else { break };
+                let frame = frame?;
+                if wanted.binary_search(&frame.index).is_ok() {
+                    batch.push((frame, Vec::new()));
+                }
+            }
+            times.add(times::READING, begun.elapsed());
+            if batch.is_empty() {
+                return Ok(());
+            }
+            times.of(times::LIGHT, || {
+                over_rows(&mut batch, 1, self.threads, |_, slot| {
+                    let (frame, samples) = &mut slot[0];
+                    *samples = self.samples(frame);
+                });
+                for (frame, samples) in &batch {
+                    if let Some(state) = self.states[frame.index] {
+                        let half = (2 * frame.index / self.recording.frame_count().max(1)).min(1);
+                        each(samples, state.world_from_camera.translation.as_vec3(), half);
+                    }
+                }
+            });
+        }
+    }
+
+    fn samples(&self, frame: &Frame) -> Vec<Sample> {
+        let Some(state) = self.states[frame.index] else { return Vec::new() };
+        let (width, height) = self.eye.size();
+        let depth = measured(self.eye, frame, &state, self.later_s);
+        let is_smooth = smooth(&depth, width, (SMOOTH_PX * width).div_ceil(640).max(1), SMOOTH);
+        let factors = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);
+        let most = frame.pixels.max_code();
+        let light: Vec<f64> = (0..=255).map(|code| self.response.decode(f64::from(code) / 255.0)).collect();
+        let decoded = |code: u32| match most {
+            255 => light[code as usize],
+            _ => self.response.decode(f64::from(code) / f64::from(most)),
+        };
+        let every = ((width * height) as f64 / POINTS as f64).sqrt().round().max(1.0) as usize;
+        let mut samples = Vec::new();
+        for y in (0..height).step_by(every) {
+            let row_s = self.eye.geometry.row_time_s(y as f64 + 0.5);
+            for x in (0..width).step_by(every) {
+                let n = y * width + x;
+                let ray = DVec3::from(self.eye.rays[n].map(f64::from));
+                if !(is_smooth[n] && ray.is_finite()) {
+                    continue;
+                }
+                let here = moved(f64::from(depth[n]) * ray, &state.twist, row_s);
+                let codes = frame.pixels.at(x as u32, y as u32);
+                let is_clipped = codes.iter().any(|code| *code >= CLIPPED * (most / 255));
+                let light = [0, 1, 2].map(|c| (decoded(codes[c]) / factors[c]) as f32);
+                let at = state.world_from_camera.transform_point3(here).as_vec3();
+                samples.push(Sample { at, light, is_clipped });
+            }
+        }
+        samples
+    }
+}

@@ -1,0 +1,212 @@
+//! How surfaces are lit by lamps whose places are given: light from around, from above, and each lamp's brightness.
+//!
+//!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d²)
+//!
+//! ρ_m is one reflectance for each material m, a bin of chroma. In turn: ln ρ_m is the median of what the light leaves of ln B;
+//! a, b and I_k ≥ 0 follow from least squares of ln B by Gauss and Newton, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is
+//! Cauchy's mean loss. Not modelled: light that surfaces throw onto each other, but as light from around; surfaces that shine.
+
+use glam::DVec3;
+
+/// Cauchy's scale, ln.
+const SCALE: f64 = 0.25;
+/// Lamps at most, and unknowns.
+pub const MOST_LAMPS: usize = 3;
+const MOST: usize = 2 + MOST_LAMPS;
+/// Sweeps over the unknowns.
+const SWEEPS: usize = 60;
+
+/// A surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    pub at: DVec3,
+    pub normal: DVec3,
+    /// ln of its light.
+    pub ln: f64,
+    pub material: usize,
+}
+
+/// What lights surfaces: linear, as white matt shows it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Light {
+    /// From around and from above.
+    pub around: f64,
+    pub above: f64,
+    /// Of each lamp: what white that faces it shows at 1 m.
+    pub lamps: [f64; MOST_LAMPS],
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    pub light: Light,
+    /// ln of each material's reflectance.
+    pub reflectance: Vec<f64>,
+    pub score: f64,
+}
+
+/// What each unknown gives a surface.
+pub type Shares = [f64; MOST];
+
+/// Of what comes from around and above.
+pub fn ambient(normal: DVec3, up: DVec3) -> Shares {
+    let mut shares = [0.0; MOST];
+    (shares[0], shares[1]) = (1.0, 0.5 * (1.0 + normal.dot(up)));
+    shares
+}
+
+/// A place from which light comes, and into which directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    pub at: DVec3,
+    /// A panel that shines along this, by the cosine, instead of a bulb that shines evenly.
+    pub along: Option<DVec3>,
+}
+
+/// Of a lamp that nothing hides, on a surface at `at`.
+pub fn of_lamp(at: DVec3, normal: DVec3, lamp: &Place) -> f64 {
+    let to = lamp.at - at;
+    let d2 = to.length_squared().max(1e-4);
+    let share = normal.dot(to).max(0.0) / (d2 * d2.sqrt());
+    match lamp.along {
+        Some(along) => share * (-along.dot(to)).max(0.0) / d2.sqrt(),
+        None => share,
+    }
+}
+
+/// Points by material, so that a material's median is over one run of them.
+pub fn sorted(mut points: Vec<Point>) -> Vec<Point> {
+    points.sort_by_key(|point| point.material);
+    points
+}
+
+/// `points` are [`sorted`]; `shares`: one for each. `lamps`: how many of them count.
+pub fn fit(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
+    let count = 2 + lamps.min(MOST_LAMPS);
+    let materials = points.last().map_or(0, |point| point.material + 1);
+    let mut reflectance = vec![0.0; materials];
+    let mut x = [0.0; MOST];
+    (x[0], x[1]) = (0.5, 0.5);
+    // As bright as everything else together.
+    for k in 2..count {
+        let mean = shares.iter().map(|s| s[k]).sum::<f64>() / shares.len().max(1) as f64;
+        x[k] = if mean > 0.0 { 1.0 / mean } else { 0.0 };
+    }
+    let sum = |x: &[f64; MOST], s: &Shares| x[..count].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
+    let mut lit: Vec<f64> = shares.iter().map(|s| sum(&x, s)).collect();
+    let mut left = Vec::new();
+    for _ in 0..rounds {
+        medians(points, &lit, &mut reflectance, &mut left);
+        let (mut normal, mut right) = ([[0.0; MOST]; MOST], [0.0; MOST]);
+        for ((point, s), lit) in points.iter().zip(shares).zip(&lit) {
+            let off = point.ln - reflectance[point.material] - lit.ln();
+            let w = 1.0 / (1.0 + (off / SCALE).powi(2));
+            let wanted = 1.0 + off.clamp(-1.0, 1.0);
+            for i in 0..count {
+                let of = w * s[i] / lit;
+                right[i] += of * wanted;
+                for j in 0..=i {
+                    normal[i][j] += of * s[j] / lit;
+                }
+            }
+        }
+        not_negative(&normal, &right, count, &mut x);
+        // Reflectance and light share a factor: all light together stays as it is.
+        shares.iter().zip(&mut lit).for_each(|(s, lit)| *lit = sum(&x, s));
+        let mean = lit.iter().sum::<f64>() / lit.len().max(1) as f64;
+        x.iter_mut().for_each(|x| *x /= mean);
+        lit.iter_mut().for_each(|lit| *lit /= mean);
+    }
+    medians(points, &lit, &mut reflectance, &mut left);
+    let loss = |(point, lit): (&Point, &f64)| {
+        let off = point.ln - reflectance[point.material] - lit.ln();
+        (1.0 + (off / SCALE).powi(2)).ln()
+    };
+    let score = points.iter().zip(&lit).map(loss).sum::<f64>() / points.len().max(1) as f64;
+    let mut light = Light { around: x[0], above: x[1], ..Light::default() };
+    light.lamps.copy_from_slice(&x[2..]);
+    light.lamps[count - 2..].fill(0.0);
+    Fit { light, reflectance, score }
+}
+
+fn medians(points: &[Point], lit: &[f64], reflectance: &mut [f64], left: &mut Vec<f64>) {
+    let mut from = 0;
+    for of in points.chunk_by(|a, b| a.material == b.material) {
+        left.clear();
+        left.extend(of.iter().zip(&lit[from..]).map(|(point, lit)| point.ln - lit.ln()));
+        from += of.len();
+        let half = left.len() / 2;
+        reflectance[of[0].material] = *left.select_nth_unstable_by(half, f64::total_cmp).1;
+    }
+}
+
+/// Least squares with no unknown below 0, by Gauss and Seidel: `normal` has its lower half.
+fn not_negative(normal: &[[f64; MOST]; MOST], right: &[f64; MOST], count: usize, x: &mut [f64; MOST]) {
+    /// A share of the diagonal that holds what nothing tells.
+    const HELD: f64 = 1e-9;
+    for _ in 0..SWEEPS {
+        for i in 0..count {
+            let others: f64 = (0..count).filter(|j| *j != i).map(|j| normal[i.max(j)][i.min(j)] * x[j]).sum();
+            let diagonal = normal[i][i] * (1.0 + HELD) + 1e-12;
+            x[i] = ((right[i] - others) / diagonal).max(0.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A floor of 2 × 2 m and the sides and the top of a box of 40 cm on it, of two materials.
+    fn plane_and_box() -> Vec<Point> {
+        let mut points = Vec::new();
+        let mut add = |at: DVec3, normal: DVec3, material: usize| points.push(Point { at, normal, ln: 0.0, material });
+        for i in 0..20 {
+            for j in 0..20 {
+                let at = DVec3::new(0.1 * f64::from(i) - 0.95, 0.1 * f64::from(j) - 0.95, 0.0);
+                if at.x.abs() > 0.2 || at.y.abs() > 0.2 {
+                    add(at, DVec3::Z, 0);
+                }
+            }
+        }
+        for i in 0..8 {
+            for j in 0..8 {
+                let (along, up) = (0.05 * f64::from(i) - 0.175, 0.05 * f64::from(j) + 0.025);
+                for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+                    let normal = DVec3::new(x, y, 0.0);
+                    add(0.2 * normal + along * DVec3::new(-y, x, 0.0) + up * DVec3::Z, normal, 1);
+                }
+                add(DVec3::new(along, up - 0.2, 0.4), DVec3::Z, 1);
+            }
+        }
+        points
+    }
+
+    #[test]
+    fn what_lights_a_plane_and_a_box_is_found_again_exactly() {
+        let lamp = Place { at: DVec3::new(0.7, -0.3, 1.8), along: None };
+        let (around, above, shown) = (0.2, 0.1, 1.5);
+        let mut points = plane_and_box();
+        let mut shares = Vec::new();
+        for point in &mut points {
+            let mut s = ambient(point.normal, DVec3::Z);
+            s[2] = of_lamp(point.at, point.normal, &lamp);
+            point.ln = [0.3f64, 0.6][point.material].ln() + (around * s[0] + above * s[1] + shown * s[2]).ln();
+            shares.push(s);
+        }
+        // In turn goes slowly; real rooms are not told so exactly.
+        let fit = fit(&points, &shares, 1, 3000);
+        // Light and reflectance share a factor; everything else is told.
+        let light = fit.light;
+        assert!((light.lamps[0] / light.around / (shown / around) - 1.0).abs() < 1e-3, "{light:?}");
+        assert!((light.above / light.around / (above / around) - 1.0).abs() < 1e-2, "{light:?}");
+        assert!((fit.reflectance[1] - fit.reflectance[0] - 2f64.ln()).abs() < 1e-4, "{:?}", fit.reflectance);
+        assert!(fit.score < 1e-5, "{}", fit.score);
+        // By hand: at 2 m straight below, 1 / 2²; a panel 60° off its axis gives half.
+        let below = Place { at: DVec3::new(0.0, 0.0, 2.0), along: None };
+        assert_eq!(of_lamp(DVec3::ZERO, DVec3::Z, &below), 0.25);
+        let aside = DVec3::new(2.0 * 60f64.to_radians().tan(), 0.0, 0.0);
+        let panel = Place { along: Some(-DVec3::Z), ..below };
+        let ratio = of_lamp(aside, DVec3::Z, &panel) / of_lamp(aside, DVec3::Z, &below);
+        assert!((ratio - 0.5).abs() < 1e-9, "{ratio}");
+    }
+}

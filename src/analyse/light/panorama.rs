@@ -1,0 +1,200 @@
+//! What was seen around a place, as a panorama: the frames' points with depth, by their direction from there.
+//!
+//! Of each texel one mean is kept for each frame; its light is their median, weighted by how many points they are of, and what was
+//! clipped counts as a lower bound. What lies behind something nearer does not count. Single texels between others take their mean.
+
+use std::f64::consts::PI;
+
+use glam::{DQuat, DVec3, Vec3};
+
+use super::quantile::{Known, quantile};
+use super::sample::Sample;
+use crate::render::panorama;
+
+pub const WIDTH: usize = 256;
+pub const HEIGHT: usize = 128;
+/// Frames that are kept of a texel.
+const KEPT: usize = 10;
+/// Nearer by this share is before it, farther by this share behind.
+const BEFORE: f32 = 0.8;
+/// How often gaps are filled from around, and of how many neighbours.
+const FILLS: usize = 3;
+const NEIGHBOURS: usize = 3;
+
+#[derive(Clone, Debug)]
+struct Texel {
+    /// How far away what it shows is, m.
+    far_m: f32,
+    /// Light, weight, clipped.
+    kept: Vec<([f32; 3], f32, bool)>,
+    frames: usize,
+    now: [f32; 3],
+    now_count: f32,
+    now_clipped: bool,
+    now_far_m: f32,
+}
+
+pub struct Splat {
+    middle: Vec3,
+    map_from_world: DQuat,
+    texels: Vec<Texel>,
+}
+
+/// Linear; `None` where nothing was seen.
+pub type Seen = Vec<Option<[f32; 3]>>;
+
+/// The direction through a texel's centre, in the panorama's axes: y is up, −z in the middle.
+pub fn direction(n: usize) -> DVec3 {
+    panorama::direction((n % WIDTH) as u32, (n / WIDTH) as u32, WIDTH as u32, HEIGHT as u32).as_dvec3()
+}
+
+/// A texel's solid angle, sr.
+pub fn solid_sr(n: usize) -> f64 {
+    f64::from(panorama::solid_sr((n / WIDTH) as u32, WIDTH as u32, HEIGHT as u32))
+}
+
+fn texel_of(d: Vec3) -> usize {
+    let x = (d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5) * WIDTH as f32;
+    let y = d.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI * HEIGHT as f32;
+    (y as usize).min(HEIGHT - 1) * WIDTH + (x as usize).min(WIDTH - 1)
+}
+
+impl Splat {
+    pub fn new(middle: Vec3, map_from_world: DQuat) -> Self {
+        let none = Texel {
+            far_m: f32::INFINITY,
+            kept: Vec::new(),
+            frames: 0,
+            now: [0.0; 3],
+            now_count: 0.0,
+            now_clipped: false,
+            now_far_m: 0.0,
+        };
+        Self { middle, map_from_world, texels: vec![none; WIDTH * HEIGHT] }
+    }
+
+    /// One frame's samples.
+    pub fn add(&mut self, samples: &[Sample]) {
+        let turn = self.map_from_world.as_quat();
+        let mut touched = Vec::new();
+        for sample in samples {
+            let way = sample.at - self.middle;
+            let far_m = way.length();
+            if far_m < 1e-3 {
+                continue;
+            }
+            let n = texel_of(turn * (way / far_m));
+            let texel = &mut self.texels[n];
+            if texel.now_count == 0.0 {
+                touched.push(n);
+            } else if far_m > texel.now_far_m / BEFORE {
+                continue;
+            }
+            if texel.now_count > 0.0 && far_m < BEFORE * texel.now_far_m {
+                (texel.now, texel.now_count, texel.now_clipped) = ([0.0; 3], 0.0, false);
+            }
+            texel.now_far_m = if texel.now_count == 0.0 { far_m } else { texel.now_far_m.min(far_m) };
+            (0..3).for_each(|c| texel.now[c] += sample.light[c]);
+            texel.now_count += 1.0;
+            texel.now_clipped |= sample.is_clipped;
+        }
+        for n in touched {
+            self.texels[n].kept_frame();
+        }
+    }
+
+    /// What each texel shows.
+    pub fn finish(&self) -> Seen {
+        let of = |texel: &Texel| -> Option<[f32; 3]> {
+            let light = |c: usize| {
+                let mut values: Vec<Known> = texel.kept.iter().map(|(light, w, clip)| (light[c], *w, *clip)).collect();
+                Some(quantile(&mut values, 0.5)?.0)
+            };
+            Some([light(0)?, light(1)?, light(2)?])
+        };
+        let mut seen: Seen = self.texels.iter().map(of).collect();
+        for _ in 0..FILLS {
+            seen = filled(&seen);
+        }
+        seen
+    }
+}
+
+impl Texel {
+    fn kept_frame(&mut self) {
+        let mean = self.now.map(|sum| sum / self.now_count);
+        if self.now_far_m < BEFORE * self.far_m {
+            self.kept.clear();
+            (self.frames, self.far_m) = (0, self.now_far_m);
+        }
+        if self.now_far_m <= self.far_m / BEFORE {
+            let new = (mean, self.now_count, self.now_clipped);
+            // Those of every so many frames, when there are too many.
+            if self.kept.len() < KEPT {
+                self.kept.push(new);
+            } else if self.frames.is_multiple_of(3) {
+                self.kept[self.frames / 3 % KEPT] = new;
+            }
+            self.frames += 1;
+        }
+        (self.now, self.now_count, self.now_clipped, self.now_far_m) = ([0.0; 3], 0.0, false, 0.0);
+    }
+}
+
+fn filled(seen: &Seen) -> Seen {
+    let at = |x: i64, y: i64| -> Option<[f32; 3]> {
+        let y = usize::try_from(y).ok().filter(|y| *y < HEIGHT)?;
+        seen[y * WIDTH + x.rem_euclid(WIDTH as i64) as usize]
+    };
+    let of = |n: usize| {
+        let (x, y) = ((n % WIDTH) as i64, (n / WIDTH) as i64);
+        let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+        let known: Vec<[f32; 3]> = around.iter().filter_map(|(dx, dy)| at(x + dx, y + dy)).collect();
+        let mean = |c: usize| known.iter().map(|light| light[c]).sum::<f32>() / known.len() as f32;
+        (known.len() >= NEIGHBOURS).then(|| [mean(0), mean(1), mean(2)])
+    };
+    (0..seen.len()).map(|n| seen[n].or_else(|| of(n))).collect()
+}
+
+/// The share of all directions that was seen, and of those above the horizon.
+pub fn seen_share(seen: &Seen) -> (f64, f64) {
+    let sum = |from: usize, to: usize| {
+        let of = |n: usize| if seen[n].is_some() { solid_sr(n) } else { 0.0 };
+        (from..to).map(of).sum::<f64>()
+    };
+    (sum(0, WIDTH * HEIGHT) / (4.0 * PI), sum(0, WIDTH * HEIGHT / 2) / (2.0 * PI))
+}
+
+/// What a white matt surface that looks up shows by it: the irradiance from above, by π.
+pub fn upward(rgb: &[[f32; 3]]) -> [f64; 3] {
+    [0, 1, 2].map(|c| {
+        let of = |(n, light): (usize, &[f32; 3])| f64::from(light[c]) * direction(n).y.max(0.0) * solid_sr(n) / PI;
+        rgb.iter().enumerate().map(of).sum()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_even_sky_shows_as_itself_and_texels_lie_where_they_point() {
+        let [r, g, b] = upward(&vec![[0.5, 1.0, 2.0]; WIDTH * HEIGHT]);
+        assert!((r - 0.5).abs() < 1e-3 && (g - 1.0).abs() < 2e-3 && (b - 2.0).abs() < 4e-3, "{r} {g} {b}");
+        for n in (0..WIDTH * HEIGHT).step_by(37) {
+            assert_eq!(texel_of(direction(n).as_vec3()), n);
+        }
+    }
+
+    #[test]
+    fn what_lies_behind_something_nearer_does_not_count() {
+        let mut splat = Splat::new(Vec3::ZERO, DQuat::IDENTITY);
+        let sample = |far_m: f32, light: f32| Sample { at: -far_m * Vec3::Z, light: [light; 3], is_clipped: false };
+        splat.add(&[sample(3.0, 0.9)]);
+        splat.add(&[sample(1.0, 0.2), sample(1.02, 0.4)]);
+        splat.add(&[sample(3.0, 0.9)]);
+        let n = texel_of(-Vec3::Z);
+        let [light, ..] = splat.finish()[n].unwrap();
+        assert!((light - 0.3).abs() < 1e-6, "{light}");
+    }
+}

@@ -1,0 +1,174 @@
+//! Where lamps are: a grid over the room, then descent, and one lamp more as long as that is worth it.
+
+use glam::DVec3;
+
+use super::blocked::Blocked;
+use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
+use crate::rows::over_rows;
+
+/// Cells of the grid are so wide, m.
+const GRID_M: f64 = 0.35;
+/// Points that the grid is tried with.
+const FEW: usize = 700;
+/// Rounds of a fit on the grid, and of one that counts.
+const ROUGH: usize = 4;
+const MIDDLING: usize = 8;
+const FINE: usize = 20;
+/// A lamp more is kept if the score falls by more than this share.
+const WORTH: f64 = 0.1;
+/// Steps of the descent, m.
+const FIRST_M: f64 = 0.2;
+const LAST_M: f64 = 0.02;
+/// Lamps are at least so far from each other, m.
+const APART_M: f64 = 0.4;
+/// Places of the grid from which the descent begins.
+const BEGUN: usize = 4;
+
+/// Where lamps may be.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    pub low: DVec3,
+    pub high: DVec3,
+    pub up: DVec3,
+}
+
+#[derive(Clone, Debug)]
+pub struct Found {
+    pub lamps: Vec<Place>,
+    pub fit: Fit,
+    /// With none, one, two ... lamps.
+    pub scores: Vec<f64>,
+}
+
+pub struct Search<'a> {
+    pub points: &'a [Point],
+    pub blocked: &'a Blocked,
+    pub room: Room,
+    pub threads: usize,
+}
+
+impl Search<'_> {
+    fn shares(&self, points: &[Point], lamps: &[Place]) -> Vec<Shares> {
+        let of = |point: &Point| {
+            let mut shares = ambient(point.normal, self.room.up);
+            for (k, lamp) in lamps.iter().enumerate() {
+                shares[2 + k] = self.share(point, lamp);
+            }
+            shares
+        };
+        points.iter().map(of).collect()
+    }
+
+    fn share(&self, point: &Point, lamp: &Place) -> f64 {
+        let share = of_lamp(point.at, point.normal, lamp);
+        if share > 0.0 && self.blocked.is_blocked(point.at, point.normal, lamp.at) { 0.0 } else { share }
+    }
+
+    pub fn with(&self, lamps: &[Place], rounds: usize) -> Fit {
+        fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
+    }
+
+    pub fn lamps(&self, most: usize) -> Found {
+        let mut found = self.with(&[], FINE);
+        let mut scores = vec![found.score];
+        let mut lamps: Vec<Place> = Vec::new();
+        while lamps.len() < most.min(MOST_LAMPS) {
+            let Some((more, better)) = self.one_more(&lamps) else { break };
+            scores.push(better.score);
+            if better.score > (1.0 - WORTH) * found.score {
+                break;
+            }
+            (lamps, found) = (more, better);
+        }
+        Found { lamps, fit: found, scores }
+    }
+
+    /// With one lamp more, all of them moved to where they fit best.
+    fn one_more(&self, lamps: &[Place]) -> Option<(Vec<Place>, Fit)> {
+        let step = self.points.len().div_ceil(FEW).max(1);
+        let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
+        let known = self.shares(&few, lamps);
+        let bulbs = self.grid().into_iter().map(|at| Place { at, along: None });
+        let places = bulbs.flat_map(|bulb| [bulb, Place { along: Some(-self.room.up), ..bulb }]);
+        let mut places: Vec<(Place, f64)> = places.map(|place| (place, f64::INFINITY)).collect();
+        over_rows(&mut places, 1, self.threads, |_, slot| {
+            let (at, score) = &mut slot[0];
+            if lamps.iter().any(|lamp| lamp.at.distance(at.at) < APART_M) {
+                return;
+            }
+            let mut shares = known.clone();
+            for (point, shares) in few.iter().zip(&mut shares) {
+                shares[2 + lamps.len()] = self.share(point, at);
+            }
+            *score = fit(&few, &shares, lamps.len() + 1, ROUGH).score;
+        });
+        places.sort_by(|a, b| a.1.total_cmp(&b.1));
+        // The best, and others that are not beside it.
+        let mut begun: Vec<Place> = Vec::new();
+        for (at, score) in &places {
+            let is_beside = |b: &Place| b.along == at.along && b.at.distance(at.at) < 2.0 * GRID_M;
+            if score.is_finite() && begun.len() < BEGUN && !begun.iter().any(is_beside) {
+                begun.push(*at);
+            }
+        }
+        let mut tried: Vec<(Vec<Place>, Option<Fit>)> =
+            begun.iter().map(|at| ([lamps, &[*at]].concat(), None)).collect();
+        over_rows(&mut tried, 1, self.threads, |_, slot| {
+            let (lamps, fit) = &mut slot[0];
+            self.descended(&few, lamps, FIRST_M, FIRST_M / 4.0);
+            *fit = Some(self.with(lamps, FINE));
+        });
+        let best = tried.into_iter().filter_map(|(lamps, fit)| Some((lamps, fit?)));
+        let (mut lamps, _) = best.min_by(|a, b| a.1.score.total_cmp(&b.1.score))?;
+        self.descended(self.points, &mut lamps, FIRST_M / 4.0, LAST_M);
+        let fit = self.with(&lamps, FINE);
+        Some((lamps, fit))
+    }
+
+    /// Moves lamps by steps that halve, as long as the score falls.
+    fn descended(&self, points: &[Point], lamps: &mut [Place], first_m: f64, last_m: f64) {
+        let mut shares = self.shares(points, lamps);
+        let mut best = fit(points, &shares, lamps.len(), MIDDLING).score;
+        let mut step_m = first_m;
+        while step_m >= last_m {
+            let before = best;
+            for k in (0..lamps.len()).rev() {
+                for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                    for way in [step_m, -step_m] {
+                        let at = (lamps[k].at + way * axis).clamp(self.room.low, self.room.high);
+                        let place = Place { at, ..lamps[k] };
+                        let mut moved = shares.clone();
+                        for (point, shares) in points.iter().zip(&mut moved) {
+                            shares[2 + k] = self.share(point, &place);
+                        }
+                        let tried = fit(points, &moved, lamps.len(), MIDDLING).score;
+                        if tried < best {
+                            (best, shares, lamps[k]) = (tried, moved, place);
+                            break;
+                        }
+                    }
+                }
+            }
+            if best > 0.998 * before {
+                step_m *= 0.5;
+            }
+        }
+    }
+
+    fn grid(&self) -> Vec<DVec3> {
+        let Room { low, high, .. } = self.room;
+        let counts = ((high - low) / GRID_M).ceil().max(DVec3::ONE).as_usizevec3();
+        let at = |n: usize, axis: usize, count: usize| {
+            low[axis] + (n as f64 + 0.5) / count as f64 * (high[axis] - low[axis])
+        };
+        let mut places = Vec::new();
+        for z in 0..counts.z {
+            for y in 0..counts.y {
+                for x in 0..counts.x {
+                    places.push(DVec3::new(at(x, 0, counts.x), at(y, 1, counts.y), at(z, 2, counts.z)));
+                }
+            }
+        }
+        places
+    }
+}

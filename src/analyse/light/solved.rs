@@ -1,0 +1,221 @@
+//! From the room's surfaces to its lamps and the light from around, or why no lamp is claimed.
+//!
+//! A lamp is claimed if lamps lower what is left unexplained by a fifth, and the two halves of the frames, each by itself, see it
+//! in the same direction within 10°. Not modelled: lamps that hang so low that they light one side of the room alone.
+
+use glam::DVec3;
+
+use super::blocked::Blocked;
+use super::lit::{Fit, MOST_LAMPS, Place, of_lamp};
+use super::search::{Found, Search};
+use super::surfaces::{Of, points, room};
+use super::voxels::Voxel;
+use super::white::{Lit, white};
+
+/// See above.
+const EXPLAINED: f64 = 0.2;
+const AGREE_DEG: f64 = 10.0;
+/// Fewer surfaces tell nothing.
+const FEWEST: usize = 200;
+const ROUNDS: usize = 20;
+
+pub struct Solved {
+    pub lamps: Vec<Place>,
+    /// Of each lamp, by colour: what white that faces it shows at 1 m.
+    pub shown_at_1_m: Vec<[f64; 3]>,
+    pub around: [f64; 3],
+    pub above: [f64; 3],
+    pub between: [f64; 2],
+    pub explained: f64,
+    pub halves_deg: Option<f64>,
+    pub no_lamp: Option<String>,
+}
+
+/// Or why nothing can be said.
+pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, threads: usize) -> Result<Solved, String> {
+    let blocked = Blocked::new(solid);
+    let room = room(solid, up);
+    let by = |half: usize| points(voxels, half, Of::Luminance);
+    let all = by(2);
+    if all.len() < FEWEST {
+        return Err("too few surfaces were seen".to_owned());
+    }
+    let search = Search { points: &all, blocked: &blocked, room, threads };
+    let found = search.lamps(MOST_LAMPS);
+    let explained = 1.0 - found.fit.score / found.scores[0].max(1e-9);
+    let halves_deg = (!found.lamps.is_empty() && explained >= EXPLAINED)
+        .then(|| {
+            let of = |half: usize| {
+                let points = by(half);
+                let search = Search { points: &points, blocked: &blocked, room, threads };
+                if points.len() < FEWEST { None } else { brightest(&search.lamps(1), middle, up) }
+            };
+            Some((of(0)? - middle).angle_between(of(1)? - middle).to_degrees())
+        })
+        .flatten();
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let no_lamp = match halves_deg {
+        _ if explained < EXPLAINED => {
+            let by_one = found.scores.get(1).map_or(0.0, |score| 1.0 - score / found.scores[0].max(1e-9));
+            let by = percent(by_one.max(explained).max(0.0));
+            Some(format!("a lamp explains {by} of what light from all around leaves, less than {}", percent(EXPLAINED)))
+        }
+        None => Some("one half of the frames does not find it by itself".to_owned()),
+        Some(deg) if deg > AGREE_DEG => {
+            Some(format!("the two halves of the frames see it {deg:.0}° apart, more than {AGREE_DEG:.0}°"))
+        }
+        Some(_) => None,
+    };
+    let lamps = if no_lamp.is_some() { Vec::new() } else { found.lamps };
+    let colours = [0, 1, 2].map(|c| {
+        let points = points(voxels, 2, Of::Colour(c));
+        let search = Search { points: &points, blocked: &blocked, room, threads };
+        search.with(&lamps, ROUNDS)
+    });
+    let luminance = search.with(&lamps, ROUNDS);
+    let (factors, between) = white(&lit(voxels, &blocked, up, &lamps, &luminance, &colours))
+        .ok_or("no surface is bright enough to tell white")?;
+    let each = |of: &dyn Fn(&Fit) -> f64| [0, 1, 2].map(|c| factors[c] * of(&colours[c]));
+    // A panel shines less to its sides: as an even lamp it is as bright in the middle.
+    let aside = |lamp: &Place| match lamp.along {
+        Some(along) => along.dot((middle - lamp.at).normalize_or_zero()).max(0.0),
+        None => 1.0,
+    };
+    let shown_at_1_m = lamps.iter().enumerate();
+    let shown_at_1_m = shown_at_1_m.map(|(k, lamp)| each(&|fit: &Fit| aside(lamp) * fit.light.lamps[k])).collect();
+    Ok(Solved {
+        shown_at_1_m,
+        around: each(&|fit| fit.light.around),
+        above: each(&|fit| fit.light.above),
+        lamps,
+        between,
+        explained,
+        halves_deg,
+        no_lamp,
+    })
+}
+
+/// The lamp that gives most light in the middle.
+fn brightest(found: &Found, middle: DVec3, up: DVec3) -> Option<DVec3> {
+    let shown = |(k, lamp): &(usize, &Place)| found.fit.light.lamps[*k] * of_lamp(middle, up, lamp);
+    let lamps = found.lamps.iter().enumerate();
+    lamps.max_by(|a, b| shown(a).total_cmp(&shown(b))).map(|(_, lamp)| lamp.at)
+}
+
+/// Every surface under the light that was found, the unknown factor left as it is.
+fn lit(
+    voxels: &[Voxel],
+    blocked: &Blocked,
+    up: DVec3,
+    lamps: &[Place],
+    luminance: &Fit,
+    colours: &[Fit; 3],
+) -> Vec<Lit> {
+    let of = |voxel: &Voxel| -> Option<Lit> {
+        let light = voxel.light[2]?.map(f64::from);
+        let shares: Vec<f64> = lamps
+            .iter()
+            .map(|lamp| match blocked.is_blocked(voxel.at, voxel.normal, lamp.at) {
+                true => 0.0,
+                false => of_lamp(voxel.at, voxel.normal, lamp),
+            })
+            .collect();
+        let comes = |fit: &Fit| {
+            let above = 0.5 * (1.0 + voxel.normal.dot(up)) * fit.light.above;
+            let by_lamps: f64 = shares.iter().zip(fit.light.lamps).map(|(share, lamp)| share * lamp).sum();
+            (fit.light.around + above + by_lamps).max(1e-6)
+        };
+        Some(Lit {
+            brightest: f64::from(voxel.brightest) / comes(luminance),
+            is_clipped: voxel.is_clipped,
+            albedo: [0, 1, 2].map(|c| light[c] / comes(&colours[c])),
+            light,
+        })
+    };
+    voxels.iter().filter_map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UP: DVec3 = DVec3::Z;
+    const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
+
+    /// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by a lamp each, shadows and all; a pattern of
+    /// ± 10 % on it.
+    fn room(lamps: [Option<DVec3>; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
+        let mut surfaces = Vec::new();
+        for i in 0..80 {
+            for j in 0..80 {
+                let at = DVec3::new(0.025 * f64::from(i) - 1.0, 0.025 * f64::from(j) - 1.0, 0.0);
+                surfaces.push((at, DVec3::Z, DVec3::new(0.4, 0.25, 0.12)));
+            }
+        }
+        for i in 0..20 {
+            for j in 0..20 {
+                let (along, up) = (0.02 * f64::from(i) - 0.19, 0.02 * f64::from(j) + 0.01);
+                for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+                    let n = DVec3::new(x, y, 0.0);
+                    let at = DVec3::new(0.4, 0.3, 0.0) + 0.2 * n + along * DVec3::new(-y, x, 0.0) + up * DVec3::Z;
+                    surfaces.push((at, n, DVec3::splat(0.85)));
+                }
+                let at = DVec3::new(0.4 + along, 0.3 + 0.02 * f64::from(j) - 0.19, 0.4);
+                surfaces.push((at, DVec3::Z, DVec3::splat(0.85)));
+            }
+        }
+        let solid: Vec<DVec3> = surfaces.iter().map(|surface| surface.0).collect();
+        let blocked = Blocked::new(&solid);
+        let lit = |(n, (at, normal, albedo)): (usize, &(DVec3, DVec3, DVec3))| {
+            let pattern = 1.0 + 0.1 * (7.0 * n as f64).sin();
+            let by = |lamp: Option<DVec3>| {
+                let direct = lamp.map_or(0.0, |lamp| {
+                    let place = Place { at: lamp, along: None };
+                    if blocked.is_blocked(*at, *normal, lamp) { 0.0 } else { 2.0 * of_lamp(*at, *normal, &place) }
+                });
+                Some((pattern * *albedo * (0.15 + direct)).as_vec3().to_array())
+            };
+            let light = [by(lamps[0]), by(lamps[1]), by(lamps[0])];
+            let brightest = crate::analyse::light::sample::luminance(light[2].unwrap_or_default());
+            Voxel { at: *at, normal: *normal, light, brightest, is_clipped: false }
+        };
+        (surfaces.iter().enumerate().map(lit).collect(), solid)
+    }
+
+    fn solved(lamps: [Option<DVec3>; 2]) -> Solved {
+        let (voxels, solid) = room(lamps);
+        solve(&voxels, &solid, MIDDLE, UP, 2).unwrap()
+    }
+
+    #[test]
+    fn a_lamp_over_a_floor_and_a_box_is_found_with_its_brightness() {
+        let lamp = DVec3::new(-0.6, 0.5, 2.0);
+        let found = solved([Some(lamp); 2]);
+        assert!(found.no_lamp.is_none() && found.lamps.len() == 1, "{:?} {:?}", found.no_lamp, found.lamps);
+        let off_deg = (found.lamps[0].at - MIDDLE).angle_between(lamp - MIDDLE).to_degrees();
+        assert!(off_deg < 2.0, "{off_deg}: {}", found.lamps[0].at);
+        let shown = |at: DVec3, shown: f64| shown * of_lamp(MIDDLE, UP, &Place { at, along: None });
+        let (upward, truth) = (
+            found.around[1] + found.above[1] + shown(found.lamps[0].at, found.shown_at_1_m[0][1]),
+            0.15 + shown(lamp, 2.0),
+        );
+        // The pattern's brightest places count as white.
+        assert!((upward / truth - 1.1).abs() < 0.06, "{upward} {truth}");
+        assert!(found.between[0] < 1.0 && found.between[1] > 1.0);
+    }
+
+    #[test]
+    fn light_from_everywhere_has_no_lamp() {
+        let found = solved([None; 2]);
+        assert!(found.lamps.is_empty() && found.explained < EXPLAINED);
+        assert!(found.no_lamp.unwrap().contains("explains"));
+        assert!((found.around[1] + found.above[1] - 0.165).abs() < 0.02, "{:?} {:?}", found.around, found.above);
+    }
+
+    #[test]
+    fn halves_that_see_a_lamp_elsewhere_see_none() {
+        let found = solved([Some(DVec3::new(-0.6, 0.5, 2.0)), Some(DVec3::new(0.9, -0.6, 1.8))]);
+        assert!(found.lamps.is_empty());
+        assert!(found.no_lamp.unwrap().contains("apart"), "{:?}", found.halves_deg);
+    }
+}

@@ -1,0 +1,99 @@
+//! What the solver is given: surfaces that were seen well, each of a material, and where lamps may be.
+//!
+//! A material is a bin of chroma, ln of red by green and of blue by green. Bins with few surfaces tell nothing and are left out.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::lit::{Point, sorted};
+use super::sample::luminance;
+use super::search::Room;
+use super::voxels::Voxel;
+
+/// A bin's width, ln.
+const BIN: f64 = 0.2;
+/// Fewer surfaces are no material.
+const FEWEST: usize = 12;
+/// Darker ones are the sensor's noise.
+const DARKEST: f64 = 0.004;
+/// Lamps may be so far beside what was seen, and so high above its lowest part, m.
+const BESIDE_M: f64 = 1.6;
+const HIGH_M: f64 = 3.2;
+/// Not nearer to the lowest part than this, m.
+const LOW_M: f64 = 0.4;
+
+/// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a surface is no light on it.
+const PATCH_M: f64 = 0.08;
+/// A patch of fewer is the sensor's noise.
+const FEWEST_VOXELS: usize = 3;
+
+type Bin = [i32; 2];
+/// A surface's place, its normal, and ln of its light.
+type Place = (DVec3, DVec3, f64);
+
+/// Which light counts.
+#[derive(Clone, Copy, Debug)]
+pub enum Of {
+    Luminance,
+    Colour(usize),
+}
+
+/// By the light of one half of the frames (0, 1) or of all (2).
+pub fn points(voxels: &[Voxel], by: usize, of: Of) -> Vec<Point> {
+    let mut patches: BTreeMap<(Bin, [i32; 3], usize), Vec<Place>> = BTreeMap::new();
+    for voxel in voxels.iter().filter(|voxel| !voxel.is_clipped) {
+        let Some(light) = voxel.light[by] else { continue };
+        let [r, g, b] = light.map(f64::from);
+        if r.min(g).min(b) > DARKEST {
+            let ln = match of {
+                Of::Luminance => f64::from(luminance(light)).ln(),
+                Of::Colour(c) => f64::from(light[c]).ln(),
+            };
+            let bin = [(r / g).ln(), (b / g).ln()].map(|v| (v / BIN).round() as i32);
+            let cell = (voxel.at / PATCH_M).floor().as_ivec3().to_array();
+            let n = voxel.normal;
+            let axis = (0..3).max_by(|i, j| n[*i].abs().total_cmp(&n[*j].abs())).unwrap_or(2);
+            let towards = 2 * axis + usize::from(n[axis] > 0.0);
+            patches.entry((bin, cell, towards)).or_default().push((voxel.at, n, ln));
+        }
+    }
+    let mut materials: BTreeMap<Bin, Vec<Point>> = BTreeMap::new();
+    for ((bin, ..), of) in patches.iter().filter(|(_, of)| of.len() >= FEWEST_VOXELS) {
+        let share = 1.0 / of.len() as f64;
+        let at = of.iter().map(|voxel| voxel.0).sum::<DVec3>() * share;
+        let normal = of.iter().map(|voxel| voxel.1).sum::<DVec3>().normalize_or_zero();
+        let ln = of.iter().map(|voxel| voxel.2).sum::<f64>() * share;
+        materials.entry(*bin).or_default().push(Point { at, normal, ln, material: 0 });
+    }
+    let kept = materials.into_values().filter(|points| points.len() >= FEWEST);
+    let numbered = |(n, points): (usize, Vec<Point>)| points.into_iter().map(move |p| Point { material: n, ..p });
+    sorted(kept.enumerate().flat_map(numbered).collect())
+}
+
+/// Around what was seen.
+pub fn room(solid: &[DVec3], up: DVec3) -> Room {
+    let between = |of: &dyn Fn(&DVec3) -> f64, low: f64, high: f64| {
+        let mut values: Vec<f64> = solid.iter().map(of).collect();
+        let mut at = |share: f64| {
+            let n = ((values.len().max(1) - 1) as f64 * share) as usize;
+            values.get_mut(..).filter(|v| !v.is_empty()).map_or(0.0, |v| *v.select_nth_unstable_by(n, f64::total_cmp).1)
+        };
+        (at(low), at(high))
+    };
+    let mut low = DVec3::ZERO;
+    let mut high = DVec3::ZERO;
+    for axis in 0..3 {
+        let (l, h) = between(&|p| p[axis], 0.02, 0.98);
+        (low[axis], high[axis]) = (l - BESIDE_M, h + BESIDE_M);
+    }
+    // Along the axis that is nearest to up.
+    let axis = (0..3).max_by(|a, b| up[*a].abs().total_cmp(&up[*b].abs())).unwrap_or(2);
+    let (l, h) = between(&|p| p[axis], 0.02, 0.98);
+    if up[axis] > 0.0 {
+        (low[axis], high[axis]) = (l + LOW_M, l + HIGH_M);
+    } else {
+        (low[axis], high[axis]) = (h - HIGH_M, h - LOW_M);
+    }
+    Room { low, high, up }
+}

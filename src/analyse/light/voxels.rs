@@ -1,0 +1,225 @@
+//! The room's surfaces as cubes of 2 cm: where each is, from where it was seen, and how bright.
+//!
+//! Of each cube one mean is kept for each frame that saw it, for the two halves of the recording apart. Its light is the lower
+//! third of them, so that lamps mirrored in it, which are seen from a few places alone, do not count. Its normal is the direction in
+//! which its neighbourhood is thinnest. Not modelled: things that move.
+
+use std::collections::HashMap;
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::sample::{Sample, luminance};
+
+/// A cube's side, m.
+pub const SIDE_M: f64 = 0.02;
+/// Cubes at most, and frames whose light is kept of each, for each half.
+const MOST: usize = 200_000;
+const KEPT: usize = 6;
+/// Depth that was measured from farther away is no surface of 2 cm, m.
+const FARTHEST_M: f32 = 4.0;
+/// Which of a cube's frames tells its light, as a share of them by brightness.
+const LOWER: f64 = 0.34;
+/// Neighbours of which a normal follows, cubes to each side, and the fewest of them.
+const NEAR: i32 = 2;
+const FEWEST: usize = 6;
+/// The least of three spreads by the middle one, so that they are a surface: m² by m².
+const FLAT: f64 = 0.4;
+
+type Key = [i32; 3];
+
+#[derive(Clone, Debug, Default)]
+struct Cube {
+    sum_at: DVec3,
+    count: u32,
+    /// Sum of unit vectors to the camera.
+    towards: Vec3,
+    /// Of the frame that is being added.
+    now: [f32; 3],
+    now_count: u32,
+    now_clipped: bool,
+    now_brightest: f32,
+    /// Sum over frames of the brightest sample of each.
+    brightest: f32,
+    /// Frames so far, by half, and the means of some of them.
+    frames: [u32; 2],
+    means: [Vec<[f32; 3]>; 2],
+    clipped: [u32; 2],
+}
+
+/// One that is seen well.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Voxel {
+    pub at: DVec3,
+    /// Unit length, towards where it was seen from.
+    pub normal: DVec3,
+    /// By the first half of the frames, by the second, and by all: linear; `None` where too few saw it.
+    pub light: [Option<[f32; 3]>; 3],
+    /// Its brightest spot, luminance: the mean over frames.
+    pub brightest: f32,
+    /// The camera's white was reached in most of the frames.
+    pub is_clipped: bool,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Voxels {
+    index: HashMap<Key, u32>,
+    cubes: Vec<Cube>,
+}
+
+fn key(at: Vec3) -> Key {
+    (at.as_dvec3() / SIDE_M).floor().as_ivec3().to_array()
+}
+
+impl Voxels {
+    /// One frame's samples, seen from `eye`; `half`: 0 in the first half of the frames, 1 in the second.
+    pub fn add(&mut self, samples: &[Sample], eye: Vec3, half: usize) {
+        let mut touched = Vec::new();
+        for sample in samples.iter().filter(|sample| sample.at.distance(eye) < FARTHEST_M) {
+            let key = key(sample.at);
+            let at = match self.index.get(&key) {
+                Some(at) => *at as usize,
+                None if self.cubes.len() < MOST => {
+                    self.index.insert(key, self.cubes.len() as u32);
+                    self.cubes.push(Cube::default());
+                    self.cubes.len() - 1
+                }
+                None => continue,
+            };
+            let cube = &mut self.cubes[at];
+            if cube.now_count == 0 {
+                touched.push(at);
+            }
+            cube.sum_at += sample.at.as_dvec3();
+            cube.count += 1;
+            cube.towards += (eye - sample.at).normalize_or_zero();
+            (0..3).for_each(|c| cube.now[c] += sample.light[c]);
+            cube.now_count += 1;
+            cube.now_clipped |= sample.is_clipped;
+            cube.now_brightest = cube.now_brightest.max(luminance(sample.light));
+        }
+        for at in touched {
+            let cube = &mut self.cubes[at];
+            let mean = cube.now.map(|sum| sum / cube.now_count as f32);
+            cube.clipped[half] += u32::from(cube.now_clipped);
+            cube.brightest += cube.now_brightest;
+            let n = cube.frames[half] as usize;
+            cube.frames[half] += 1;
+            let means = &mut cube.means[half];
+            if means.len() < KEPT {
+                means.push(mean);
+            } else {
+                // Vitter's reservoir, by a hash in place of chance.
+                let place = (hash(at as u64, n as u64) % (n as u64 + 1)) as usize;
+                if place < KEPT {
+                    means[place] = mean;
+                }
+            }
+            (cube.now, cube.now_count, cube.now_clipped, cube.now_brightest) = ([0.0; 3], 0, false, 0.0);
+        }
+    }
+
+    /// Middles of all that two frames saw.
+    pub fn solid(&self) -> impl Iterator<Item = DVec3> + '_ {
+        self.cubes.iter().filter(|cube| cube.frames[0] + cube.frames[1] >= 2).map(|cube| cube.middle())
+    }
+
+    /// At most so many of them, with their normals, spread evenly by a hash of their places.
+    pub fn chosen(&self, most: usize) -> Vec<Voxel> {
+        let mut keys: Vec<(u64, Key, u32)> = self.index.iter().map(|(key, at)| (hash_of(key), *key, *at)).collect();
+        keys.sort_unstable();
+        let voxel = |(_, key, at): &(u64, Key, u32)| self.voxel(*key, *at as usize);
+        keys.iter().filter_map(voxel).take(most).collect()
+    }
+
+    fn voxel(&self, key: Key, at: usize) -> Option<Voxel> {
+        let cube = &self.cubes[at];
+        let frames = cube.frames[0] + cube.frames[1];
+        if frames < 2 {
+            return None;
+        }
+        let light_of = |half: usize| (cube.frames[half] >= 2).then(|| lower(cube.means[half].clone())).flatten();
+        let all = lower(cube.means.concat());
+        let light = [light_of(0), light_of(1), all];
+        let is_clipped = 2 * (cube.clipped[0] + cube.clipped[1]) > frames;
+        let brightest = cube.brightest / frames as f32;
+        Some(Voxel { at: cube.middle(), normal: self.normal(key, cube)?, light, brightest, is_clipped })
+    }
+
+    fn normal(&self, [x, y, z]: Key, cube: &Cube) -> Option<DVec3> {
+        let mut near = Vec::new();
+        for dz in -NEAR..=NEAR {
+            for dy in -NEAR..=NEAR {
+                for dx in -NEAR..=NEAR {
+                    if let Some(at) = self.index.get(&[x + dx, y + dy, z + dz]) {
+                        let other = &self.cubes[*at as usize];
+                        if other.frames[0] + other.frames[1] >= 2 {
+                            near.push(other.middle());
+                        }
+                    }
+                }
+            }
+        }
+        if near.len() < FEWEST {
+            return None;
+        }
+        let middle = near.iter().sum::<DVec3>() / near.len() as f64;
+        let mut spread = DMat3::ZERO;
+        for at in &near {
+            let d = *at - middle;
+            spread += DMat3::from_cols(d * d.x, d * d.y, d * d.z) * (1.0 / near.len() as f64);
+        }
+        let (least, normal, between) = thinnest(spread);
+        let towards = cube.towards.as_dvec3();
+        (least < FLAT * between).then(|| normal * normal.dot(towards).signum())
+    }
+}
+
+impl Cube {
+    fn middle(&self) -> DVec3 {
+        self.sum_at / f64::from(self.count.max(1))
+    }
+}
+
+/// The light below which a third of a cube's frames lie.
+fn lower(mut means: Vec<[f32; 3]>) -> Option<[f32; 3]> {
+    means.sort_by(|a, b| luminance(*a).total_cmp(&luminance(*b)));
+    let at = (LOWER * means.len() as f64) as usize;
+    means.get(at).copied()
+}
+
+/// The least eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue: by Jacobi's turns.
+fn thinnest(of: DMat3) -> (f64, DVec3, f64) {
+    let (mut a, mut v) = (of, DMat3::IDENTITY);
+    for _ in 0..12 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let off = a.col(q)[p];
+            if off.abs() < 1e-18 {
+                continue;
+            }
+            let theta = 0.5 * (2.0 * off).atan2(a.col(q)[q] - a.col(p)[p]);
+            let (s, c) = theta.sin_cos();
+            let mut turn = DMat3::IDENTITY;
+            turn.col_mut(p)[p] = c;
+            turn.col_mut(q)[q] = c;
+            turn.col_mut(q)[p] = s;
+            turn.col_mut(p)[q] = -s;
+            a = turn.transpose() * a * turn;
+            v *= turn;
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|i, j| a.col(*i)[*i].total_cmp(&a.col(*j)[*j]));
+    (a.col(order[0])[order[0]], v.col(order[0]).normalize_or_zero(), a.col(order[1])[order[1]])
+}
+
+/// SplitMix64's output function (Steele, Lea and Flood 2014).
+fn hash(a: u64, b: u64) -> u64 {
+    let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ b.wrapping_add(0x632b_e59b_d9b4_e019);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+fn hash_of([x, y, z]: &Key) -> u64 {
+    hash(hash(*x as u64, *y as u64), *z as u64)
+}

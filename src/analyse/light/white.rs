@@ -1,0 +1,76 @@
+//! How bright the light is: reflectance and light share a factor, and the whitest things tell it.
+//!
+//! Of all surfaces' reflectances, each by its brightest spot, the 99.5th percentile is 0.85. Colour: what is bright and nearly
+//! neutral as the camera shows it is neutral, or else the camera's white balance is right and the light is; neither is sure, so
+//! that the light is half as coloured as those things. Where there are too few of them, it is white.
+
+use super::quantile::{Known, quantile};
+
+const SHARE: f64 = 0.995;
+const WHITE: f64 = 0.85;
+/// Shares between which the whitest things are, and how far white things lie from 0.85.
+const BETWEEN: [f64; 2] = [0.99, 0.999];
+const LOOSE: f64 = 1.1;
+/// Neutral is within this of grey, ln, and at least so bright by the whitest.
+const NEUTRAL: f64 = 0.3;
+const BRIGHT: f64 = 0.5;
+const FEWEST: usize = 40;
+/// How far things are believed, and the camera's white balance is not.
+const SURE: f64 = 0.5;
+
+/// A surface under a light of unknown scale.
+#[derive(Clone, Copy, Debug)]
+pub struct Lit {
+    /// What it sends by what comes: of its brightest spot, luminance.
+    pub brightest: f64,
+    pub is_clipped: bool,
+    /// By colour, and what it sends.
+    pub albedo: [f64; 3],
+    pub light: [f64; 3],
+}
+
+/// By what the light is multiplied, for each colour, and the factors between which that lies.
+pub fn white(surfaces: &[Lit]) -> Option<([f64; 3], [f64; 2])> {
+    let mut known: Vec<Known> = surfaces.iter().map(|lit| (lit.brightest as f32, 1.0, lit.is_clipped)).collect();
+    let mut at = |share: f64| quantile(&mut known, share).map(|(value, _)| f64::from(value)).filter(|v| *v > 0.0);
+    let (low, middle, high) = (at(BETWEEN[0])?, at(SHARE)?, at(BETWEEN[1])?);
+    let mut colours: [Vec<f64>; 3] = Default::default();
+    for lit in surfaces {
+        let mean = lit.light.iter().sum::<f64>() / 3.0;
+        let is_neutral = lit.light.iter().all(|v| *v > 0.0 && (v / mean).ln().abs() < NEUTRAL);
+        if is_neutral && lit.brightest > BRIGHT * middle && !lit.is_clipped {
+            let mean = lit.albedo.iter().sum::<f64>() / 3.0;
+            (0..3).for_each(|c| colours[c].push((lit.albedo[c] / mean).ln()));
+        }
+    }
+    let tint = colours.map(|mut values| {
+        let half = values.len() / 2;
+        if values.len() < FEWEST { 1.0 } else { (SURE * *values.select_nth_unstable_by(half, f64::total_cmp).1).exp() }
+    });
+    Some((tint.map(|tint| tint * middle / WHITE), [low / middle / LOOSE, high / middle * LOOSE]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_whitest_things_show_085_and_what_is_nearly_neutral_is_neutral() {
+        // 1000 surfaces: ten of paper, which send 0.68 under a light of 1 in unknown units and are yellowish by a warm lamp.
+        let lit = |albedo: f64| Lit {
+            brightest: albedo,
+            is_clipped: false,
+            albedo: [1.1 * albedo, albedo, 0.9 * albedo],
+            light: [1.1 * albedo, albedo, 0.9 * albedo],
+        };
+        let mut all = vec![lit(0.3); 890];
+        all.extend(vec![lit(0.5); 100]);
+        all.extend(vec![lit(0.68); 10]);
+        let (factors, [low, high]) = white(&all).unwrap();
+        for (found, expected) in factors.iter().zip([1.1f64, 1.0, 0.9].map(|tint| 0.8 * tint.sqrt())) {
+            assert!((found - expected).abs() < 1e-6, "{factors:?}");
+        }
+        assert!(low < 1.0 && high > 1.0);
+        assert!(white(&[]).is_none());
+    }
+}

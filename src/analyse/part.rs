@@ -1,0 +1,138 @@
+//! What finished stages of an analysis gave, kept until all of it is written: one that was interrupted goes on where it was.
+//!
+//! A folder beside the artefact's, of its name with `.part`: a file for each stage, in their order, as CBOR, which keeps numbers to
+//! the last bit. So the files at the end have the bytes that they have without interruption. The folder is bound to everything that
+//! the stages follow from; what is bound to something else is thrown away.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
+
+use super::inputs;
+use super::taken::Taken;
+use crate::camera::Geometry;
+use crate::recording::Recording;
+use crate::sink::atomic::write_atomically;
+use crate::source::file;
+
+/// Says what a folder is bound to.
+const BOUND: &str = "bound.txt";
+const STAGE: &str = "stage-";
+/// No stage gives more, bytes.
+const MOST_STAGE: u64 = 1 << 30;
+
+/// See above.
+#[derive(Debug, Default)]
+pub struct Part {
+    /// `None`: nothing is kept.
+    folder: Option<PathBuf>,
+    stage: usize,
+}
+
+impl Part {
+    /// Nothing is kept.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// Of the analysis that is to lie in `folder`. Where nothing can be kept, an analysis is made all the same.
+    pub fn of(folder: &Path, recording: &Recording, camera: &Geometry, taken: &Taken<'_>) -> Self {
+        let mut name = folder.file_name().unwrap_or_default().to_owned();
+        name.push(".part");
+        let folder = folder.with_file_name(name);
+        let bound = bound(recording, camera, taken);
+        let is_bound = file::read_text(&folder.join(BOUND), 1 << 10).is_ok_and(|text| text == bound);
+        let is_there = is_bound || {
+            clear(&folder);
+            let made = std::fs::create_dir_all(&folder).is_ok();
+            made && write_atomically(&folder.join(BOUND), true, |out| out.write_all(bound.as_bytes())).is_ok()
+        };
+        Self { folder: Some(folder).filter(|_| is_there), stage: 0 }
+    }
+
+    /// The next stage: what it gave before, or what it gives now.
+    pub fn stage<T: Serialize + DeserializeOwned, E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+        let path = self.folder.as_ref().map(|folder| folder.join(format!("{STAGE}{:02}", self.stage)));
+        self.stage += 1;
+        if let Some(path) = &path
+            && let Ok(bytes) = file::read(path, MOST_STAGE)
+            && let Ok(there) = ciborium::from_reader(bytes.as_slice())
+        {
+            return Ok(there);
+        }
+        let made = make()?;
+        if let Some(path) = path {
+            let mut bytes = Vec::new();
+            if ciborium::into_writer(&made, &mut bytes).is_ok() {
+                // What cannot be kept is made again.
+                let _ = write_atomically(&path, true, |out| out.write_all(&bytes));
+            }
+        }
+        Ok(made)
+    }
+
+    /// The analysis is written: nothing of this is needed any more.
+    pub fn finish(self) {
+        if let Some(folder) = self.folder {
+            clear(&folder);
+        }
+    }
+}
+
+/// Removes what was kept, and the folder if nothing else is in it.
+fn clear(folder: &Path) {
+    let own = |name: &str| name == BOUND || name.starts_with(STAGE);
+    for entry in folder.read_dir().into_iter().flatten().flatten() {
+        if own(&entry.file_name().to_string_lossy()) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+    let _ = std::fs::remove_dir(folder);
+}
+
+/// SHA-256 of what stages follow from: the recording, the camera, and the program with its version of the format.
+fn bound(recording: &Recording, camera: &Geometry, taken: &Taken<'_>) -> String {
+    let mut hash = Sha256::new();
+    let program = (env!("CARGO_PKG_VERSION"), super::artefact::VERSION);
+    hash.update(inputs::fingerprint(recording));
+    hash.update(format!("{program:?} {camera:?} {:?} {:?}", taken.response, taken.noise));
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(folder: &Path) -> Part {
+        Part { folder: Some(folder.to_owned()), stage: 0 }
+    }
+
+    #[test]
+    fn what_a_stage_gave_comes_back_to_the_last_bit_and_no_further() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = temp.path().join("a.part");
+        std::fs::create_dir(&folder).unwrap();
+        let values = vec![0.1, -1.0 / 3.0, 5e-324, f64::MAX, 2.5];
+        let made: Result<Vec<f64>, ()> = part(&folder).stage(|| Ok(values.clone()));
+        assert_eq!(made, Ok(values.clone()));
+        let mut again = part(&folder);
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        let there: Result<Vec<f64>, ()> = again.stage(|| Err(()));
+        assert_eq!(bits(&there.unwrap()), bits(&values));
+        // The second was interrupted, and half a file is none.
+        assert_eq!(again.stage(|| Err::<u32, _>("interrupted")), Err("interrupted"));
+        std::fs::write(folder.join("stage-01"), [0x9b]).unwrap();
+        let mut third = part(&folder);
+        let _: Result<Vec<f64>, ()> = third.stage(|| Err(()));
+        assert_eq!(third.stage(|| Ok::<Vec<f64>, ()>(vec![7.0])), Ok(vec![7.0]));
+        // What is somebody else's stays.
+        std::fs::write(folder.join("mine"), "").unwrap();
+        third.finish();
+        let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["mine"]);
+        assert_eq!(Part::none().stage(|| Ok::<u32, ()>(3)), Ok(3));
+    }
+}
