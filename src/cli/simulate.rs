@@ -5,10 +5,12 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
+use glam::DVec3;
 
 use super::{progress, tell};
 use crate::params::{Params, Value};
-use crate::simulate::{self, Flaws, Options};
+use crate::scene;
+use crate::simulate::{self, Flaws, Options, Simulation};
 use crate::words::{count, shown_unit};
 
 #[derive(clap::Args)]
@@ -19,6 +21,9 @@ pub struct Args {
     /// Set an option, as in --set frames=30 or --set flaws.jitter_mm=1; without any, the demo is made
     #[arg(long = "set", value_name = "NAME=VALUE")]
     sets: Vec<String>,
+    /// Objects that really lie in the site: a scene file (z up, metres, the floor at 0); its light is not used
+    #[arg(long, value_name = "SCENE")]
+    evidence: Option<PathBuf>,
     /// List the options
     #[arg(long)]
     list: bool,
@@ -53,7 +58,12 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let Some(output) = &args.output else { bail!("-o DIR is missing") };
     let bar = progress(args.quiet, options.frames as usize);
-    let done = simulate::run(output, &options, &flaws, args.force, &mut |done, _| {
+    let evidence = args.evidence.as_ref().map(|path| scene::load(path, Some(DVec3::Z))).transpose()?;
+    let made = || match &evidence {
+        Some(scene) => Simulation::flawed(&options, &flaws)?.with(scene),
+        None => Simulation::flawed(&options, &flaws),
+    };
+    let done = simulate::write(output, args.force, made, &mut |done, _| {
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     });

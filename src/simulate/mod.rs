@@ -10,8 +10,10 @@ mod board;
 mod chart;
 mod depth;
 mod encoded;
+mod evidence;
 mod finish;
 mod flaws;
+mod lamps;
 mod mistracked;
 mod output;
 mod path;
@@ -23,6 +25,7 @@ mod shapes;
 mod site;
 mod stray;
 mod survey;
+mod triangles;
 mod truth;
 mod wander;
 mod write;
@@ -30,13 +33,15 @@ mod written;
 
 use std::path::PathBuf;
 
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
+use crate::scene::Scene;
 use crate::sink::SinkError;
 use crate::tracking::{NotAscending, PoseTrack};
 use crate::words::reason;
 
+use evidence::Evidence;
 use person::Person;
 
 pub use board::{Board, board};
@@ -46,7 +51,7 @@ pub use render::{Picture, Snapshot};
 pub use sensor::Sensor;
 pub use site::Detail;
 pub use survey::{StaticScene, StaticScenes, static_scenes};
-pub use write::run;
+pub use write::{run, write};
 
 crate::choices! {
     /// How the simulated camera moves.
@@ -102,6 +107,8 @@ crate::params! {
         "how frames are stored" format: Format = Format::Jpg;
         "quality of jpg, colours not subsampled" jpeg_quality: u32 = 88, "1", 1.0..=100.0;
         "depth values per metre" depth_scale: f64 = 250.0, "1/m", 10.0..=10000.0;
+        "lamps by the seed of the site, out of the camera's view; none: the demonstration's one" lamps: Option<u32> = None, "1", 1.0..=3.0;
+        "seed of the site: where its lamps are and where things stand; none: the demonstration's" site: Option<u32> = None, "1", 0.0..=1000000000.0;
         "whether the known board stands in the site" board: bool = false;
         "width of the depth pictures, of the frames' shape; none: the frames' own, in Stray Scanner's layout up to 256" depth_width_px: Option<u32> = None, "px", 8.0..=4096.0;
         "how far left of the frames' camera a depth camera of its own stands; none: depth is of the frames' view" depth_beside_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
@@ -144,6 +151,8 @@ pub enum SimulateError {
     Round { width: u32, height: u32 },
     #[error("simulate.layout = stray: a phone has no such lens; give lens = opencv, and leave depth_beside_mm out")]
     Phone,
+    #[error("the scene has {0}, which the simulated site's light cannot go through or into; leave such objects out")]
+    Unseen(&'static str),
     #[error(transparent)]
     Video(#[from] SinkError),
     #[error("simulate.aperture_diameter_mm: only lens = opencv has an opening; give 0, or that lens")]
@@ -161,6 +170,8 @@ pub struct Simulation {
     lens: render::Lens,
     geometry: Geometry,
     track: PoseTrack,
+    /// What the objects are called that really lie in the site.
+    evidence: Vec<String>,
     pub sensor: Sensor,
     /// Number of threads; it affects no result.
     pub threads: usize,
@@ -198,7 +209,12 @@ impl Simulation {
         }
         let lens = render::Lens::new(geometry.clone())?;
         let board = if options.board { board().shining() } else { None };
-        let mut site = site::Site::new(detail, board, threads);
+        let moved = options.site.map(u64::from);
+        let lamps = match options.lamps {
+            Some(count) => lamps::scattered(count, moved.unwrap_or(0)),
+            None => vec![lamps::USUAL],
+        };
+        let mut site = site::Site::new(detail, lamps, moved, board, threads);
         site.is_blank = flaws.blank;
         site.person = (flaws.person_m_per_s > 0.0).then(|| Person::new(flaws.person_m_per_s, detail.texture_m));
         Ok(Self {
@@ -208,6 +224,7 @@ impl Simulation {
             lens,
             geometry,
             track: path::track(options, flaws.poses_later_s.abs().max(flaws.depth_later_s.abs()))?,
+            evidence: Vec::new(),
             sensor: Sensor {
                 response: Response::default(),
                 noise_scale: options.noise_scale,
@@ -240,6 +257,36 @@ impl Simulation {
     pub fn turned(mut self, turn: DQuat) -> Self {
         self.track = self.track.turned(turn);
         self
+    }
+
+    /// The same with a scene's objects really in the site, where the scene puts them: z up, metres, the floor at 0. Its light is not
+    /// used.
+    ///
+    /// # Errors
+    /// What they are made of that would not be seen as it is: transparency, normal maps.
+    pub fn with(mut self, scene: &Scene) -> Result<Self, SimulateError> {
+        if let Some(what) = Evidence::unseen(scene) {
+            return Err(SimulateError::Unseen(what));
+        }
+        self.site.evidence = Some(Evidence::new(scene));
+        self.evidence = scene.objects.iter().map(|object| object.name.clone()).collect();
+        Ok(self)
+    }
+
+    /// What the objects are called that really lie in the site.
+    pub fn evidence(&self) -> &[String] {
+        &self.evidence
+    }
+
+    /// What a white matt surface that looks up shows at a place, linear light: the irradiance from above, by π.
+    pub fn upward(&self, at_m: DVec3) -> DVec3 {
+        self.site.upward(at_m)
+    }
+
+    /// The lamps' places, metres, and what a white surface that faces one shows at 1 m straight below it.
+    pub fn lamps(&self) -> Vec<(DVec3, DVec3)> {
+        let of = |lamp: &lamps::Lamp| (lamp.centre_m, lamp.radiance * lamp.share(DVec3::Z, DVec3::Z));
+        self.site.lamps.iter().map(of).collect()
     }
 
     /// The poses that are recorded of it.

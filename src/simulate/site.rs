@@ -7,23 +7,18 @@
 use glam::{DVec2, DVec3};
 
 use super::chart::Chart;
+use super::evidence::Evidence;
 use super::finish::{Finish, gloss, surface};
+use super::lamps::Lamp;
 use super::person::Person;
+use super::random::Random;
 use super::shapes::{Hit, Shape};
-
-/// The lamp: a rectangle in the ceiling, shining downwards.
-pub mod lamp {
-    use glam::DVec3;
-    /// Its centre in the world, metres.
-    pub const CENTRE_M: DVec3 = DVec3::new(-0.3, 0.4, 2.49);
-    /// Half its extent along x and y, metres.
-    pub const HALF_M: [f64; 2] = [0.3, 0.15];
-    /// Radiance, linear; 1 is a fully lit white matt surface at camera white.
-    pub const RADIANCE: DVec3 = DVec3::new(88.0, 83.0, 74.0);
-}
 
 /// Light in addition to the lamp in what bounces, from everywhere.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
+
+/// Random numbers of what stands elsewhere, beside its seed.
+const MOVED: u64 = 0x6d6f_7665;
 
 /// A shape, its look, and the light that leaves each of its faces.
 #[derive(Clone, Debug)]
@@ -58,8 +53,11 @@ impl Detail {
 #[derive(Clone, Debug)]
 pub struct Site {
     things: Vec<Thing>,
+    pub lamps: Vec<Lamp>,
     /// Somebody who walks in it.
     pub person: Option<Person>,
+    /// What lies in it besides.
+    pub evidence: Option<Evidence>,
     /// Whether all surfaces send the same light, so that only depth tells them apart.
     pub is_blank: bool,
 }
@@ -69,26 +67,37 @@ const BLANK: [f32; 3] = [0.2; 3];
 
 /// The contents of the room: world axes, z up, metres. The floor within 0.5 m of the origin is free, except for the
 /// stool's legs from 0.38 m on.
-fn inventory() -> Vec<(Shape, Finish)> {
+fn inventory(moved: Option<u64>) -> Vec<(Shape, Finish)> {
     let v = DVec3::new;
+    // By how much things stand elsewhere: x, y and yaw.
+    let mut random = Random::new([moved.unwrap_or(0), MOVED, 0, 0]);
+    let mut by = |m: f64, rad: f64| {
+        let mut either = |most: f64| if moved.is_some() { most * (2.0 * random.uniform() - 1.0) } else { 0.0 };
+        (v(either(m), either(m), 0.0), either(rad))
+    };
+    let ((boxes, box_yaw), (carpet, carpet_yaw), (tub, _)) = (by(0.15, 0.6), by(0.1, 0.3), by(0.1, 0.0));
+    let ((ball, _), (paper, _), (stool, _)) = (by(0.12, 0.0), by(0.12, 0.0), by(0.1, 0.0));
     let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
     let mut all = vec![
         (Shape::Room { min: v(-1.15, -2.5, 0.0), max: v(2.35, 1.0, 2.5) }, Finish::Room),
         (block(v(0.6, 0.992, 0.045), v(3.5, 0.016, 0.09), 0.0), Finish::Paint),
         (block(v(-1.142, -0.75, 0.045), v(0.016, 3.5, 0.09), 0.0), Finish::Paint),
-        (block(v(-0.78, 0.62, 0.15), v(0.42, 0.32, 0.3), 0.35), Finish::Cardboard),
-        (block(v(-0.74, 0.63, 0.4), v(0.27, 0.22, 0.2), -0.2), Finish::Cardboard),
-        (block(v(-0.86, -0.42, 0.004), v(0.52, 1.1, 0.008), 0.05), Finish::Carpet),
-        (Shape::Tub { base: v(0.2, 0.76, 0.0), bottom_radius: 0.1, top_radius: 0.135, height: 0.26 }, Finish::Plastic),
-        (Shape::Ball { centre: v(0.58, 0.62, 0.12), radius: 0.12 }, Finish::Rubber),
+        (block(v(-0.78, 0.62, 0.15) + boxes, v(0.42, 0.32, 0.3), 0.35 + box_yaw), Finish::Cardboard),
+        (block(v(-0.74, 0.63, 0.4) + boxes, v(0.27, 0.22, 0.2), -0.2 + box_yaw), Finish::Cardboard),
+        (block(v(-0.86, -0.42, 0.004) + carpet, v(0.52, 1.1, 0.008), 0.05 + carpet_yaw), Finish::Carpet),
         (
-            Shape::Panel { corner: v(-0.3, 0.5, 0.001), u: v(0.204, 0.051, 0.0), v: v(-0.072, 0.288, 0.0) },
+            Shape::Tub { base: v(0.2, 0.76, 0.0) + tub, bottom_radius: 0.1, top_radius: 0.135, height: 0.26 },
+            Finish::Plastic,
+        ),
+        (Shape::Ball { centre: v(0.58, 0.62, 0.12) + ball, radius: 0.12 }, Finish::Rubber),
+        (
+            Shape::Panel { corner: v(-0.3, 0.5, 0.001) + paper, u: v(0.204, 0.051, 0.0), v: v(-0.072, 0.288, 0.0) },
             Finish::Paper,
         ),
         (block(v(-0.28, 0.996, 0.3), v(0.08, 0.008, 0.08), 0.0), Finish::Socket),
     ];
     // The stool: a seat on four legs with four rungs, one leg near (0.36, -0.16).
-    let (x, y, leg) = (0.48, -0.28, 0.115);
+    let (x, y, leg) = (0.48 + stool.x, -0.28 + stool.y, 0.115);
     all.push((block(v(x, y, 0.395), v(0.28, 0.28, 0.03), 0.0), Finish::Walnut));
     for (dx, dy) in [(-leg, -leg), (-leg, leg), (leg, -leg), (leg, leg)] {
         all.push((block(v(x + dx, y + dy, 0.19), v(0.034, 0.034, 0.38), 0.0), Finish::Walnut));
@@ -101,11 +110,17 @@ fn inventory() -> Vec<(Shape, Finish)> {
 }
 
 impl Site {
-    /// Sets up the site and computes its light. `board`: a self-luminous flat panel, with the light on its chart. It
-    /// neither lights nor shades anything.
-    pub fn new(detail: Detail, board: Option<(Shape, Chart)>, threads: usize) -> Self {
-        let things = inventory().into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
-        let mut site = Self { things: things.collect(), person: None, is_blank: false };
+    /// Sets up the site and computes its light. `moved`: by a seed, what stands about is somewhere else. `board`: a self-luminous
+    /// flat panel, with the light on its chart. It neither lights nor shades anything.
+    pub fn new(
+        detail: Detail,
+        lamps: Vec<Lamp>,
+        moved: Option<u64>,
+        board: Option<(Shape, Chart)>,
+        threads: usize,
+    ) -> Self {
+        let things = inventory(moved).into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
+        let mut site = Self { things: things.collect(), lamps, person: None, evidence: None, is_blank: false };
         let light: Vec<_> = site.things.iter().map(|thing| site.lit(thing, detail, threads)).collect();
         for (thing, light) in site.things.iter_mut().zip(light) {
             thing.light = light;
@@ -142,22 +157,10 @@ impl Site {
     /// Light arriving at a surface, as the radiance of a white matt surface there, and the share of the lamp that is
     /// visible from it.
     fn arriving(&self, thing: &Thing, face: usize, uv: DVec2) -> [f32; 4] {
-        const SIDE: usize = 8;
         const BOUNCES: usize = 64;
         let (p, n) = thing.shape.point(face, uv);
         let p = p + n * 2e-4;
-        let (mut direct, mut seen) = (0.0, 0.0);
-        for i in 0..SIDE * SIDE {
-            let place = |k: usize, half: f64| half * (2.0 * (k as f64 + 0.5) / SIDE as f64 - 1.0);
-            let on_lamp =
-                lamp::CENTRE_M + DVec3::new(place(i % SIDE, lamp::HALF_M[0]), place(i / SIDE, lamp::HALF_M[1]), 0.0);
-            let to = on_lamp - p;
-            let share = lamp_share(to, n) / (SIDE * SIDE) as f64;
-            if share > 0.0 && !self.blocked(p, to) {
-                direct += share;
-                seen += 1.0 / (SIDE * SIDE) as f64;
-            }
-        }
+        let (direct, seen) = self.direct(p, n);
         // Cosine-weighted directions on a fixed spiral, so that the result is smooth from cell to cell.
         let tangent = n.any_orthonormal_vector();
         let bitangent = n.cross(tangent);
@@ -167,11 +170,70 @@ impl Site {
             let (s, c) = (2.399_963_229_728_653 * i as f64).sin_cos();
             let direction = tangent * (r * c) + bitangent * (r * s) + n * (1.0 - r * r).sqrt();
             if let Some((other, hit)) = self.nearest(p, direction) {
-                bounced += other.rough_light(&hit, p + direction * hit.t) / BOUNCES as f64;
+                bounced += other.rough_light(&hit, p + direction * hit.t, &self.lamps) / BOUNCES as f64;
             }
         }
-        let light = lamp::RADIANCE * direct + bounced;
+        let light = direct + bounced;
         [light.x as f32, light.y as f32, light.z as f32, seen as f32]
+    }
+
+    /// The lamps' light on a surface, and the share of them that is visible from it.
+    fn direct(&self, p: DVec3, n: DVec3) -> (DVec3, f64) {
+        let (mut light, mut seen) = (DVec3::ZERO, 0.0);
+        for lamp in &self.lamps {
+            let points = lamp.points();
+            let (mut direct, mut of_it) = (0.0, 0.0);
+            for on_lamp in &points {
+                let to = *on_lamp - p;
+                let share = lamp.share(to, n) / points.len() as f64;
+                if share > 0.0 && !self.blocked(p, to) {
+                    direct += share;
+                    of_it += 1.0 / points.len() as f64;
+                }
+            }
+            light += lamp.radiance * direct;
+            seen += of_it / self.lamps.len() as f64;
+        }
+        (light, seen)
+    }
+
+    /// What a white matt surface that looks up shows at a place in the room.
+    pub fn upward(&self, p: DVec3) -> DVec3 {
+        const RAYS: usize = 16_384;
+        let ray = |i: usize| {
+            let r = ((i as f64 + 0.5) / RAYS as f64).sqrt();
+            let (s, c) = (2.399_963_229_728_653 * i as f64).sin_cos();
+            self.bare(p, DVec3::new(r * c, r * s, (1.0 - r * r).sqrt())) / RAYS as f64
+        };
+        self.direct(p, DVec3::Z).0 + (0..RAYS).map(ray).sum::<DVec3>()
+    }
+
+    /// The light along a ray from what is no lamp, without mirror images.
+    fn bare(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+        self.matt(origin, direction, |_, _| DVec3::ZERO)
+    }
+
+    /// The same where more light arrives at the surface that is met, at a place and facing a way, than its chart has.
+    pub fn matt(&self, origin: DVec3, direction: DVec3, more: impl FnOnce(DVec3, DVec3) -> DVec3) -> DVec3 {
+        let Some((thing, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
+        if thing.finish.is_none() {
+            return DVec3::ZERO;
+        }
+        let cell = thing.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
+        let more = more(origin + direction * hit.t, hit.normal);
+        let albedo = if more == DVec3::ZERO { DVec3::ZERO } else { thing.albedo(&hit) };
+        DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + albedo * more
+    }
+
+    /// The light along a ray as the charts have it in what was thrown back once.
+    pub fn rough(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+        let of = |(thing, hit): (&Thing, Hit)| thing.rough_light(&hit, origin + direction * hit.t, &self.lamps);
+        self.nearest(origin, direction).map_or(DVec3::ZERO, of)
+    }
+
+    /// How far a ray goes, in lengths of `direction`.
+    pub fn distance(&self, origin: DVec3, direction: DVec3) -> f64 {
+        self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t)
     }
 
     fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&Thing, Hit)> {
@@ -194,8 +256,8 @@ impl Site {
         best
     }
 
-    /// Whether anything stands between `origin` and `origin + to`.
-    fn blocked(&self, origin: DVec3, to: DVec3) -> bool {
+    /// Whether anything of the site stands between `origin` and `origin + to`.
+    pub fn blocked(&self, origin: DVec3, to: DVec3) -> bool {
         self.nearest(origin, to).is_some_and(|(_, hit)| hit.t < 1.0)
     }
 
@@ -203,20 +265,36 @@ impl Site {
     /// `None` outside the room.
     pub fn light(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], f64)> {
         let (thing, hit) = self.nearest(origin, direction)?;
+        let evidence = self.evidence.as_ref();
+        let lying = evidence.and_then(|evidence| Some((evidence, evidence.hit(origin, direction)?)));
+        let nearest = lying.as_ref().map_or(hit.t, |(_, touch)| touch.t.min(hit.t));
         let in_front = self.person.as_ref().and_then(|person| person.light(origin, direction, time_s));
-        if let Some(of_person) = in_front.filter(|(_, t)| *t < hit.t) {
+        if let Some(of_person) = in_front.filter(|(_, t)| *t < nearest) {
             return Some(of_person);
         }
         if self.is_blank {
-            return Some((BLANK, hit.t));
+            return Some((BLANK, nearest));
         }
-        let [r, g, b, visible] = thing.light.get(hit.face)?.at(hit.uv);
+        if let Some((evidence, touch)) = lying.filter(|(_, touch)| touch.t < hit.t) {
+            return Some((evidence.light(self, &touch, origin, direction).as_vec3().to_array(), touch.t));
+        }
+        let [r, g, b, mut visible] = thing.light.get(hit.face)?.at(hit.uv);
         let mut light = [r, g, b];
+        let p = origin + direction * hit.t;
+        if let (Some(_), Some(evidence)) = (thing.finish, evidence) {
+            let change = evidence.change(self, p, hit.normal);
+            if change.light != DVec3::ZERO {
+                let by = (thing.albedo(&hit) * change.light).as_vec3().to_array();
+                light.iter_mut().zip(by).for_each(|(light, by)| *light += by);
+            }
+            visible = (visible - change.hidden as f32).max(0.0);
+        }
         if let (Some(finish), true) = (thing.finish, visible > 0.0) {
-            let p = origin + direction * hit.t;
-            let shine = mirrored_lamp(finish, p, direction.normalize(), hit.normal) * f64::from(visible);
-            for (value, lamp) in light.iter_mut().zip(lamp::RADIANCE.to_array()) {
-                *value += (shine * lamp) as f32;
+            for lamp in &self.lamps {
+                let shine = mirrored_lamp(lamp, finish, p, direction.normalize(), hit.normal) * f64::from(visible);
+                for (value, lamp) in light.iter_mut().zip(lamp.radiance.to_array()) {
+                    *value += (shine * lamp) as f32;
+                }
             }
         }
         Some((light, hit.t))
@@ -225,44 +303,25 @@ impl Site {
     /// The light on an object in the room: the light along a ray without the mirror image, the lamp itself if the ray
     /// meets it, and black for the board, which lights nothing.
     pub fn surroundings(&self, origin: DVec3, direction: DVec3) -> DVec3 {
-        let up = (lamp::CENTRE_M.z - origin.z) / direction.z;
-        let at = origin + direction * up - lamp::CENTRE_M;
-        let lamp_ahead = up > 0.0 && at.x.abs() < lamp::HALF_M[0] && at.y.abs() < lamp::HALF_M[1];
-        match self.nearest(origin, direction) {
-            Some((_, hit)) if lamp_ahead && hit.t >= up => lamp::RADIANCE,
-            None if lamp_ahead => lamp::RADIANCE,
-            Some((thing, hit)) if thing.finish.is_some() => {
-                let cell = thing.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
-                DVec3::new(cell[0].into(), cell[1].into(), cell[2].into())
-            }
-            _ => DVec3::ZERO,
+        let ahead = self.lamps.iter().filter_map(|lamp| Some((lamp.hit(origin, direction)?, lamp.radiance)));
+        let far = self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t);
+        match ahead.filter(|(t, _)| far >= *t).min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((_, radiance)) => radiance,
+            None => self.bare(origin, direction),
         }
     }
 }
 
-/// The radiance of a white matt surface with normal `n` under a lamp of radiance 1 at `to`: ∫ cos θ cos θ' / (π r²) dA,
-/// approximated by the integrand at the lamp's centre times its area.
-fn lamp_share(to: DVec3, n: DVec3) -> f64 {
-    let r2 = to.length_squared();
-    let area = 4.0 * lamp::HALF_M[0] * lamp::HALF_M[1];
-    (n.dot(to).max(0.0) * to.z.max(0.0)) / (std::f64::consts::PI * r2 * r2) * area
-}
-
 /// The lamp's blurred mirror image in a surface, as a share of its radiance. For looks only, not a measured reflection:
 /// Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
-fn mirrored_lamp(finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
+fn mirrored_lamp(lamp: &Lamp, finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
     let (head_on, width) = gloss(finish);
-    let mirrored = direction - 2.0 * direction.dot(n) * n;
-    if head_on == 0.0 || mirrored.z < 1e-3 {
+    if head_on == 0.0 {
         return 0.0;
     }
-    let at = p + mirrored * ((lamp::CENTRE_M.z - p.z) / mirrored.z) - lamp::CENTRE_M;
-    let beside = DVec2::new((at.x.abs() - lamp::HALF_M[0]).max(0.0), (at.y.abs() - lamp::HALF_M[1]).max(0.0));
+    let mirrored = direction - 2.0 * direction.dot(n) * n;
     let fresnel = head_on + (1.0 - head_on) * (1.0 - direction.dot(n).abs()).powi(5);
-    // The wider the blur, the fainter: the ratio of the lamp's area to the blurred image's.
-    let spread = (2.0 * lamp::HALF_M[0] / (2.0 * lamp::HALF_M[0] + 2.0 * width))
-        * (2.0 * lamp::HALF_M[1] / (2.0 * lamp::HALF_M[1] + 2.0 * width));
-    fresnel * spread * (-beside.length_squared() / (width * width)).exp()
+    fresnel * lamp.mirrored(p, mirrored, width)
 }
 
 impl Thing {
@@ -277,9 +336,16 @@ impl Thing {
         Self { mean_albedo: (0..shape.faces()).map(mean).collect(), bounds: shape.bounds(), shape, finish, light }
     }
 
-    /// The light that a place sends on to others: its face's mean colour under the unshadowed lamp.
-    fn rough_light(&self, hit: &Hit, p: DVec3) -> DVec3 {
+    /// What share of light it throws back where a ray met it.
+    fn albedo(&self, hit: &Hit) -> DVec3 {
+        self.finish
+            .map_or(DVec3::ZERO, |finish| surface(finish, hit.face, hit.uv, self.shape.face_size_m(hit.face)).albedo)
+    }
+
+    /// The light that a place sends on to others: its face's mean colour under the unshadowed lamps.
+    fn rough_light(&self, hit: &Hit, p: DVec3, lamps: &[Lamp]) -> DVec3 {
         let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
-        albedo * (lamp::RADIANCE * (0.8 * lamp_share(lamp::CENTRE_M - p, hit.normal)) + AMBIENT)
+        let of = |lamp: &Lamp| lamp.radiance * (0.8 * lamp.share(lamp.centre_m - p, hit.normal));
+        albedo * (lamps.iter().map(of).sum::<DVec3>() + AMBIENT)
     }
 }

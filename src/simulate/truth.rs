@@ -14,7 +14,7 @@ use crate::profile;
 use crate::tracking::PoseTrack;
 
 use super::depth::phone_from_site;
-use super::site::lamp;
+use super::lamps::{MIDDLE_M, USUAL};
 use super::written::{Written, sealed};
 use super::{Layout, Simulation, board};
 
@@ -55,6 +55,21 @@ fn true_numbers(simulation: &Simulation) -> Table {
         table.insert(name, Item::Value(numbers_in(values.map(|v| v + 0.0), 9)));
     }
     table
+}
+
+/// Where the lamps are and what comes from above, of a site that has its own.
+fn true_light(simulation: &Simulation) -> Table {
+    let lamps = simulation.lamps();
+    let all = |of: fn(&(DVec3, DVec3)) -> DVec3| -> Value {
+        let values = lamps.iter().map(|lamp| numbers_in(of(lamp).to_array(), 4));
+        Value::Array(values.collect())
+    };
+    Table::from_iter([
+        ("at_m", numbers_in(MIDDLE_M.to_array(), 3)),
+        ("upward", numbers_in(simulation.upward(MIDDLE_M).to_array(), 4)),
+        ("lamps_at_m", all(|lamp| lamp.0)),
+        ("lamps_shown_at_1_m", all(|lamp| lamp.1)),
+    ])
 }
 
 /// Micrometres, nanoseconds and the like: anything below is rounding noise.
@@ -108,15 +123,31 @@ pub fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Written) -> S
         let comment = "What is true of it, in the words of an analysis; more in truth/.";
         text.insert("truth", said(true_numbers(simulation), comment));
     }
-    let values = [
-        ("centre_m", numbers_in(lamp::CENTRE_M.to_array(), 3)),
-        ("half_size_m", numbers_in(lamp::HALF_M, 3)),
-        ("radiance", numbers_in(lamp::RADIANCE.to_array(), 3)),
-    ];
-    let comment = "The only lamp: a rectangle in the ceiling that shines down; linear light, 1 is camera white.";
-    text.insert("lamp", said(values.into_iter().collect(), comment));
+    match options.lamps {
+        None => {
+            let values = [
+                ("centre_m", numbers_in(USUAL.centre_m.to_array(), 3)),
+                ("half_size_m", numbers_in(USUAL.half_m(), 3)),
+                ("radiance", numbers_in(USUAL.radiance.to_array(), 3)),
+            ];
+            let comment =
+                "The only lamp: a rectangle in the ceiling that shines down; linear light, 1 is camera white.";
+            text.insert("lamp", said(values.into_iter().collect(), comment));
+        }
+        Some(_) => {
+            text.insert(
+                "light",
+                said(true_light(simulation), "What white matt shows that looks up in the middle; linear light."),
+            );
+        }
+    }
     let before_file = profile::noise_table(&rounded_noise(&simulation.sensor.profile()));
     text.insert("noise_before_file", said(before_file, "σ before rounding and compression."));
+    if !simulation.evidence().is_empty() {
+        let names = simulation.evidence().iter().map(Value::from).collect();
+        let evidence = Table::from_iter([("objects", Value::Array(names))]);
+        text.insert("evidence", said(evidence, "What really lies in the site."));
+    }
     if options.board {
         let corners = board().corners_in_world_m.map(|corner| numbers_in(corner.to_array(), 4));
         let board = Table::from_iter([("corners_in_world_m", Value::Array(corners.into_iter().collect()))]);

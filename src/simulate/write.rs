@@ -43,9 +43,19 @@ pub fn run(
     force: bool,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
+    write(out, force, || Simulation::flawed(options, flaws), progress)
+}
+
+/// Like [`run`], of any simulation; it is made once the folder is known to be free.
+pub fn write(
+    out: &Path,
+    force: bool,
+    made: impl FnOnce() -> Result<Simulation, SimulateError>,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<(), SimulateError> {
     let output = Output::begin(out, force)?;
-    let simulation = Simulation::flawed(options, flaws)?;
-    if progress(0, options.frames as usize).is_break() {
+    let simulation = made()?;
+    if progress(0, simulation.options().frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }
     fill(output.folder(), output.name(), &simulation, progress).map_err(|error| output.told(error))?;

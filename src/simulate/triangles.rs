@@ -1,0 +1,178 @@
+//! Where a ray meets triangles first: a tree of boxes, halved at the middle of their longest side.
+
+use glam::{DVec2, DVec3};
+
+/// Triangles of a box that is not halved.
+const FEW: usize = 4;
+
+#[derive(Clone, Copy, Debug)]
+pub struct Triangle {
+    pub corner: DVec3,
+    pub sides: [DVec3; 2],
+}
+
+/// A ray's meeting with a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touch {
+    /// In lengths of the ray's direction.
+    pub t: f64,
+    /// Its number as given.
+    pub face: usize,
+    /// Shares of the second and the third corner.
+    pub beside: DVec2,
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    low: DVec3,
+    high: DVec3,
+    /// Of `order`; a node with children has none.
+    faces: std::ops::Range<usize>,
+    /// The second child; the first one follows its parent.
+    second: usize,
+}
+
+#[derive(Clone, Debug)]
+pub struct Triangles {
+    all: Vec<Triangle>,
+    order: Vec<usize>,
+    nodes: Vec<Node>,
+}
+
+impl Triangles {
+    pub fn new(all: Vec<Triangle>) -> Self {
+        let order = (0..all.len()).collect();
+        let mut made = Self { all, order, nodes: Vec::new() };
+        made.grow(0..made.all.len());
+        made
+    }
+
+    fn grow(&mut self, range: std::ops::Range<usize>) {
+        let bounds = |points: &mut dyn Iterator<Item = DVec3>| {
+            points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+        };
+        let faces = &self.order[range.clone()];
+        let (low, high) = bounds(&mut faces.iter().flat_map(|face| self.all[*face].corners()));
+        let centre = |face: &usize| self.all[*face].corners().iter().sum::<DVec3>() / 3.0;
+        let (first, last) = bounds(&mut faces.iter().map(centre));
+        let here = self.nodes.len();
+        self.nodes.push(Node { low, high, faces: range.clone(), second: 0 });
+        let size = last - first;
+        if range.len() <= FEW || size.max_element() <= 0.0 {
+            return;
+        }
+        let axis = (0..3).max_by(|a, b| size[*a].total_cmp(&size[*b])).unwrap_or(0);
+        let all = &self.all;
+        let at = |face: &usize| all[*face].corners().iter().map(|p| p[axis]).sum::<f64>();
+        self.order[range.clone()].sort_by(|a, b| at(a).total_cmp(&at(b)).then(a.cmp(b)));
+        let half = range.start + range.len() / 2;
+        self.grow(range.start..half);
+        self.nodes[here].second = self.nodes.len();
+        self.nodes[here].faces = 0..0;
+        self.grow(half..range.end);
+    }
+
+    /// Perpendicular to a triangle, a unit vector towards where its corners go round counter-clockwise.
+    pub fn normal(&self, face: usize) -> DVec3 {
+        let [u, v] = self.all[face].sides;
+        u.cross(v).normalize_or(DVec3::Z)
+    }
+
+    /// The first meeting nearer than `most`.
+    pub fn hit(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Touch> {
+        let inverse = direction.recip();
+        let mut found: Option<Touch> = None;
+        let mut far = most;
+        let (mut waiting, mut count) = ([0usize; 64], 1);
+        if self.all.is_empty() {
+            return None;
+        }
+        while count > 0 {
+            count -= 1;
+            let here = waiting[count];
+            let node = &self.nodes[here];
+            let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
+            let (enters, leaves) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(far));
+            // A direction along a side of a box makes 0 · ∞: then it is looked into.
+            if enters > leaves {
+                continue;
+            }
+            if node.second > 0 {
+                waiting[count] = node.second;
+                waiting[count + 1] = here + 1;
+                count += 2;
+                continue;
+            }
+            for face in &self.order[node.faces.clone()] {
+                if let Some((t, beside)) = self.all[*face].hit(origin, direction)
+                    && t < far
+                {
+                    far = t;
+                    found = Some(Touch { t, face: *face, beside });
+                }
+            }
+        }
+        found
+    }
+}
+
+impl Triangle {
+    fn corners(&self) -> [DVec3; 3] {
+        [self.corner, self.corner + self.sides[0], self.corner + self.sides[1]]
+    }
+
+    /// Möller and Trumbore (1997).
+    fn hit(&self, origin: DVec3, direction: DVec3) -> Option<(f64, DVec2)> {
+        let [u, v] = self.sides;
+        let p = direction.cross(v);
+        let determinant = u.dot(p);
+        let from = origin - self.corner;
+        let q = from.cross(u);
+        let beside = DVec2::new(from.dot(p), direction.dot(q)) / determinant;
+        let t = v.dot(q) / determinant;
+        (t > 0.0 && beside.min_element() >= 0.0 && beside.element_sum() <= 1.0).then_some((t, beside))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::random::Random;
+    use super::*;
+
+    #[test]
+    fn the_tree_finds_what_looking_at_each_finds() {
+        let mut random = Random::new([5, 0, 0, 0]);
+        let mut place = |size: f64| DVec3::from([0, 1, 2].map(|_| size * (random.uniform() - 0.5)));
+        let all: Vec<Triangle> =
+            (0..200).map(|_| Triangle { corner: place(2.0), sides: [place(0.5), place(0.5)] }).collect();
+        let tree = Triangles::new(all.clone());
+        let mut met = 0;
+        for _ in 0..500 {
+            let (origin, direction) = (place(4.0), place(1.0));
+            let each = all.iter().enumerate().filter_map(|(face, one)| Some((one.hit(origin, direction)?, face)));
+            let first =
+                each.min_by(|a, b| a.0.0.total_cmp(&b.0.0)).map(|((t, beside), face)| Touch { t, face, beside });
+            assert_eq!(tree.hit(origin, direction, f64::INFINITY), first);
+            if let Some(touch) = first {
+                met += 1;
+                assert_eq!(tree.hit(origin, direction, 0.99 * touch.t), None);
+            }
+        }
+        assert!(met > 100, "{met}");
+    }
+
+    #[test]
+    fn a_ray_along_an_axis_meets_a_square_of_two() {
+        let corner = DVec3::new(-1.0, -1.0, 2.0);
+        let half = |sides| Triangle { corner, sides };
+        let square = Triangles::new(vec![
+            half([2.0 * DVec3::X, DVec3::new(2.0, 2.0, 0.0)]),
+            half([DVec3::new(2.0, 2.0, 0.0), 2.0 * DVec3::Y]),
+        ]);
+        let touch = square.hit(DVec3::new(0.5, -0.5, 0.0), DVec3::Z, f64::INFINITY).unwrap();
+        assert_eq!((touch.t, touch.face, touch.beside), (2.0, 0, DVec2::new(0.5, 0.25)));
+        assert_eq!(square.hit(DVec3::new(1.5, 0.0, 0.0), DVec3::Z, f64::INFINITY), None);
+        assert_eq!(square.normal(0), DVec3::Z);
+        assert_eq!(Triangles::new(Vec::new()).hit(DVec3::ZERO, DVec3::Z, 1.0), None);
+    }
+}
