@@ -32,6 +32,7 @@ pub mod webcam;
 // 3: the scene, and the virtual layer drawn from it
 pub mod render;
 pub mod scene;
+pub mod shadow;
 
 // 4: what lens and sensor do
 pub mod effects;

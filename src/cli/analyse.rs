@@ -9,20 +9,16 @@ use anyhow::{Context, Result, bail};
 use super::calibrate::existing;
 use super::skip::Skip;
 use super::{progress, tell, warn};
-use crate::analyse::{Accepted, Analysis, FILE_NAME, FILES, Findings, Outcome, Taken, Times, accept, analyse, beside};
-use crate::compositor::exposure_time_s;
+use crate::analyse::{Accepted, Analysis, Findings, Outcome, Times, accept, beside, check_folder};
 use crate::export::{Inputs, resolved};
-use crate::frame::Frame;
 use crate::profile::Document;
 use crate::recording::OpenOptions;
 use crate::report;
-use crate::rows::processors;
 use crate::shot::{Analysed, Given, Shot};
 use crate::sink;
 use crate::sink::atomic::write_atomically;
 use crate::source::file;
-use crate::unfinished::MadeFolder;
-use crate::words::{count, fixed, number, reason, shown};
+use crate::words::{count, fixed, number};
 
 /// A page is shorter, bytes.
 const MOST_PAGE: u64 = 64 << 20;
@@ -150,52 +146,21 @@ fn write_report(path: &Path, shot: &Shot, analysis: &Analysis, times: Option<&Ti
 /// Analyses a recording that was opened without its analysis, unless the one that is there fits: then nothing is known of how
 /// long it took.
 pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Analysis, Option<Times>)> {
-    let camera = shot.geometry_at(0)?;
-    if let Some(other) = others(folder) {
-        bail!(
-            "{}: holds {}, which is no part of an analysis; name another folder by -o",
-            folder.display(),
-            shown(&other)
-        );
-    }
+    check_folder(folder)?;
     if !force
         && let Ok(there) = Analysis::read(folder)
-        && there.fits(&shot.recording, &camera).is_ok()
+        && there.fits(&shot.recording, &shot.geometry_at(0)?).is_ok()
     {
         tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
         return Ok((there, None));
     }
     let bar = progress(quiet, 0);
-    let rig = shot.camera();
-    let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
-    let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-    let made = analyse(&shot.recording, &camera, &taken, processors(), &mut |done, of| {
+    let made = shot.analyse(folder, &mut |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
         Ok(())
     });
     bar.finish_and_clear();
-    let (made, times) = made.with_context(|| shot.recording.path.display().to_string())?;
-    write(folder, &made, shot).with_context(|| format!("{}: cannot be written", folder.display()))?;
+    let (made, times) = made?;
     Ok((made, Some(times)))
-}
-
-/// Something in a folder that no analysis has; what an interrupted one left is none.
-fn others(folder: &Path) -> Option<String> {
-    let names = folder.read_dir().ok()?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
-    names.filter(|name| !name.starts_with('.') && !FILES.contains(&name.as_str())).min()
-}
-
-/// The file that tells an analysis goes first and comes last, so that a half-written one is none.
-fn write(folder: &Path, made: &Analysis, shot: &Shot) -> Result<()> {
-    let there = MadeFolder::make(folder).map_err(|error| anyhow::anyhow!(reason(&error)))?;
-    match std::fs::remove_file(folder.join(FILE_NAME)) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => bail!(reason(&error)),
-        _ => {}
-    }
-    for (name, text) in made.files(&shot.recording)? {
-        write_atomically(&folder.join(name), true, |out| out.write_all(text.as_bytes()))?;
-    }
-    there.keep();
-    Ok(())
 }

@@ -45,14 +45,8 @@ impl Analysis {
 
 /// Where there is none, what one would give.
 pub fn say(quiet: bool, shot: &Shot) {
-    if shot.analysis == AnalysisState::Absent && shot.recording.frame_count() > 1 {
+    if let Some(finds) = shot.lacks_analysis().filter(|_| shot.analysis == AnalysisState::Absent) {
         let recording = shot.recording.path.display();
-        let finds = match shot.recording.has_depth() {
-            true => {
-                "where the camera really was and how bright each frame is, so that evidence stays in place and follows the light"
-            }
-            false => "how bright, how long exposed and how sharp each frame is, so that evidence follows",
-        };
         tell(quiet, &format!("not analysed: `locard analyse {recording}` finds {finds}"));
     }
 }

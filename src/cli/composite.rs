@@ -33,7 +33,7 @@ pub struct Args {
     sets: Vec<String>,
     #[command(flatten)]
     which: Which,
-    /// Every effect and occlusion off; the camera's geometry stays on
+    /// Every effect, shadows and occlusion off; the camera's geometry stays on
     #[arg(long, conflicts_with_all = ["only", "without"])]
     plain: bool,
     /// Half-open range of frames, counted from 0, as in 40..50

@@ -21,6 +21,7 @@ mod pick;
 mod place;
 mod record;
 mod render;
+mod room_light;
 mod send;
 mod simulate;
 mod skip;
@@ -55,6 +56,8 @@ enum Command {
     Composite(composite::Args),
     /// Find out from a recording's own pictures where the camera really was, how its clocks run and how bright each frame is
     Analyse(analyse::Args),
+    /// Write the light that an analysis found of a recording's room as a scene's [light], to edit
+    Light(room_light::Args),
     /// Measure a camera from pictures
     Calibrate(calibrate::Args),
     /// Say what is in a recording, a scene, a profile or a stream of poses, and what is odd about it
@@ -106,6 +109,7 @@ pub fn main() -> ExitCode {
     let done = ending::listen().and_then(|()| match cli.command {
         Command::Composite(args) => composite::run(args),
         Command::Analyse(args) => analyse::run(&args),
+        Command::Light(args) => room_light::run(&args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Live(args) => live::run(&args),

@@ -49,7 +49,7 @@ impl<'a> Live<'a> {
         writer: Option<Writer>,
     ) -> Result<Self, LiveError> {
         let (camera, geometry) = (shot.camera(), shot.geometry_at(0)?);
-        compositor.place(&shot.scene.objects);
+        compositor.place(&shot.objects());
         Ok(Self { shot, compositor, camera, geometry, intake: Intake::new(max_gap_s, patience_s, writer) })
     }
 

@@ -1,6 +1,7 @@
 //! The analysis that lies beside a recording, and what of it holds.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::error::ShotError;
 use super::given::{Analysed, Given};
@@ -11,8 +12,10 @@ use crate::effects::point_spread::measuring;
 use crate::params::Value;
 use crate::profile::Rig;
 use crate::recording::Recording;
+use crate::scene::Lighting;
 
-/// The table and parameter of the camera's sharpness.
+/// Tables and parameters: of the readout time, and of the camera's sharpness.
+const READOUT: (&str, &str) = ("camera", "readout_time_s");
 const SHARPNESS: (&str, &str) = ("point_spread", "sigma_px");
 
 /// What became of it.
@@ -27,65 +30,83 @@ pub enum AnalysisState {
     Left,
 }
 
-/// Finds the analysis and lets the recording, the camera and the settings follow it, which `profiles` and `given` made.
+/// Finds the analysis, with the light that it found, and lets the recording, the camera and the settings follow it, which `profiles` and `given` made.
 pub fn take(
     recording: &mut Recording,
     rig: &mut Rig,
     settings: &mut Settings,
     profiles: &[PathBuf],
     given: &Given,
-) -> Result<AnalysisState, ShotError> {
+) -> Result<(AnalysisState, Option<Arc<Lighting>>), ShotError> {
     let (folder, is_named) = match &given.analysis {
-        Analysed::No => return Ok(AnalysisState::Left),
+        Analysed::No => return Ok((AnalysisState::Left, None)),
         Analysed::At(folder) => (folder.clone(), true),
-        Analysed::Beside if recording.is_arriving() => return Ok(AnalysisState::Absent),
+        Analysed::Beside if recording.is_arriving() => return Ok((AnalysisState::Absent, None)),
         Analysed::Beside => (beside(&recording.path), false),
     };
     if !is_named && !folder.join(FILE_NAME).exists() {
-        return Ok(AnalysisState::Absent);
+        return Ok((AnalysisState::Absent, None));
     }
     match fitting(&folder, recording, rig) {
         Ok(analysis) => {
-            let says_readout = |text: &String| text.trim_start().starts_with("camera.readout_time_s");
-            if analysis.track.is_some() && !given.sets.iter().any(says_readout) {
+            for Follows { table, name, value } in follows(&analysis, profiles, &given.sets)? {
                 // Within the range: it was found there.
-                let readout_s = analysis.findings.camera.intrinsics.readout_time_s;
-                rig.set_text(&format!("camera.readout_time_s={readout_s}"), &mut Default::default())?;
+                let _ = rig.set(settings, table, name, &value);
             }
-            if let Some(sigma_px) = analysis.findings.spread.as_ref().and_then(|spread| spread.sigma_px)
-                && !says_spread(settings, profiles, given)?
-            {
-                let (table, name) = SHARPNESS;
-                // Within the range: nothing softer than a few pixels is taken for the camera's.
-                let _ = settings.set(table, name, &Value::Number(measuring(sigma_px)));
-            }
-            recording.refine(&analysis.refinement(usual_s(recording)));
-            Ok(AnalysisState::Used(folder, Box::new(analysis.findings)))
+            refine(recording, &analysis);
+            let light = analysis.lighting().map(Arc::new);
+            Ok((AnalysisState::Used(folder, Box::new(analysis.findings)), light))
         }
         Err(problem) if is_named => Err(ShotError::Analysis { folder, problem }),
-        Err(problem) => Ok(AnalysisState::Unfit(folder, problem)),
+        Err(problem) => Ok((AnalysisState::Unfit(folder, problem), None)),
     }
 }
 
-/// Whether a profile or a setting says how sharp the camera is, `settings` being what they give.
-fn says_spread(settings: &Settings, profiles: &[PathBuf], given: &Given) -> Result<bool, ShotError> {
+/// A parameter that follows what was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Follows {
+    pub table: &'static str,
+    pub name: &'static str,
+    pub value: Value,
+}
+
+/// Those of which nothing else is said: the readout time overrides profiles, the sharpness does not.
+pub fn follows(analysis: &Analysis, profiles: &[PathBuf], sets: &[String]) -> Result<Vec<Follows>, ShotError> {
+    let mut follows = Vec::new();
+    let mut add = |(table, name), number| follows.push(Follows { table, name, value: Value::Number(number) });
+    let says_readout = |text: &String| text.trim_start().starts_with("camera.readout_time_s");
+    if analysis.refined().is_some() && !sets.iter().any(says_readout) {
+        add(READOUT, analysis.findings.camera.intrinsics.readout_time_s);
+    }
+    if let Some(sigma_px) = analysis.findings.spread.as_ref().and_then(|spread| spread.sigma_px)
+        && !says_spread(profiles, sets)?
+    {
+        add(SHARPNESS, measuring(sigma_px));
+    }
+    Ok(follows)
+}
+
+/// What the recording takes over.
+pub fn refine(recording: &mut Recording, analysis: &Analysis) {
+    recording.refine(&analysis.refinement(usual_s(recording)));
+}
+
+/// Whether a profile or a setting says how sharp the camera is. It may say what is the default, so that it is put over two values
+/// that differ: where it says one, both are that afterwards.
+fn says_spread(profiles: &[PathBuf], sets: &[String]) -> Result<bool, ShotError> {
     let (table, name) = SHARPNESS;
-    let value = |settings: &Settings| settings.tables().into_iter().find(|p| p.table() == table)?.get(name);
-    if value(settings) != value(&Settings::default()) {
-        return Ok(true);
-    }
-    // It may say what is the default: another value to begin with would be gone then.
-    let mut other = Settings::default();
-    let _ = other.set(table, name, &Value::Number(1.0));
-    let unsaid = value(&other);
-    let mut rig = Rig::default();
-    for profile in profiles {
-        rig.read(profile, &mut other)?;
-    }
-    for text in &given.sets {
-        rig.set_text(text, &mut other)?;
-    }
-    Ok(value(&other) != unsaid)
+    let put_over = |number: f64| -> Result<Option<Value>, ShotError> {
+        let (mut rig, mut settings) = (Rig::default(), Settings::default());
+        let _ = settings.set(table, name, &Value::Number(number));
+        for profile in profiles {
+            rig.read(profile, &mut settings)?;
+        }
+        for text in sets {
+            rig.set_text(text, &mut settings)?;
+        }
+        Ok(settings.tables().into_iter().find(|params| params.table() == table).and_then(|params| params.get(name)))
+    };
+    Ok(put_over(1.0)? == put_over(2.0)?)
 }
 
 fn fitting(folder: &Path, recording: &Recording, rig: &Rig) -> Result<Analysis, String> {

@@ -4,11 +4,14 @@
 //! two pictures, and the next one follows; nothing is read again. The GPU is the caller's: [`Shot::compositor`].
 
 mod analysed;
+mod analysing;
 mod check;
 mod error;
 mod eye;
+mod floors;
 mod given;
 mod light;
+mod lit;
 mod moved;
 mod note;
 mod outline;
@@ -31,11 +34,13 @@ use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording, RecordingError};
-use crate::scene::{self, Gauge, Scene};
+use crate::scene::{self, Gauge, Lighting, Scene};
 
-pub use analysed::AnalysisState;
+pub use analysed::{AnalysisState, Follows};
+pub use analysing::AnalyseError;
 pub use error::ShotError;
 pub use eye::{Eye, Ray};
+use floors::Floors;
 pub use given::{Analysed, Given};
 pub use light::{Known, SceneLight, USUAL_ISO};
 pub use note::{Note, Tally, Wrong};
@@ -52,12 +57,18 @@ pub use triangulate::{Triangulated, View};
 #[derive(Clone, Debug)]
 pub struct Shot {
     pub recording: Arc<Recording>,
+    /// Before an analysis, a scene's unit or its gauge changed it.
+    recorded: Arc<Recording>,
     /// The camera from profiles and settings. For each frame it overrides the recording's own ([`Shot::geometry_at`]).
     pub rig: Rig,
     pub settings: Settings,
     /// Drawn by compositors made from it ([`Shot::compositor`]). Another one comes by [`Shot::set_scene`]. They follow its objects' placement; for other changes
     /// call [`Compositor::set_scene`].
     pub scene: Arc<Scene>,
+    /// The scene's light as it was given, before the footage lit it.
+    given_light: Lighting,
+    /// The light of the room, by an analysis of the footage.
+    found_light: Option<Arc<Lighting>>,
     /// The profiles that were read.
     profiles: Vec<PathBuf>,
     /// The camera before `Given::sets`, and from `Given::sets` alone: for a frame's exposure they have different ranks
@@ -70,6 +81,8 @@ pub struct Shot {
     pub analysis: AnalysisState,
     /// The frame of the last picture, as recorded: usually the next one's too.
     held: Option<Arc<Frame>>,
+    /// What the objects stand on.
+    floors: Arc<Floors>,
 }
 
 impl Shot {
@@ -98,7 +111,8 @@ impl Shot {
             rig.set_text(text, &mut settings)?;
             by_sets.set_text(text, &mut Settings::default())?;
         }
-        let analysis = analysed::take(&mut recording, &mut rig, &mut settings, &profiles, given)?;
+        let recorded = Arc::new(recording.clone());
+        let (analysis, found_light) = analysed::take(&mut recording, &mut rig, &mut settings, &profiles, given)?;
         recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
             Some(path) => scene::load(path, recording.up)?,
@@ -108,15 +122,19 @@ impl Shot {
         let (recording, scene) = (Arc::new(recording), Arc::new(scene));
         let mut shot = Self {
             recording,
+            recorded,
             rig,
             settings,
+            given_light: scene.lighting.clone(),
             scene,
+            found_light,
             profiles,
             by_profile,
             by_sets,
             opened_unit_m,
             analysis,
             held: None,
+            floors: Arc::default(),
         };
         shot.follow_scene();
         Ok(shot)
@@ -125,20 +143,24 @@ impl Shot {
     /// Puts another scene into the footage. If it says how long the recording's unit is, or where its camera stands, the recording
     /// follows.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
+        self.given_light = scene.lighting.clone();
         self.scene = scene;
         self.follow_scene();
     }
 
-    /// Takes the scene's unit and world. What was said when the recording was opened overrides the scene file's unit.
+    /// Takes the scene's unit and world, and gives it the light of the footage where it has none. What was said when the recording was opened overrides the scene file's unit.
     fn follow_scene(&mut self) {
+        lit::light(&mut self.scene, &self.given_light, self.found_light.as_deref());
         let by_scene = self.scene.metres_per_unit.filter(|_| self.opened_unit_m == 1.0);
         let wanted_m = by_scene.unwrap_or(self.opened_unit_m);
         if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
             Arc::make_mut(&mut self.recording).rescale(wanted_m);
+            self.floors = Arc::default();
         }
         let held = self.scene.gauge.and_then(|g| self.recording.held_at(g.frame, g.time_s, &g.pose()?));
         if let Some(track) = held {
             Arc::make_mut(&mut self.recording).track = track;
+            self.floors = Arc::default();
         }
     }
 
@@ -151,7 +173,7 @@ impl Shot {
 
     /// A compositor on a device, with the scene as it is now.
     pub fn compositor(&self, gpu: Gpu) -> Compositor {
-        Compositor::new(gpu, Scene::clone(&self.scene))
+        Compositor::new(gpu, self.scene_on_floors())
     }
 
     /// Every file that was read, or will be.

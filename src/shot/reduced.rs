@@ -45,7 +45,7 @@ impl Shot {
         Reduced { frame, by }: &Reduced,
         target: Target<'_>,
     ) -> Result<Pending, ShotError> {
-        compositor.place(&self.scene.objects);
+        compositor.place(&self.objects());
         let index = frame.index;
         let recorded = self.geometry_at(index)?;
         let framed = Framed { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };

@@ -187,6 +187,11 @@ impl App {
         self.session.is_settled()
     }
 
+    /// The number of the frame whose picture is shown.
+    pub fn shown_frame(&self) -> Option<usize> {
+        self.session.frame().map(|frame| frame.index)
+    }
+
     /// What stands beside the picture.
     fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
         // As it is read, for the Tab key.
@@ -201,6 +206,7 @@ impl App {
             }
         });
         egui::Panel::right("controls").frame(panel).default_size(424.0).size_range(350.0..=700.0).show(ui, |ui| {
+            self.keeper.offers(ui, &mut self.session);
             if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
                 self.session.say(refused);
             }

@@ -61,7 +61,7 @@ pub struct Ending {
     pub closes: bool,
     /// There are changes that are not saved.
     pub is_changed: bool,
-    /// Something is being exported.
+    /// Something is being exported, or analysed.
     pub is_busy: bool,
     /// A camera is being recorded.
     pub is_recording: bool,
@@ -84,14 +84,14 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
         let (title, answer) = match (is_recording, closes) {
             (true, true) => ("Close while the camera is recorded?", "End the recording and close"),
             (true, false) => ("Leave the camera while it is recorded?", "End the recording and go on"),
-            (false, _) => ("Close while something is being exported?", "Close and cancel it"),
+            (false, _) => ("Close while something is being made?", "Close and cancel it"),
         };
         return question(ctx, title, ["", answer, "Stay"], |ui| {
             if is_recording {
                 ui.label(RECORDED);
             }
             if is_busy {
-                ui.label("What is being exported is cancelled, and what is not finished of it is removed.");
+                ui.label("What is being exported or analysed is cancelled, and what is not finished of it is removed.");
             }
         });
     }
@@ -105,7 +105,7 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
             ui.label(RECORDED);
         }
         if is_busy {
-            ui.label("An export is running; it is cancelled when the window closes.");
+            ui.label("Something is being exported or analysed; it is cancelled when the window closes.");
         }
     })
 }

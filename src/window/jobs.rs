@@ -1,4 +1,4 @@
-//! Work in the background, one after the other: exports, photographs, snapshots. Each is done with what was set when it was
+//! Work in the background, one after the other: exports, photographs, snapshots, the footage analysed. Each is done with what was set when it was
 //! begun, on a thread and a device of their own, so that the window goes on meanwhile.
 
 use std::path::{Path, PathBuf};
@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::dials::by_dials;
+use crate::analyse::{Analysis, Interrupted};
 use crate::compositor::Target;
 use crate::export::{Export, ExportError, Inputs};
 use crate::gpu::{Gpu, GpuError};
@@ -28,6 +29,8 @@ pub enum Task {
         path: PathBuf,
         force: bool,
     },
+    /// The recording as it was recorded, into a folder.
+    Analyse(PathBuf),
 }
 
 /// How far it is.
@@ -58,6 +61,8 @@ pub struct Entry {
     pub state: State,
     /// What was odd about it.
     pub notes: Vec<String>,
+    /// By an analysis, until it is taken.
+    pub found: Option<Box<Analysis>>,
     /// Off the list that is shown.
     pub is_hidden: bool,
     cancelled: Arc<AtomicBool>,
@@ -89,6 +94,7 @@ struct Job {
 enum News {
     State(State),
     Note(String),
+    Found(Box<Analysis>),
 }
 
 /// The queue.
@@ -129,14 +135,15 @@ impl Jobs {
         Ok(Self { entries: Vec::new(), jobs: Some(jobs), news, thread: Some(thread) })
     }
 
-    /// Begins something with a shot as it is now, after all that waits.
-    pub fn add(&mut self, name: String, shot: &Shot, task: Task) {
+    /// Begins something with a shot as it is now, after all that waits. Gives its place among the entries.
+    pub fn add(&mut self, name: String, shot: &Shot, task: Task) -> usize {
         let cancelled = Arc::new(AtomicBool::new(false));
         let number = self.entries.len();
         let job = Job { number, shot: Box::new(shot.clone()), task, cancelled: Arc::clone(&cancelled) };
         let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send(job).is_ok());
         let state = if sent { State::Waiting } else { State::Failed("the thread that exports has ended".to_owned()) };
-        self.entries.push(Entry { name, state, notes: Vec::new(), is_hidden: false, cancelled });
+        self.entries.push(Entry { name, state, notes: Vec::new(), found: None, is_hidden: false, cancelled });
+        number
     }
 
     /// Takes what is new. Gives the entries that are over since.
@@ -164,6 +171,7 @@ impl Jobs {
                     entry.state = state;
                 }
                 News::Note(note) => entry.notes.push(note),
+                News::Found(found) => entry.found = Some(found),
             }
         }
     }
@@ -231,6 +239,7 @@ fn done(job: &Job, gpu: &mut Option<Gpu>, tell: &dyn Fn(News)) -> State {
         Task::Export(export) => exported(&job.shot, export, gpu, &goes_on, &note),
         Task::Photograph(wanted) => photographed(&job.shot, wanted, gpu, &goes_on, &note),
         Task::Snapshot { frame, path, force } => snapped(&job.shot, *frame, path, *force, gpu),
+        Task::Analyse(folder) => analysed(&job.shot, folder, &goes_on, &|found| tell(News::Found(found))),
     };
     match done {
         Ok(said) => State::Done(said),
@@ -320,6 +329,25 @@ fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option
     let done = compositor.collect(pending).map_err(failed)?;
     write_frame(path, &done.pixels, force).map_err(|error| End::Failed(without_options(&error.to_string())))?;
     Ok(format!("frame {frame}"))
+}
+
+fn analysed(
+    shot: &Shot,
+    folder: &Path,
+    goes_on: &dyn Fn(f64) -> bool,
+    found: &dyn Fn(Box<Analysis>),
+) -> Result<String, End> {
+    let told = &mut |done: usize, of: usize| if goes_on(done as f64 / of as f64) { Ok(()) } else { Err(Interrupted) };
+    shot.analyse(folder, told).map_err(|error| match error.is_interrupted() {
+        true => End::Cancelled,
+        false => End::Failed(without_options(&error.to_string())),
+    })?;
+    // As it is read when the recording is opened the next time.
+    let there = Analysis::read(folder).map_err(|error| End::Failed(error.to_string()))?;
+    let said = there.findings.lines().into_iter().map(|(name, text)| format!("{name} {text}"));
+    let said = said.collect::<Vec<_>>().join("; ");
+    found(Box::new(there));
+    Ok(said)
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use std::time::Instant;
 use eframe::egui;
 
 use super::air::Air;
+use super::analysing::Analysing;
 use super::autosave::{Autosave, Left, Work};
 use super::chooser::{Chooser, Seeks};
 use super::dialogs;
@@ -81,6 +82,7 @@ pub struct Keeper {
     habits: Habits,
     watch: Option<Watch>,
     jobs: Option<Jobs>,
+    analysing: Analysing,
     output: Output,
     pub shows_output: bool,
     /// The page that a start without a recording has.
@@ -285,10 +287,32 @@ impl Keeper {
         }
     }
 
+    /// The line that offers to analyse the footage, or says how far that is.
+    pub fn offers(&mut self, ui: &mut egui::Ui, session: &mut Session) {
+        if !self.analysing.show(ui, session, self.jobs.as_mut()) {
+            return;
+        }
+        match self.queue(ui.ctx()) {
+            true => self.jobs.iter_mut().for_each(|jobs| self.analysing.begin(&session.project, jobs)),
+            false => session.wrong("no thread can be started that analyses"),
+        }
+    }
+
+    /// Begins the queue where there is none; whether there is one.
+    fn queue(&mut self, ctx: &egui::Context) -> bool {
+        if self.jobs.is_none() {
+            let wake = ctx.clone();
+            self.jobs = Jobs::new(move || wake.request_repaint()).ok();
+        }
+        self.jobs.is_some()
+    }
+
     /// The window of what leaves as files.
     fn out(&mut self, ctx: &egui::Context, session: &mut Session) {
         for over in self.jobs.iter_mut().flat_map(Jobs::take).collect::<Vec<_>>() {
-            let Some(entry) = self.jobs.as_ref().and_then(|jobs| jobs.entries.get(over)) else { continue };
+            let Some(jobs) = &mut self.jobs else { continue };
+            self.analysing.ended(over, jobs, session);
+            let Some(entry) = jobs.entries.get(over) else { continue };
             match &entry.state {
                 State::Done(said) => session.say(format!("Written {}: {said}", entry.name)),
                 // It names the file already, or one in the folder.

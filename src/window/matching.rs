@@ -10,6 +10,7 @@ use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Refused, Wanted, analyse}
 use super::background::{Background, Ticket};
 use super::controls::unknown_exposure;
 use super::hand::{self, Hand, Purpose, Question};
+use super::light as footage_light;
 use super::picture::{Seen, plate};
 use super::plots::{self, Axes, Of};
 use super::pointer::Pointed;
@@ -114,6 +115,8 @@ impl Matching {
             if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, hand)) {
                 self.brightness.rest();
             }
+            let good = "Good: what you see. Objects follow it where the effect Exposure is on and told to follow.";
+            section(ui, "Light over the frames", false, good, |ui| footage_light::show(ui, session));
             let good = "Good: no effect takes long that changes nothing you see.";
             section(ui, "Time by effect", false, good, |ui| {
                 if session.viewer.gpu().timestamps {

@@ -6,7 +6,7 @@
 //!   `placed` where they lie on the screen. `painter` paints the window again where `changes` says.
 //!   A camera in a recording's place: `session/live`, with `session/past`, and `camera` below the picture; `air` asks for it.
 //! - `side`: the tabs beside the picture. `matching`: plots of real and virtual, by `analysis` of a picture, and `pointer`.
-//!   `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
+//!   `light`: how bright frames are by themselves; `times`: the GPU's. `calibrating`: noise and sharpness from picked places, each
 //!   with its verdict, and a camera's lens from a board; `reasons`: what calibration says, in the window's words. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
@@ -15,6 +15,7 @@
 //!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
 //!
+//! - `analysing`: the footage analysed, and what was found taken over where one is.
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
 //!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, `held`, `looking`, in the folder of `state`); a new start where the
 //!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
@@ -24,6 +25,7 @@
 
 mod actions;
 mod air;
+mod analysing;
 mod analysis;
 mod app;
 mod autosave;
@@ -53,6 +55,7 @@ mod keeper;
 mod keys;
 mod kind;
 mod library;
+mod light;
 mod list;
 mod looking;
 mod loupe;

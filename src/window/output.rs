@@ -212,7 +212,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
     }
 }
 
-fn percent(share: f64, begun: Instant) -> String {
+pub fn percent(share: f64, begun: Instant) -> String {
     let rest = left(share, begun.elapsed()).map(|left| format!(", {} left", duration(left.as_secs_f64())));
     format!("{:.0} %{}", 100.0 * share, rest.unwrap_or_default())
 }

@@ -1,5 +1,6 @@
 //! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
 
+mod found;
 mod save;
 mod scene;
 

@@ -82,6 +82,7 @@ pub fn show(ui: &mut Ui, times: &Times) {
 fn named(part: &str) -> String {
     match part {
         "depth" => "what hides objects".to_owned(),
+        "shadow" => "shadows".to_owned(),
         "objects" => "drawing objects".to_owned(),
         "mix" => "mixing, noise, edges".to_owned(),
         effect => effect.replace('_', " "),

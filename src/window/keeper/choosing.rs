@@ -8,7 +8,6 @@ use super::super::air::Air;
 use super::super::camera::Asked;
 use super::super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::super::command;
-use super::super::jobs::Jobs;
 use super::super::project::Project;
 use super::super::recent::Opened;
 use super::super::saving::{self, Step};
@@ -213,12 +212,9 @@ impl Keeper {
             Purpose::Keep => session.keep(ctx, path),
             Purpose::Put(ask) => {
                 let name = ask.name(&path);
-                if self.jobs.is_none() {
-                    let wake = ctx.clone();
-                    self.jobs = Jobs::new(move || wake.request_repaint()).ok();
-                }
+                self.queue(ctx);
                 match &mut self.jobs {
-                    Some(jobs) => jobs.add(name, session.project.shot(), ask.task(path, replaces)),
+                    Some(jobs) => _ = jobs.add(name, session.project.shot(), ask.task(path, replaces)),
                     None => session.wrong("no thread can be started that exports"),
                 }
                 self.shows_output = true;

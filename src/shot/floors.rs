@@ -1,0 +1,266 @@
+//! The real surface below each object: on it its shadow falls.
+//!
+//! Depth of a few frames, spread over the recording, makes points of the room. A plane through those around an object's foot
+//! is what it stands on (RANSAC, Fischler and Bolles 1981, then least squares). It is one and the same for all frames, so that
+//! nothing flickers. A foot within `SNAP_M` of it stands on it: a gap of the sensor's error would be a line of light.
+//!
+//! Where depth says nothing, it is the floor that the recording knows, or else the level plane through the foot.
+
+use std::sync::{Mutex, PoisonError};
+
+use glam::{DVec2, DVec3};
+
+use super::Shot;
+use super::points::{FittedPlane, plane_through};
+use crate::camera::Geometry;
+use crate::depth::SENSOR_ERROR;
+use crate::scene::{Object, Scene, Support};
+use crate::source::ahead::Ahead;
+
+/// Frames whose depth is looked at, and points across each.
+const FRAMES: usize = 24;
+const ACROSS: u32 = 96;
+/// Points of an object's foot: this near to its lowest, as a share of its size and metres.
+const FOOT: f64 = 0.02;
+const FOOT_M: f64 = 0.002;
+/// What is looked at around a foot: times its size, at least and at most, metres.
+const AROUND: f64 = 1.5;
+const LEAST_AROUND_M: f64 = 0.08;
+const MOST_AROUND_M: f64 = 0.4;
+/// A surface this far above or below the foot carries it, metres; farther below, the object floats over it.
+const NEAR_M: f64 = 0.06;
+const BELOW_M: f64 = 1.0;
+/// Closer to the surface than this, a foot stands on it, metres.
+const SNAP_M: f64 = 0.015;
+/// A surface that is steeper is no ground: cosine of 40°.
+const LEVEL: f64 = 0.766;
+/// Planes that are tried, and the fewest points of one.
+const TRIES: usize = 240;
+const FEWEST: usize = 40;
+/// Points this near are on a plane: metres, and times z² (twice a structured-light sensor's error).
+const ON_M: f64 = 0.004;
+const ON_PER_DEPTH2: f64 = 2.0 * SENSOR_ERROR;
+
+/// A measured point of the room, and how far it may be off, metres.
+type Point = (DVec3, f64);
+
+/// What is known of the room, made when it is first asked for, and the objects that were last asked for.
+#[derive(Debug, Default)]
+pub struct Floors(Mutex<Option<Known>>);
+
+#[derive(Debug)]
+struct Known {
+    /// The first frame's camera, by which points were seen.
+    camera: Option<Geometry>,
+    points: Vec<Point>,
+    last: Option<(Vec<Object>, Vec<Object>)>,
+}
+
+impl Shot {
+    /// The scene's objects, each with the real surface below it. The recording's depth is read on first use.
+    pub(crate) fn objects(&self) -> Vec<Object> {
+        if !self.settings.shadow.cast || self.scene.objects.is_empty() {
+            return self.scene.objects.clone();
+        }
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let camera = self.given_geometry_at(0);
+        if known.as_ref().is_some_and(|known| known.camera != camera) {
+            *known = None;
+        }
+        let known = known.get_or_insert_with(|| Known { camera, points: self.measured(), last: None });
+        if let Some((_, found)) = known.last.as_ref().filter(|(asked, _)| *asked == self.scene.objects) {
+            return found.clone();
+        }
+        let with_floor = |object: &Object| Object { support: self.support_of(object, &known.points), ..object.clone() };
+        let found: Vec<_> = self.scene.objects.iter().map(with_floor).collect();
+        known.last = Some((self.scene.objects.clone(), found.clone()));
+        found
+    }
+
+    /// The scene with what [`Shot::objects`] gives.
+    pub(super) fn scene_on_floors(&self) -> Scene {
+        Scene { objects: self.objects(), ..Scene::clone(&self.scene) }
+    }
+
+    fn support_of(&self, object: &Object, points: &[Point]) -> Option<Support> {
+        let floor = self.floor();
+        let up = self.scene.up_in_world.or(self.recording.up)?;
+        let foot = Foot::of(&self.scene, object, up)?;
+        let carried = foot.carried_by(points, -NEAR_M..NEAR_M).or_else(|| foot.carried_by(points, -BELOW_M..-NEAR_M));
+        let known = carried.or_else(|| floor.filter(|plane| foot.height_m(plane).abs() < BELOW_M));
+        Some(match known {
+            Some(plane) => foot.on(&plane.facing(up)),
+            None => Support { point_m: foot.lowest(up), normal: up },
+        })
+    }
+}
+
+impl Shot {
+    /// Points of the room by the recording's depth. None where it has no depth, or none that can be read: what is wrong with a
+    /// file is told when its frame is.
+    fn measured(&self) -> Vec<Point> {
+        let recording = &self.recording;
+        let count = recording.frame_count();
+        if !recording.has_depth() || count == 0 {
+            return Vec::new();
+        }
+        let taken = count.min(FRAMES);
+        let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
+        let of = recording.clone();
+        let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
+        let mut points = Vec::new();
+        for (n, map) in maps.enumerate() {
+            let Ok(Ok(Some(map))) = map else { continue };
+            let Some(geometry) = self.given_geometry_at(number(n)) else { continue };
+            let Ok(pose) = recording.track.at(map.timestamp_s + recording.time_offset_s) else { continue };
+            let i = &geometry.intrinsics;
+            if (map.width, map.height) != (i.width_px, i.height_px) {
+                continue;
+            }
+            let step = (map.width / ACROSS).max(1);
+            let places = (step / 2..map.height).step_by(step as usize);
+            for (x, y) in places.flat_map(|y| (step / 2..map.width).step_by(step as usize).map(move |x| (x, y))) {
+                let z = f64::from(map.depth_m[(y * map.width + x) as usize]);
+                let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                if let (true, Some(ray)) = (z > 0.0 && z.is_finite(), geometry.depth_ray(at)) {
+                    points.push((pose.inverse_transform_point(z * ray), ON_M + ON_PER_DEPTH2 * z * z));
+                }
+            }
+        }
+        points
+    }
+}
+
+/// The lowest part of an object.
+struct Foot {
+    points: Vec<DVec3>,
+    middle: DVec3,
+    /// From the middle to the outermost point.
+    radius_m: f64,
+    up: DVec3,
+}
+
+impl Foot {
+    fn of(scene: &Scene, object: &Object, up: DVec3) -> Option<Self> {
+        let all: Vec<DVec3> = object.points_m(scene).collect();
+        let low = all.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
+        let high = all.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
+        let lowest = all.iter().map(|p| p.dot(up)).reduce(f64::min)?;
+        let within = (FOOT * (high - low).max_element()).max(FOOT_M);
+        let points: Vec<DVec3> = all.into_iter().filter(|p| p.dot(up) - lowest <= within).collect();
+        let low = points.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
+        let high = points.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
+        let middle = 0.5 * (low + high);
+        let radius_m = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
+        middle.is_finite().then_some(Self { points, middle, radius_m, up })
+    }
+
+    fn lowest(&self, up: DVec3) -> DVec3 {
+        let height = |p: &DVec3| p.dot(up);
+        let lowest = self.points.iter().map(height).fold(f64::INFINITY, f64::min);
+        self.middle + (lowest - height(&self.middle)) * up
+    }
+
+    /// How high its lowest point is over a plane, metres.
+    fn height_m(&self, plane: &FittedPlane) -> f64 {
+        let plane = plane.facing(self.up);
+        self.points.iter().map(|p| plane.normal.dot(*p) - plane.d_m).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The plane below it, moved to its lowest point where that is near.
+    fn on(&self, plane: &FittedPlane) -> Support {
+        let height_m = self.height_m(plane);
+        let off = plane.normal.dot(self.middle) - plane.d_m;
+        let moved_m = if height_m.abs() <= SNAP_M { height_m } else { 0.0 };
+        Support { point_m: self.middle + (moved_m - off) * plane.normal, normal: plane.normal }
+    }
+
+    /// The plane that most of the points around agree on, among those in a range of heights over the foot, metres.
+    fn carried_by(&self, points: &[Point], heights_m: std::ops::Range<f64>) -> Option<FittedPlane> {
+        let around_m = (AROUND * self.radius_m).clamp(LEAST_AROUND_M, MOST_AROUND_M);
+        let foot = self.lowest(self.up);
+        let near: Vec<Point> = points
+            .iter()
+            .filter(|(p, _)| {
+                let (off, height) = (*p - foot, (*p - foot).dot(self.up));
+                heights_m.contains(&height) && (off - height * self.up).length() < around_m
+            })
+            .copied()
+            .collect();
+        if near.len() < FEWEST {
+            return None;
+        }
+        let on = |normal: DVec3, d: f64| near.iter().filter(move |(p, off)| (normal.dot(*p) - d).abs() < *off);
+        let (mut best, mut most) = (None, FEWEST - 1);
+        for n in 0..TRIES {
+            let [a, b, c] = [0, 1, 2].map(|k| near[pick(3 * n + k, near.len())].0);
+            let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
+            let normal = if normal.dot(self.up) < 0.0 { -normal } else { normal };
+            if normal.dot(self.up) < LEVEL {
+                continue;
+            }
+            let count = on(normal, normal.dot(a)).count();
+            if count > most {
+                (best, most) = (Some((normal, normal.dot(a))), count);
+            }
+        }
+        let (mut normal, mut d) = best?;
+        let mut found = None;
+        for _ in 0..3 {
+            let members: Vec<DVec3> = on(normal, d).map(|(p, _)| *p).collect();
+            let plane = plane_through(&members).ok()?.facing(self.up);
+            (normal, d, found) = (plane.normal, plane.d_m, Some(plane));
+        }
+        found.filter(|plane| plane.normal.dot(self.up) >= LEVEL)
+    }
+}
+
+/// Numbers that are spread over a list, the same in every run (a hash of Wang's).
+fn pick(n: usize, among: usize) -> usize {
+    let mut x = n as u32;
+    x = (x ^ 61) ^ (x >> 16);
+    x = x.wrapping_mul(9);
+    x = (x ^ (x >> 4)).wrapping_mul(0x27d4_eb2d);
+    x ^= x >> 15;
+    x as usize % among
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn foot(height_m: f64) -> Foot {
+        let corner = |x: f64, y: f64| DVec3::new(x, y, height_m);
+        let points = vec![corner(-0.05, -0.05), corner(0.05, -0.05), corner(0.05, 0.05), corner(-0.05, 0.05)];
+        Foot { points, middle: DVec3::new(0.0, 0.0, height_m), radius_m: 0.07, up: DVec3::Z }
+    }
+
+    /// A table of height 0 with a box on it, and noise of 2 mm.
+    fn room() -> Vec<Point> {
+        let noise = |n: usize| (pick(n, 4001) as f64 / 2000.0 - 1.0) * 0.002;
+        let place = |i: usize| DVec2::new((i % 40) as f64, (i / 40) as f64) * 0.01 - 0.2;
+        let height = |at: DVec2| if at.x > 0.06 { 0.05 } else { 0.0 };
+        (0..1600).map(|i| (place(i).extend(height(place(i)) + noise(i)), 0.005)).collect()
+    }
+
+    #[test]
+    fn a_thing_stands_on_the_table_and_not_on_the_box_beside_it() {
+        let plane = foot(0.004).carried_by(&room(), -NEAR_M..NEAR_M).unwrap();
+        assert!(plane.normal.z > 0.999 && plane.d_m.abs() < 0.002, "{plane:?}");
+        // Its foot is four millimetres over what was measured: the plane goes to the foot.
+        let support = foot(0.004).on(&plane);
+        assert!((support.point_m.z - 0.004).abs() < 0.0005, "{support:?}");
+        // Three centimetres over it, it floats.
+        let support = foot(0.03).on(&plane);
+        assert!(support.point_m.z.abs() < 0.002, "{support:?}");
+    }
+
+    #[test]
+    fn a_wall_and_too_few_points_carry_nothing() {
+        let wall: Vec<Point> = (0..900)
+            .map(|i| (DVec3::new(0.01, (i % 30) as f64 * 0.005 - 0.07, (i / 30) as f64 * 0.003 - 0.05), 0.003))
+            .collect();
+        assert!(foot(0.0).carried_by(&wall, -NEAR_M..NEAR_M).is_none());
+        assert!(foot(0.0).carried_by(&room()[..20], -NEAR_M..NEAR_M).is_none());
+    }
+}
