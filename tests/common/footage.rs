@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
-use locard::analyse::{Analysis, Taken, analyse};
+use locard::analyse::{Analysis, Part, Taken, analyse};
 use locard::camera::Geometry;
 use locard::compositor::exposure_time_s;
 use locard::frame::Frame;
@@ -59,7 +59,7 @@ pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
     let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-    analyse(&shot.recording, &camera, &taken, threads, &mut |_, _| Ok(())).unwrap().0
+    analyse(&shot.recording, &camera, &taken, threads, &mut Part::none(), &mut |_, _| Ok(())).unwrap().0
 }
 
 /// Where a point of one frame lands in another, by a track: each row by its own pose.

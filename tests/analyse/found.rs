@@ -1,0 +1,392 @@
+//! What the footage says of itself, against what is known of it.
+
+use std::path::{Path, PathBuf};
+
+use crate::common;
+use glam::DVec3;
+
+use crate::footage::{analysed, demo, demo_track, opened, pairs_off_px, whole, worse};
+use crate::program::{locard, refused, said};
+use locard::analyse::{Analysis, Interrupted, beside};
+use locard::camera::{Camera, CameraExposure};
+use locard::compositor::exposure_time_s;
+use locard::frame::{Frame, FrameExposure};
+use locard::params::Value;
+use locard::recording::{OpenOptions, Recording};
+use locard::shot::{Given, Shot};
+use locard::simulate::Flaws;
+use locard::tracking::PoseTrack;
+
+/// Poses whose clock says so much more than the pictures' clock.
+fn late(poses_later_s: f64) -> Flaws {
+    Flaws { poses_later_s, ..Flaws::default() }
+}
+
+#[test]
+fn exact_poses_are_kept_and_steady_light_is_not_followed() {
+    let folder = demo(24, &Flaws::default());
+    let shot = opened(&folder);
+    let found = analysed(&shot, 2);
+    println!("{}", found.findings);
+    assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("right", &None));
+    assert!(found.gains.is_empty());
+    // It has no blur in focus (docs/calibration.md: 0 to 0.12 px).
+    let spread = found.findings.spread.as_ref().unwrap();
+    assert!(spread.sigma_px.unwrap() < 0.15 && spread.edges.unwrap() >= 40, "{spread:?}");
+    assert_eq!(found.findings.camera, shot.geometry_at(0).unwrap(), "the readout too");
+    // Whatever is drawn by it has the bits that it has without.
+    let refined = found.refinement(Some(0.1));
+    assert!(refined.track.is_none() && refined.depth_later_s == 0.0 && refined.seen.is_empty());
+    // Few of these frames' neighbours move otherwise.
+    let shutter = found.findings.shutter.as_ref().unwrap();
+    assert!(shutter.runs.is_empty() && shutter.why.as_ref().unwrap().contains("say it clearly"), "{shutter:?}");
+    assert!(refined.blurred_s.is_empty());
+}
+
+#[test]
+fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
+    let wrong = Flaws {
+        jitter_mm: 1.0,
+        jitter_deg: 0.1,
+        drift_mm: 20.0,
+        drift_deg: 1.0,
+        hand_eye_mm: 10.0,
+        hand_eye_deg: 1.1,
+        ..late(0.015)
+    };
+    let folder = demo(40, &wrong);
+    let shot = opened(&folder);
+    let found = analysed(&shot, 2);
+    println!("{}", found.findings);
+    let registered = &found.findings.registration;
+    let off = |track: &PoseTrack| pairs_off_px(&shot, &demo_track(), track, 8);
+    let [by_recorded, by_refined] = [&shot.recording.track, found.track.as_ref().unwrap()].map(off);
+    let (recorded, refined) = (whole(&by_recorded), whole(&by_refined));
+    let (share, most_px) = worse(&by_recorded, &by_refined);
+    println!(
+        "gap 8: recorded {recorded:.2?} px, refined {refined:.3?} px; {share} got worse, by {most_px:.2} px at most"
+    );
+    assert!(recorded.0 > 2.0);
+    assert!(refined.0 <= 0.15 && refined.1 <= 0.35, "{refined:?}");
+    assert!(share <= 0.05 && most_px <= 0.5, "{share} {most_px}");
+    assert!((registered.clock_s.unwrap() - 0.015).abs() <= 0.002, "{registered:?}");
+    assert!((found.findings.camera.intrinsics.readout_time_s - 0.015).abs() <= 0.002);
+    assert_eq!(registered.depth_later_s, 0.0);
+
+    // The same for any number of threads, byte for byte, and read back as written.
+    let files = found.files(&shot.recording).unwrap();
+    let out = folder.path().join("found");
+    std::fs::create_dir(&out).unwrap();
+    for (name, text) in &files {
+        std::fs::write(out.join(name), text).unwrap();
+    }
+    let back = Analysis::read(&out).unwrap();
+    assert!(back == found);
+    back.fits(&shot.recording, &shot.geometry_at(0).unwrap()).unwrap();
+    // The exposure is seen in the blur. It was 1/60 s, and the recording says so, which goes before.
+    let shutter = found.findings.shutter.as_ref().unwrap();
+    assert_eq!((shutter.runs.len(), &shutter.why), (1, &None));
+    assert!((60.0 * shutter.runs[0].exposure_s - 1.0).abs() < 0.05, "{shutter:?}");
+    let mut recording = Recording::clone(&shot.recording);
+    recording.refine(&found.refinement(Some(0.1)));
+    let frame = recording.frames(5..6).unwrap().next().unwrap().unwrap();
+    assert_eq!(frame.exposure.blurred_s, Some(shutter.runs[0].exposure_s));
+    let (camera, settings) = (shot.camera(), shot.settings.clone());
+    assert_eq!(exposure_time_s(&camera, &settings, &frame, 0.1), 1.0 / 60.0);
+    // Without the recording's, the camera's; without that, what was seen; without that, half the interval.
+    let mut frame = Frame { exposure: FrameExposure { time_s: None, ..frame.exposure }, ..frame };
+    let mut unsaid = camera.clone();
+    (unsaid.exposure.time_s, unsaid.exposure.shutter_angle_deg) = (None, None);
+    let said = |time_s| Camera { exposure: CameraExposure { time_s, ..unsaid.exposure }, ..unsaid.clone() };
+    assert_eq!(exposure_time_s(&said(Some(0.002)), &settings, &frame, 0.1), 0.002);
+    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.1), shutter.runs[0].exposure_s);
+    frame.exposure.blurred_s = None;
+    assert_eq!(exposure_time_s(&unsaid, &settings, &frame, 0.1), 0.05);
+}
+
+#[test]
+fn what_is_not_this_recordings_is_refused_and_not_fitted_away() {
+    let folder = demo(16, &Flaws::default());
+    let site = folder.path().join("site");
+    let refused = |sets: &[&str]| {
+        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+        let given = Given { sets, ..Given::default() };
+        let found = analysed(&Shot::open(&site, &OpenOptions::default(), &given).unwrap(), 2);
+        assert!(found.track.is_none(), "{}", found.findings);
+        found.findings.registration.why.unwrap_or_default()
+    };
+    let why = refused(&["camera.fx_px=640", "camera.fy_px=640"]);
+    assert!(why.contains("focal length"), "{why}");
+    // The same way half a second later.
+    let later = demo(16, &late(-0.5));
+    let found = analysed(&opened(&later), 2);
+    assert!(found.track.is_none() && found.findings.gain.is_none(), "{}", found.findings);
+    let why = found.findings.registration.why.unwrap();
+    assert!(why.contains("away from where the poses say"), "{why}");
+}
+
+/// The recording as one that has no depth, each frame's light multiplied by `gain` for each colour.
+fn without_depth(folder: &tempfile::TempDir, gain: impl Fn(usize) -> [f64; 3]) {
+    let site = folder.path().join("site");
+    let response = opened(folder).camera().response.clone();
+    let list = std::fs::read_to_string(site.join("rgb.txt")).unwrap();
+    for (n, line) in list.lines().filter(|line| !line.starts_with('#')).enumerate() {
+        let file = site.join(line.split(' ').nth(1).unwrap());
+        let mut picture = image::open(&file).unwrap().to_rgb8();
+        for pixel in picture.pixels_mut() {
+            for (code, gain) in pixel.0.iter_mut().zip(gain(n)) {
+                let light = gain * response.decode(f64::from(*code) / 255.0);
+                *code = (255.0 * response.encode(light.min(1.0))).round().clamp(0.0, 255.0) as u8;
+            }
+        }
+        picture.save(&file).unwrap();
+    }
+    let toml = std::fs::read_to_string(site.join("recording.toml")).unwrap();
+    let without = toml.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
+    assert!(without.len() < toml.len());
+    std::fs::write(site.join("recording.toml"), without).unwrap();
+    std::fs::remove_dir_all(site.join("depth")).unwrap();
+    std::fs::remove_file(site.join("depth.txt")).unwrap();
+}
+
+#[test]
+fn without_depth_light_and_sharpness_are_found_all_the_same() {
+    let gain = |n: usize| {
+        let stops = 0.6 * (0.4 * n as f64).sin() - if n > 12 { 0.5 } else { 0.0 };
+        [stops.exp2(), stops.exp2(), (stops + 0.01 * n as f64).exp2()]
+    };
+    let folder = demo(24, &Flaws::default());
+    without_depth(&folder, gain);
+    let shot = opened(&folder);
+    let found = analysed(&shot, 2);
+    println!("{}", found.findings);
+    assert_eq!((found.findings.registration.poses.as_str(), &found.track), ("kept", &None));
+    // Against the median frame's, which is 1.
+    let mut off = Vec::new();
+    for c in 0..3 {
+        let mut all: Vec<f64> = (0..24).map(|n| gain(n)[c].ln()).collect();
+        all.sort_by(f64::total_cmp);
+        off.extend((0..24).map(|n| found.gains[n][c].ln() - (gain(n)[c].ln() - all[12])));
+    }
+    let rms = (off.iter().map(|o| o * o).sum::<f64>() / off.len() as f64).sqrt();
+    assert!(rms < 0.012, "{rms}: {off:.3?}");
+    let spread = found.findings.spread.as_ref().unwrap();
+    assert!(spread.sigma_px.unwrap() < 0.2, "{spread:?}");
+    // Poses that are another site's show other things: no pair fits.
+    let other = demo(24, &late(1.1));
+    without_depth(&other, gain);
+    let found = analysed(&opened(&other), 2);
+    println!("{}", found.findings);
+    assert!(found.gains.is_empty() || found.findings.gain.unwrap().left < 0.03);
+}
+
+/// How far a point before the camera moves in the picture within 20 ms about each frame, px: root mean square of what that differs
+/// from the truth.
+fn motion_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack) -> f64 {
+    let camera = shot.geometry_at(0).unwrap();
+    let way = |track: &PoseTrack, time_s: f64, place: DVec3| {
+        let world = track.at(time_s).unwrap().inverse_transform_point(place);
+        let seen = |by_s: f64| camera.project(track.at(time_s + by_s).unwrap().transform_point(world)).unwrap();
+        seen(0.01) - seen(-0.01)
+    };
+    let places = [DVec3::new(0.0, 0.0, 1.2), DVec3::new(0.4, 0.2, 1.2), DVec3::new(-0.4, -0.2, 1.2)];
+    let times_s = &shot.recording.timestamps_s[1..shot.recording.frame_count() - 1];
+    let off = |t: &f64| places.map(|place| (way(track, *t, place) - way(truth, *t, place)).length_squared());
+    let all: Vec<f64> = times_s.iter().flat_map(off).collect();
+    (all.iter().sum::<f64>() / all.len() as f64).sqrt()
+}
+
+#[test]
+fn without_depth_the_motion_is_the_pictures_and_the_camera_stands_where_it_was_recorded() {
+    let folder = demo(20, &Flaws { jitter_mm: 1.0, jitter_deg: 0.1, ..Flaws::default() });
+    without_depth(&folder, |_| [1.0; 3]);
+    let shot = opened(&folder);
+    let found = analysed(&shot, 2);
+    println!("{}", found.findings);
+    let registered = &found.findings.registration;
+    assert!(registered.poses == "kept" && registered.motion_px.unwrap() > 0.5 && found.refined().is_none());
+    let (recorded, track) = (&shot.recording.track, found.track.as_ref().unwrap());
+    for time_s in shot.recording.timestamps_s.iter() {
+        let (was, is) = (recorded.at(*time_s).unwrap(), track.at(*time_s).unwrap());
+        assert!((was.position_in_world_m() - is.position_in_world_m()).length() < 1e-9, "{time_s}");
+        assert!(was.rotation.angle_between(is.rotation) < 1e-7, "{time_s}");
+    }
+    let truth = demo_track();
+    let [by_poses, by_pictures] = [recorded, track].map(|track| motion_off_px(&shot, &truth, track));
+    println!("motion within 20 ms: {by_poses:.2} px off by the poses, {by_pictures:.2} by the pictures");
+    assert!(by_poses > 1.0 && by_pictures < 0.3 * by_poses, "{by_poses} {by_pictures}");
+}
+
+#[test]
+fn any_number_of_threads_finds_the_same() {
+    // Neither count fills the last batch.
+    let folder = demo(13, &late(0.01));
+    let shot = opened(&folder);
+    let files = |threads| analysed(&shot, threads).files(&shot.recording).unwrap();
+    assert_eq!(files(1), files(3));
+}
+
+#[test]
+fn an_interrupted_analysis_goes_on_where_it_was() {
+    let folder = demo(13, &late(0.01));
+    let shot = opened(&folder);
+    let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
+    // What is heard until it ends, or so many times.
+    let heard = |shot: &Shot, folder: &Path, most: usize| {
+        let mut heard = Vec::new();
+        let done = shot.analyse(folder, &mut |done, _| {
+            heard.push(done);
+            if heard.len() < most { Ok(()) } else { Err(Interrupted) }
+        });
+        (heard, done.map(drop))
+    };
+    let (all, done) = heard(&shot, &whole, usize::MAX);
+    done.unwrap();
+    // Somewhere in the last pass but one.
+    let (_, done) = heard(&shot, &analysis, all.len() - 14);
+    assert!(done.unwrap_err().is_interrupted() && !analysis.exists());
+    // Of another camera nothing holds that was kept.
+    let sets = vec!["camera.fx_px=519.5".to_owned()];
+    let other = Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given { sets, ..Given::default() });
+    let elsewhere = folder.path().join("other/site.analysis");
+    std::fs::create_dir(folder.path().join("other")).unwrap();
+    let part = folder.path().join("site.analysis.part");
+    assert!(part.is_dir());
+    let to = folder.path().join("other/site.analysis.part");
+    std::fs::create_dir(&to).unwrap();
+    for entry in part.read_dir().unwrap() {
+        let entry = entry.unwrap();
+        std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+    }
+    assert_eq!(heard(&other.unwrap(), &elsewhere, 1).0, all[..1]);
+    // Of its own all does, to the last byte.
+    let (rest, done) = heard(&shot, &analysis, usize::MAX);
+    done.unwrap();
+    assert!(rest.len() + 4 < all.len() && all.ends_with(&rest), "{rest:?} of {all:?}");
+    assert!(!part.exists());
+    for name in ["analysis.toml", "poses.txt", "links.txt"] {
+        assert_eq!(std::fs::read(whole.join(name)).unwrap(), std::fs::read(analysis.join(name)).unwrap(), "{name}");
+    }
+}
+
+#[test]
+fn a_kinects_poses_are_refined_and_its_gain_is_followed() {
+    let Some(folder) = common::data("tum-fr1-rpy") else { return };
+    let given = Given { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..Given::default() };
+    let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
+    let found = analysed(&shot, 2);
+    println!("{}", found.findings);
+    let registered = &found.findings.registration;
+    assert_eq!(registered.poses, "refined");
+    // Known of this camera by another program: −5 ms, 25 ms, −1.1° and −0.5°.
+    assert!((registered.clock_s.unwrap() + 0.005).abs() < 0.002);
+    assert!((found.findings.camera.intrinsics.readout_time_s - 0.025).abs() < 0.002);
+    let turn = registered.hand_eye_turn_deg.unwrap();
+    assert!((turn[0] + 1.1).abs() < 0.2 && (turn[1] + 0.5).abs() < 0.2, "{turn:?}");
+    assert!(registered.recorded_px.unwrap() > 2.0 && registered.refined_px.unwrap() < 0.2);
+    let gain = found.findings.gain.unwrap();
+    assert!(gain.is_followed && gain.left < 0.011 && gain.range_ev > 1.0 && gain.range_ev < 1.6, "{gain:?}");
+    // Its lamps flicker at 100 Hz, and it exposes for two of their periods.
+    let shutter = found.findings.shutter.unwrap();
+    assert!(shutter.runs.len() == 1 && (shutter.runs[0].exposure_s - 0.020).abs() < 0.001, "{shutter:?}");
+    // By hand 0.50 and 0.51 ± 0.03 px (docs/calibration.md), by another program 0.49.
+    let spread = found.findings.spread.unwrap();
+    assert!((spread.sigma_px.unwrap() - 0.49).abs() < 0.07, "{spread:?}");
+    // An office by day under rows of lamps: none of them is to be told.
+    let light = found.findings.light.unwrap();
+    assert!(light.why.is_none() && light.lamps.is_empty() && light.no_lamp.is_some(), "{light:?}");
+}
+
+#[test]
+fn sharpness_follows_the_footage_where_nobody_says_it() {
+    let folder = demo(3, &Flaws::default());
+    let site = folder.path().join("site");
+    let told = said(&["analyse", site.to_str().unwrap()]);
+    assert!(told.contains("spread     unknown: ") && told.contains("40 are needed"), "{told}");
+    let toml = folder.path().join("site.analysis/analysis.toml");
+    let sigma_px = |sets: &[&str]| {
+        let given = Given { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..Given::default() };
+        let shot = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
+        let tables = shot.settings.tables();
+        match tables.iter().find(|t| t.table() == "point_spread").unwrap().get("sigma_px") {
+            Some(Value::Number(px)) => px,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(sigma_px(&[]), 0.0);
+    // 0.566 px is what a drawn edge measures of 0.6.
+    let text = std::fs::read_to_string(&toml).unwrap();
+    std::fs::write(&toml, text.replace("[spread]\n", "[spread]\nsigma_px = 0.566\n")).unwrap();
+    assert!((sigma_px(&[]) - 0.6).abs() < 1e-12);
+    // Who says the default says it, too.
+    for said in [0.0, 0.6, 1.0, 2.5] {
+        assert_eq!(sigma_px(&[&format!("point_spread.sigma_px={said}")]), said);
+    }
+    let camera = site.join("camera.toml");
+    let profile = std::fs::read_to_string(&camera).unwrap();
+    std::fs::write(&camera, profile + "\n[point_spread]\nsigma_px = 0.0\n").unwrap();
+    assert_eq!(sigma_px(&[]), 0.0);
+}
+
+#[test]
+fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
+    let folder = demo(8, &late(0.01));
+    let site = folder.path().join("site");
+    let path = site.to_str().unwrap();
+    let told = said(&["analyse", path]);
+    assert!(told.contains("poses      ") && told.contains("readout"), "{told}");
+    let analysis = folder.path().join("site.analysis");
+    assert_eq!(beside(&site), analysis.canonicalize().unwrap());
+    assert_eq!(said(&["inspect", analysis.to_str().unwrap()]), told);
+    assert_eq!(said(&["analyse", path]), told, "once is enough");
+
+    let marker = ["--scene", "scenes/demo.toml", "--frames", "2..3", "-o"];
+    let composite = |out: &str, more: &[&str]| {
+        let out = folder.path().join(out);
+        let arguments = [&["composite", path][..], &marker, &[out.to_str().unwrap()], more].concat();
+        let done = locard(&arguments);
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        (std::fs::read(out.join("frame_000002.png")).unwrap(), String::from_utf8(done.stderr).unwrap())
+    };
+    let (by_default, _) = composite("a", &[]);
+    let (named, _) = composite("b", &["--analysis", analysis.to_str().unwrap()]);
+    let (without, _) = composite("c", &["--no-analysis"]);
+    assert!(by_default == named);
+
+    // Another recording in the same place.
+    let poses = std::fs::read_to_string(site.join("groundtruth.txt")).unwrap();
+    let dropped: String =
+        poses.lines().enumerate().filter(|(n, _)| *n != 3).map(|(_, line)| format!("{line}\n")).collect();
+    std::fs::write(site.join("groundtruth.txt"), dropped).unwrap();
+    let (stale, said) = composite("d", &[]);
+    assert!(
+        stale == without
+            && said.contains("is not used: the recording is another now")
+            && said.contains("analyse the recording again"),
+        "{said}"
+    );
+    let named = ["composite", path, "--analysis", analysis.to_str().unwrap()];
+    let out = folder.path().join("e");
+    let problem = refused(&[&named[..], &marker, &[out.to_str().unwrap()]].concat());
+    assert!(problem.contains("the recording is another now"), "{problem}");
+
+    // Half-written, and of another version.
+    let toml = analysis.join("analysis.toml");
+    let text = std::fs::read_to_string(&toml).unwrap();
+    std::fs::write(&toml, text.replace("version = 4", "version = 7")).unwrap();
+    assert!(composite("f", &[]).1.contains("version 7; this program makes and reads version 4"));
+    std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
+    assert!(composite("g", &[]).1.contains("is not used"));
+    std::fs::remove_file(&toml).unwrap();
+    assert!(composite("h", &[]).1.is_empty());
+
+    // Made first, if that is asked for.
+    let (made, _) = composite("i", &["--analyse"]);
+    assert!(toml.exists() && made == composite("j", &[]).0);
+    std::fs::remove_file(&toml).unwrap();
+
+    // What is no analysis is not written into.
+    std::fs::write(analysis.join("mine.txt"), "").unwrap();
+    let problem = refused(&["analyse", path]);
+    assert!(problem.contains("holds mine.txt, which is no part of an analysis"), "{problem}");
+}

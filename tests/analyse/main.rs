@@ -1,0 +1,25 @@
+//! What the footage says of itself, and recordings that are made to have something to say.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../common/columns.rs"]
+mod columns;
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/footage.rs"]
+mod footage;
+#[path = "../common/gpu.rs"]
+mod gpu;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/shot.rs"]
+mod shot;
+
+mod flaws;
+mod found;
+mod light;
+mod registration;
+mod report;
+mod simulate;
+mod simulate_flaws;
+mod verify;

@@ -1,0 +1,79 @@
+//! The real desk as a virtual object, in the recording that it was made from.
+
+use crate::common;
+use crate::gpu;
+use crate::shot;
+use locard::measure::Grey;
+use locard::measure::displacement::{DisplacementOptions, displacements};
+
+/// Patches must be much larger than the displacements, which reach 10 px in a few frames.
+const PATCH_PX: usize = 64;
+
+/// Made with one pose for the whole frame, and with each row's own.
+const GLOBAL: (&str, f64) = ("twins/tum-fr1-rpy-020.glb", 0.0);
+const ROWS: (&str, f64) = ("twins/tum-fr1-rpy-020-rows.glb", 0.02);
+
+/// Lengths of the displacements of all patches that a twin covers in these frames, drawn with its readout time, px.
+fn twin_displacements((twin, readout_time_s): (&str, f64), frames: std::ops::Range<usize>) -> Option<Vec<f64>> {
+    let folder = common::data("tum-fr1-rpy")?;
+    let twin = common::data(twin)?;
+    let mut shot = shot::open(&folder, Some("profiles/tum-fr1.toml"), &twin);
+    shot.rig.intrinsics.readout_time_s = readout_time_s;
+    shot.settings.plain();
+    let gpu = gpu::gpu();
+    let mut lengths = Vec::new();
+    for done in shot::composited(&gpu, &shot, frames) {
+        let real = shot.read(done.frame).unwrap().pixels;
+        let layer = done.layer.unwrap();
+        let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
+        let found = displacements(
+            &Grey::luma(&real),
+            &Grey::luma(&done.pixels),
+            Some(&mask),
+            &DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() },
+        )
+        .unwrap();
+        assert!(found.patches.len() > 5, "{} patches", found.patches.len());
+        println!(
+            "frame {}: median {:.3} px of {} patches",
+            done.frame,
+            found.median_length_px().unwrap(),
+            found.patches.len()
+        );
+        lengths.extend(found.patches.iter().map(|p| p.displacement_px[0].hypot(p.displacement_px[1])));
+    }
+    Some(lengths)
+}
+
+fn median(mut lengths: Vec<f64>) -> f64 {
+    lengths.sort_by(f64::total_cmp);
+    lengths[lengths.len() / 2]
+}
+
+#[test]
+fn the_twin_lies_on_its_own_frame() {
+    let Some(lengths) = twin_displacements(GLOBAL, 20..21) else { return };
+    let median = median(lengths);
+    println!("frame 20: median displacement {median:.3} px");
+    assert!(median <= 0.3, "{median}");
+}
+
+#[test]
+fn the_twin_follows_the_camera() {
+    let Some(lengths) = twin_displacements(GLOBAL, 22..31) else { return };
+    let median = median(lengths);
+    println!("frames 22 to 30: median displacement {median:.3} px");
+    assert!(median <= 2.2, "{median}");
+}
+
+#[test]
+fn with_rows_times_the_twin_of_rows_lies_closer() {
+    let Some(lengths) = twin_displacements(ROWS, 20..21) else { return };
+    let own = median(lengths);
+    assert!(own <= 0.3, "frame 20: {own}");
+    let [Some(rows), Some(global)] = [ROWS, GLOBAL].map(|twin| twin_displacements(twin, 22..31).map(median)) else {
+        return;
+    };
+    println!("frame 20: {own:.3} px; frames 22 to 30: {rows:.3} px, without rows' times {global:.3} px");
+    assert!(rows <= 0.92 * global, "{rows} {global}");
+}

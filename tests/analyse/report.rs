@@ -1,0 +1,185 @@
+//! The page that an analysis is shown on, and what of it is taken into a profile: by the program, as a person does it.
+
+use std::path::Path;
+
+use crate::footage::demo;
+use crate::program::{refused, said};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use locard::analyse::Analysis;
+use locard::simulate::Flaws;
+use quick_xml::events::Event;
+
+/// What a browser would find: the text of all elements, pictures decoded, and names of the elements. Fails unless each element
+/// is closed.
+struct Page {
+    text: String,
+    pictures: Vec<image::RgbImage>,
+    elements: Vec<String>,
+}
+
+fn parsed(html: &str) -> Page {
+    let mut page = Page { text: String::new(), pictures: Vec::new(), elements: Vec::new() };
+    let mut reader = quick_xml::Reader::from_str(html);
+    loop {
+        match reader.read_event().unwrap() {
+            Event::Eof => return page,
+            Event::Text(text) => page.text += &text.decode().unwrap(),
+            Event::GeneralRef(name) => {
+                let code = name.resolve_char_ref().unwrap();
+                page.text.push(code.unwrap_or_else(|| match name.decode().unwrap().as_ref() {
+                    "amp" => '&',
+                    "lt" => '<',
+                    "gt" => '>',
+                    "quot" => '"',
+                    other => panic!("&{other};"),
+                }));
+            }
+            Event::Start(element) => page.elements.push(String::from_utf8(element.name().0.to_vec()).unwrap()),
+            Event::Empty(element) => {
+                let name = String::from_utf8(element.name().0.to_vec()).unwrap();
+                if name == "img" {
+                    let uri = element.try_get_attribute("src").unwrap().unwrap();
+                    let uri = String::from_utf8(uri.value.to_vec()).unwrap();
+                    let png = STANDARD.decode(uri.strip_prefix("data:image/png;base64,").unwrap()).unwrap();
+                    page.pictures.push(image::load_from_memory(&png).unwrap().to_rgb8());
+                }
+                page.elements.push(name);
+            }
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
+    // Poses 20 ms late; a name that would be markup.
+    let folder = demo(24, &Flaws { poses_later_s: 0.02, ..Flaws::default() });
+    let site = folder.path().join("a<b>&\"c");
+    std::fs::rename(folder.path().join("site"), &site).unwrap();
+    let described = std::fs::read_to_string(site.join("recording.toml")).unwrap();
+    std::fs::write(site.join("recording.toml"), described.replace("\"demo\"", "\"<script>&'\"")).unwrap();
+    let [page, profile] = ["page.html", "mine.toml"].map(|name| folder.path().join(name));
+    let text = "# mine\nversion = 1\n\n[camera]\n# by hand\nreadout_time_s = 0.03 # guessed\n";
+    std::fs::write(&profile, text).unwrap();
+    let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
+    let told = said(&["analyse", site, "--report", page_at, "--accept", profile_at]);
+    let (found, accepted) = told.split_at(told.find("accepted ").unwrap());
+    assert!(found.contains("refined"), "{told}");
+
+    let html = std::fs::read_to_string(&page).unwrap();
+    let seen = parsed(&html);
+    for line in found.lines() {
+        assert!(seen.text.contains(line[11..].trim()), "{line}");
+    }
+    assert!(seen.text.contains("<script>&'") && seen.text.contains("a<b>&\"c"), "{}", seen.text);
+    assert!(!seen.elements.iter().any(|name| name == "script" || name == "b>"));
+    assert!(
+        !html.contains("http://")
+            || html.matches("http://").count() == html.matches("http://www.w3.org/2000/svg").count()
+    );
+    // Poses and links; the strip is above and below. Light is steady there.
+    assert!(seen.elements.iter().filter(|name| *name == "svg").count() >= 4, "{:?}", seen.elements);
+    assert!(seen.pictures.len() >= 8 && seen.pictures.len().is_multiple_of(2), "{}", seen.pictures.len());
+    assert!(seen.pictures.iter().all(|picture| picture.dimensions() == (128, 128)));
+    assert!(seen.text.contains("Left out: ") && seen.text.contains("Time by part"));
+
+    // Of one that is there, again and again the same; only a run knows how long it took.
+    assert_eq!(said(&["analyse", site, "--report", page_at]), found);
+    let again = std::fs::read_to_string(&page).unwrap();
+    assert!(!again.contains("Time by part"));
+    said(&["analyse", site, "--report", page_at]);
+    assert_eq!(std::fs::read_to_string(&page).unwrap(), again);
+    let whole = html.split("<section>\n<h2>Time by part").next().unwrap();
+    assert!(again.starts_with(whole), "the rest is the same");
+
+    // What the footage says of the readout is the demo's own, which is 15 ms.
+    assert!(accepted.contains("camera.readout_time_s: 0.03 -> 0.015"), "{accepted}");
+    assert!(accepted.contains("point_spread.sigma_px: unsaid -> "), "{accepted}");
+    assert!(
+        accepted.contains("camera.exposure.time_s") && accepted.contains("poses.time_offset_s = 0.02"),
+        "{accepted}"
+    );
+    let written = std::fs::read_to_string(&profile).unwrap();
+    assert!(written.starts_with(&text.replace("0.03", "0.015")), "{written}");
+    let is_kept = accepted.contains("camera.exposure.time_s stays: ");
+    assert_eq!(written.contains("time_s = 0.0") && written.contains("[camera.exposure]"), !is_kept, "{written}");
+    // A second time nothing changes.
+    let told = said(&["analyse", site, "--accept", profile_at]);
+    assert!(told.contains("camera.readout_time_s: 0.015 -> 0.015"), "{told}");
+    assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
+    // A new one begins as a copy.
+    let new = folder.path().join("new.toml");
+    said(&["analyse", site, "--profile", profile_at, "--accept", new.to_str().unwrap()]);
+    assert_eq!(std::fs::read_to_string(&new).unwrap(), written);
+}
+
+#[test]
+fn what_cannot_be_shown_is_left_out_with_its_reason() {
+    let folder = demo(3, &Flaws::default());
+    let site = folder.path().join("site");
+    let described = std::fs::read_to_string(site.join("recording.toml")).unwrap();
+    let without = described.replace("[depth]\nlist = \"depth.txt\"\nscale = 250.0\n", "");
+    assert_ne!(described, without);
+    std::fs::write(site.join("recording.toml"), without).unwrap();
+    let [page, profile] = ["page.html", "mine.toml"].map(|name| folder.path().join(name));
+    let [site, page_at, profile_at] = [&site, &page, &profile].map(|path| path.to_str().unwrap());
+    let told = said(&["analyse", site, "--report", page_at, "--accept", profile_at]);
+    let seen = parsed(&std::fs::read_to_string(&page).unwrap());
+    assert!(seen.pictures.is_empty() && !seen.elements.contains(&"svg".to_owned()));
+    for why in ["poses are as recorded: there is no depth", "so no place of the room can be followed"] {
+        assert!(seen.text.contains(why), "{why}: {}", seen.text);
+    }
+    assert!(seen.text.contains("poses kept: there is no depth"), "{}", seen.text);
+    // Nothing was found, so nothing is written.
+    assert_eq!(told.matches(" stays: ").count(), 3, "{told}");
+    assert!(!profile.exists());
+}
+
+#[test]
+fn what_is_there_is_not_lost() {
+    let folder = demo(3, &Flaws::default());
+    let site = folder.path().join("site");
+    let path = site.to_str().unwrap();
+    let analysis = folder.path().join("site.analysis");
+    let is_whole = |name: &str, content: &str| {
+        assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), content);
+        assert!(!analysis.exists(), "refused before the work");
+        let left = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+        assert!(left.into_iter().all(|name| !name.to_string_lossy().contains("partial")));
+    };
+    for (name, content, option, why) in [
+        ("notes.html", "<p>mine</p>", "--report", "is no report of an analysis, so it is kept"),
+        ("mine.toml", "version = 1\n[camera\n", "--accept", "no profile that could be added to"),
+        ("scene.toml", "version = 1\n[[objects]]\nmodel = 'a.glb'\n", "--accept", "there is no table [objects]"),
+    ] {
+        let file = folder.path().join(name);
+        std::fs::write(&file, content).unwrap();
+        let problem = refused(&["analyse", path, option, file.to_str().unwrap()]);
+        assert!(problem.contains(why), "{problem}");
+        is_whole(name, content);
+    }
+    let nowhere = folder.path().join("no/page.html");
+    refused(&["analyse", path, "--report", nowhere.to_str().unwrap()]);
+    let within = analysis.join("page.html");
+    std::fs::create_dir(&analysis).unwrap();
+    let problem = refused(&["analyse", path, "--report", within.to_str().unwrap()]);
+    assert!(problem.contains("folder holds nothing else"), "{problem}");
+    std::fs::remove_dir(&analysis).unwrap();
+    let list = site.join("rgb.txt");
+    let problem = refused(&["analyse", path, "--report", list.to_str().unwrap()]);
+    assert!(problem.contains("is read in this run"), "{problem}");
+    assert!(!analysis.exists() && Path::new(&list).exists());
+    // An empty file is nobody's.
+    let page = folder.path().join("page.html");
+    std::fs::write(&page, "").unwrap();
+    said(&["analyse", path, "--report", page.to_str().unwrap()]);
+    assert!(std::fs::read_to_string(&page).unwrap().ends_with("</html>\n"));
+    // Links are part of it.
+    let links = analysis.join("links.txt");
+    if links.exists() {
+        std::fs::write(&links, "0 9 1 1\n").unwrap();
+        let problem = Analysis::read(&analysis).unwrap_err().to_string();
+        assert!(problem.contains("links.txt") && problem.contains("of the 3 frames"), "{problem}");
+    }
+}

@@ -1,0 +1,132 @@
+//! What is wrong with a simulated recording if that is asked, and the truth beside it.
+
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use crate::columns::columns;
+use glam::{DQuat, DVec3};
+use locard::camera::Response;
+use locard::simulate::{self, Flaws, Format, Motion, Options, Simulation};
+use locard::tracking::tum::read_trajectory;
+
+fn small() -> Options {
+    Options {
+        width_px: 64,
+        height_px: 48,
+        focal_px: 52.0,
+        frames: 3,
+        samples: 4,
+        format: Format::Png,
+        ..Options::default()
+    }
+}
+
+fn made(out: &Path, options: &Options, flaws: &Flaws) {
+    simulate::run(out, options, flaws, true, &mut |_, _| ControlFlow::Continue(())).unwrap();
+}
+
+/// The same recording without flaws differs by what is asked, and the truth tells how.
+#[test]
+fn flaws_are_as_large_as_asked_and_the_truth_lies_beside() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options { frames: 12, noise_scale: 0.0, ..small() };
+    let flaws = Flaws {
+        exposure_walk_ev: 0.5,
+        exposure_step_ev: 1.5,
+        white_balance_share: 0.1,
+        jitter_mm: 1.0,
+        hand_eye_deg: 1.0,
+        poses_later_s: 0.015,
+        depth_later_s: 0.02,
+        repeat_share: 0.3,
+        ..Flaws::default()
+    };
+    let [plain, flawed] = ["plain", "flawed"].map(|name| folder.path().join(name));
+    made(&plain, &options, &Flaws::default());
+    made(&flawed, &options, &flaws);
+    assert!(!plain.join("truth").exists());
+    assert!(!fs::read_to_string(plain.join("truth.toml")).unwrap().contains("flaws"));
+
+    // Poses: the truth has those of the recording without flaws, and more at its ends.
+    let read = |list: &Path| read_trajectory(list, None).unwrap();
+    let truth = read(&flawed.join("truth/poses.txt"));
+    let (without, recorded) = (read(&plain.join("groundtruth.txt")), read(&flawed.join("groundtruth.txt")));
+    assert!(without.poses().iter().all(|pose| truth.poses().contains(pose)));
+    let toml: toml::Table = fs::read_to_string(flawed.join("truth.toml")).unwrap().parse().unwrap();
+    let is_true = &toml["truth"];
+    let number = |key: &str| is_true[key].as_float().unwrap();
+    assert_eq!([number("clock_s"), number("depth_later_s"), number("readout_time_s")], [0.015, 0.02, 0.015]);
+    let turn_deg: Vec<f64> =
+        is_true["hand_eye_turn_deg"].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect();
+    let turn = DQuat::from_scaled_axis(DVec3::from_slice(&turn_deg) * 1f64.to_radians());
+    for ((time_s, is), (true_s, was)) in recorded.poses().iter().zip(truth.poses()) {
+        assert!((time_s - true_s - 0.015).abs() < 2e-6);
+        assert!((is.position_in_world_m() - was.position_in_world_m()).length() < 5e-3);
+        let camera = is.world_from_camera_rotation() * turn;
+        assert!(camera.angle_between(was.world_from_camera_rotation()) < 1e-6);
+    }
+
+    // Pictures: as bright as told, until they clip, and those that repeat are the same file.
+    let light = |path: &Path| {
+        let codes = image::open(path).unwrap().into_rgb8().into_raw();
+        codes.into_iter().map(|code| Response::default().decode(f64::from(code) / 255.0)).collect::<Vec<_>>()
+    };
+    let (rows, depth) = (columns(&flawed, "truth/frames.txt"), |of: &Path, n: usize| {
+        image::open(of.join(format!("depth/{n:05}.png"))).unwrap().into_luma16().into_raw()
+    });
+    let mut repeats = 0;
+    for (n, row) in rows.iter().enumerate() {
+        let value = |column: usize| row[column].parse::<f64>().unwrap();
+        let picture = value(5) as usize;
+        let file = |n: usize| fs::read(flawed.join(format!("rgb/{n:05}.png"))).unwrap();
+        assert!(file(n) == file(picture));
+        repeats += usize::from(picture != n);
+        let (is, was) =
+            (light(&flawed.join(format!("rgb/{n:05}.png"))), light(&plain.join(format!("rgb/{picture:05}.png"))));
+        for (i, (is, was)) in is.iter().zip(was).enumerate() {
+            let expected = (value(2 + i % 3) * was).min(1.0);
+            // Half a code on either side.
+            assert!((is - expected).abs() < 0.012 * (1.0 + value(2 + i % 3)), "{n}: {is} is not {expected}");
+        }
+        assert!(depth(&flawed, n) != depth(&plain, n), "measured later");
+    }
+    assert!(repeats > 0);
+    let first = columns(&flawed, "exposure.txt")[0].len();
+    assert_eq!(first, 2, "the camera does not say its gain");
+
+    // Frames do not depend on which others are made.
+    let [few, more] = ["few", "more"].map(|name| folder.path().join(name));
+    for (out, frames) in [(&few, 3), (&more, 5)] {
+        let options = Options { frames, motion: Motion::Static, ..options.clone() };
+        made(out, &options, &flaws);
+    }
+    for file in ["rgb/00000.png", "rgb/00001.png", "rgb/00002.png"] {
+        assert!(fs::read(few.join(file)).unwrap() == fs::read(more.join(file)).unwrap());
+    }
+    assert_eq!(columns(&few, "truth/frames.txt")[..], columns(&more, "truth/frames.txt")[..3]);
+    // `--force` knows the truth as its own.
+    made(&few, &options, &Flaws::default());
+    assert!(!few.join("truth").exists());
+}
+
+/// Somebody who walks covers about a fifth of the picture, and nothing else is another.
+#[test]
+fn a_person_walks_through_and_a_blank_site_has_nothing_to_see() {
+    let options =
+        Options { width_px: 160, height_px: 120, focal_px: 130.0, samples: 1, motion: Motion::Static, ..small() };
+    let of = |flaws: Flaws| Simulation::flawed(&options, &flaws).unwrap();
+    let (empty, walked) = (of(Flaws::default()), of(Flaws { person_m_per_s: 6.0, ..Flaws::default() }));
+    let mut before = None;
+    for frame in 0..3 {
+        let (without, with) = (empty.picture(frame), walked.picture(frame));
+        let nearer: Vec<bool> = with.depth_m.iter().zip(&without.depth_m).map(|(a, b)| a < b).collect();
+        let share = nearer.iter().filter(|n| **n).count() as f64 / nearer.len() as f64;
+        println!("{share}");
+        assert!((0.15..0.3).contains(&share), "{share}");
+        assert!(before != Some(nearer.clone()), "they move");
+        before = Some(nearer);
+    }
+    let blank = of(Flaws { blank: true, ..Flaws::default() }).picture(1);
+    assert!(blank.light.iter().all(|light| *light == blank.light[0]) && blank.depth_m == empty.picture(1).depth_m);
+}

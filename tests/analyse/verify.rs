@@ -1,0 +1,43 @@
+//! Virtual things beside real ones, judged by the program: as they should be, and with something wrong for each line.
+
+use crate::common;
+use crate::program::{locard, said};
+
+/// Each line's name and its verdict.
+fn verdicts(arguments: &[&str]) -> Vec<(String, String)> {
+    let output = locard(arguments);
+    let text = String::from_utf8(output.stdout).unwrap();
+    println!("{text}{}", String::from_utf8_lossy(&output.stderr));
+    let lines = text.lines().filter(|line| !line.starts_with("pairs"));
+    let found: Vec<(String, String)> = lines
+        .map(|line| (line.split(' ').next().unwrap().to_owned(), line.rsplit(": ").next().unwrap().to_owned()))
+        .collect();
+    assert_eq!(found.len(), 4, "{text}");
+    let is_well = found.iter().all(|(_, verdict)| verdict != "FAIL");
+    assert_eq!(output.status.success(), is_well, "{text}");
+    found
+}
+
+fn failed(found: &[(String, String)]) -> Vec<&str> {
+    found.iter().filter(|(_, verdict)| verdict == "FAIL").map(|(name, _)| name.as_str()).collect()
+}
+
+#[test]
+fn a_kinects_footage_passes_and_something_wrong_fails_its_own_line() {
+    let Some(folder) = common::data("tum-fr1-rpy") else { return };
+    let out = tempfile::tempdir().unwrap();
+    let [folder, analysis] = [folder.to_str().unwrap(), out.path().join("found").to_str().unwrap()].map(str::to_owned);
+    let profile = ["--profile", "profiles/tum-fr1.toml", "--quiet"];
+    said(&[&["analyse", folder.as_str(), "-o", analysis.as_str()], &profile[..]].concat());
+    let verified =
+        |more: &[&str]| verdicts(&[&["verify", folder.as_str(), "--every", "30"], &profile[..], more].concat());
+    let by = ["--analysis", analysis.as_str()];
+    let found = verified(&by);
+    assert!(found.iter().all(|(_, verdict)| verdict == "pass"), "{found:?}");
+    // The poses as recorded, and light that nothing follows.
+    assert_eq!(failed(&verified(&["--no-analysis"])), ["registration", "gain"]);
+    // Too bright by half a stop; exposed for longer than it was; a lens softer than it is.
+    let wrong = ["exposure.ev=0.5", "camera.exposure.time_s=0.033", "point_spread.sigma_px=1.1"];
+    let sets: Vec<&str> = wrong.iter().flat_map(|set| ["--set", set]).collect();
+    assert_eq!(failed(&verified(&[&by[..], &sets].concat())), ["gain", "blur", "sharpness"]);
+}

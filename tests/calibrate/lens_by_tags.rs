@@ -1,0 +1,137 @@
+//! Cameras from photographs of the sheet of tags. The photographs share no projection with what is judged.
+
+use std::path::Path;
+use std::sync::LazyLock;
+
+use crate::program::{refused, said};
+use crate::sheet::{CAMERA, Camera, Place, SIZE, Sheet as Printed};
+use glam::{DVec2, DVec3};
+use locard::calibrate::board::{Search, Target, Wanted};
+use locard::calibrate::geometry::{Calibrated, LensOptions, NamedView, calibrate};
+use locard::camera::Response;
+use locard::pixels::Pixels;
+use locard::tags::{Board, Paper, Sheet, picture};
+
+static PRINTED: LazyLock<Printed> = LazyLock::new(|| {
+    let picture = picture(&Sheet::new(Paper::A4));
+    Printed::of(picture.width() as usize, picture.height() as usize, picture.pixels().map(|p| p[0]).collect())
+});
+
+/// A webcam with a wide lens.
+const WIDE: Camera = Camera {
+    focal_px: 430.0,
+    centre_px: DVec2::new(311.0, 247.0),
+    k1: -0.31,
+    k2: 0.08,
+    p1: -0.0008,
+    p2: 0.0012,
+    readout_s: 0.0,
+};
+
+/// Around the sheet, near and far, tilted every way, the sheet in the picture's middle and at its rim, where part of it is
+/// cut off.
+fn around(camera: &Camera, n: u32) -> Place {
+    let (a, i) = (2.4 * f64::from(n), f64::from(n));
+    let tilt = 0.3 + 0.4 * (0.7 * i).sin().abs();
+    let far = camera.focal_px / 560.0 * (0.48 + 0.16 * (1.9 * i).sin());
+    let at = far * DVec3::new(tilt.sin() * a.cos(), tilt.sin() * a.sin(), tilt.cos());
+    let beside = 0.25 * far;
+    Place::looking(at, DVec3::new(beside * (1.3 * i).sin(), beside * (2.1 * i).cos(), 0.0), 0.5 * (0.9 * i).sin())
+}
+
+fn photograph(camera: &Camera, n: u32) -> Vec<u8> {
+    let place = around(camera, n);
+    PRINTED.photograph(camera, 3, 1.5, n.into(), |_| place)
+}
+
+/// The share by which a parameter is off.
+fn off(calibrated: &Calibrated, name: &str, truth: f64) -> f64 {
+    calibrated.parameters.iter().find(|parameter| parameter.name == name).unwrap().value / truth - 1.0
+}
+
+#[test]
+fn photographs_of_the_sheet_give_their_camera_back() {
+    for camera in [CAMERA, WIDE] {
+        let mut search = Search::new(&Wanted::Any, &Response::default()).unwrap();
+        let (mut views, mut whole, mut furthest, mut sum, mut corners) = (Vec::new(), 0, 0f64, 0.0, 0.0);
+        for n in 0..16 {
+            let pixels = Pixels::from_u8(SIZE.0, SIZE.1, photograph(&camera, n)).unwrap();
+            let Ok(seen) = search.find(&pixels) else { continue };
+            whole += usize::from(seen.at_px.len() == 24);
+            for (board, at) in seen.board.iter().zip(&seen.at_px) {
+                let off = at.distance(around(&camera, n).sees(&camera, DVec3::new(board.x, -board.y, 0.0)));
+                furthest = furthest.max(off);
+                (sum, corners) = (sum + off * off, corners + 1.0);
+            }
+            views.push(NamedView { name: n.to_string(), seen });
+        }
+        let rms_px = (sum / corners).sqrt();
+        println!("{} views, {whole} whole; corners off by {rms_px:.3} px, {furthest:.3} px at most", views.len());
+        assert!(views.len() >= 14 && (4..14).contains(&whole), "{} views, {whole} whole", views.len());
+        assert!(rms_px < 0.1 && furthest < 0.5, "{rms_px:.3} px, {furthest:.3} px");
+        let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
+        println!("{calibrated}");
+        assert_eq!((calibrated.target, calibrated.unit_mm), (Target::Tags(6), Some(1000.0)));
+        // What is asked for is 2 % and 5 %.
+        assert!(off(&calibrated, "fx_px", camera.focal_px).abs() < 0.005, "{calibrated}");
+        assert!(off(&calibrated, "fy_px", camera.focal_px).abs() < 0.005, "{calibrated}");
+        assert!(off(&calibrated, "k1", camera.k1).abs() < 0.05, "{calibrated}");
+        let centre = DVec2::new(calibrated.geometry.intrinsics.cx_px, calibrated.geometry.intrinsics.cy_px);
+        assert!(centre.distance(camera.centre_px) < 2.0, "{calibrated}");
+        assert!(calibrated.rms_px < 0.15 && (calibrated.rms_px / rms_px - 1.0).abs() < 0.5, "{calibrated}");
+    }
+}
+
+fn path(path: &Path) -> String {
+    path.display().to_string()
+}
+
+fn save(codes: Vec<u8>, file: &Path) {
+    image::RgbImage::from_raw(SIZE.0, SIZE.1, codes).unwrap().save(file).unwrap();
+}
+
+#[test]
+fn the_program_finds_by_itself_what_is_photographed() {
+    let folder = tempfile::tempdir().unwrap();
+    let photos = folder.path().join("photos");
+    std::fs::create_dir(&photos).unwrap();
+    for n in 0..6 {
+        save(photograph(&CAMERA, n), &photos.join(format!("{n}.png")));
+    }
+    // Squares of 60 px that fill the picture.
+    let squares = (0..SIZE.0 * SIZE.1)
+        .flat_map(|i| [if (i % SIZE.0 / 60 + i / SIZE.0 / 60).is_multiple_of(2) { 30 } else { 200 }; 3]);
+    save(squares.collect(), &photos.join("squares.png"));
+    save(vec![128; (3 * SIZE.0 * SIZE.1) as usize], &photos.join("wall.png"));
+    let (profile, photos) = (path(&folder.path().join("mine.toml")), path(&photos));
+    let told = said(&["calibrate", "camera", &photos, "-o", &profile]);
+    for part in [
+        "views      6 views of a board of 6 tags, ",
+        "squares.png: shows a chessboard where most show printed tags",
+        "wall.png: neither printed tags nor a chessboard are seen",
+        " of 24 corners, rms ",
+        " mm away",
+    ] {
+        assert!(told.contains(part), "{part} is not in\n{told}");
+    }
+    let written = std::fs::read_to_string(&profile).unwrap();
+    assert!(written.contains("from 6 views of a board of 6 tags, ") && written.contains("k1 = -0.2"), "{written}");
+
+    // The same tags by a file of their own, of twice their size: the camera is the same.
+    let twice = Sheet::new(Paper::A4).board.to_string().replace("version = 1", "version = 1\nscale = 2");
+    let file = path(&folder.path().join("twice.toml"));
+    std::fs::write(&file, &twice).unwrap();
+    let again = said(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
+    let line = |told: &str, name: &str| told.lines().find(|line| line.starts_with(name)).unwrap().to_owned();
+    assert_eq!(line(&told, "camera.fx_px"), line(&again, "camera.fx_px"));
+    assert!(again.contains("squares.png: no tags are seen"), "{again}");
+    // Tags that are on another board.
+    std::fs::write(&file, "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 77\nsize_m = 0.1\ncenter_m = [0, 0]\n")
+        .unwrap();
+    let text = refused(&["calibrate", "camera", &photos, "--board", &file, "-o", &profile, "--force"]);
+    assert!(text.contains("the tags that are seen are not on the board: 0, 1"), "{text}");
+    assert!(Board::parse(&twice).is_ok() && text.lines().count() == 1, "{text}");
+    // The board's file is not written over.
+    let text = refused(&["calibrate", "camera", &photos, "--board", &file, "-o", &file, "--force"]);
+    assert!(text.contains("twice.toml"), "{text}");
+}

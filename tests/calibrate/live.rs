@@ -1,0 +1,231 @@
+//! Views that are taken by themselves: a hand that moves a sheet of tags before a camera, made up frame by frame.
+
+use std::f64::consts::FRAC_PI_2;
+use std::path::Path;
+use std::process::Command;
+
+use crate::program::{locard, refused};
+use crate::random::Random;
+use crate::sheet::{CAMERA, Place, SIZE, Sheet as Printed};
+use glam::{DMat3, DVec2, DVec3};
+use locard::calibrate::board::{Seen, Target};
+use locard::calibrate::geometry::{Edge, LensOptions, Look, Taking, Wish};
+use locard::tags::{Paper, Sheet, picture};
+
+const FRAME_S: f64 = 1.0 / 30.0;
+
+/// What is seen of the sheet, read with errors of 0.1 px.
+fn seen(place: &Place, random: &mut Random) -> Seen {
+    let (mut board, mut at_px) = (Vec::new(), Vec::new());
+    for tag in Sheet::new(Paper::A4).board.tags {
+        let corners = tag.corners_m().map(|corner| place.sees(&CAMERA, corner));
+        let inside = |at: &DVec2| at.cmpge(DVec2::splat(3.0)).all() && at.cmple(DVec2::new(637.0, 477.0)).all();
+        if corners.iter().all(inside) {
+            board.extend(tag.corners_m().map(|corner| DVec2::new(corner.x, -corner.y)));
+            at_px.extend(corners.map(|at| at + 0.1 * DVec2::new(random.normal(), random.normal())));
+        }
+    }
+    Seen { board, at_px, of: Target::Tags(6) }
+}
+
+/// South of a place beside the sheet's middle and above it, leaning by an angle, looking at that place. The sheet's far edge
+/// is the upper one in the picture, then turned by an angle: a quarter makes it the left one, two the lower one.
+fn leaning(tilt: f64, turn: f64, far: f64, beside: DVec2) -> Place {
+    let at = far * DVec3::new(0.0, -tilt.sin(), tilt.cos());
+    let target = far * beside.extend(0.0);
+    Place::looking(at + target, target, turn)
+}
+
+/// The `n`th place where the hand rests.
+fn rest(n: u32) -> Place {
+    let i = f64::from(n);
+    let beside = DVec2::new(0.42 * (1.3 * i).sin(), 0.3 * (2.1 * i).cos());
+    leaning(0.25 + 0.35 * (0.7 * i).sin().abs(), 2.4 * i, 0.5 + 0.17 * (1.9 * i).sin(), beside)
+}
+
+/// On the way from one place to another.
+fn between(a: &Place, b: &Place, t: f64) -> Place {
+    let turn = a.quaternion().slerp(b.quaternion(), t);
+    Place { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
+}
+
+fn taking(wanted: usize) -> Taking {
+    Taking::new(SIZE, wanted, LensOptions::default())
+}
+
+#[test]
+fn views_are_taken_at_rest_until_nothing_is_missing() {
+    const RESTS: u32 = 60;
+    const MOVES: u32 = 8;
+    const STAYS: u32 = 5;
+    let mut random = Random::new(4);
+    let mut taking = taking(12);
+    let (mut frame, mut rests, mut hints) = (0u32, 0, Vec::new());
+    'hand: for n in 0..RESTS {
+        rests += 1;
+        for i in 0..MOVES + STAYS {
+            let place = between(&rest(n), &rest(n + 1), f64::from(i.min(MOVES)) / f64::from(MOVES));
+            let look = taking.look(f64::from(frame) * FRAME_S, &frame.to_string(), Some(seen(&place, &mut random)));
+            frame += 1;
+            // It rests since frame MOVES, which shows in the next one.
+            assert!(look != Look::Taken || i > MOVES, "taken {i} frames after it set out");
+            hints.extend(taking.hint());
+            if taking.missing().is_empty() {
+                break 'hand;
+            }
+        }
+    }
+    let share = taking.coverage().share();
+    println!("{} views of {rests} rests, {share:.2} of the picture", taking.views().len());
+    assert_eq!(taking.missing(), [], "after {rests} rests");
+    assert!((12..24).contains(&taking.views().len()), "{}", taking.views().len());
+    assert!(share > 0.8, "{share}");
+    assert!(taking.hint().is_none());
+    // What it asks for is first where the board is to go, then more of anything.
+    assert!(hints[0].contains("edge away from the camera"), "{}", hints[0]);
+    let calibrated = taking.calibrated().unwrap();
+    let of = &calibrated.geometry;
+    assert!((of.intrinsics.fx_px / CAMERA.focal_px - 1.0).abs() < 0.01, "{calibrated}");
+    assert!((of.distortion.k1 / CAMERA.k1 - 1.0).abs() < 0.1, "{calibrated}");
+    assert!(!calibrated.missing.iter().any(|wish| wish.things() > 0), "{calibrated}");
+}
+
+/// The limit is a thousandth of the diagonal, 0.8 px, from picture to picture.
+#[test]
+fn what_moves_slowly_or_was_not_seen_before_is_not_taken() {
+    for (px, rests) in [(0.3, true), (0.6, true), (1.2, false), (4.0, false), (60.0, false)] {
+        let mut random = Random::new(9);
+        let mut taking = taking(3);
+        let whole = leaning(0.3, 1.0, 0.6, DVec2::ZERO);
+        let mut looks = Vec::new();
+        for frame in 0..4 {
+            let mut seen = seen(&whole, &mut random);
+            seen.at_px.iter_mut().for_each(|at| at.x += px * f64::from(frame));
+            looks.push(taking.look(f64::from(frame) * FRAME_S, "a", Some(seen)));
+        }
+        let second = if rests { Look::Taken } else { Look::Moving };
+        let later = if rests { Look::Known } else { Look::Moving };
+        assert_eq!(looks, [Look::Moving, second, later, later], "{px} px");
+    }
+    let mut random = Random::new(9);
+    let mut own = taking(3);
+    let whole = seen(&leaning(0.3, 1.0, 0.6, DVec2::ZERO), &mut random);
+    // Lost in between, or a second later: nobody knows what it did.
+    assert_eq!(own.look(0.0, "a", Some(whole.clone())), Look::Moving);
+    assert_eq!(own.look(0.1, "b", None), Look::NoBoard);
+    assert_eq!(own.look(0.2, "c", Some(whole.clone())), Look::Moving);
+    assert_eq!(own.look(1.2, "d", Some(whole.clone())), Look::Moving);
+    // A clock that goes back.
+    assert_eq!(own.look(0.3, "e", Some(whole.clone())), Look::Moving);
+    assert_eq!(own.look(0.4, "f", Some(whole.clone())), Look::Taken);
+    assert_eq!(own.look(0.5, "g", Some(whole.clone())), Look::Known);
+    assert_eq!((own.views().len(), own.views()[0].name.as_str()), (1, "f"));
+    // What cannot be told from a few corners is no view.
+    let few = Seen { board: whole.board[..4].to_vec(), at_px: whole.at_px[..4].to_vec(), of: whole.of };
+    own.look(0.6, "h", Some(few.clone()));
+    assert_eq!(own.look(0.7, "i", Some(few)), Look::Known);
+    let none = Seen { board: Vec::new(), at_px: Vec::new(), of: whole.of };
+    own.look(0.8, "j", Some(none.clone()));
+    assert_eq!(own.look(0.9, "k", Some(none)), Look::Moving);
+}
+
+/// It asks for what is missing, and takes nothing else once there are views enough.
+#[test]
+fn what_is_missing_is_asked_for_and_taken() {
+    let mut random = Random::new(2);
+    let mut taking = taking(4);
+    let mut time_s = 0.0;
+    let mut show = |taking: &mut Taking, place: &Place| {
+        let mut last = Look::NoBoard;
+        for _ in 0..2 {
+            time_s += FRAME_S;
+            last = taking.look(time_s, "a", Some(seen(place, &mut random)));
+        }
+        last
+    };
+    for (quarter, far) in [(1.0, 0.45), (2.0, 0.6), (3.0, 0.75)] {
+        assert_eq!(show(&mut taking, &leaning(0.5, quarter * FRAC_PI_2, far, DVec2::ZERO)), Look::Taken);
+    }
+    let tilts = taking.missing().iter().find_map(|wish| match wish {
+        Wish::Tilts(edges) => Some(edges.clone()),
+        _ => None,
+    });
+    assert_eq!(tilts, Some(vec![Edge::Upper]), "{:?}", taking.missing());
+    assert!(taking.hint().unwrap().contains("its upper edge away from the camera"), "{:?}", taking.hint());
+    assert_eq!(show(&mut taking, &leaning(0.5, 0.0, 0.6, DVec2::ZERO)), Look::Taken);
+    // Now the corners: it looks beside the sheet, which is seen on the other side.
+    let hint = taking.hint().unwrap();
+    assert!(hint.starts_with("into the picture's ") && hint.contains(" corner"), "{hint}: {:?}", taking.missing());
+    let views = taking.views().len();
+    for (x, y) in [(-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)] {
+        show(&mut taking, &leaning(0.1, 0.0, 0.5, DVec2::new(0.38 * x, 0.26 * y)));
+    }
+    assert!(taking.views().len() > views, "{:?}", taking.missing());
+    assert!(!taking.missing().iter().any(|wish| matches!(wish, Wish::Corners(_))), "{:?}", taking.missing());
+}
+
+/// A video of the hand: rests of more than a second, so that a slow machine sees two pictures of each, and ways in between.
+pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
+    let printed = picture(&Sheet::new(Paper::A4));
+    let printed =
+        Printed::of(printed.width() as usize, printed.height() as usize, printed.pixels().map(|p| p[0]).collect());
+    let mut bytes = Vec::new();
+    for n in 0..rests {
+        for i in 0..8 {
+            let place = between(&rest(n), &rest(n + 1), f64::from(i.min(2)) / 2.0);
+            bytes.extend(printed.photograph(&CAMERA, 2, 1.5, u64::from(8 * n + i), |_| place));
+        }
+    }
+    let (raw, video) = (folder.join("hand.rgb"), folder.join("hand.mkv"));
+    std::fs::write(&raw, bytes).unwrap();
+    let status = Command::new("ffmpeg")
+        .args([
+            "-nostdin",
+            "-loglevel",
+            "error",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            "640x480",
+            "-r",
+            "5",
+            "-i",
+        ])
+        .arg(&raw)
+        .args(["-c:v", "ffv1", "-pix_fmt", "gbrp"])
+        .arg(&video)
+        .status();
+    assert!(status.unwrap().success());
+    video
+}
+
+#[test]
+fn the_program_watches_a_camera_and_writes_its_profile() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = video(folder.path(), 5);
+    let [video, profile] = [video, folder.path().join("mine.toml")].map(|path| path.to_str().unwrap().to_owned());
+    let arguments = ["calibrate", "camera", "--camera", &video, "-o", &profile];
+    let output = locard(&arguments);
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{told}");
+    // The line that is rewritten fits a terminal's 80 columns.
+    assert!(told.lines().filter(|line| line.contains(" seen; ")).all(|line| line.chars().count() <= 88), "{told}");
+    assert!(told.contains(" of 20 views, ") && told.contains(" % seen; taken; "), "{told}");
+    let report = String::from_utf8(output.stdout).unwrap();
+    assert!(report.contains(" of a board of 6 tags, ") && report.contains("frame "), "{report}");
+    let written = std::fs::read_to_string(&profile).unwrap();
+    assert!(written.contains("fx_px = 5"), "{written}");
+    // Ended before there is enough: it says what is lacking, and writes nothing.
+    let other = format!("{profile}.other.toml");
+    let text = refused(&["calibrate", "camera", "--camera", &video, "--frames", "3", "-o", &other]);
+    assert!(text.contains("can be used; 3 with the board tilted differently are needed"), "{text}");
+    assert!(!Path::new(&other).exists());
+    let text = refused(&["calibrate", "camera", "scenes", "--size", "640x480", "-o", &other]);
+    assert!(text.contains("--size is for a camera: name one with --camera"), "{text}");
+    let text = refused(&["calibrate", "camera", "scenes", "--camera", &video, "-o", &other]);
+    assert!(text.contains("cannot be used with"), "{text}");
+    let text = refused(&["calibrate", "camera", "--camera", "none.mp4", "-o", &other]);
+    assert!(text.contains("none.mp4: is no camera"), "{text}");
+}

@@ -1,0 +1,25 @@
+//! What is measured of a camera and its lens, of tags that are printed, and the measures themselves.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/filmed.rs"]
+mod filmed;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/random.rs"]
+mod random;
+#[path = "../common/sheet.rs"]
+mod sheet;
+
+mod lens;
+mod lens_by_tags;
+mod live;
+mod measure;
+mod moving;
+mod noise;
+mod picked;
+mod simulated;
+mod tags;
+mod track;

@@ -1,0 +1,347 @@
+//! Noise from textureless places of a moving camera's frames: against noise of known size, and real cameras.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use crate::common;
+use crate::program::{refused, said};
+use crate::random::Random;
+use locard::calibrate::moving::from_frames;
+use locard::calibrate::{self, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, noise_from_paths};
+use locard::camera::NoiseProfile;
+use locard::compositor::Settings;
+use locard::pixels::Pixels;
+use locard::profile::Rig;
+use locard::simulate::{Options, Simulation};
+
+fn moving_noise_from_paths(frames: &[PathBuf], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
+    calibrate::moving_noise_from_paths(frames, options, &mut |_, _| ControlFlow::Continue(()))
+}
+
+const WIDTH: usize = 384;
+const HEIGHT: usize = 240;
+
+/// Noise of variance 1 for a frame, three a pixel: white noise under (1, s, 1) each way, so that neighbours correlate by
+/// 2s/(2 + s²); `shared`: correlation of two channels.
+fn field(seed: u64, middle: f64, shared: f64) -> Vec<f64> {
+    let mut random = Random::new(seed);
+    let (w, h) = (WIDTH + 2, HEIGHT + 2);
+    let white: Vec<[f64; 3]> = (0..w * h)
+        .map(|_| {
+            let [all, r, g, b] = [(); 4].map(|()| random.normal());
+            [r, g, b].map(|own| shared.sqrt() * all + (1.0 - shared).sqrt() * own)
+        })
+        .collect();
+    let taps = [1.0, middle, 1.0];
+    let norm = 2.0 + middle * middle;
+    let mut noise = Vec::with_capacity(3 * WIDTH * HEIGHT);
+    for i in 0..WIDTH * HEIGHT {
+        let (x, y) = (i % WIDTH, i / WIDTH);
+        noise.extend((0..3).map(|c| {
+            let at = |k: usize| taps[k % 3] * taps[k / 3] * white[(y + k / 3) * w + x + k % 3][c];
+            (0..9).map(at).sum::<f64>() / norm
+        }));
+    }
+    noise
+}
+
+/// σ of the cameras made by hand: rising with the code, in each channel otherwise.
+fn sigma(channel: usize, code: f64) -> f64 {
+    [0.8, 1.2, 0.6][channel] + [2.0, 1.5, 3.0][channel] * code / 255.0
+}
+
+/// Frames of a chart from dark to bright, of which `textured` in 20 rows show stripes, weak to strong, moving on from frame to frame.
+fn frames(count: usize, middle: f64, shared: f64, textured: usize) -> Vec<Pixels> {
+    let frame = |frame: usize| {
+        let noise = field(frame as u64 + 1, middle, shared);
+        let codes = noise.iter().enumerate().map(|(i, n)| {
+            let (x, y, c) = ((i / 3 % WIDTH + 5 * frame) % WIDTH, i / 3 / WIDTH, i % 3);
+            let t = (x as f64 + 0.3 * c as f64) / WIDTH as f64;
+            // As strong in each block as chance will have it: squares of the amplitude evenly spread up to 70².
+            let chance = (12.9898 * (1000 * frame + y / 12 * 32 + i / 3 % WIDTH / 12) as f64).sin() * 43758.5453;
+            let amplitude = if y / 12 % 20 < textured { 70.0 * (chance - chance.floor()).sqrt() } else { 0.0 };
+            let stripes = amplitude * (0.7 * x as f64 + 0.4 * y as f64).sin();
+            let code = 30.0 + 190.0 * t + stripes;
+            (code + sigma(c, code) * n).round().clamp(0.0, 255.0) as u8
+        });
+        Pixels::from_u8(WIDTH as u32, HEIGHT as u32, codes.collect()).unwrap()
+    };
+    (0..count).map(frame).collect()
+}
+
+/// Relative errors of σ in the bins that were measured.
+fn errors(found: &NoiseCalibration, truth: impl Fn(usize, f64) -> f64) -> Vec<f64> {
+    let bins = found.bins.iter().enumerate().flat_map(|(c, bins)| bins.iter().map(move |bin| (c, bin)));
+    bins.filter(|(_, bin)| !bin.filled_from_neighbours).map(|(c, bin)| bin.sigma / truth(c, bin.code) - 1.0).collect()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most, v| v.abs().max(most))
+}
+
+#[test]
+fn of_noise_alone_it_has_no_bias() {
+    // Correlation of neighbours 0, 0.6 and 0.7: the plane takes 2 % of the first's variance and 14 % of the last's.
+    for (middle, rho) in [(1e9, 0.0), (3f64, 6.0 / 11.0), (1.5, 3.0 / 4.25)] {
+        let found = from_frames(&frames(6, middle, 0.3, 0), &NoiseOptions::default()).unwrap();
+        let errors = errors(&found, sigma);
+        let bias = median(errors.clone());
+        println!(
+            "neighbours {rho:.3}: {} bins, median error {bias:+.4}, largest {:.4}",
+            errors.len(),
+            largest(&errors)
+        );
+        assert!(errors.len() >= 33 && bias.abs() < 0.02 && largest(&errors) < 0.06, "{bias}\n{found}");
+        let NoiseProfile { channel_correlation, neighbour_correlation, .. } = found.profile;
+        assert!(neighbour_correlation.iter().all(|r| (r - rho).abs() < 0.02), "{found}");
+        assert!(channel_correlation.iter().all(|r| (r - 0.3).abs() < 0.04), "{found}");
+        assert_eq!(found.motion, SceneMotion::Moving);
+    }
+}
+
+#[test]
+fn stripes_over_three_quarters_of_the_picture_are_not_noise() {
+    let found = from_frames(&frames(8, 3.0, 0.3, 15), &NoiseOptions::default()).unwrap();
+    let errors = errors(&found, sigma);
+    println!("median error {:+.4}, largest {:.4}", median(errors.clone()), largest(&errors));
+    assert!(errors.len() >= 30 && largest(&errors) < 0.08, "{found}");
+    assert!((0.75..0.9).contains(&found.excluded_share), "{found}");
+    assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 6.0 / 11.0).abs() < 0.03), "{found}");
+}
+
+#[test]
+fn where_all_is_texture_it_says_so() {
+    let error = from_frames(&frames(16, 3.0, 0.3, 20), &NoiseOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("texture is almost everywhere in 16 pictures") && !error.contains("larger"), "{error}");
+    // Where there is too little of everything it is that.
+    let small = Pixels::from_u8(40, 40, vec![100; 4800]).unwrap();
+    let error = from_frames(&[small], &NoiseOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("no bin with 1000 independent samples") && error.contains("larger pictures"), "{error}");
+    assert!(from_frames(&[], &NoiseOptions::default()).is_err());
+}
+
+/// Black and white that are clipped are no quiet places.
+#[test]
+fn clipped_places_are_left_out() {
+    let mut frames = frames(6, 3.0, 0.3, 0);
+    for frame in &mut frames {
+        let mut codes: Vec<u8> = match &frame.codes {
+            locard::pixels::Codes::U8(codes) => codes.clone(),
+            locard::pixels::Codes::U16(_) => unreachable!(),
+        };
+        for (i, code) in codes.iter_mut().enumerate() {
+            match i / 3 / WIDTH {
+                0..48 => *code = 255,
+                // A channel that another's clipping made quiet.
+                48..96 if i % 3 == 1 => *code = 140,
+                _ => {}
+            }
+        }
+        *frame = Pixels::from_u8(WIDTH as u32, HEIGHT as u32, codes).unwrap();
+    }
+    let found = from_frames(&frames, &NoiseOptions::default()).unwrap();
+    assert!(largest(&errors(&found, sigma)) < 0.06, "{found}");
+}
+
+/// The simulated hand's recording, whose σ is known.
+#[test]
+fn a_simulated_hand() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("hand");
+    let path = |p: &Path| p.to_str().unwrap().to_owned();
+    let sets = ["format=png", "frames=12", "width_px=480", "height_px=360", "focal_px=390"];
+    let sets: Vec<&str> = sets.into_iter().flat_map(|set| ["--set", set]).collect();
+    let out = path(&folder);
+    said(&[&["simulate", "-q", "-o", &out], &sets[..]].concat());
+    let profile = path(&temp.path().join("camera.toml"));
+    let table = said(&["calibrate", "noise", "--moving", &out, "-o", &profile]);
+    assert!(table.starts_with("12 frames of a moving camera"), "{table}");
+
+    let found = moving_noise_from_paths(&[folder.join("rgb")], &NoiseOptions::default()).unwrap();
+    let truth = Simulation::new(&Options::default()).unwrap().sensor.profile();
+    let errors = errors(&found, |c, code| truth.sigma(c, code));
+    let middle = median(errors.iter().map(|e| e.abs()).collect());
+    println!("{} bins, median {middle:.3}, largest {:.3}\n{found}", errors.len(), largest(&errors));
+    assert!(errors.len() >= 12 && middle < 0.15, "{middle}\n{found}");
+    assert!(found.profile.neighbour_correlation.iter().all(|r| (r - 0.6).abs() < 0.05), "{found}");
+    assert!(found.profile.channel_correlation.iter().all(|r| (r - 0.45).abs() < 0.08), "{found}");
+
+    // The program says the same of the recording as of its pictures, and where it came from, once.
+    let read = |profile: &str| {
+        let mut rig = Rig::default();
+        rig.read(Path::new(profile), &mut Settings::default()).unwrap();
+        (rig.noise.unwrap(), std::fs::read_to_string(profile).unwrap())
+    };
+    said(&["calibrate", "noise", "--moving", &out, "-o", &profile, "--force"]);
+    let (noise, text) = read(&profile);
+    assert_eq!(noise, found.profile);
+    let signature =
+        "# By `locard calibrate noise --moving`, from textureless places of 12 frames of a moving camera.\n";
+    assert!(text.contains(&format!("{signature}[camera.noise]\n")), "{text}");
+    assert_eq!(text.matches("# By `locard").count(), 1, "{text}");
+
+    // Into the recording's own profile, whose other tables stay; and into nothing that is no profile.
+    let own = folder.join("camera.toml");
+    let before = std::fs::read_to_string(&own).unwrap();
+    said(&["calibrate", "noise", "--moving", &out, "-o", &path(&own), "--force"]);
+    let (noise, text) = read(&path(&own));
+    assert_eq!(noise, found.profile);
+    assert_eq!(
+        text.split("[camera.noise]").next().unwrap().replace(signature, ""),
+        before.split("[camera.noise]").next().unwrap()
+    );
+    let scene = temp.path().join("scene.toml");
+    std::fs::write(&scene, "version = 1\n[[objects]]\nmodel = 'a.glb'\n").unwrap();
+    for other in [folder.join("recording.toml"), scene] {
+        let before = std::fs::read(&other).unwrap();
+        for force in [&[][..], &["--force"]] {
+            let text = refused(&[&["calibrate", "noise", "--moving", &out, "-o", &path(&other)], force].concat());
+            assert!(text.contains("no profile that could be added to") && text.contains("there is no "), "{text}");
+        }
+        assert_eq!(std::fs::read(&other).unwrap(), before);
+    }
+
+    let text = refused(&["calibrate", "noise", &path(&folder.join("rgb")), "-o", &profile, "--force"]);
+    assert!(text.contains("not at rest") && text.contains("--moving"), "{text}");
+    let empty = temp.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let text = refused(&["calibrate", "noise", "--moving", &path(&empty), "-o", &profile, "--force"]);
+    assert!(text.contains("nor a recording"), "{text}");
+}
+
+/// σ by channel and bin of 16 codes of `real` − `mean`, rounding taken off, where there are 2,000 pixels or more.
+fn direct(mean: &Path, real: &Path) -> Vec<(usize, f64, f64)> {
+    let (mean, real) = (image::open(mean).unwrap().into_rgb8(), image::open(real).unwrap().into_rgb8());
+    let mut sums = [[(0.0, 0.0, 0.0); 16]; 3];
+    for (m, r) in mean.pixels().zip(real.pixels()) {
+        for c in 0..3 {
+            let v = f64::from(r.0[c]) - f64::from(m.0[c]);
+            let bin = &mut sums[c][usize::from(m.0[c]) / 16];
+            *bin = (bin.0 + v, bin.1 + v * v, bin.2 + 1.0);
+        }
+    }
+    let cells =
+        sums.iter().enumerate().flat_map(|(c, bins)| bins.iter().enumerate().map(move |(b, cell)| (c, b, cell)));
+    cells
+        .filter(|(_, _, cell)| cell.2 >= 2000.0)
+        .map(|(c, b, (s, s2, n))| (c, 16.0 * b as f64 + 8.0, (s2 / n - (s / n).powi(2) - 1.0 / 6.0).max(0.0).sqrt()))
+        .collect()
+}
+
+/// Single frames of DSLRs against what their known means say. Half of them have too few flat places and say so.
+#[test]
+fn single_frames_of_real_cameras() {
+    let Some(folder) = common::data("noise-pairs") else { return };
+    let mut all = Vec::new();
+    let mut measured = 0;
+    for camera in ["5dmark3_iso3200", "d800_iso1600", "d800_iso3200"] {
+        for scene in 1..=3 {
+            let file = |what: &str| folder.join(format!("{camera}_{scene}_{what}.png"));
+            let found = match moving_noise_from_paths(&[file("real")], &NoiseOptions::default()) {
+                Ok(found) => found,
+                Err(error) => {
+                    println!("RESULT {camera} {scene}: {error}");
+                    continue;
+                }
+            };
+            let mut errors = Vec::new();
+            for (c, code, sigma) in direct(&file("mean"), &file("real")) {
+                let bin = found.bins[c].iter().find(|b| (b.code - code).abs() < 1.0).unwrap();
+                if !bin.filled_from_neighbours {
+                    errors.push(bin.sigma / sigma - 1.0);
+                }
+            }
+            if errors.is_empty() {
+                continue;
+            }
+            measured += 1;
+            println!("RESULT {camera} {scene}: {} bins, median error {:+.3}", errors.len(), median(errors.clone()));
+            assert!(found.profile.neighbour_correlation.iter().all(|r| (0.5..0.8).contains(r)), "{found}");
+            all.extend(errors.iter().map(|e| e.abs()));
+        }
+    }
+    let middle = median(all.clone());
+    println!("RESULT all: {} bins of {measured} pictures, median relative error {middle:.3}", all.len());
+    assert!(measured >= 4 && all.len() >= 30 && middle < 0.3);
+}
+
+/// A scene of fabric before a sensor with a pattern of its own: both count as noise. Too much is found, never too little.
+#[test]
+fn texture_everywhere_and_a_fixed_pattern_only_add() {
+    let Some(folder) = common::data("static-burst-grey") else { return };
+    let rest = noise_from_paths(std::slice::from_ref(&folder), &[], &NoiseOptions::default(), &mut |_, _| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
+    let errors = errors(&found, |c, code| rest.profile.sigma(c, code));
+    println!("RESULT median {:+.2}, of {} bins\n{found}", median(errors.clone()), errors.len());
+    assert!(!errors.is_empty() && errors.iter().all(|e| (0.0..3.0).contains(e)), "{errors:?}");
+    assert!(found.warnings.iter().any(|w| w.to_string().contains("texture that is everywhere")));
+}
+
+/// The Kinect in a hand: the profile that comes with the program is what the program finds.
+#[test]
+fn the_kinects_profile_is_what_its_frames_say() {
+    let Some(folder) = common::data("tum-fr1-rpy") else { return };
+    let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
+    let mut rig = Rig::default();
+    rig.read(Path::new("profiles/tum-fr1.toml"), &mut Settings::default()).unwrap();
+    let noise = rig.noise.unwrap();
+    for c in 0..3 {
+        for bin in &found.bins[c] {
+            assert!((noise.sigma(c, bin.code) - bin.sigma).abs() < 0.002, "{c} {bin:?}\n{found}");
+        }
+    }
+    // A colour mosaic, interpolated: neighbours hang together, blue is the noisiest.
+    assert!(found.profile.neighbour_correlation.iter().all(|r| (0.55..0.75).contains(r)), "{found}");
+    assert!(noise.sigma(2, 128.0) > 1.5 * noise.sigma(1, 128.0));
+}
+
+/// What a file is its content says, not its name.
+#[test]
+fn pngs_are_not_called_jpegs() {
+    let temp = tempfile::tempdir().unwrap();
+    for (i, frame) in frames(3, 3.0, 0.3, 0).iter().enumerate() {
+        let locard::pixels::Codes::U8(codes) = &frame.codes else { unreachable!() };
+        let image = image::RgbImage::from_raw(frame.width, frame.height, codes.clone()).unwrap();
+        image.save_with_format(temp.path().join(format!("{i}.jpg")), image::ImageFormat::Png).unwrap();
+    }
+    let found = moving_noise_from_paths(&[temp.path().to_owned()], &NoiseOptions::default()).unwrap();
+    assert!(!found.warnings.iter().any(|w| w.to_string().contains("JPEG")), "{:?}", found.warnings);
+    let demo = moving_noise_from_paths(&[PathBuf::from("recordings/demo")], &NoiseOptions::default()).unwrap();
+    assert!(demo.warnings.iter().any(|w| w.to_string().contains("some frames are JPEG")), "{:?}", demo.warnings);
+}
+
+#[test]
+fn loose_pictures_folders_and_nothing() {
+    let temp = tempfile::tempdir().unwrap();
+    let files: Vec<PathBuf> = frames(3, 3.0, 0.3, 0)
+        .iter()
+        .enumerate()
+        .map(|(i, frame)| {
+            let path = temp.path().join(format!("{i}.png"));
+            let locard::pixels::Codes::U8(codes) = &frame.codes else { unreachable!() };
+            image::save_buffer(&path, codes, frame.width, frame.height, image::ColorType::Rgb8).unwrap();
+            path
+        })
+        .collect();
+    let options = NoiseOptions::default();
+    let found = moving_noise_from_paths(&files, &options).unwrap();
+    assert_eq!(found, moving_noise_from_paths(&[temp.path().to_owned()], &options).unwrap());
+    assert_eq!(found, from_frames(&frames(3, 3.0, 0.3, 0), &options).unwrap());
+    let mut told = Vec::new();
+    let stopped = calibrate::moving_noise_from_paths(&files, &options, &mut |done, all| {
+        told.push((done, all));
+        if done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert!(matches!(stopped, Err(CalibrateError::Stopped)) && told == [(0, 3), (1, 3), (2, 3)], "{told:?}");
+    let error = moving_noise_from_paths(&[temp.path().join("nowhere")], &options).unwrap_err().to_string();
+    assert!(error.contains("nowhere"), "{error}");
+    assert!(moving_noise_from_paths(&[], &options).is_err());
+}

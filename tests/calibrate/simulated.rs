@@ -1,0 +1,99 @@
+//! The calibration against the simulated camera, whose noise is known.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use locard::calibrate::noise::from_scenes;
+use locard::calibrate::{NoiseCalibration, NoiseOptions};
+use locard::camera::NoiseProfile;
+use locard::compositor::Settings;
+use locard::pixels::{Codes, Pixels};
+use locard::profile::Rig;
+use locard::simulate::{Detail, Motion, Options, Simulation, StaticScenes, static_scenes};
+
+/// From almost dark to overexposed, so that every bin is met in some scene.
+const GAINS: [f64; 4] = [0.1, 0.35, 1.0, 2.2];
+
+/// Ten frames of each scene.
+fn scenes(noise_scale: f64) -> (StaticScenes, Vec<Vec<Pixels>>) {
+    let size = Options { width_px: 320, height_px: 240, focal_px: 260.0, ..Options::default() };
+    let truth = static_scenes(&Options { motion: Motion::Static, noise_scale, ..size }, &GAINS, 10).unwrap();
+    let frames = truth.scenes.iter().map(|scene| scene.frames.clone()).collect();
+    (truth, frames)
+}
+
+/// Largest relative error of a profile's σ, over the bins in which a calibration had 4,000 independent samples.
+fn worst(profile: &NoiseProfile, calibration: &NoiseCalibration, truth: &NoiseProfile) -> f64 {
+    let told =
+        calibration.bins.iter().enumerate().flat_map(|(channel, bins)| bins.iter().map(move |bin| (channel, bin)));
+    let good: Vec<_> = told.filter(|(_, bin)| bin.independent_count >= 4000.0).collect();
+    assert!(good.len() >= 36, "only {} of 48 bins have 4,000 independent samples:\n{calibration}", good.len());
+    let error = |(channel, code): (usize, f64)| (profile.sigma(channel, code) / truth.sigma(channel, code) - 1.0).abs();
+    good.into_iter().map(|(channel, bin)| error((channel, bin.code))).fold(0.0, f64::max)
+}
+
+#[test]
+fn recovers_the_simulated_camera() {
+    // At 0.4 σ is 0.5 to 1.7 codes: what rounding adds counts.
+    for noise_scale in [1.0, 0.4] {
+        let (truth, frames) = scenes(noise_scale);
+        let found = from_scenes(&frames, &NoiseOptions::default()).unwrap();
+        let worst = worst(&found.profile, &found, &truth.noise);
+        println!("noise × {noise_scale}: largest relative error of σ {worst:.4}");
+        assert!(worst < 0.05, "noise × {noise_scale}: {worst}\n{found}");
+        let profile = &found.profile;
+        // Rounding is independent and was taken off.
+        assert!(profile.channel_correlation.iter().all(|c| (c - 0.45).abs() < 0.01), "{profile:?}");
+        assert!(profile.neighbour_correlation.iter().all(|c| (c - 0.6).abs() < 0.01), "{profile:?}");
+    }
+}
+
+fn save(pixels: &Pixels, path: &Path) {
+    let Codes::U8(codes) = &pixels.codes else { panic!("8 bits expected") };
+    image::save_buffer(path, codes, pixels.width, pixels.height, image::ColorType::Rgb8).unwrap();
+}
+
+#[test]
+fn the_program_recovers_it_from_folders() {
+    let (truth, frames) = scenes(1.0);
+    let temp = tempfile::tempdir().unwrap();
+    let folders: Vec<PathBuf> = (0..GAINS.len()).map(|scene| temp.path().join(format!("scene-{scene}"))).collect();
+    for (folder, frames) in folders.iter().zip(&frames) {
+        std::fs::create_dir(folder).unwrap();
+        frames.iter().enumerate().for_each(|(i, frame)| save(frame, &folder.join(format!("{i}.png"))));
+    }
+    let profile = temp.path().join("camera.toml");
+    let locard = |arguments: &[&str], paths: &[&Path]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).args(paths).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let mut paths: Vec<&Path> = folders.iter().map(PathBuf::as_path).collect();
+    paths.extend([Path::new("--output"), &profile]);
+    let table = locard(&["calibrate", "noise"], &paths);
+    assert!(table.starts_with("4 scenes, 40 frames;"), "{table}");
+
+    let mut rig = Rig::default();
+    rig.read(&profile, &mut Settings::default()).unwrap();
+    let found = from_scenes(&frames, &NoiseOptions::default()).unwrap();
+    let worst = worst(rig.noise.as_ref().unwrap(), &found, &truth.noise);
+    assert!(worst < 0.05, "{worst}\n{table}");
+    assert!(locard(&["inspect"], &[&profile]).contains("16 bins"));
+}
+
+#[test]
+fn the_profile_of_the_simulated_camera_is_the_simulated_camera() {
+    let mut rig = Rig::default();
+    rig.read(Path::new("profiles/simulated.toml"), &mut Settings::default()).unwrap();
+    let simulation = Simulation::with_detail(&Options::default(), Detail { texture_m: 0.05, light_m: 0.4 }, 2).unwrap();
+    let camera = rig.camera();
+    assert_eq!(camera.geometry.as_ref(), Some(simulation.geometry()));
+    assert_eq!(camera.exposure.time_s, Some(simulation.options().exposure_time_s));
+    let (noise, truth) = (camera.noise.unwrap(), simulation.sensor.profile());
+    for (channel, bins) in noise.bins.iter().enumerate() {
+        for bin in bins {
+            let error = bin.sigma / truth.sigma(channel, bin.code) - 1.0;
+            assert!(error.abs() < 0.05, "{channel} {bin:?}: {error}");
+        }
+    }
+}

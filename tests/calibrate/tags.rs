@@ -1,0 +1,289 @@
+//! Printed tags: the camera's place from photographs of a sheet, of which everything is known.
+
+use std::sync::LazyLock;
+
+use crate::sheet::{CAMERA, Camera, Place, Sheet as Printed};
+use glam::{DQuat, DVec2, DVec3};
+use locard::camera::{Distortion, Geometry, Intrinsics, Response};
+use locard::pixels::Pixels;
+use locard::pose::Pose;
+use locard::tags::{
+    Board, Corners, Family, Found, Lost, Paper, Searcher, Sheet, Sight, Tag, Track, along, expected, picture, rolled,
+    solved,
+};
+
+static PRINTED: LazyLock<Printed> = LazyLock::new(|| {
+    let picture = picture(&Sheet::new(Paper::A4));
+    Printed::of(picture.width() as usize, picture.height() as usize, picture.pixels().map(|p| p[0]).collect())
+});
+
+fn geometry(camera: &Camera) -> Geometry {
+    let Camera { focal_px, centre_px, k1, k2, p1, p2, readout_s } = *camera;
+    let intrinsics = Intrinsics {
+        fx_px: focal_px,
+        fy_px: focal_px,
+        cx_px: centre_px.x,
+        cy_px: centre_px.y,
+        readout_time_s: readout_s,
+        ..Intrinsics::default()
+    };
+    Geometry::new(intrinsics, Distortion { k1, k2, p1, p2, ..Distortion::default() })
+}
+
+/// Places 0.8 m away, more and more aslant, turned about their own axis.
+fn around(i: u32, count: u32) -> Place {
+    let (a, tilt) = (0.7 * f64::from(i), 0.15 + 0.7 * f64::from(i) / f64::from(count));
+    let at = 0.8 * DVec3::new(tilt.sin() * a.cos(), tilt.sin() * a.sin(), tilt.cos());
+    Place::looking(at, DVec3::new(0.05 * (1.3 * a).sin(), 0.05 * (0.9 * a).cos(), 0.0), 0.3 * (0.5 * a).sin())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// How far a pose is from where the camera was, mm and degrees.
+fn off(pose: &Pose, place: &Place) -> (f64, f64) {
+    let turn = pose.world_from_camera_rotation().angle_between(place.quaternion());
+    (1e3 * pose.position_in_world_m().distance(place.at_m), turn.to_degrees())
+}
+
+#[test]
+fn the_camera_is_where_it_was() {
+    const PHOTOGRAPHS: u32 = 12;
+    let whole = Sheet::new(Paper::A4).board;
+    let one = Board { tags: whole.tags[..1].to_vec(), ..whole.clone() };
+    // What is asked for is 2 mm and 0.2° at 0.8 m; a sheet is better by far.
+    for (board, most_mm, most_deg) in [(whole, 0.5, 0.05), (one, 2.0, 0.2)] {
+        let mut searcher = Searcher::new(board, geometry(&CAMERA), &Response::default()).unwrap();
+        let (mut ways, mut turns, mut normed) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..PHOTOGRAPHS {
+            let place = around(i, PHOTOGRAPHS);
+            let codes = PRINTED.photograph(&CAMERA, 4, 1.5, i.into(), |_| place);
+            let sight = searcher.look(&Pixels::from_u8(640, 480, codes).unwrap()).unwrap().unwrap();
+            let (way_mm, turn_deg) = off(&sight.best.pose, &place);
+            normed.push(way_mm / (1e3 * sight.best.place_covariance().trace().sqrt()));
+            ways.push(way_mm);
+            turns.push(turn_deg);
+        }
+        let (way_mm, turn_deg, normed) = (median(ways), median(turns), median(normed));
+        assert!(way_mm < most_mm && turn_deg < most_deg, "{way_mm:.3} mm, {turn_deg:.4}°");
+        // In the median of three dimensions an error is about 0.9 of its deviation; the assumed share of what a corner is
+        // read to makes deviations larger, not smaller.
+        assert!(normed > 0.1 && normed < 1.5, "errors are {normed:.2} deviations");
+    }
+}
+
+#[test]
+fn the_camera_is_where_it_was_with_a_rolling_shutter() {
+    // It goes 0.5 m and turns 40° in a second, and 25 ms pass from the first row to the last one.
+    let camera = Camera { readout_s: 0.025, ..CAMERA };
+    let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
+    let mut searcher = Searcher::new(Sheet::new(Paper::A4).board, geometry(&camera), &Response::default()).unwrap();
+    let mut sights = Vec::new();
+    for i in 0..3 {
+        let time_s = (f64::from(i) - 1.0) / 30.0;
+        let codes = PRINTED.photograph(&camera, 4, 0.5, 0, |t| at(time_s + t));
+        sights.push((time_s, searcher.look(&Pixels::from_u8(640, 480, codes).unwrap()).unwrap().ok()));
+    }
+    let chosen = along(&sights);
+    let rolled = rolled(&geometry(&camera), &sights, &chosen);
+    let (before_mm, _) = off(&chosen[1].as_ref().unwrap().solved.pose, &at(0.0));
+    let (way_mm, turn_deg) = off(&rolled[1].as_ref().unwrap().solved.pose, &at(0.0));
+    assert!(before_mm > 2.0, "{before_mm} mm: the rolling shutter does not show");
+    assert!(way_mm < 0.7 && turn_deg < 0.07, "{way_mm:.2} mm, {turn_deg:.3}°; before {before_mm:.2} mm");
+}
+
+/// A pinhole camera whose places are worked out by hand: 500 px, middle at (320, 240).
+fn pinhole() -> Geometry {
+    Geometry::new(Intrinsics { fx_px: 500.0, fy_px: 500.0, ..Intrinsics::default() }, Distortion::default())
+}
+
+#[test]
+fn a_pose_worked_by_hand() {
+    // A tag of 0.2 m on the floor, seen from 1 m above its middle: x to the right, y up in the picture, 50 px to each side.
+    let board =
+        Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 3\nsize_m = 0.2\ncenter_m = [0, 0]").unwrap();
+    let corners = [(270.0, 190.0), (370.0, 190.0), (370.0, 290.0), (270.0, 290.0)].map(DVec2::from);
+    let found = [Found { id: 3, corners_px: corners }];
+    let sight = Sight::of(&pinhole(), &board, &found, &[]).unwrap();
+    let pose = sight.best.pose;
+    assert!(pose.position_in_world_m().distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-6, "{pose:?}");
+    assert!(pose.transform_point(DVec3::new(0.1, 0.2, 0.3)).distance(DVec3::new(0.1, -0.2, 0.7)) < 1e-6, "{pose:?}");
+    assert_eq!(sight.other, None);
+    // Against the wall of the same room, at its place in space: the camera looks along +y, 2 m before it.
+    let wall = Board {
+        family: Family::Tag36h11,
+        tags: vec![Tag {
+            id: 3,
+            size_m: 0.4,
+            center_m: DVec3::new(1.0, 2.0, 1.5),
+            rotation_deg: DVec3::new(90.0, 0.0, 0.0),
+        }],
+    };
+    let pose = Sight::of(&pinhole(), &wall, &found, &[]).unwrap().best.pose;
+    assert!(pose.position_in_world_m().distance(DVec3::new(1.0, 0.0, 1.5)) < 1e-6, "{pose:?}");
+    assert!(pose.inverse_transform_point(DVec3::Z).distance(DVec3::new(1.0, 1.0, 1.5)) < 1e-6, "{pose:?}");
+}
+
+#[test]
+fn what_deviates_by_as_much_as_it_says_is_worked_by_hand() {
+    // Of a tag seen face on, a shift of τ in x or y moves each corner by 500 τ px, so it is known to σ / (500 √4).
+    let geometry = pinhole();
+    let corners_m = Sheet::new(Paper::A4).board.tags[0].corners_m().map(|c| c - DVec3::new(-0.0425, 0.085, 0.0));
+    let pose = Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y).unwrap();
+    // Corners off by 0.1 px towards and away from the middle, in turn: no pose explains that.
+    let seen = |i: usize| {
+        let at = geometry.project(pose.transform_point(corners_m[i])).unwrap();
+        at + (at - DVec2::new(320.0, 240.0)).normalize() * if i.is_multiple_of(2) { 0.1 } else { -0.1 }
+    };
+    let corners = Corners { in_world_m: corners_m.to_vec(), seen_px: (0..4).map(seen).collect(), ..Corners::default() };
+    let found = solved(&geometry, &corners, &pose).unwrap();
+    let sum_px2 = found.squares_px2;
+    // Eight numbers less six, and one corner of 0.05 px that is assumed.
+    let sigma_px = ((sum_px2 + 2.0 * 0.05 * 0.05) / (2.0 + 2.0)).sqrt();
+    assert!(sum_px2 > 0.01, "{sum_px2}");
+    // A turn of the camera moves them too, so x and y are known worse than that alone.
+    let alone_m = sigma_px / 1000.0;
+    let turned = found.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+    assert!(turned[(0, 0)].sqrt() >= 0.999 * alone_m && turned[(2, 2)] > turned[(0, 0)], "{turned}");
+    let information = found.covariance.try_inverse().unwrap();
+    let (x, y) = (information[(3, 3)].sqrt().recip(), information[(4, 4)].sqrt().recip());
+    assert!((x / alone_m - 1.0).abs() < 1e-3 && (y / alone_m - 1.0).abs() < 1e-3, "{x} {y} {alone_m}");
+}
+
+/// A small tag far off, whose leaning the picture hardly shows.
+fn far_tag() -> Board {
+    Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 0\nsize_m = 0.05\ncenter_m = [0, 0]").unwrap()
+}
+
+/// What a camera 2 m away sees of it that stands so many degrees aside of its normal, each corner read with an error.
+fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<Found>) {
+    let (s, c) = aside_deg.to_radians().sin_cos();
+    let pose = Pose::look_at(2.0 * DVec3::new(s, 0.0, c), DVec3::ZERO, DVec3::Y).unwrap();
+    let errors = [DVec2::new(1.0, 0.3), DVec2::new(-0.4, 0.9), DVec2::new(0.6, -1.0), DVec2::new(-0.8, -0.5)];
+    let places = far_tag().tags[0].corners_m();
+    let corners_px =
+        std::array::from_fn(|i| pinhole().project(pose.transform_point(places[i])).unwrap() + error_px * errors[i]);
+    (pose, vec![Found { id: 0, corners_px }])
+}
+
+#[test]
+fn a_flat_tag_may_lean_either_way_and_the_pictures_around_it_decide() {
+    let sight = |aside_deg: f64, error_px: f64| {
+        let (truth, found) = seen_aslant(aside_deg, error_px);
+        (truth, Sight::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
+    };
+    let far = |pose: &Pose, truth: &Pose| pose.rotation.angle_between(truth.rotation).to_degrees();
+    // Leaning by 35° it is 13 px across, and the two poses' corners differ by less than they are read to.
+    let (truth, both) = sight(35.0, 0.1);
+    let other = both.other.clone().unwrap();
+    let (a, b) = (far(&both.best.pose, &truth), far(&other.pose, &truth));
+    assert!(a.min(b) < 12.0 && a.max(b) > 45.0, "{a}° {b}°");
+    // Alone it is in doubt, and says so.
+    let alone = along(&[(0.0, Some(both.clone()))]);
+    assert!(!alone[0].as_ref().unwrap().certain);
+    // Nearer by, the picture decides.
+    let near = {
+        let (pose, _) = seen_aslant(35.0, 0.0);
+        let near = Pose::look_at(0.15 * pose.position_in_world_m(), DVec3::ZERO, DVec3::Y).unwrap();
+        let corners_px = far_tag().tags[0].corners_m().map(|c| pinhole().project(near.transform_point(c)).unwrap());
+        Sight::of(&pinhole(), &far_tag(), &[Found { id: 0, corners_px }], &[]).unwrap()
+    };
+    assert_eq!(near.other, None);
+    // What was in doubt before and after it is known from it, both ways, and through the moment of facing it.
+    let mut sights = Vec::new();
+    let mut truths = Vec::new();
+    for i in 0..15 {
+        let (truth, mut sight) = sight(35.0 - 5.0 * f64::from(i), 0.02);
+        if i == 3 {
+            (sight.other, sight.best.pose) = (None, truth);
+        }
+        sights.push((f64::from(i) / 30.0, Some(sight)));
+        truths.push(truth);
+    }
+    let chosen = along(&sights);
+    let worst = chosen.iter().zip(&truths).map(|(chosen, truth)| far(&chosen.as_ref().unwrap().solved.pose, truth));
+    let worst = worst.fold(0.0, f64::max);
+    assert!(worst < 15.0, "{worst}°");
+    assert!(chosen[0].as_ref().unwrap().certain && chosen[14].as_ref().unwrap().certain);
+}
+
+#[test]
+fn a_camera_goes_on_as_it_went() {
+    let at = |x: f64, turn: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::from_rotation_z(turn));
+    let went = [(0.0, at(0.0, 0.0)), (0.1, at(1.0, 0.2))];
+    let next = expected(&went, 0.2).unwrap();
+    assert!(next.position_in_world_m().distance(DVec3::new(2.0, 0.0, 0.0)) < 1e-9);
+    assert!(next.world_from_camera_rotation().angle_between(DQuat::from_rotation_z(0.4)) < 1e-7);
+    assert_eq!(expected(&went[..1], 0.2), Some(at(0.0, 0.0)));
+    assert_eq!(expected(&went, 1.0), None);
+    assert_eq!(expected(&[], 0.0), None);
+}
+
+#[test]
+fn what_gives_no_pose_says_why() {
+    let (_, found) = seen_aslant(20.0, 0.0);
+    let of = |board: &Board, found: &[Found]| Sight::of(&pinhole(), board, found, &[]);
+    assert_eq!(of(&far_tag(), &[]), Err(Lost::Nothing));
+    let stranger = [Found { id: 9, ..found[0].clone() }];
+    assert_eq!(of(&far_tag(), &stranger), Err(Lost::NotOnBoard(vec![9])));
+    // The sheet's tags, twice as far from each other as the file says.
+    let sheet = Sheet::new(Paper::A4).board;
+    let pose = Pose::look_at(DVec3::new(0.2, -0.3, 0.8), DVec3::ZERO, DVec3::Y).unwrap();
+    let tags = sheet.tags.iter().map(|tag| {
+        let wide = Tag { center_m: 2.0 * tag.center_m, ..*tag };
+        Found { id: tag.id, corners_px: wide.corners_m().map(|c| pinhole().project(pose.transform_point(c)).unwrap()) }
+    });
+    let tags: Vec<Found> = tags.collect();
+    let error = of(&sheet, &tags).unwrap_err();
+    assert!(matches!(error, Lost::Misfit { .. }), "{error}");
+    assert!(
+        error.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 do not stand to each other as on the board"),
+        "{error}"
+    );
+    // Corners that are no numbers, and all in one place.
+    for at in [DVec2::NAN, DVec2::new(300.0, 200.0)] {
+        assert!(of(&far_tag(), &[Found { id: 0, corners_px: [at; 4] }]).is_err());
+    }
+    // Of six tags one is misread: the others decide.
+    let mut misread: Vec<Found> = sheet
+        .tags
+        .iter()
+        .map(|tag| Found {
+            id: tag.id,
+            corners_px: tag.corners_m().map(|c| pinhole().project(pose.transform_point(c)).unwrap()),
+        })
+        .collect();
+    misread[2].corners_px = misread[2].corners_px.map(|at| at + DVec2::new(9.0, -4.0));
+    let found = of(&sheet, &misread).unwrap().best.pose;
+    let way_m = found.position_in_world_m().distance(pose.position_in_world_m());
+    assert!(way_m < 2e-4, "{way_m}");
+}
+
+#[test]
+fn nothing_is_made_up_where_the_track_was_lost() {
+    let (_, found) = seen_aslant(35.0, 0.1);
+    let sight = Sight::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
+    // Frames 2 and 3 are lost, and frame 6; the camera's clock stutters after frame 4.
+    let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];
+    let known = [true, true, false, false, true, true, false, true];
+    let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
+    let frames = along(&sights).into_iter().map(|chosen| chosen.ok_or(Lost::Nothing)).collect();
+    let track =
+        Track { times_s, frames, tags: known.iter().map(|known| usize::from(*known)).collect(), smoothed_s: None };
+    // 0.15 s lie between frames 4 and 5, 0.2 s across the shortest gap.
+    let gap_s = track.max_gap_s();
+    assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
+    assert_eq!(track.lost(), [(2..4, &Lost::Nothing), (6..7, &Lost::Nothing)]);
+    assert_eq!(track.doubtful(), [0..2, 4..6, 7..8]);
+    let told = track.to_string();
+    for line in [
+        "poses      5 of 8 frames, from 1.0 tags each in the mean\n",
+        "lost       frames 2 to 3 (0.200 to 0.300 s): no tag is seen\n",
+        "lost       frame 6 (0.650 s): no tag is seen\n",
+        "doubtful   frames 4 to 5 (0.400 to 0.550 s): a flat tag may lean the other way, and no frame nearby decides\n",
+    ] {
+        assert!(told.contains(line), "{told}");
+    }
+}

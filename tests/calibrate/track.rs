@@ -1,0 +1,231 @@
+//! `locard board` and `locard track`: from the sheet that is printed to evidence in the video.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::filmed::{AWAY, FPS, FRAMES, Site, place};
+use crate::program;
+use crate::program::{refused, said};
+use crate::sheet::CAMERA;
+use glam::DVec3;
+use locard::compositor::Settings;
+use locard::live::open_poses;
+use locard::pose::Pose;
+use locard::profile::Rig;
+use locard::recording::{OpenOptions, Recording};
+use locard::source::video::{Overrides, probe};
+use locard::tracking::covariance::Covariance;
+use locard::tracking::smooth::smoothed;
+use locard::tracking::tum::Line;
+
+fn strs(arguments: &[String]) -> Vec<&str> {
+    arguments.iter().map(String::as_str).collect()
+}
+
+/// What differs between two pictures: where, in the mean, and how many pixels.
+fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
+    let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
+    let (mut x, mut y, mut sum, mut count) = (0.0, 0.0, 0.0, 0);
+    for (at, (a, b)) in a.pixels().zip(b.pixels()).enumerate() {
+        let by: f64 = (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).abs()).sum();
+        (x, y, sum) = (x + by * (at % 640) as f64, y + by * (at / 640) as f64, sum + by);
+        count += usize::from(by > 0.0);
+    }
+    (x / sum, y / sum, count)
+}
+
+#[test]
+fn a_video_becomes_a_recording_whose_evidence_stands_still() {
+    let site = Site::new(&CAMERA);
+    let track = site.track("board.toml", "tracked");
+    let told = said(&strs(&track));
+    for line in [
+        "poses      15 of 18 frames, from 6.0 tags each",
+        "lost       frames 10 to 12 (0.333 to 0.400 s): no tag is seen",
+    ] {
+        assert!(told.contains(line), "{told}");
+    }
+    assert!(!told.contains("doubtful"), "{told}");
+    let tracked = PathBuf::from(site.path("tracked"));
+    let recording = Recording::open(&tracked, &OpenOptions::default()).unwrap();
+    assert_eq!((recording.frame_count(), recording.up), (FRAMES, Some(DVec3::Z)));
+    // Evidence beside the sheet, on it and standing up from it.
+    let points = [DVec3::ZERO, DVec3::new(0.2, 0.05, 0.0), DVec3::new(-0.15, -0.1, 0.1), DVec3::new(0.1, 0.2, 0.0)];
+    for i in 0..FRAMES {
+        let pose = recording.pose_at_frame(i);
+        assert_eq!(pose.is_err(), AWAY.contains(&i), "frame {i}");
+        let Ok(pose) = pose else { continue };
+        let truth = place(i as f64 / FPS);
+        for point in points {
+            let own = pose.transform_point(point);
+            let off_px = CAMERA.lands(own.truncate() / own.z).distance(truth.sees(&CAMERA, point));
+            assert!(off_px < 0.5, "frame {i}: {off_px:.3} px off");
+        }
+    }
+    // A covariance for each pose, of the same times.
+    let text = std::fs::read_to_string(tracked.join("covariance.txt")).unwrap();
+    let lines: Vec<Vec<f64>> = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| line.split(' ').map(|n| n.parse().unwrap()).collect())
+        .collect();
+    assert!(lines.len() == 15 && lines.iter().all(|line| line.len() == 22), "{text}");
+    let times: Vec<f64> = recording.track.poses().iter().map(|pose| pose.0).collect();
+    assert_eq!(lines.iter().map(|line| line[0]).collect::<Vec<_>>(), times);
+    // Diagonals: turns are known to some hundredths of a degree, places to a millimetre.
+    for line in &lines {
+        for (i, most) in [(1, 2e-3), (7, 2e-3), (12, 2e-3), (16, 2e-3), (19, 2e-3), (21, 2e-3)] {
+            assert!(line[i] > 0.0 && line[i].sqrt() < most, "{line:?}");
+        }
+    }
+
+    // The same with the poses that were, and both composited.
+    let truth = site.folder.path().join("truth");
+    program::copied(&tracked, &truth);
+    let lines: Vec<Line> = recording
+        .track
+        .poses()
+        .iter()
+        .map(|(time_s, _)| {
+            let place = place(*time_s);
+            Line { time_s: *time_s, position_m: place.at_m, rotation: place.quaternion() }
+        })
+        .collect();
+    std::fs::write(truth.join("poses.txt"), locard::recording::write::trajectory(&lines)).unwrap();
+    let scene = site.scene();
+    for name in ["tracked", "truth"] {
+        let (from, to) = (site.path(name), site.path(&format!("out-{name}")));
+        said(&["composite", &from, "--scene", &scene, "--frames", "4..11", "--without", "noise", "-o", &to, "--quiet"]);
+    }
+    let source = |i: usize| {
+        // A frame without a pose is the source's.
+        site.folder.path().join(format!("out-truth/frame_{i:06}.png"))
+    };
+    let tracked = |i: usize| site.folder.path().join(format!("out-tracked/frame_{i:06}.png"));
+    assert_eq!(std::fs::read(source(10)).unwrap(), std::fs::read(tracked(10)).unwrap());
+    let plain = site.path("plain");
+    std::fs::create_dir(&plain).unwrap();
+    assert!(
+        Command::new("ffmpeg")
+            .args(["-v", "error", "-i", &site.path("site.mkv"), "-start_number", "0", &format!("{plain}/%d.png")])
+            .status()
+            .unwrap()
+            .success()
+    );
+    for i in 4..10 {
+        let own = Path::new(&plain).join(format!("{i}.png"));
+        let ((x, y, count), (tx, ty, _)) = (differs(&tracked(i), &own), differs(&source(i), &own));
+        assert!(count > 200, "frame {i}: {count} pixels of evidence");
+        assert!((x - tx).hypot(y - ty) < 0.5, "frame {i}: {:.3} px off", (x - tx).hypot(y - ty));
+    }
+
+    // What was tracked is replaced if that is asked for, and nothing else ever is.
+    assert!(refused(&strs(&track)).contains("is there already"));
+    let force: Vec<String> = track.iter().cloned().chain(["--force".to_owned()]).collect();
+    assert_eq!(said(&strs(&force)), told);
+    std::fs::write(site.path("tracked/mine.txt"), "mine").unwrap();
+    assert!(refused(&strs(&force)).contains("holds mine.txt"));
+    assert!(Path::new(&site.path("tracked/poses.txt")).exists());
+
+    // What is not the board that was filmed.
+    let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
+    for (from, to, said) in [
+        ("36h11", "25h9", "no tag of family 25h9 is seen in any of 18 frames; tags of 36h11 are"),
+        ("id = ", "id = 10", "the tags that are seen are not on the board: 0, 1, 2, 3, 4, 5"),
+        ("0.0425", "0.0825", "do not stand to each other as on the board"),
+        ("0.065", "0", "line 8, tags.size_m of tag 0: 0 is refused"),
+    ] {
+        std::fs::write(site.path("other.toml"), board.replace(from, to)).unwrap();
+        let error = refused(&strs(&site.track("other.toml", "other")));
+        assert!(error.contains(said), "{error}");
+        assert!(!Path::new(&site.path("other")).exists(), "{error}");
+    }
+    let small = CAMERA.profile().replace("width_px = 640", "width_px = 1280");
+    std::fs::write(site.path("camera.toml"), small).unwrap();
+    assert!(
+        refused(&strs(&site.track("board.toml", "other"))).contains("is 640x480 px and the profile's camera 1280x480")
+    );
+}
+
+#[test]
+fn a_live_picture_has_its_pose_from_the_tags_in_it() {
+    let site = Site::new(&CAMERA);
+    let mut rig = Rig::default();
+    rig.read(Path::new(&site.path("camera.toml")), &mut Settings::default()).unwrap();
+    let mut poses = open_poses(&format!("tags:{}", site.path("board.toml")), Some(&rig.camera()), None).unwrap();
+    let video = probe(Path::new(&site.path("site.mkv")), &Overrides::default()).unwrap();
+    for (i, pixels) in video.read(0..FRAMES).unwrap().enumerate() {
+        let time_s = 7.0 + i as f64 / FPS;
+        poses.picture(time_s, &pixels.unwrap());
+        let found = poses.poses(time_s).unwrap();
+        assert_eq!(found.len(), usize::from(!AWAY.contains(&i)), "frame {i}");
+        // Each has its covariance, like those of `track`.
+        let covariance = poses.covariance(time_s);
+        assert_eq!(covariance.is_some(), found.len() == 1, "frame {i}");
+        let sigma = |n: usize| covariance.unwrap().upper[n].sqrt();
+        assert!(found.is_empty() || [0, 6, 11, 15, 18, 20].into_iter().all(|n| sigma(n) > 0.0 && sigma(n) < 2e-3));
+        let Some((at_s, pose)) = found.first() else { continue };
+        assert_eq!(*at_s, time_s);
+        let truth = place(i as f64 / FPS);
+        for point in [DVec3::ZERO, DVec3::new(0.2, 0.05, 0.0), DVec3::new(-0.15, -0.1, 0.1)] {
+            let own = pose.transform_point(point);
+            let off_px = CAMERA.lands(own.truncate() / own.z).distance(truth.sees(&CAMERA, point));
+            assert!(off_px < 0.5, "frame {i}: {point} is {off_px} px off");
+        }
+    }
+    assert_eq!((poses.poses(9.0).unwrap(), poses.up()), (Vec::new(), Some(DVec3::Z)));
+}
+
+/// A recording's poses, each with how sure it is.
+fn recorded(folder: &str) -> Vec<(Pose, Covariance)> {
+    let recording = Recording::open(Path::new(folder), &OpenOptions::default()).unwrap();
+    let text = std::fs::read_to_string(Path::new(folder).join("covariance.txt")).unwrap();
+    let sure = text.lines().skip(2).map(|line| {
+        let numbers: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
+        Covariance { time_s: numbers[0], upper: numbers[1..].try_into().unwrap() }
+    });
+    recording.track.poses().iter().map(|(_, pose)| *pose).zip(sure).collect()
+}
+
+#[test]
+fn a_track_is_smoothed_if_that_is_asked_for() {
+    let site = Site::new(&CAMERA);
+    let plain = site.track("board.toml", "plain");
+    said(&strs(&plain));
+    let smooth: Vec<String> = site.track("board.toml", "smooth");
+    let told = said(&[&strs(&smooth)[..], &["--smooth", "0.05"]].concat());
+    assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
+    let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
+    // The frames in which the camera looks away are no bridge.
+    let wanted = smoothed(&plain, 0.05, 0.05);
+    assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
+    for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {
+        assert!((pose.translation_m - wanted.translation_m).length() < 1e-12);
+        assert!(pose.rotation.angle_between(wanted.rotation) < 1e-7 && sure.time_s == wanted_sure.time_s);
+        (0..21).for_each(|i| assert!((sure.upper[i] - wanted_sure.upper[i]).abs() < 1e-9 * wanted_sure.upper[0]));
+    }
+    let moved = |i: usize| smooth[i].0.translation_m.distance(plain[i].0.translation_m);
+    assert!((0..plain.len()).any(|i| moved(i) > 1e-6));
+}
+
+#[test]
+fn a_sheet_is_written_with_its_board() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    said(&["board", "-o", &at("sheet.pdf"), "--paper", "letter"]);
+    let pdf = std::fs::read(at("sheet.pdf")).unwrap();
+    assert!(pdf.starts_with(b"%PDF-1.4") && pdf.ends_with(b"%%EOF\n"));
+    let board = locard::tags::Board::read(Path::new(&at("sheet.toml"))).unwrap();
+    assert_eq!(board.tags.len(), 6);
+    // The same board on another paper needs no asking; what somebody measured stays.
+    said(&["board", "-o", &at("sheet.png")]);
+    assert!(refused(&["board", "-o", &at("sheet.png")]).contains("sheet.png"));
+    let mine = std::fs::read_to_string(at("sheet.toml")).unwrap().replace("version = 1", "version = 1\nscale = 0.97");
+    std::fs::write(at("sheet.toml"), &mine).unwrap();
+    std::fs::remove_file(at("sheet.png")).unwrap();
+    assert!(refused(&["board", "-o", &at("sheet.png")]).contains("sheet.toml"));
+    assert!(!Path::new(&at("sheet.png")).exists());
+    assert_eq!(std::fs::read_to_string(at("sheet.toml")).unwrap(), mine);
+    assert!(refused(&["board", "-o", &at("sheet.svg")]).contains("a sheet is written as .pdf or .png"));
+    assert!(refused(&["board", "-o", &at("x.pdf"), "--paper", "a3"]).contains("accepted are a4 and letter"));
+}

@@ -1,0 +1,513 @@
+//! Pictures that see all around: objects composited into 360° pictures and wide fisheyes.
+
+use std::borrow::Cow;
+use std::f64::consts::PI;
+use std::path::Path;
+
+use crate::gpu;
+use crate::marks::marks;
+use glam::{DAffine3, DQuat, DVec2, DVec3};
+use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
+use locard::compositor::{Composited, Compositor, IN_FLIGHT, Input, Settings, Stream};
+use locard::measure::Grey;
+use locard::measure::displacement::{DisplacementOptions, displacements};
+use locard::params::Value;
+use locard::pixels::{DepthMap, LayerImage, Pixels};
+use locard::pose::Pose;
+use locard::scene::Scene;
+use locard::simulate::{Detail, Motion, Options, Simulation, Snapshot, board};
+use locard::tracking::PoseTrack;
+
+fn round(width_px: u32) -> Geometry {
+    let intrinsics = Intrinsics { width_px, height_px: width_px / 2, ..Default::default() };
+    Geometry::new(intrinsics, Distortion { model: LensModel::Equirectangular, ..Default::default() })
+}
+
+/// 200° across 640 px, not quite equal angles.
+fn fisheye() -> Geometry {
+    let intrinsics = Intrinsics {
+        width_px: 640,
+        height_px: 600,
+        fx_px: 180.0,
+        fy_px: 181.0,
+        cx_px: 322.0,
+        cy_px: 297.0,
+        ..Default::default()
+    };
+    let [k1, k2, k3, k4] = [0.02, -0.01, 0.002, -0.0002];
+    Geometry::new(intrinsics, Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() })
+}
+
+fn still(pose: Pose) -> PoseTrack {
+    PoseTrack::new(vec![(-9.0, pose), (9.0, pose)], 99.0).unwrap()
+}
+
+/// A camera that turns to the right at a steady rate, at time 0 turned so.
+fn turning(rad_per_s: f64, start: DQuat) -> PoseTrack {
+    let at = |n: i32| {
+        let t = f64::from(n) * 0.01;
+        (t, Pose::from_camera_in_world(DVec3::ZERO, start * DQuat::from_rotation_y(rad_per_s * t)))
+    };
+    PoseTrack::new((-30..=30).map(at).collect(), 1.0).unwrap()
+}
+
+fn plain() -> Settings {
+    let mut settings = Settings::default();
+    settings.plain();
+    settings
+}
+
+fn grey(geometry: &Geometry) -> Pixels {
+    gpu::grey(geometry.intrinsics.width_px, geometry.intrinsics.height_px, 90)
+}
+
+fn draw(camera: &Camera, settings: Settings, scene: Scene, track: &PoseTrack) -> Composited {
+    let frame = gpu::frame(0, 0.0, grey(camera.geometry.as_ref().unwrap()));
+    gpu::composite(&gpu::gpu(), camera, settings, scene, track, frame)
+}
+
+fn layer(camera: &Camera, settings: Settings, scene: Scene, track: &PoseTrack) -> LayerImage {
+    draw(camera, settings, scene, track).layer.unwrap()
+}
+
+/// The middle of what is seen around a place, px; over the seam too.
+fn centroid(g: &Geometry, layer: &LayerImage, around: DVec2, reach: f64) -> Option<DVec2> {
+    let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
+    for (i, p) in layer.rgba.iter().enumerate() {
+        let at = DVec2::new(f64::from(i as u32 % layer.width) + 0.5, f64::from(i as u32 / layer.width) + 0.5);
+        let way = g.way_px(around, at);
+        if way.abs().max_element() <= reach {
+            (sum, weight) = (sum + way * f64::from(p[3]), weight + f64::from(p[3]));
+        }
+    }
+    (weight > 2.0).then(|| around + sum / weight)
+}
+
+/// Directions all around, on edges and corners of a cube, on the seam, towards the poles and back.
+fn all_around() -> Vec<DVec3> {
+    let mut directions = vec![DVec3::Z, DVec3::NEG_Z, DVec3::new(0.002, 0.1, -1.0), DVec3::ONE, -DVec3::ONE];
+    for above in [-70.0, -45.0, -20.0, 0.0, 30.0, 45.0, 60.0f64] {
+        for n in 0..8 {
+            let ((s, c), (above, level)) = ((0.25 * PI * f64::from(n) + 0.3).sin_cos(), above.to_radians().sin_cos());
+            directions.push(DVec3::new(s * level, above, c * level));
+        }
+    }
+    directions
+}
+
+#[test]
+fn marks_land_where_the_formula_says_all_around() {
+    let pose =
+        Pose::from_camera_in_world(DVec3::new(3.0, -1.0, 2.0), DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -1.1, 0.3));
+    for (geometry, least, largest) in [(round(1024), 61, 180.0), (fisheye(), 30, 99.0)] {
+        let size = DVec2::new(geometry.intrinsics.width_px.into(), geometry.intrinsics.height_px.into());
+        let directions: Vec<DVec3> = all_around().into_iter().map(DVec3::normalize).collect();
+        let camera = gpu::camera(&geometry, 0.0);
+        let (mut found, mut worst, mut farthest) = (0, 0.0f64, 0.0f64);
+        for few in directions.chunks(8) {
+            // Few at a time: their squares must not meet.
+            let mut scene = marks(few, 0.03, 0.5);
+            scene.objects[0].parts[0].world_from_mesh =
+                DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m());
+            let image = layer(&camera, plain(), scene, &still(pose));
+            for d in few {
+                let Some(at) = geometry.project(2.0 * *d) else { continue };
+                let theta = d.angle_between(DVec3::Z).to_degrees();
+                let finest = geometry.intrinsics.fx_px;
+                // Near a pole a square is wide.
+                let wide = if geometry.is_round() { 1.0 / (d.x.hypot(d.z)) } else { 1.6 };
+                let reach = (0.03 * 0.75 * finest * wide).ceil() + 3.0;
+                let inside = at.y > reach && at.y < size.y - reach;
+                let inside = inside && (geometry.is_round() || (at.x > reach && at.x < size.x - reach));
+                if !inside || theta > largest {
+                    continue;
+                }
+                let seen = centroid(&geometry, &image, at, reach).unwrap_or_else(|| panic!("{d} is not at {at}"));
+                // The middle of a square's picture is not quite the picture of its middle.
+                assert!(seen.distance(at) < 0.3, "{d} ({theta}°) at {seen}, not {at}");
+                (found, worst, farthest) = (found + 1, worst.max(seen.distance(at)), farthest.max(theta));
+                let (x, y) = ((at.x as u32).min(image.width - 1), at.y as u32);
+                let depth = f64::from(image.depth_m[(y * image.width + x) as usize]);
+                assert!((depth - 2.0).abs() < 0.002, "{d}: {depth} m is the distance");
+            }
+        }
+        println!("{found} marks out to {farthest:.1}°, farthest {worst:.3} px");
+        assert!(found >= least && farthest > 95.0, "{found} {farthest}");
+    }
+}
+
+#[test]
+fn a_pole_is_covered_all_round_and_nothing_else() {
+    let geometry = round(512);
+    for pole in [DVec3::Y, DVec3::NEG_Y] {
+        let image = layer(&gpu::camera(&geometry, 0.0), plain(), marks(&[pole], 0.2, 0.5), &still(Pose::IDENTITY));
+        let (mut wrong, mut rim) = (0, 0);
+        for (i, p) in image.rgba.iter().enumerate() {
+            let at = DVec2::new(f64::from(i as u32 % 512) + 0.5, f64::from(i as u32 / 512) + 0.5);
+            let d = geometry.direction(at).unwrap();
+            // The square lies at 2 m and is 0.4 m wide; 1 is its edge, a pixel 0.12.
+            let (a, b) = pole.any_orthonormal_pair();
+            let on = |axis: DVec3| (2.0 * d / d.dot(pole)).dot(axis).abs() / 0.2;
+            let far = if d.dot(pole) > 0.0 { on(a).max(on(b)) } else { 9.0 };
+            match far {
+                f if f < 0.85 => wrong += usize::from((p[3] - 1.0).abs() > 1e-3),
+                f if f > 1.15 => wrong += usize::from(p[3] != 0.0),
+                _ => rim += 1,
+            }
+        }
+        assert!(wrong == 0 && rim > 20, "{pole}: {wrong} wrong, {rim} at the rim");
+    }
+}
+
+/// What is seen across the seam is what is seen in the middle by a camera turned half round, blurred by motion too.
+#[test]
+fn the_seam_is_nowhere() {
+    let geometry = round(1024);
+    let mut camera = gpu::camera(&geometry, 0.03);
+    let scene = marks(&[DVec3::new(0.05, 0.2, 1.0), DVec3::new(-0.1, -0.2, 1.0)], 0.1, 0.5);
+    for exposure_time_s in [0.0, 0.03] {
+        camera.exposure.time_s = Some(exposure_time_s);
+        let middle = layer(&camera, Settings::default(), scene.clone(), &turning(1.0, DQuat::IDENTITY));
+        let seam = layer(&camera, Settings::default(), scene.clone(), &turning(1.0, DQuat::from_rotation_y(PI)));
+        let (mut seen, mut worst) = (0, 0.0f32);
+        for (i, p) in middle.rgba.iter().enumerate() {
+            let (x, y) = (i % 1024, i / 1024);
+            let q = seam.rgba[y * 1024 + (x + 512) % 1024];
+            seen += usize::from(p[3] > 0.0);
+            worst = (0..4).fold(worst, |w, c| w.max((p[c] - q[c]).abs()));
+            let (v, w) = (middle.velocity[i], seam.velocity[y * 1024 + (x + 512) % 1024]);
+            if p[3] > 0.99 && q[3] > 0.99 {
+                // A turn to the right moves all to the left, at every latitude alike.
+                assert!((v[0] + 1024.0 / (2.0 * PI) as f32).abs() < 2.0 && v[1].abs() < 2.0, "{v:?}");
+                assert!((v[0] - w[0]).hypot(v[1] - w[1]) < 2.0, "{v:?} {w:?}");
+            }
+        }
+        println!("{exposure_time_s} s: {seen} pixels, at most {worst:.4} apart");
+        assert!(seen > 500 && worst < 0.005, "{seen} {worst}");
+    }
+}
+
+#[test]
+fn the_velocity_filter_is_near_the_reference_at_the_seam_and_in_a_wide_fisheye() {
+    let reference = || gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]);
+    let wide = DVec3::new(-1.0, 0.1, -0.02);
+    for (geometry, start, at, axis) in [
+        (round(1024), DQuat::from_rotation_y(PI), DVec3::new(0.0, 0.3, 1.0), DVec3::Y),
+        (fisheye(), DQuat::IDENTITY, wide, DVec3::Z),
+    ] {
+        let camera = gpu::camera(&geometry, 0.03);
+        let track = {
+            let at = |n: i32| {
+                let t = f64::from(n) * 0.01;
+                (t, Pose::from_camera_in_world(DVec3::ZERO, start * DQuat::from_axis_angle(axis, 1.5 * t)))
+            };
+            PoseTrack::new((-30..=30).map(at).collect(), 1.0).unwrap()
+        };
+        let scene = marks(&[at], 0.12, 0.5);
+        let filtered = layer(&camera, Settings::default(), scene.clone(), &track);
+        let summed = layer(&camera, reference(), scene, &track);
+        let error = gpu::mean_absolute_error(&filtered, &summed.rgba);
+        let partly = filtered.rgba.iter().filter(|p| p[3] > 0.05 && p[3] < 0.95).count();
+        println!("{error:.4} over {partly} blurred pixels");
+        assert!(error < 0.02 && partly > 50, "{error} {partly}");
+    }
+}
+
+fn noisy(mut camera: Camera) -> Camera {
+    let bins = || vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 255.0, sigma: 4.0 }];
+    camera.noise = Some(NoiseProfile {
+        bins: [bins(), bins(), bins()],
+        channel_correlation: [0.3; 3],
+        neighbour_correlation: [0.4; 2],
+    });
+    camera
+}
+
+/// A picture without two equal neighbours.
+fn speckled(geometry: &Geometry) -> Pixels {
+    let (w, h) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
+    Pixels::from_u8(w, h, (0..3 * w * h).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect()).unwrap()
+}
+
+/// The seam, both poles and a turn of the camera, with everything on: where A = 0 nothing changes, and a frame alone is
+/// that of the whole run.
+#[test]
+fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
+    let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], 0.1, 0.5);
+    for geometry in [round(512), fisheye()] {
+        let camera = noisy(gpu::camera(&geometry, 0.02));
+        let settings = || {
+            gpu::settings(&[
+                ("edge_blend", "impact", Value::Number(0.5)),
+                ("point_spread", "sigma_px", Value::Number(0.6)),
+            ])
+        };
+        let track = turning(1.2, DQuat::IDENTITY);
+        let frame = |n: usize| gpu::frame(n, n as f64 * 0.02, speckled(&geometry));
+        let settings = settings();
+        let stream = Stream {
+            camera: Cow::Borrowed(&camera),
+            settings: &settings,
+            track: &track,
+            time_offset_s: 0.0,
+            want_layers: true,
+            in_flight: IN_FLIGHT,
+        };
+        let run = |range: std::ops::Range<usize>| -> Vec<Composited> {
+            let mut compositor = Compositor::new(gpu::gpu().clone(), scene.clone());
+            let input = |n| Input { frame: frame(n), geometry: geometry.clone(), interval_s: 0.02 };
+            let frames = range.map(|n| Ok::<_, std::io::Error>(input(n)));
+            compositor.run(stream.clone(), frames).map(Result::unwrap).collect()
+        };
+        let all = run(0..4);
+        for done in &all {
+            assert_eq!(done.stats.effects, ["motion_blur", "point_spread", "edge_blend", "noise"]);
+            let layer = done.layer.as_ref().unwrap();
+            let (mut seen, mut changed) = (0, 0);
+            let before = speckled(&geometry);
+            for (i, (out, camera)) in done
+                .pixels
+                .codes
+                .eight_bit()
+                .unwrap()
+                .chunks(3)
+                .zip(before.codes.eight_bit().unwrap().chunks(3))
+                .enumerate()
+            {
+                if layer.rgba[i][3] == 0.0 {
+                    assert_eq!(out, camera, "frame {} pixel {i}", done.frame);
+                    assert_eq!(layer.depth_m[i], 0.0);
+                } else {
+                    (seen, changed) = (seen + 1, changed + usize::from(out != camera));
+                }
+            }
+            assert!(seen > 500 && changed > seen / 2, "{seen} {changed}");
+        }
+        for n in [3, 1] {
+            let alone = run(n..n + 1).remove(0);
+            assert!(alone.pixels.codes.eight_bit().unwrap() == all[n].pixels.codes.eight_bit().unwrap(), "frame {n}");
+            assert!(alone.layer == all[n].layer, "frame {n}");
+        }
+    }
+}
+
+#[test]
+fn real_depth_hides_what_is_behind_it_across_the_seam() {
+    let geometry = round(512);
+    let scene = marks(&[DVec3::NEG_Z], 0.4, 0.5);
+    // Right of the seam (the picture's left) a wall at 1 m, left of it one at 3 m.
+    let depth_m = (0..512 * 256).map(|i| if i % 512 < 256 { 1.0 } else { 3.0 }).collect();
+    for later_s in [0.0, 0.01] {
+        let mut frame = gpu::frame(0, 0.0, grey(&geometry));
+        frame.depth = Some(DepthMap { width: 512, height: 256, depth_m: Clone::clone(&depth_m), timestamp_s: later_s });
+        let track = turning(0.5, DQuat::IDENTITY);
+        let mut settings = Settings::default();
+        settings.only(&["noise".to_owned()]).unwrap();
+        let done = gpu::composite(&gpu::gpu(), &gpu::camera(&geometry, 0.0), settings, scene.clone(), &track, frame);
+        let layer = done.layer.unwrap();
+        let count = |columns: std::ops::Range<usize>| {
+            (0..256)
+                .map(|y| layer.rgba[y * 512..][columns.clone()].iter().filter(|p| p[3] > 0.5).count())
+                .sum::<usize>()
+        };
+        // The turn from the depth's moment to the frame's is 0.4 px.
+        let (left, right) = (count(256..512), count(2..256));
+        assert!(left > 400 && right == 0, "{left} {right}");
+    }
+}
+
+/// The pinhole picture of 0.6 rad around a direction, out of any picture.
+fn look(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) -> Grey {
+    let side = 192usize;
+    let (right, down) = {
+        let up = if towards.y.abs() > 0.9 { DVec3::Z } else { DVec3::NEG_Y };
+        let right = towards.cross(up).normalize();
+        (right, towards.cross(right))
+    };
+    let (w, h) = (geometry.intrinsics.width_px as i64, geometry.intrinsics.height_px as i64);
+    let values = (0..side * side).map(|i| {
+        let p = (DVec2::new((i % side) as f64, (i / side) as f64) + 0.5 - 0.5 * side as f64) / side as f64 * 0.34;
+        let at = geometry.project(towards + p.x * right + p.y * down).unwrap() - 0.5;
+        let (base, f) = (at.floor(), at - at.floor());
+        let texel = |dx: i64, dy: i64| {
+            let x = base.x as i64 + dx;
+            let x = if geometry.is_round() { x.rem_euclid(w) } else { x.clamp(0, w - 1) };
+            value(x as u32, (base.y as i64 + dy).clamp(0, h - 1) as u32)
+        };
+        let row = |dy| texel(0, dy) * (1.0 - f.x) + texel(1, dy) * f.x;
+        row(0) * (1.0 - f.y) + row(1) * f.y
+    });
+    Grey::new(side, side, values.collect()).unwrap()
+}
+
+/// The site's board, really simulated, and the same board composited over it: in the middle, across the seam, at the
+/// nadir, and in a fisheye at its rim and beyond 90°.
+#[test]
+fn the_virtual_board_lies_on_the_simulated_one() {
+    let glb = board().glb().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("board.glb");
+    std::fs::write(&file, glb).unwrap();
+    let scene = locard::scene::load(&file, Some(DVec3::Z)).unwrap();
+    let options = |lens, width_px, height_px| Options {
+        lens,
+        width_px,
+        height_px,
+        focal_px: 260.0,
+        k1: -0.02,
+        k2: 0.003,
+        frames: 1,
+        motion: Motion::Static,
+        board: true,
+        exposure_time_s: 0.0,
+        readout_time_s: 0.0,
+        ..Options::default()
+    };
+    let (sky, fish) = (LensModel::Equirectangular, LensModel::OpencvFisheye);
+    let beside = |degrees: f64| DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+    for (lens, width, height, at, name) in [
+        (sky, 1536, 768, DVec3::Z, "middle"),
+        (sky, 1536, 768, DVec3::NEG_Z, "seam"),
+        (sky, 1536, 768, DVec3::Y, "nadir"),
+        (fish, 900, 300, beside(80.0), "80° off a fisheye's axis"),
+        (fish, 1000, 300, beside(94.0), "94° off a fisheye's axis"),
+    ] {
+        let detail = Detail { texture_m: 0.05, light_m: 0.4 };
+        let simulation = Simulation::with_detail(&options(lens, width, height), detail, 2).unwrap();
+        // Turned so that the board lies there.
+        let aim = simulation.track().poses()[0].1.transform_point(board().point_at_texel(DVec2::splat(32.0)));
+        let simulation = simulation.turned(DQuat::from_rotation_arc(aim.normalize(), at));
+        let snapshot = Snapshot { samples: 6, ..simulation.snapshot(0) };
+        let real = simulation.shoot(&snapshot);
+        let geometry = simulation.geometry();
+        let encode = |light: [f32; 3]| {
+            let code =
+                |v: f32| (255.0 * simulation.sensor.response.encode(f64::from(v))).round().clamp(0.0, 255.0) as u8;
+            light.map(code)
+        };
+        let pixels = Pixels::from_u8(width, height, real.light.iter().flat_map(|l| encode(*l)).collect()).unwrap();
+        let camera = gpu::camera(geometry, 0.0);
+        let mut frame = gpu::frame(0, snapshot.timestamp_s, pixels.clone());
+        // Blanked where the board is: what is compared must be drawn.
+        frame.pixels = grey(geometry);
+        let done = gpu::composite(&gpu::gpu(), &camera, plain(), scene.clone(), simulation.track(), frame);
+        let layer = done.layer.unwrap();
+        let centre = simulation
+            .track()
+            .at(snapshot.timestamp_s)
+            .unwrap()
+            .transform_point(board().point_at_texel(DVec2::splat(32.0)));
+        let towards = centre.normalize();
+        let green = |pixels: &Pixels| look(geometry, towards, |x, y| f64::from(pixels.at(x, y)[1]));
+        let covered = look(geometry, towards, |x, y| f64::from(layer.rgba[(y * width + x) as usize][3]));
+        let mask: Vec<bool> = covered.values.iter().map(|a| *a > 0.999).collect();
+        let (a, b) = (green(&pixels), green(&done.pixels));
+        let options = DisplacementOptions { patch_px: 64, step_px: 16, min_mask_share: 0.8, ..Default::default() };
+        let found = displacements(&a, &b, Some(&mask), &options).unwrap();
+        // In px of the picture itself, not of the view of it.
+        let scale = geometry.intrinsics.fx_px / (192.0 / 0.34);
+        let median = found.median_length_px().unwrap() * scale;
+        let off: Vec<f64> = mask
+            .iter()
+            .zip(a.values.iter().zip(&b.values))
+            .filter(|(m, _)| **m)
+            .map(|(_, (a, b))| (a - b).abs())
+            .collect();
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        println!(
+            "{name} ({:.1}°): {median:.3} px in {} patches; {mean:.2} codes over {} places",
+            towards.angle_between(DVec3::Z).to_degrees(),
+            found.patches.len(),
+            off.len()
+        );
+        assert!(found.patches.len() >= 2 && median <= 0.3 && mean < 8.0, "{name}: {median} {mean}");
+    }
+}
+
+fn locard(arguments: &[&str]) -> (bool, String) {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).output().unwrap();
+    (output.status.success(), String::from_utf8(output.stderr).unwrap())
+}
+
+fn recording(folder: &Path, (width, height): (u32, u32), toml: &str) {
+    std::fs::create_dir_all(folder.join("rgb")).unwrap();
+    image::RgbImage::from_pixel(width, height, image::Rgb([90; 3])).save(folder.join("rgb/0.png")).unwrap();
+    std::fs::write(folder.join("poses.txt"), "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n").unwrap();
+    let text =
+        "version = 1\n[frames]\nimages = \"rgb\"\nfps = 30.0\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 2.0\n";
+    std::fs::write(folder.join("recording.toml"), format!("{text}{toml}")).unwrap();
+}
+
+#[test]
+fn round_recordings_open_as_they_are_and_what_cannot_be_is_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = |name: &str| temp.path().join(name);
+    let kind = "[camera]\nkind = \"equirectangular\"\n";
+    recording(&folder("good"), (128, 64), kind);
+    recording(&folder("bad"), (128, 72), kind);
+    let scene = folder("scene.toml");
+    std::fs::write(
+        &scene,
+        format!(
+            "version = 1\nup = \"y\"\n[[objects]]\nmodel = {:?}\nposition_m = [0, 0, -0.4]\n",
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb")
+        ),
+    )
+    .unwrap();
+    let (scene, out) = (scene.to_str().unwrap().to_owned(), folder("out"));
+    let run = |name: &str, more: &[&str]| {
+        let from = folder(name);
+        let all = ["composite", from.to_str().unwrap(), "--scene", &scene, "-o", out.to_str().unwrap(), "--force"];
+        locard(&[&all[..], more].concat())
+    };
+    let (done, text) = run("good", &[]);
+    assert!(done, "{text}");
+    let picture = image::open(out.join("frame_000000.png")).unwrap().to_rgb8();
+    assert!(picture.pixels().filter(|p| p.0 != [90; 3]).count() > 50, "the marker is seen");
+    let (done, text) = run("bad", &[]);
+    assert!(!done && text.contains("twice as wide as high") && text.contains("128x72"), "{text}");
+
+    let other =
+        "version = 1\n[camera]\nwidth_px = 128\nheight_px = 64\nfx_px = 90\nfy_px = 90\ncx_px = 64\ncy_px = 32\n";
+    std::fs::write(folder("profile.toml"), other).unwrap();
+    std::fs::write(folder("rows.toml"), "version = 1\n[camera]\nwidth_px = 128\nheight_px = 64\nreadout_time_s = 0.01\n[camera.distortion]\nmodel = \"equirectangular\"\n").unwrap();
+    let (profile, rows) = (folder("profile.toml"), folder("rows.toml"));
+    for (more, said) in [
+        (
+            &[
+                "--set",
+                "motion_blur.method=copies",
+                "--set",
+                "motion_blur.threshold_px=0",
+                "--set",
+                "camera.exposure.time_s=0.01",
+            ][..],
+            "motion_blur.method is refused",
+        ),
+        (&["--set", "vignetting.natural=1"], "vignetting is refused: a 360° picture"),
+        (&["--set", "chromatic_aberration.red=0.01"], "chromatic_aberration is refused: a 360° picture"),
+        (
+            &["--set", "camera.lens.aperture_diameter_mm=20", "--set", "camera.lens.focus_distance_m=9"],
+            "depth_of_field is refused",
+        ),
+        (&["--profile", profile.to_str().unwrap()], "leave that table out"),
+        (&["--profile", rows.to_str().unwrap()], "readout_time_s"),
+    ] {
+        let (done, text) = run("good", more);
+        assert!(said.is_empty() == done && text.contains(said), "{more:?}: {text}");
+    }
+
+    // nerfstudio's own: OpenGL's axes, focal lengths that mean nothing.
+    for ((width, height), said) in [((128, 64), ""), ((128, 100), "twice as wide as high")] {
+        let folder = folder(&format!("nerf{height}"));
+        recording(&folder, (width, height), "");
+        std::fs::remove_file(folder.join("recording.toml")).unwrap();
+        let frame = "{\"file_path\": \"rgb/0.png\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}";
+        let text = format!(
+            "{{\"camera_model\": \"EQUIRECTANGULAR\", \"w\": {width}, \"h\": {height}, \"fl_x\": 64, \"frames\": [{frame}]}}"
+        );
+        std::fs::write(folder.join("transforms.json"), text).unwrap();
+        let (done, text) = run(&format!("nerf{height}"), &[]);
+        assert!(said.is_empty() == done && text.contains(said), "{text}");
+    }
+}

@@ -1,0 +1,192 @@
+//! What the loop over frames says where it cannot do what was asked.
+
+use crate::board;
+use crate::board::{FOCAL_PX, board, sideways};
+use crate::gpu;
+use locard::camera::{Capture, FilmUsed, NoiseBin, NoiseProfile, Response};
+use locard::compositor::{Composited, Compositor, Job, Settings, SubmitError, Target};
+use locard::frame::Frame;
+use locard::params::Value;
+use locard::pixels::{DepthMap, Pixels};
+use locard::scene::{Alpha, Scene};
+use locard::tracking::PoseTrack;
+
+/// A frame of a camera that sees as wide as it is; exposed for so long.
+fn submitted(
+    settings: Settings,
+    scene: Scene,
+    track: &PoseTrack,
+    exposure_s: f64,
+    frame: Frame,
+) -> Result<Composited, SubmitError> {
+    made(settings, scene, track, exposure_s, frame, false)
+}
+
+/// The same, or a photograph.
+fn made(
+    settings: Settings,
+    scene: Scene,
+    track: &PoseTrack,
+    exposure_s: f64,
+    frame: Frame,
+    photograph: bool,
+) -> Result<Composited, SubmitError> {
+    let geometry = gpu::pinhole(frame.pixels.width, frame.pixels.height, FOCAL_PX);
+    let gpu = gpu::gpu();
+    let camera = gpu::camera(&geometry, exposure_s);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
+    let mut job = Job::of_frame(frame, &camera, &settings, &geometry, track, 1.0 / 30.0)?;
+    if photograph {
+        let film = Some(FilmUsed { speed: 1.0, width_mm: 36.0 });
+        job.capture = Capture { whole: true, film, ..Capture::frame(&geometry, exposure_s, None) };
+    }
+    let pending = compositor.submit(job, &camera, &settings, Target::Pixels)?;
+    Ok(compositor.collect(pending).unwrap())
+}
+
+#[test]
+fn a_blur_that_no_adapter_holds_is_refused_with_its_size() {
+    let frame = || gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
+    // The track goes 40,000 px in its second; the shutter is open for a minute.
+    let track = sideways([40_000.0, 0.0]);
+    let error = submitted(Settings::default(), board([60.0, 50.0], 0.5), &track, 60.0, frame()).unwrap_err();
+    let SubmitError::TooLarge { width_px, side_px, widest, .. } = &error else { panic!("{error}") };
+    assert!(*width_px > 40_000 && width_px > side_px && *widest == Some("motion_blur"), "{error}");
+    let text = error.to_string();
+    assert!(text.contains(&format!("{width_px}x")) && text.contains(&side_px.to_string()), "{text}");
+    // What draws moment by moment needs nothing beside the picture.
+    let copies = gpu::settings(&[("motion_blur", "method", Value::Text("copies".to_owned()))]);
+    assert!(submitted(copies, board([60.0, 50.0], 0.5), &track, 60.0, frame()).is_ok());
+    // As saturated as numbers get.
+    let track = sideways([1e9, 1e9]);
+    let error = submitted(Settings::default(), board([60.0, 50.0], 0.5), &track, 1e39, frame()).unwrap_err();
+    assert!(matches!(error, SubmitError::TooLarge { .. }), "{error}");
+}
+
+#[test]
+fn of_a_frame_wider_than_the_adapter_holds_small_objects_can_be_drawn() {
+    let width = gpu::gpu().max_side_px() + 100;
+    let frame = || gpu::frame(0, 0.0, gpu::grey(width, 40, 60));
+    let still = sideways([0.0, 0.0]);
+    let done = submitted(Settings::default(), board([30.0, 10.0], 0.5), &still, 0.0, frame()).unwrap();
+    assert_ne!(done.pixels.at(width / 2, 20), [60; 3]);
+    let wide = [f64::from(width), 10.0];
+    let error = submitted(Settings::default(), board(wide, 0.5), &still, 0.0, frame()).unwrap_err();
+    assert!(matches!(error, SubmitError::TooLarge { .. }), "{error}");
+}
+
+#[test]
+fn depth_that_hides_nothing_says_why() {
+    let depth = |width, height, timestamp_s| DepthMap {
+        width,
+        height,
+        depth_m: vec![1.0; width as usize * height as usize],
+        timestamp_s,
+    };
+    let still = sideways([0.0, 0.0]);
+    let done = |settings: Settings, depth| {
+        let frame = Frame { depth: Some(depth), ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
+        let done = submitted(settings, board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap();
+        (done.pixels.at(160, 120) == [60; 3], done.stats.no_occlusion)
+    };
+    // A wall a metre before the board hides it.
+    assert_eq!(done(Settings::default(), depth(320, 240, 0.0)), (true, None));
+    // A microsecond is rounding; the track ends at half a second.
+    assert_eq!(done(Settings::default(), depth(320, 240, 0.5 + 5e-7)), (true, None));
+    let (hidden, why) = done(Settings::default(), depth(320, 240, 0.6));
+    assert!(!hidden && why.as_ref().is_some_and(|why| why.contains("after the last pose")), "{why:?}");
+    let (hidden, why) = done(Settings::default(), depth(160, 120, 0.0));
+    assert!(!hidden && why.as_ref().is_some_and(|why| why.contains("160x120 px")), "{why:?}");
+    // Nobody asked for it.
+    let off = gpu::settings(&[("depth", "occlusion", Value::Bool(false))]);
+    assert_eq!(done(off, depth(320, 240, 0.6)), (false, None));
+}
+
+#[test]
+fn a_screen_of_which_the_sensor_sees_little_hides_what_is_behind_it() {
+    // Black, before the left half of a board and before a bright wall; its rim was measured, and one pixel in fifty.
+    let inside = |x: usize, y: usize| (90..160).contains(&x) && (60..180).contains(&y);
+    let places = || (0..240).flat_map(|y| (0..320).map(move |x| (x, y)));
+    let codes = places().flat_map(|(x, y)| [if inside(x, y) { 10 } else { 200 }; 3]).collect();
+    let depth_m = places()
+        .map(|(x, y)| match inside(x, y) {
+            false => 2.0 * board::DEPTH_M as f32,
+            true if x == 159 || (x % 10 == 0 && y % 5 == 0) => 0.5 * board::DEPTH_M as f32,
+            true => 0.0,
+        })
+        .collect();
+    let depth = DepthMap { width: 320, height: 240, depth_m, timestamp_s: 0.0 };
+    let frame = gpu::frame(0, 0.0, Pixels::from_u8(320, 240, codes).unwrap());
+    let frame = Frame { depth: Some(depth), ..frame };
+    let still = sideways([0.0, 0.0]);
+    let done = submitted(Settings::default(), board([60.0, 50.0], 0.5), &still, 0.0, frame.clone()).unwrap();
+    for (x, y) in (100..140).flat_map(|y| (135..185).map(move |x| (x, y))).filter(|(x, _)| !(156..164).contains(x)) {
+        let shown = done.pixels.at(x, y) != frame.pixels.at(x, y);
+        assert_eq!(shown, x >= 160, "{x} {y}");
+    }
+}
+
+#[test]
+fn light_without_coverage_is_dropped_in_frames_and_in_photographs() {
+    // So thin that 16 bits hold no coverage of it, and so bright that they hold its light.
+    let mut ghost = board([60.0, 50.0], 3e8);
+    ghost.materials[0].base_color[3] = 1e-9;
+    ghost.materials[0].alpha = Alpha::Blend;
+    for photograph in [false, true] {
+        let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
+        let still = sideways([0.0, 0.0]);
+        let done = made(Settings::default(), ghost.clone(), &still, 0.0, frame, photograph).unwrap();
+        assert_eq!(done.pixels, gpu::grey(320, 240, 60), "photograph: {photograph}");
+    }
+}
+
+#[test]
+fn a_layer_that_fades_lets_as_much_of_its_light_and_coverage_through() {
+    let still = sideways([0.0, 0.0]);
+    let done = |presence| {
+        let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
+        submitted(Settings::default(), board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap()
+    };
+    let curve = Response::default();
+    let code = |share: f64| {
+        let light = share * 0.5 + (1.0 - share) * curve.decode(60.0 / 255.0);
+        (255.0 * curve.encode(light)).round() as u32
+    };
+    for presence in [1.0, 0.75, 0.5, 0.1] {
+        let done = done(presence);
+        let seen = done.pixels.at(160, 120)[1];
+        // The layer has 11 bits, and so has a product of them.
+        assert!(seen.abs_diff(code(presence)) <= 1, "{presence}: {seen}");
+        assert_eq!(done.pixels.at(20, 20), [60; 3]);
+        assert_eq!(done.stats.presence, Some(presence).filter(|share| *share < 1.0));
+    }
+    assert_eq!(done(0.0).pixels, gpu::grey(320, 240, 60));
+}
+
+#[test]
+fn what_has_nearly_faded_leaves_the_camera_as_it_is() {
+    let (width, height) = (320u32, 240u32);
+    let code = |x: u32, y: u32| (60 + (x * 37 + y * 91 + x * y) % 120) as u8;
+    let codes = (0..height).flat_map(|y| (0..width).flat_map(move |x| [code(x, y); 3])).collect();
+    let plain = Pixels::from_u8(width, height, codes).unwrap();
+    let sets = [("edge_blend", "impact", Value::Number(1.0)), ("noise", "scale", Value::Number(4.0))];
+    let (still, mut difference) = (sideways([0.0, 0.0]), Vec::new());
+    for presence in [1.0, 1e-4] {
+        let geometry = gpu::pinhole(width, height, FOCAL_PX);
+        let gpu = gpu::gpu();
+        let mut camera = gpu::camera(&geometry, 0.0);
+        let bin = |code| NoiseBin { code, sigma: 3.0 };
+        let bins = std::array::from_fn(|_| vec![bin(0.0), bin(255.0)]);
+        camera.noise = Some(NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] });
+        let settings = gpu::settings(&sets);
+        let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
+        let frame = Frame { presence, ..gpu::frame(0, 0.0, plain.clone()) };
+        let job = Job::of_frame(frame, &camera, &settings, &geometry, &still, 1.0 / 30.0);
+        let pending = compositor.submit(job.unwrap(), &camera, &settings, Target::Pixels).unwrap();
+        let done = compositor.collect(pending).unwrap();
+        assert_eq!(done.stats.effects, ["edge_blend", "noise"]);
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        difference.push(places.map(|(x, y)| done.pixels.at(x, y)[0].abs_diff(plain.at(x, y)[0])).max());
+    }
+    assert!(difference[0] > Some(60) && difference[1] <= Some(1), "{difference:?}");
+}

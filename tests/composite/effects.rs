@@ -1,0 +1,485 @@
+//! Effects on the GPU against their formulas: blur lengths, the noise's variance, the twins.
+
+use crate::board;
+use crate::board::{FOCAL_PX, board, sideways};
+use crate::gpu;
+use locard::camera::grain::{self, GrainRatios};
+use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile, Response};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
+use locard::effects::{Moment, edge_blend, motion_blur, noise};
+use locard::frame::{FrameExposure, PhotoSettings};
+use locard::measure::edge::box_blur;
+use locard::params::Value;
+use locard::scene::Scene;
+
+const EXPOSURE_S: f64 = 0.02;
+
+fn blurred(geometry: &Geometry, blur_px: [f64; 2], method: &str) -> Composited {
+    let camera = gpu::camera(geometry, EXPOSURE_S);
+    let sets = [
+        ("motion_blur", "method", Value::Text(method.to_owned())),
+        ("motion_blur", "threshold_px", Value::Number(0.0)),
+        ("motion_blur", "copies", Value::Number(64.0)),
+    ];
+    let track = sideways(blur_px.map(|px| px / EXPOSURE_S));
+    let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 0));
+    gpu::composite(&gpu::gpu(), &camera, gpu::settings(&sets), board([60.0, 50.0], 0.8), &track, frame)
+}
+
+#[test]
+fn silhouettes_blur_over_the_analytic_length() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for method in ["velocity", "copies", "reference"] {
+        for length in [2.0, 3.5, 8.0, 13.0, 20.0, 40.0] {
+            let layer = blurred(&geometry, [length, 0.0], method).layer.unwrap();
+            // The left silhouette at x = 100, from outside to inside.
+            let profile: Vec<f64> = (60..140).map(|x| f64::from(layer.rgba[120 * 320 + x][3])).collect();
+            let found = box_blur(&profile, 1.0, 1.0).unwrap();
+            assert!((found.length_px - length).abs() <= 0.5, "{method} {length}: {found:?}");
+            assert!((found.position_px - 40.0).abs() <= 0.75, "{method} {length}: {found:?}");
+        }
+    }
+}
+
+/// vSLRcam (12), H = ∫ E dt over the open shutter: a board of 0.8 whose side moves from 90 to 110 px lies before the middle
+/// of pixel 92, at 92.5 px, for an eighth of the time, and so on. What it sheds in all is 0.8 on 120 px: 96.
+#[test]
+fn exposure_is_the_sum_over_the_open_shutter() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for (method, within) in [("velocity", 0.03), ("copies", 0.02), ("reference", 0.02)] {
+        let layer = blurred(&geometry, [20.0, 0.0], method).layer.unwrap();
+        let row = &layer.rgba[120 * 320..121 * 320];
+        for (x, expected) in [(88, 0.0), (92, 0.1), (94, 0.18), (99, 0.38), (104, 0.58), (107, 0.7), (111, 0.8)] {
+            let found = f64::from(row[x][0]);
+            assert!((found - expected).abs() < within, "{method}, {x}: {found}, not {expected}");
+        }
+        let sum: f64 = row.iter().map(|p| f64::from(p[0])).sum();
+        assert!((sum - 96.0).abs() < 0.5, "{method}: {sum}");
+    }
+}
+
+#[test]
+fn accumulation_is_the_papers_finite_sum() {
+    // 20 ms at 500 frames a second: n = 10, α = 0.676 (14); 20 px in ten steps of 2 px.
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let sets = [
+        ("motion_blur", "method", Value::Text("accumulation".to_owned())),
+        ("motion_blur", "frames_per_s", Value::Number(500.0)),
+    ];
+    let track = sideways([20.0 / EXPOSURE_S, 0.0]);
+    let draw = |index: usize| {
+        let frame = gpu::frame(index, 0.0, gpu::grey(320, 240, 0));
+        let camera = gpu::camera(&geometry, EXPOSURE_S);
+        gpu::composite(&gpu::gpu(), &camera, gpu::settings(&sets), board([60.0, 50.0], 0.8), &track, frame)
+            .layer
+            .unwrap()
+    };
+    let layer = draw(0);
+    // The board reaches from 100 to 220 px in the middle of the exposure. The mean of all frames lies there: the newest,
+    // which weighs 1 − α, stands Σ i·wᵢ = 2.05 steps further to the right, the oldest, which weighs α^10 = 1/50, 7.95 to
+    // the left. That is 4.09 px; the four samples of a pixel lie beyond its first 0.09.
+    let alpha = 0.676_243_f64;
+    let weight = |i: i32| if i == 10 { 0.02 } else { (1.0 - alpha) * alpha.powi(i) };
+    let mean: f64 = (0..=10).map(|i| f64::from(i) * weight(i)).sum();
+    assert!((mean - 2.047).abs() < 1e-3, "{mean}");
+    for x in 85..235 {
+        let covered = |i: i32| {
+            let shift = 4 - 2 * i;
+            (100 + shift..220 + shift).contains(&x)
+        };
+        let twin: f64 = (0..=10).filter(|i| covered(*i)).map(weight).sum();
+        let found = f64::from(layer.rgba[120 * 320 + x as usize][3]);
+        assert!((found - twin).abs() < 1e-3, "{x}: {found}, not {twin}");
+    }
+    // Where the camera saw the board, half a sample's width aside at most: its middle is that of 100 to 220 px.
+    let row = &layer.rgba[120 * 320..121 * 320];
+    let centre =
+        |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
+    let found = centre(|x| x) / centre(|_| 1.0);
+    assert!((found - 160.0).abs() < 0.15, "{found}");
+    // Whatever was drawn before.
+    assert_eq!(layer.rgba, draw(7).rgba);
+}
+
+/// A second of a hand that trembles five times: at its ends and its middle it is where it rests. A place beside the middle
+/// is covered while A sin(φ) > d - h.
+#[test]
+fn a_long_exposure_follows_the_hand() {
+    let (half, swing) = (20.0, 20.0);
+    let track = board::moved(600, 0.001, |t| [swing * (10.0 * std::f64::consts::PI * t).sin(), 0.0]);
+    for readout_s in [0.0, 0.004] {
+        let mut geometry = gpu::pinhole(160, 60, FOCAL_PX);
+        geometry.intrinsics.readout_time_s = readout_s;
+        let settings = gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]);
+        let frame = gpu::frame(0, 0.0, gpu::grey(160, 60, 0));
+        let camera = gpu::camera(&geometry, 1.0);
+        let done = gpu::composite(&gpu::gpu(), &camera, settings, board([half, 20.0], 0.8), &track, frame);
+        let layer = done.layer.unwrap();
+        for (row, x) in [12, 30, 47].into_iter().flat_map(|row| (10..150).map(move |x| (row, x))) {
+            let beside = ((x as f64 + 0.5) - 80.0).abs();
+            let expected = 0.5 - ((beside - half) / swing).clamp(-1.0, 1.0).asin() / std::f64::consts::PI;
+            let found = f64::from(layer.rgba[row * 160 + x][3]);
+            // Where the hand turns, coverage is as steep as a root.
+            let limit = if (beside - half).abs() > swing - 2.0 { 0.08 } else { 0.012 };
+            assert!((found - expected).abs() < limit, "{readout_s} s, {x}, {row}: {found}, by hand {expected}");
+        }
+    }
+}
+
+/// At the defaults, where one frame follows the other by the whole exposure, and what is drawn lies before it.
+#[test]
+fn accumulation_lies_where_the_camera_saw_the_thing() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for length in [-40.0, 25.0] {
+        let layer = blurred(&geometry, [length, 0.0], "accumulation").layer.unwrap();
+        let row = &layer.rgba[120 * 320..121 * 320];
+        let centre =
+            |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
+        let (area, found) = (centre(|_| 1.0), centre(|x| x) / centre(|_| 1.0));
+        assert!((area - 120.0).abs() < 0.2, "{length}: something is cut off, {area}");
+        assert!((found - 160.0).abs() < 0.3, "{length}: {found}");
+    }
+}
+
+#[test]
+fn a_diagonal_blur_is_the_mean_over_the_shutter() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let still = blurred(&geometry, [0.0, 0.0], "velocity").layer.unwrap();
+    let sharp: Vec<[f64; 4]> = still.rgba.iter().map(|p| p.map(f64::from)).collect();
+    for motion in [[9.0, 6.0], [-4.0, 11.0]] {
+        let twin = motion_blur::twin(&sharp, 320, 240, motion);
+        let layer = blurred(&geometry, motion, "velocity").layer.unwrap();
+        let mut worst = 0.0f64;
+        let mut sum = 0.0;
+        for (a, b) in layer.rgba.iter().zip(&twin) {
+            let error = (f64::from(a[3]) - b[3]).abs();
+            worst = worst.max(error);
+            sum += error;
+        }
+        // The filter takes one tap a pixel with whole weights, the twin interpolates in both
+        // axes: at an edge they differ by at most a pixel's share of the line.
+        let longest = motion[0].abs().max(motion[1].abs());
+        assert!(worst < 1.0 / longest, "{motion:?}: {worst}");
+        let area = twin.iter().map(|p| p[3]).sum::<f64>();
+        assert!(sum / area < 0.01, "{motion:?}: {}", sum / area);
+    }
+}
+
+fn noisy_camera(geometry: &Geometry, correlation: f64) -> Camera {
+    let mut camera = gpu::camera(geometry, 0.0);
+    let bins = vec![NoiseBin { code: 0.0, sigma: 1.0 }, NoiseBin { code: 255.0, sigma: 6.1 }];
+    camera.noise = Some(NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.5, 0.2, 0.3],
+        neighbour_correlation: [correlation; 2],
+    });
+    camera
+}
+
+fn noisy(camera: &Camera, settings: Settings, grey: f32, frame: usize) -> Composited {
+    let frame = gpu::frame(frame, 0.0, gpu::grey(320, 240, 90));
+    gpu::composite(&gpu::gpu(), camera, settings, board([200.0, 150.0], grey), &sideways([0.0, 0.0]), frame)
+}
+
+/// Mean, σ, correlation with the right neighbour and of R with G, over the board.
+fn statistics(codes: &[u8], width: usize) -> [f64; 4] {
+    let at = |i: usize, c: usize| f64::from(codes[3 * i + c]);
+    let n = (codes.len() / 3) as f64;
+    let mean = |c: usize| (0..codes.len() / 3).map(|i| at(i, c)).sum::<f64>() / n;
+    let (m, g) = (mean(0), mean(1));
+    let variance = (0..codes.len() / 3).map(|i| (at(i, 0) - m).powi(2)).sum::<f64>() / n;
+    let green = (0..codes.len() / 3).map(|i| (at(i, 1) - g).powi(2)).sum::<f64>() / n;
+    let right =
+        (0..codes.len() / 3 - 1).filter(|i| i % width != width - 1).map(|i| (at(i, 0) - m) * (at(i + 1, 0) - m));
+    let both = (0..codes.len() / 3).map(|i| (at(i, 0) - m) * (at(i, 1) - g)).sum::<f64>() / n;
+    [m, variance.sqrt(), right.sum::<f64>() / n / variance, both / (variance * green).sqrt()]
+}
+
+#[test]
+fn virtual_pixels_have_the_cameras_noise() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for (correlation, magnification) in [(0.0, 1.0), (0.5, 1.0), (0.0, 3.0), (0.4, 2.5)] {
+        let camera = noisy_camera(&geometry, correlation);
+        let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification))]);
+        let done = noisy(&camera, settings, 0.2, 3);
+        let [mean, sigma, right, channels] = statistics(done.pixels.codes.eight_bit().unwrap(), 320);
+        // 0.2 in linear light is sRGB code 123.5, where σ = 1 + 5.1 · 123.5/255 = 3.47; whole
+        // numbers add 1/12 to the variance. 76,800 pixels, fewer independent ones where
+        // patches are large: 0.3 to 2 % for σ at three standard errors, 2 % here.
+        let expected = (3.47f64.powi(2) + 1.0 / 12.0).sqrt();
+        assert!((mean - 123.5).abs() < 0.2, "{mean}");
+        assert!((sigma / expected - 1.0).abs() < 0.02 * magnification, "{correlation} {magnification}: {sigma}");
+        assert!((channels - 0.5).abs() < 0.03 * magnification, "{channels}");
+        if magnification == 1.0 {
+            assert!((right - correlation).abs() < 0.02, "{right}");
+        } else {
+            assert!(right > 0.6, "{right}");
+        }
+    }
+}
+
+#[test]
+fn the_noise_is_its_twin() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    // Another film speed is relative to the camera's 200: half a stop in diameter, eight times the variance of shot noise.
+    for (magnification, iso) in [(1.0, None), (2.5, None), (1.0, Some(1600.0)), (1.5, Some(100.0)), (1.0, Some(100.0))]
+    {
+        let mut camera = noisy_camera(&geometry, 0.4);
+        camera.exposure.iso = Some(200.0);
+        let film = ("noise", "iso", iso.map_or(Value::None, Value::Number));
+        let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification)), film]);
+        let done = noisy(&camera, settings, 0.2, 7);
+        let plain = noisy(&camera, gpu::settings(&[("noise", "scale", Value::Number(0.0))]), 0.2, 7);
+        let params = noise::Noise { magnification: magnification as f32, iso, ..Default::default() };
+        let capture = Capture::frame(&geometry, 0.0, None);
+        let moment = Moment {
+            camera: &camera,
+            picture: &geometry,
+            capture: &capture,
+            frame: 7,
+            seed: 0,
+            recorded: FrameExposure::default(),
+            interval_s: 1.0 / 30.0,
+            fastest_px_per_s: 0.0,
+            depths_m: [1.0, 1.0],
+            real_depths_m: None,
+            objects: &[],
+        };
+        // The unrounded value that the noise is added to; the layer holds 16-bit floats.
+        let mean = 255.0 * camera.response.encode(half::f16::from_f32(0.2).to_f64());
+        assert_eq!(f64::from(plain.pixels.codes.eight_bit().unwrap()[0]), mean.round());
+        let ratios = GrainRatios { iso: iso.unwrap_or(200.0) / 200.0, ..Default::default() };
+        let sigma = grain::sigma(camera.noise.as_ref().unwrap(), &camera.response, 0, mean, &ratios);
+        let mut differ = 0;
+        for y in 0..240 {
+            for x in 0..320 {
+                let pattern = noise::twin_pattern(&params, &moment, x, y);
+                for (c, pattern) in pattern.into_iter().enumerate() {
+                    let twin = noise::twin(mean, sigma, 1.0, 0.0, pattern);
+                    let got =
+                        f64::from(done.pixels.codes.eight_bit().unwrap()[3 * (y as usize * 320 + x as usize) + c]);
+                    // Rounding may fall to the other side for values within 32-bit error of a half.
+                    assert!((got - twin).abs() < 0.51, "({x}, {y}) {c}: {got} {twin}");
+                    differ += usize::from(got != twin.round());
+                }
+            }
+        }
+        assert!(differ < 200, "{differ} of 230,400 codes round to the other side");
+    }
+}
+
+#[test]
+fn a_mixed_pixel_gets_only_the_variance_that_it_lacks() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = noisy_camera(&geometry, 0.0);
+    camera.response = locard::camera::Response { curve: locard::camera::Curve::Linear, gamma: 1.0 };
+    // A half-transparent board of the camera's own grey: mean 90; the camera's half brings
+    // (0.5 σ)², so (1 − 0.25) σ² is missing. The camera's frame here is without noise.
+    let mut scene = board([200.0, 150.0], 90.0 / 255.0);
+    scene.materials[0].base_color[3] = 0.5;
+    scene.materials[0].alpha = locard::scene::Alpha::Blend;
+    let frame = gpu::frame(3, 0.0, gpu::grey(320, 240, 90));
+    let done = gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &sideways([0.0, 0.0]), frame);
+    let [mean, sigma, ..] = statistics(done.pixels.codes.eight_bit().unwrap(), 320);
+    let expected = (0.75 * (1.0f64 + 5.1 * 90.0 / 255.0).powi(2) + 1.0 / 12.0).sqrt();
+    assert!((mean - 90.0).abs() < 0.1, "{mean}");
+    assert!((sigma / expected - 1.0).abs() < 0.02, "{sigma} {expected}");
+}
+
+/// What is drawn without and with the edge blend, in front of code 40, where light is code.
+fn edge_blended(scene: impl Fn() -> Scene, sigma_px: f64, impact: f64) -> [Composited; 2] {
+    let mut camera = gpu::camera(&gpu::pinhole(320, 240, FOCAL_PX), 0.0);
+    camera.response = Response { curve: Curve::Linear, gamma: 1.0 };
+    [0.0, impact].map(|impact| {
+        let sigma = ("point_spread", "sigma_px", Value::Number(sigma_px));
+        let settings = gpu::settings(&[("edge_blend", "impact", Value::Number(impact)), sigma]);
+        let frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 40));
+        gpu::composite(&gpu::gpu(), &camera, settings, scene(), &sideways([0.0, 0.0]), frame)
+    })
+}
+
+/// A board of which light takes and gives this share.
+fn glass(alpha: f32) -> Scene {
+    let mut scene = board([60.0, 50.0], 0.5);
+    scene.materials[0].base_color[3] = alpha;
+    scene.materials[0].alpha = locard::scene::Alpha::Blend;
+    scene
+}
+
+#[test]
+fn edge_blend_is_the_papers_rule_whatever_softens_the_edge() {
+    let mut lost = Vec::new();
+    for (alpha, sigma_px) in [(1.0, 0.0), (1.0, 0.3), (1.0, 0.7), (1.0, 2.0), (0.5, 0.0), (0.5, 0.7)] {
+        let [plain, done] = edge_blended(|| glass(alpha), sigma_px, 0.75);
+        let layer = plain.layer.as_ref().unwrap();
+        let (mut edges, mut all) = (0, 0.0f64);
+        for y in 1..239usize {
+            for x in 1..319usize {
+                let i = y * 320 + x;
+                let covered = |j: usize| f64::from(layer.rgba[j][3]);
+                let neighbours: Vec<(f64, f64)> = (0..9)
+                    .filter(|k| *k != 4)
+                    .map(|k| (40.0, covered((y + k / 3 - 1) * 320 + x + k % 3 - 1)))
+                    .collect();
+                let light = f64::from(layer.rgba[i][0]) + (1.0 - covered(i)) * 40.0 / 255.0;
+                let current = 255.0 * light;
+                let twin = edge_blend::twin(current, covered(i), &neighbours, 0.75);
+                let got = f64::from(done.pixels.codes.eight_bit().unwrap()[3 * i]);
+                assert!((got - twin).abs() < 0.55, "{alpha} {sigma_px} ({x}, {y}): {got} {twin}");
+                edges += usize::from((got - current).abs() > 2.0);
+                all += current - twin;
+            }
+        }
+        assert!(edges > 400, "{alpha} {sigma_px}: {edges} pixels are blended");
+        lost.push(all / f64::from(alpha));
+    }
+    // Each of the 4 · 110 - 4 pixels along the hard edge loses 0.75 · 3 / 4 of 127.5 - 40 codes, those in the corners
+    // 0.75 · 5 / 6. Blur rounds the corners.
+    let hard = (0.75 * 436.0 * 0.75 + 4.0 * 0.75 * 5.0 / 6.0) * 87.5;
+    assert!(lost.iter().all(|lost| (lost / hard - 1.0).abs() < 0.02), "{lost:?}, a hard edge loses {hard}");
+}
+
+#[test]
+fn edge_blend_leaves_the_inside_of_glass() {
+    let [plain, done] = edge_blended(|| glass(0.5), 0.0, 1.0);
+    let layer = plain.layer.as_ref().unwrap();
+    let (before, after) = (plain.pixels.codes.eight_bit().unwrap(), done.pixels.codes.eight_bit().unwrap());
+    let mut inside = 0;
+    for i in (0..320 * 240).filter(|i| layer.rgba[*i][3] > 0.0) {
+        let around = [-321i32, -320, -319, -1, 1, 319, 320, 321].map(|step| layer.rgba[(i as i32 + step) as usize][3]);
+        if around.iter().all(|a| *a == layer.rgba[i][3]) {
+            inside += 1;
+            assert_eq!(after[3 * i..3 * i + 3], before[3 * i..3 * i + 3], "pixel {i}");
+        }
+    }
+    assert!(inside > 10_000, "{inside}");
+}
+
+/// A camera of linear response with σ 1 at black and 6.1 at white, measured at ISO 400 on 36 mm.
+fn film_camera(geometry: &Geometry) -> Camera {
+    let mut camera = noisy_camera(geometry, 0.0);
+    camera.response = locard::camera::Response { curve: Curve::Linear, gamma: 1.0 };
+    camera.exposure.iso = Some(400.0);
+    camera
+}
+
+#[test]
+fn at_its_own_speed_grain_is_the_calibrated_noise() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    for correlation in [0.0, 0.4] {
+        for response in [Curve::Linear, Curve::Srgb, Curve::Gamma] {
+            let mut camera = film_camera(&geometry);
+            camera.response.curve = response;
+            camera.noise.as_mut().unwrap().neighbour_correlation = [correlation; 2];
+            let film = |iso| [("noise", "iso", iso), ("noise", "film_width_mm", Value::Number(36.0))];
+            let calibrated = noisy(&camera, Settings::default(), 0.2, 3);
+            let own = noisy(&camera, gpu::settings(&film(Value::Number(400.0))), 0.2, 3);
+            assert!(
+                own.pixels.codes.eight_bit().unwrap() == calibrated.pixels.codes.eight_bit().unwrap(),
+                "{response:?}"
+            );
+            let other = noisy(&camera, gpu::settings(&film(Value::Number(800.0))), 0.2, 3);
+            assert!(
+                other.pixels.codes.eight_bit().unwrap() != calibrated.pixels.codes.eight_bit().unwrap(),
+                "{response:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn grain_grows_with_film_speed_and_smaller_film() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = film_camera(&geometry);
+    let measured = |iso: f64, film_width_mm: f64| {
+        let film = [("noise", "iso", Value::Number(iso)), ("noise", "film_width_mm", Value::Number(film_width_mm))];
+        statistics(noisy(&camera, gpu::settings(&film), 123.5 / 255.0, 3).pixels.codes.eight_bit().unwrap(), 320)
+    };
+    // At code 123.5 σ² is 3.47² = 12.041, of which black's σ² = 1 is reading out and 11.041 shot noise. At k times the
+    // speed it is 11.041 k + k²; whole numbers add 1/12.
+    for (iso, variance) in [(100.0, 2.823), (400.0, 12.041), (1600.0, 60.164), (3200.0, 152.328)] {
+        let [mean, sigma, ..] = measured(iso, 36.0);
+        let expected = (variance + 1.0 / 12.0f64).sqrt();
+        assert!((mean - 123.5).abs() < 0.3, "{iso}: {mean}");
+        // Three standard errors of 76,800 pixels are 0.8 %, more where patches are larger.
+        assert!((sigma / expected - 1.0).abs() < 0.03, "{iso}: {sigma} is not {expected}");
+    }
+    let right = |iso, film_width_mm| measured(iso, film_width_mm)[2];
+    // Patches of 1, 2 and 2 px, and 1 where they would be finer.
+    assert!(right(400.0, 36.0).abs() < 0.02 && right(100.0, 36.0).abs() < 0.02);
+    assert!(right(6400.0, 36.0) > 0.5 && right(400.0, 18.0) > 0.5);
+    // A smaller film has larger grains, not more noise.
+    let [_, sigma, ..] = measured(400.0, 18.0);
+    assert!((sigma / 3.48 - 1.0).abs() < 0.03, "{sigma}");
+}
+
+/// A frame that was recorded at another speed has that speed's variance, and patches as calibrated; its own pixels have it
+/// too, so that an edge is as noisy as either side.
+#[test]
+fn noise_follows_the_speed_that_each_frame_was_recorded_at() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = film_camera(&geometry);
+    let photo = |iso| FrameExposure { photo: PhotoSettings { iso, ..Default::default() }, ..Default::default() };
+    let taken = |camera: &Camera, exposure: FrameExposure, settings: Settings, code: f64| {
+        let mut frame = gpu::frame(3, 0.0, gpu::grey(320, 240, 40));
+        frame.exposure = exposure;
+        let scene = board([200.0, 150.0], (code / 255.0) as f32);
+        gpu::composite(&gpu::gpu(), camera, settings, scene, &sideways([0.0, 0.0]), frame)
+    };
+    let measured = |exposure| {
+        statistics(taken(&camera, exposure, Settings::default(), 123.5).pixels.codes.eight_bit().unwrap(), 320)
+    };
+    // As in the test above: 11.041 k + k² at code 123.5; a gain counts where no ISO is told.
+    let gain = |gain| FrameExposure { gain: Some(gain), ..Default::default() };
+    for (exposure, variance) in [
+        (photo(Some(1600.0)), 60.164),
+        (photo(Some(100.0)), 2.823),
+        (gain(4.0), 60.164),
+        (FrameExposure { gain: Some(4.0), ..photo(Some(400.0)) }, 12.041),
+        (FrameExposure::default(), 12.041),
+    ] {
+        let [_, sigma, right, ..] = measured(exposure);
+        let expected = (variance + 1.0 / 12.0f64).sqrt();
+        assert!((sigma / expected - 1.0).abs() < 0.03, "{exposure:?}: {sigma} is not {expected}");
+        assert!(right.abs() < 0.02, "a sensor's noise gets no coarser: {right}");
+    }
+    // A speed that is asked for goes first; where the profile's is not known, nothing is known.
+    let own = gpu::settings(&[("noise", "iso", Value::Number(400.0))]);
+    let calibrated = taken(&camera, photo(None), Settings::default(), 123.5);
+    assert!(taken(&camera, photo(Some(1600.0)), own, 123.5).pixels == calibrated.pixels);
+    camera.exposure.iso = None;
+    assert!(taken(&camera, photo(Some(1600.0)), Settings::default(), 123.5).pixels == calibrated.pixels);
+}
+
+#[test]
+fn a_film_speed_without_measured_noise_is_told() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = film_camera(&geometry);
+    let with_speed = || gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
+    assert!(with_speed().idle(&camera).is_empty());
+    camera.noise = None;
+    let told = with_speed().idle(&camera);
+    assert!(told.len() == 1 && told[0].contains("noise.iso") && told[0].contains("[camera.noise]"), "{told:?}");
+    assert!(Settings::default().idle(&camera).is_empty());
+    let mut off = with_speed();
+    off.without(&["noise".to_owned()]).unwrap();
+    assert!(off.idle(&camera).is_empty());
+}
+
+#[test]
+fn grain_without_a_speed_to_start_from_is_refused() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let mut camera = film_camera(&geometry);
+    camera.exposure.iso = None;
+    let settings = gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
+    let gpu = gpu::gpu();
+    let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
+    let (frame, track) = (gpu::frame(0, 0.0, gpu::grey(320, 240, 40)), sideways([0.0, 0.0]));
+    let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();
+    let error = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap_err().to_string();
+    assert!(error.contains("noise.iso") && error.contains("camera.exposure.iso"), "{error}");
+    for iso in [99.0, 25601.0] {
+        let error = Settings::default().set("noise", "iso", &Value::Number(iso)).unwrap().unwrap_err().to_string();
+        assert!(error.contains("100 to 25600"), "{error}");
+    }
+}

@@ -1,0 +1,277 @@
+//! One compositor that is held while everything about it changes: each picture is what a new one gives, wherever it goes.
+
+use crate::board::{FOCAL_PX, board, sideways};
+use crate::gpu;
+use locard::camera::{Camera, NoiseBin, NoiseProfile};
+use locard::compositor::{Compositor, Job, Settings, Target};
+use locard::frame::Frame;
+use locard::gpu::Gpu;
+use locard::params::{Kind, Spec, Value};
+use locard::pixels::{Codes, Pixels};
+use locard::profile::Rig;
+use locard::scene::Scene;
+
+const SIZE: (u32, u32) = (96, 64);
+
+/// What is held: a camera's parameters, and settings.
+#[derive(Clone)]
+struct Held {
+    rig: Rig,
+    settings: Settings,
+}
+
+impl Held {
+    /// Every effect in one of its ways, over a camera that each of them has something to do with.
+    fn new(case: usize) -> Self {
+        let mut settings = Settings::default();
+        let cases: Vec<_> = settings.effects().map(|e| (e.table(), e.cases())).collect();
+        for (table, cases) in &cases {
+            for (name, value) in &cases[case.min(cases.len() - 1)].1 {
+                settings.set(table, name, value).unwrap().unwrap();
+            }
+        }
+        let geometry = gpu::pinhole(SIZE.0, SIZE.1, FOCAL_PX);
+        let mut rig = Rig::default();
+        rig.lay_over(&geometry);
+        let bins = vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 255.0, sigma: 4.0 }];
+        rig.noise = Some(NoiseProfile {
+            bins: [bins.clone(), bins.clone(), bins],
+            channel_correlation: [0.2, 0.1, 0.2],
+            neighbour_correlation: [0.3, 0.2],
+        });
+        for set in [
+            "camera.exposure.time_s=0.02",
+            "camera.exposure.iso=200",
+            "camera.lens.f_number=2",
+            // Where the board is drawn through many points of the lens, so that they need not be thousands.
+            if case < 3 { "camera.lens.focus_distance_m=0.7" } else { "camera.lens.focus_distance_m=1.9" },
+        ] {
+            rig.set_text(set, &mut settings).unwrap();
+        }
+        Self { rig, settings }
+    }
+
+    /// Every parameter that can be set, with its table; from the second case on those of effects that have so many.
+    fn parameters(&self, case: usize) -> Vec<(&'static str, Spec)> {
+        let tables = self.rig.tables().into_iter().chain(self.settings.tables());
+        let cases = |table: &str| self.settings.effects().find(|e| e.table() == table).map_or(1, |e| e.cases().len());
+        tables
+            .filter(|table| case < cases(table.table()))
+            .flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec)))
+            .collect()
+    }
+
+    /// The picture, or why there is none.
+    fn picture(&self, compositor: &mut Compositor) -> Result<Pixels, String> {
+        let camera = self.rig.camera();
+        let geometry = camera.geometry.clone().unwrap();
+        self.settings.check(&camera, &geometry).map_err(|e| e.to_string())?;
+        let track = sideways([200.0, 0.0]);
+        let job = Job::of_frame(frame(), &camera, &self.settings, &geometry, &track, 1.0 / 30.0)
+            .map_err(|e| e.to_string())?;
+        let pending = compositor.submit(job, &camera, &self.settings, Target::Pixels).map_err(|e| e.to_string())?;
+        Ok(compositor.collect(pending).unwrap().pixels)
+    }
+}
+
+fn frame() -> Frame {
+    let codes = (0..SIZE.0 * SIZE.1).flat_map(|i| [60 + (i % 60) as u8, 90, 40 + (i / 96) as u8]).collect();
+    gpu::frame(7, 0.0, Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap())
+}
+
+fn scene() -> Scene {
+    board([20.0, 14.0], 0.6)
+}
+
+/// Ten values over a parameter's range, or those between them, and all choices; of a range without end, over what anybody
+/// gives it.
+fn values(spec: &Spec, between: bool) -> Vec<Value> {
+    let numbers = |min: f64, max: f64| -> Vec<f64> {
+        let (min, max) = (min.max(-1e4), max.min(1e4));
+        let step = |i: u32| if between { (f64::from(i) + 0.5) / 10.0 } else { f64::from(i) / 9.0 };
+        // Over decades, where there are several.
+        if min > 0.0 && max / min > 100.0 {
+            return (0..10).map(|i| min * (max / min).powf(step(i))).collect();
+        }
+        (0..10).map(|i| min + (max - min) * step(i)).collect()
+    };
+    match &spec.kind {
+        Kind::Bool => vec![Value::Bool(true), Value::Bool(false)],
+        Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
+        Kind::Number { min, max } => numbers(*min, *max).into_iter().map(Value::Number).collect(),
+        Kind::Integer { min, max } => numbers(*min, *max).into_iter().map(|n| Value::Number(n.round())).collect(),
+    }
+}
+
+/// Each value of each parameter, in each of the effects' ways, with what it is called.
+fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
+    (0..4).flat_map(move |case| {
+        let start = Held::new(case);
+        let one = move |table: &str, name: &str, value: &Value| {
+            let mut one = start.clone();
+            let set = one.rig.set_text(&format!("{table}.{name}={value}"), &mut one.settings);
+            set.is_ok().then(|| (format!("case {case}, {table}.{name} = {value}"), one))
+        };
+        let parameters = Held::new(case).parameters(case).into_iter();
+        parameters.flat_map(move |(table, spec)| {
+            values(&spec, between).iter().filter_map(|value| one(table, spec.name, value)).collect::<Vec<_>>()
+        })
+    })
+}
+
+#[test]
+fn every_parameter_through_its_range() {
+    let gpu = gpu::gpu().clone();
+    let mut held = Compositor::new(gpu.clone(), scene());
+    let pictures: Vec<_> = sweep(false).map(|(told, one)| (told, one.picture(&mut held))).collect();
+    let drawn = pictures.iter().filter(|(_, picture)| picture.is_ok()).count();
+    println!("{} values, {drawn} pictures", pictures.len());
+    assert!(drawn > 300 && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
+
+    // Each choice has been seen. Other numbers than those make no pipeline.
+    let mut made = gpu.pipelines_made();
+    for (told, one) in sweep(true) {
+        let _ = one.picture(&mut held);
+        let now = gpu.pipelines_made();
+        assert_eq!(now, made, "{told}: {} pipelines more", now - made);
+        made = now;
+    }
+    for (n, ((told, one), (_, first))) in sweep(false).zip(&pictures).enumerate() {
+        if n % 3 == 0 {
+            assert!(one.picture(&mut held) == *first, "{told}: another picture the second time");
+        }
+        // All of them anew would take minutes: a new compositor compiles every shader.
+        if n % 9 == 0 {
+            let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
+            assert!(anew == *first, "{told}: not what a new compositor gives");
+        }
+    }
+}
+
+/// A device as a window would make it.
+fn of_somebody_else() -> (Gpu, wgpu::Device) {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::PRIMARY;
+    let instance = wgpu::Instance::new(descriptor);
+    let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).unwrap();
+    let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter))).unwrap();
+    (Gpu::adopt(&adapter, device.clone(), queue), device)
+}
+
+#[test]
+fn an_error_on_an_adopted_device_is_told_and_can_be_gone_on_after() {
+    let (gpu, device) = of_somebody_else();
+    let mut compositor = Compositor::new(gpu.clone(), scene());
+    let held = Held::new(0);
+    let before = held.picture(&mut compositor).unwrap();
+    // Nobody can have that.
+    let _ = device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: 16,
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::MAP_WRITE,
+        mapped_at_creation: false,
+    });
+    let camera = held.rig.camera();
+    let (geometry, track) = (camera.geometry.clone().unwrap(), sideways([200.0, 0.0]));
+    let job = |frame| Job::of_frame(frame, &camera, &held.settings, &geometry, &track, 1.0 / 30.0).unwrap();
+    let pending = compositor.submit(job(frame()), &camera, &held.settings, Target::Pixels).unwrap();
+    let error = compositor.collect(pending).unwrap_err().to_string();
+    assert!(error.contains("MAP_READ"), "{error}");
+    assert_eq!(gpu.take_failure().map(|e| e.to_string()), Some(error));
+    assert!(held.picture(&mut compositor).unwrap() == before);
+
+    // A view of another size is refused before anything is drawn.
+    let view = texture(&device, (SIZE.0 - 1, SIZE.1), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
+    let target = Target::View(&view, wgpu::TextureFormat::Rgba8Unorm);
+    let error = compositor.submit(job(frame()), &camera, &held.settings, target).unwrap_err().to_string();
+    assert!(error.contains("95x64") && error.contains("96x64"), "{error}");
+    gpu.check().unwrap();
+}
+
+fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::TextureFormat) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    })
+}
+
+#[test]
+fn into_a_view_goes_what_would_be_written() {
+    let (gpu, device) = of_somebody_else();
+    let mut compositor = Compositor::new(gpu.clone(), scene());
+    let held = Held::new(0);
+    let camera = held.rig.camera();
+    let geometry = camera.geometry.clone().unwrap();
+    let written = held.picture(&mut compositor).unwrap();
+    // Sixteen bits round to eight; a frame without a pose is the camera's own.
+    let wide = |pixels: &Pixels| {
+        let Codes::U8(codes) = &pixels.codes else { panic!("8 bits go in") };
+        Pixels::from_u16(SIZE.0, SIZE.1, codes.iter().map(|c| u16::from(*c) * 257).collect()).unwrap()
+    };
+    let away = sideways([200.0, 0.0]);
+    for format in
+        [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Bgra8Unorm]
+    {
+        for (what, frame) in [
+            ("8 bits", frame()),
+            ("no pose", Frame { timestamp_s: 60.0, ..frame() }),
+            ("16 bits", {
+                let frame = frame();
+                Frame { pixels: wide(&frame.pixels), ..frame }
+            }),
+        ] {
+            let texture = texture(&device, SIZE, format);
+            let view = texture.create_view(&Default::default());
+            let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
+            let target = Target::View(&view, format);
+            let pending = compositor.submit(job, &camera, &held.settings, target).unwrap();
+            let done = compositor.collect(pending).unwrap();
+            assert!(done.pixels == frame.pixels, "the frame itself stays as it came");
+            let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
+            let pending = compositor.submit(job, &camera, &held.settings, Target::Pixels).unwrap();
+            let expected = compositor.collect(pending).unwrap().pixels;
+            assert_eq!(expected != frame.pixels, what != "no pose");
+            if what == "8 bits" {
+                assert!(expected == written);
+            }
+            let most = expected.max_code();
+            for (i, texel) in gpu::read_back(&gpu, &texture).into_iter().enumerate() {
+                let [a, b, c, alpha] = texel.map(u32::from);
+                let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
+                let codes = expected.at(i as u32 % SIZE.0, i as u32 / SIZE.0);
+                let eight = codes.map(|code| (code * 255 + most / 2) / most);
+                // Drivers round what lies halfway between two codes to either of them, and light between 16 bits' codes
+                // near there.
+                let most_off = if most == 255 { 0 } else { 1 };
+                let off = shown.iter().zip(eight).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+                assert!(off <= most_off && alpha == 255, "{format:?}, {what}, pixel {i}: {shown:?}, not {eight:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn settings_are_values() {
+    let (one, mut other) = (Held::new(0).settings, Held::new(0).settings);
+    assert!(one == other);
+    other.set("noise", "scale", &Value::Number(0.5)).unwrap().unwrap();
+    assert!(one != other && one.clone() == one);
+    let mut off = one.clone();
+    off.without(&["noise".to_owned()]).unwrap();
+    assert!(off != one);
+    let text = toml::to_string(&other).unwrap();
+    assert!(text.contains("[tables.noise]") && text.contains("scale = 0.5"), "{text}");
+    assert!(toml::from_str::<Settings>(&text).unwrap() == other);
+    assert!(toml::from_str::<Settings>(&toml::to_string(&off).unwrap()).unwrap() == off);
+    let camera = Held::new(0).rig.camera();
+    let written = toml::to_string(&camera).unwrap();
+    assert!(toml::from_str::<Camera>(&written).unwrap() == camera, "{written}");
+    let wrong = text.replace("scale = 0.5", "scale = 900.0");
+    assert!(toml::from_str::<Settings>(&wrong).unwrap_err().to_string().contains("0 to 8"));
+}

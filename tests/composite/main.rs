@@ -1,0 +1,49 @@
+//! Pictures: what is drawn, how the camera sees it, and that the rest is left as it was.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../common/board.rs"]
+mod board;
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/flip.rs"]
+mod flip;
+#[path = "../common/gpu.rs"]
+mod gpu;
+#[path = "../common/kinect.rs"]
+mod kinect;
+#[path = "../common/marks.rs"]
+mod marks;
+#[path = "../common/models.rs"]
+mod models;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/random.rs"]
+mod random;
+#[path = "../common/shot.rs"]
+mod shot;
+#[path = "../common/site.rs"]
+mod site;
+
+mod alike;
+mod around;
+mod compositor;
+mod cycles;
+mod demo;
+mod depth_of_field;
+mod effects;
+mod golden;
+mod held;
+mod laws;
+mod lens_effects;
+mod photo;
+mod photo_focus;
+mod photo_scene;
+mod pictures;
+mod projections;
+mod real;
+mod shaders;
+mod shading;
+mod shadow;
+mod shots;
+mod slr;

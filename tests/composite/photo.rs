@@ -1,0 +1,490 @@
+//! Photographs: what is added to the real part, what is drawn, and what the command writes.
+
+use crate::board;
+use crate::board::{FOCAL_PX, board, sideways};
+use crate::gpu;
+use crate::program;
+use crate::random::Random;
+use locard::camera::grain::{self, GrainRatios};
+use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
+use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
+use locard::depth::{DepthGrid, Surfaces};
+use locard::frame::{FrameExposure, PhotoSettings};
+use locard::params::Value;
+use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
+use locard::pixels::{Codes, Pixels, Rect};
+use locard::scene::Scene;
+
+const TIME_S: f64 = 0.02;
+
+/// σ grows from 2 codes in the dark to 4; no correlations.
+fn noise() -> NoiseProfile {
+    let bins: Vec<NoiseBin> =
+        (0..16).map(|i| NoiseBin { code: 8.0 + 16.0 * f64::from(i), sigma: 2.0 + f64::from(i) / 7.5 }).collect();
+    NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.0; 3],
+        neighbour_correlation: [0.0; 2],
+    }
+}
+
+fn camera(geometry: &Geometry, noise: Option<NoiseProfile>) -> Camera {
+    Camera { noise, ..gpu::camera(geometry, TIME_S) }
+}
+
+/// A photograph of a picture with a scene in it.
+fn photo(camera: &Camera, scene: Scene, pixels: Pixels, framing: &Framing, exposed: Exposed) -> Pixels {
+    photo_with(Settings::default(), camera, scene, pixels, framing, exposed)
+}
+
+fn photo_with(
+    settings: Settings,
+    camera: &Camera,
+    scene: Scene,
+    pixels: Pixels,
+    framing: &Framing,
+    exposed: Exposed,
+) -> Pixels {
+    photo_of_frame(settings, camera, scene, pixels, framing, exposed, FrameExposure::default())
+}
+
+fn photo_of_frame(
+    settings: Settings,
+    camera: &Camera,
+    scene: Scene,
+    pixels: Pixels,
+    framing: &Framing,
+    exposed: Exposed,
+    exposure: FrameExposure,
+) -> Pixels {
+    let gpu = gpu::gpu();
+    let recorded = camera.geometry.clone().unwrap();
+    let track = sideways([200.0, 0.0]);
+    let mut compositor = Compositor::new(gpu.clone(), scene);
+    let real = RealPart::new(&[(1.0, pixels)], &camera.response, &framing.framed, framing.size(), neighbours(camera));
+    let standpoint = Standpoint {
+        camera,
+        settings: &settings,
+        recorded: &recorded,
+        track: &track,
+        time_offset_s: 0.0,
+        interval_s: 1.0 / 30.0,
+        frame: 3,
+        timestamp_s: 0.0,
+        exposure,
+        presence: 1.0,
+        summed: &[],
+        depth: None,
+        hiding: &[],
+    };
+    take(&mut compositor, &standpoint, framing, real, &exposed, |_| true).unwrap().pixels
+}
+
+const AS_RECORDED: Exposed = Exposed { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };
+
+fn neighbours(camera: &Camera) -> [f64; 2] {
+    camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation)
+}
+
+/// Grey with noise of a σ that depends on its code, mean 0.
+fn noisy_grey(width: u32, height: u32, code: f64, noise: &NoiseProfile) -> Pixels {
+    let mut random = Random::new(1);
+    let codes = (0..3 * width * height).map(|i| {
+        (257.0 * (code + noise.sigma(i as usize % 3, code) * random.normal())).round().clamp(0.0, 65535.0) as u16
+    });
+    Pixels { width, height, codes: Codes::U16(codes.collect()) }
+}
+
+fn mean_and_sigma(pixels: &Pixels, channel: usize) -> (f64, f64) {
+    let places = (0..pixels.height).flat_map(|y| (0..pixels.width).map(move |x| (x, y)));
+    let codes: Vec<f64> = places.map(|(x, y)| f64::from(pixels.at(x, y)[channel])).collect();
+    let mean = codes.iter().sum::<f64>() / codes.len() as f64;
+    (mean, (codes.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / codes.len() as f64).sqrt())
+}
+
+#[test]
+fn taken_as_it_was_recorded_it_is_the_composited_frame() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, Some(noise()));
+    let codes = (0..3 * 320 * 240u32).map(|i| (i * 7919 % 251) as u8).collect();
+    let pixels = Pixels::from_u8(320, 240, codes).unwrap();
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let photo = photo(&camera, board([60.0, 50.0], 0.5), pixels.clone(), &framing, AS_RECORDED);
+    let frame = gpu::frame(3, 0.0, pixels.clone());
+    let track = sideways([200.0, 0.0]);
+    let done = gpu::composite(&gpu::gpu(), &camera, Settings::default(), board([60.0, 50.0], 0.5), &track, frame);
+    let layer = done.layer.unwrap();
+    let mut apart = 0;
+    for y in 0..240 {
+        for x in 0..320 {
+            let (a, b) = (photo.at(x, y), done.pixels.at(x, y));
+            if layer.rgba[(y * 320 + x) as usize][3] == 0.0 {
+                assert_eq!(a, pixels.at(x, y), "a real pixel lacks nothing");
+            }
+            // 16 bits are rounded once more, and what lies on a half may fall to the other side.
+            assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 1), "{x} {y}: {a:?} {b:?}");
+            apart += usize::from(a != b);
+        }
+    }
+    assert!(apart < 320 * 240 / 200, "{apart} pixels differ");
+}
+
+#[test]
+fn real_and_virtual_pixels_get_the_films_grain() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = noise();
+    let camera = camera(&geometry, Some(noise.clone()));
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let response = Response::default();
+    for (iso_ratio, over_ev) in [(1.0, 0.0), (8.0, 0.0), (8.0, 1.0), (16.0, -1.0)] {
+        let exposed = Exposed { iso_ratio, over_ev, ..AS_RECORDED };
+        let pixels = noisy_grey(400, 300, 90.0, &noise);
+        let done = photo(&camera, Scene::default(), pixels, &framing, exposed);
+        // Two, four times the light of code 90.
+        let code = 255.0 * response.encode(over_ev.exp2() * response.decode(90.0 / 255.0));
+        let ratios = GrainRatios { iso: iso_ratio, ..Default::default() };
+        for channel in 0..3 {
+            let wanted = grain::sigma(&noise, &response, channel, code, &ratios);
+            let (mean, sigma) = mean_and_sigma(&done, channel);
+            assert!((mean - code).abs() < 0.6, "{iso_ratio} {over_ev}: mean {mean}, {code} wanted");
+            // Coarse grains are fewer: 120,000 pixels in patches of 2 by 2 tell σ within 0.5 %, and rounding adds 1/12.
+            let wanted = (wanted * wanted + 1.0 / 12.0).sqrt();
+            assert!((sigma / wanted - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {sigma}, {wanted} wanted");
+        }
+    }
+    // A virtual board of the same light has the same grain as the real picture around it.
+    let exposed = Exposed { iso_ratio: 8.0, ..AS_RECORDED };
+    let light = response.decode(90.0 / 255.0) as f32;
+    let all = photo(&camera, board([900.0, 900.0], light), gpu::grey(400, 300, 255), &framing, exposed);
+    let wanted = grain::sigma(&noise, &response, 1, 90.0, &GrainRatios { iso: 8.0, ..Default::default() });
+    let (mean, sigma) = mean_and_sigma(&all, 1);
+    assert!((mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.03, "{mean} {sigma}, {wanted} wanted");
+}
+
+/// At a quarter of the speed and four times the light the film would have a quarter of σ or less; the room keeps all of its own.
+#[test]
+fn virtual_pixels_are_no_quieter_than_the_real_ones_beside_them() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = noise();
+    let camera = camera(&geometry, Some(noise.clone()));
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let response = Response::default();
+    for (iso_ratio, over_ev) in [(0.25, 0.0), (0.25, 2.0), (0.5, -1.0)] {
+        let exposed = Exposed { iso_ratio, over_ev, ..AS_RECORDED };
+        let real = photo(&camera, Scene::default(), noisy_grey(400, 300, 90.0, &noise), &framing, exposed);
+        let light = response.decode(90.0 / 255.0) as f32;
+        let virtual_ = photo(&camera, board([900.0, 900.0], light), gpu::grey(400, 300, 255), &framing, exposed);
+        for channel in 0..3 {
+            let ((mean, sigma), (shown, own)) = (mean_and_sigma(&real, channel), mean_and_sigma(&virtual_, channel));
+            assert!((mean - shown).abs() < 0.6, "{iso_ratio} {over_ev}: {shown}, the room's is {mean}");
+            assert!((own / sigma - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {own}, the room's is {sigma}");
+        }
+    }
+}
+
+/// A camera whose noise was measured at ISO 100 recorded this frame at ISO 1600, noise and all: photographed at ISO 1600 it lacks
+/// nothing.
+#[test]
+fn a_frame_that_was_recorded_at_another_speed_brings_that_speeds_noise() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = noise();
+    let mut camera = camera(&geometry, Some(noise.clone()));
+    camera.exposure.iso = Some(100.0);
+    let response = Response::default();
+    let ratios = GrainRatios { iso: 16.0, ..Default::default() };
+    let wanted = grain::sigma(&noise, &response, 1, 90.0, &ratios);
+    let louder = |bin: &NoiseBin| NoiseBin { code: bin.code, sigma: bin.sigma * wanted / noise.sigma(1, 90.0) };
+    let recorded =
+        NoiseProfile { bins: noise.bins.clone().map(|bins| bins.iter().map(louder).collect()), ..noise.clone() };
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let exposed = Exposed { iso_ratio: 16.0, ..AS_RECORDED };
+    let photo_of = PhotoSettings { iso: Some(1600.0), ..Default::default() };
+    let exposure = FrameExposure { photo: photo_of, ..Default::default() };
+    let pixels = noisy_grey(400, 300, 90.0, &recorded);
+    let done = photo_of_frame(Settings::default(), &camera, Scene::default(), pixels, &framing, exposed, exposure);
+    let (_, sigma) = mean_and_sigma(&done, 1);
+    assert!((sigma / wanted - 1.0).abs() < 0.03, "σ {sigma}, {wanted} wanted");
+}
+
+/// The recording's own noise, whose neighbours correlate, is what the composite puts on a board: enlarged and made smaller it lacks
+/// no more and no less than the film's.
+#[test]
+fn enlarged_noise_whose_neighbours_correlate_gets_the_films_grain() {
+    let geometry = gpu::pinhole(400, 300, FOCAL_PX);
+    let noise = NoiseProfile { neighbour_correlation: [0.6, 0.5], ..noise() };
+    let camera = camera(&geometry, Some(noise.clone()));
+    let response = Response::default();
+    let whole = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let light = response.decode(90.0 / 255.0) as f32;
+    // Another seed than the photograph's, whose grain knows nothing of it.
+    let mut settings = Settings::default();
+    settings.seed = 7;
+    let all = board([900.0, 900.0], light);
+    let recorded = photo_with(settings, &camera, all, gpu::grey(400, 300, 255), &whole, AS_RECORDED);
+    for width in [200, 400, 640, 1000] {
+        let framing = Framing::new(&geometry, None, None, f64::INFINITY, Some(width)).unwrap();
+        let done = photo(&camera, Scene::default(), recorded.clone(), &framing, AS_RECORDED);
+        let ratios = GrainRatios { picture_width: f64::from(width) / 400.0, ..Default::default() };
+        let wanted = grain::sigma(&noise, &response, 1, 90.0, &ratios);
+        let (mean, sigma) = mean_and_sigma(&done, 1);
+        assert!(
+            (mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.04,
+            "{width} px: σ {sigma}, {wanted} wanted"
+        );
+    }
+}
+
+/// A dark board before a wall so bright that four stops clip it long before a pixel is covered by half.
+#[test]
+fn what_clips_is_clipped_after_it_is_mixed() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, Some(noise()));
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let exposed = Exposed { over_ev: 4.0, time_s: 0.0, ..AS_RECORDED };
+    let response = Response::default();
+    let at =
+        |light: f32, code: u8| photo(&camera, board([60.5, 50.0], light), gpu::grey(320, 240, code), &framing, exposed);
+    // The column at 99 is covered by half. Half of sixteen times 0.2 is white.
+    let dark = at(0.0, (255.0 * response.encode(0.2)).round() as u8);
+    assert!((60..180).all(|y| dark.at(99, y) == [255; 3]), "{:?}", dark.at(99, 120));
+    assert!(dark.at(101, 120)[1] < 40);
+    // What is sixteen times white is so without grain.
+    let bright = at(1.0, 10);
+    assert!((75..165).all(|y| (110..210).all(|x| bright.at(x, y) == [255; 3])));
+}
+
+#[test]
+fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, None);
+    // Half of the picture, four times as large: enlarged eight times.
+    let film = locard::camera::Film::new(36.0, 27.0).unwrap();
+    let focal_m = 2.0 * 0.036 * FOCAL_PX / 320.0;
+    let framing = Framing::new(&geometry, Some(film), Some(focal_m), f64::INFINITY, Some(1280)).unwrap();
+    assert!((framing.enlargement() - 8.0).abs() < 1e-9);
+    let exposed = Exposed { over_ev: 1.0, time_s: 0.0, ..AS_RECORDED };
+    let done = photo(&camera, board([40.0, 30.0], 0.8), gpu::grey(320, 240, 60), &framing, exposed);
+    let response = Response::default();
+    let real = (255.0 * response.encode(2.0 * response.decode(60.0 / 255.0))).round() as u32;
+    // The board's edges at 160 ± 40 of 320 are at 640 ± 320 of 1280, and sharp there. 1.6 times white clips.
+    let row: Vec<u32> = (0..1280).map(|x| done.at(x, 480)[1]).collect();
+    assert!(row[..319].iter().chain(&row[961..]).all(|&c| c == real), "{real}: {:?}", &row[310..330]);
+    assert!(row[321..959].iter().all(|&c| c == 255));
+}
+
+#[test]
+fn parted_colours_leave_the_real_part_alone() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, None);
+    let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+    let settings = gpu::settings(&[("chromatic_aberration", "red", Value::Number(0.01))]);
+    let pixels = gpu::grey(320, 240, 60);
+    // In the upper left corner: most of the picture lies beside the layer.
+    let board = board::panel([-150.0, -110.0], [-90.0, -70.0], 0.8);
+    let done = photo_with(settings, &camera, board, pixels, &framing, AS_RECORDED);
+    for (x, y) in (60..240).flat_map(|y| (0..320).map(move |x| (x, y))).chain((0..320).map(|x| (x, 4))) {
+        assert_eq!(done.at(x, y), [60; 3], "{x} {y}");
+    }
+    // Red lies farther out: at the upper left it is seen beside white, at the lower right it is missing.
+    let columns = |channel: usize| (0..320).filter(|&x| done.at(x, 30)[channel] > 150).collect::<Vec<u32>>();
+    assert!(columns(0).first() < columns(1).first() && columns(0).last() < columns(1).last());
+}
+
+#[test]
+fn parts_join_without_a_seam() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let camera = camera(&geometry, Some(noise()));
+    let opening = Opening { diameter_m: 0.03, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
+    let track = sideways([200.0, 0.0]);
+    // A floor that comes nearer downwards, and a post before it; bright stripes on both.
+    let places = || (0..240u32).flat_map(|y| (0..320u32).map(move |x| (x, y)));
+    let depth_m: Vec<f32> =
+        places().map(|(x, y)| if (90..140).contains(&x) { 0.8 } else { 4.0 - 3.0 * y as f32 / 240.0 }).collect();
+    let stripes = places().flat_map(|(x, y)| [if (x / 9 + y / 7).is_multiple_of(3) { 200 } else { 60 }; 3]).collect();
+    let stripes = Pixels::from_u8(320, 240, stripes).unwrap();
+    let light = vec![[0.1; 3]; depth_m.len()];
+    let surfaces = Surfaces {
+        behind_m: depth_m.clone(),
+        behind_light: light.clone(),
+        nearest: DepthGrid { width: 320, height: 240, enlargement: 1.0, depth_m, light, is_widened: true },
+    };
+    let made = |regions: &[Rect], surfaces: Option<&Surfaces>| {
+        let gpu = gpu::gpu();
+        let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.5));
+        let mut made = stripes.clone();
+        for region in regions {
+            let capture = Capture {
+                region: *region,
+                whole: true,
+                over_ev: 0.5,
+                film: Some(FilmUsed { speed: 4.0, width_mm: 36.0 }),
+                ..Capture::frame(&geometry, TIME_S, Some(opening))
+            };
+            let job = Job {
+                frame: gpu::frame(3, 0.0, stripes.clone()),
+                picture: &geometry,
+                capture,
+                real: RealDepth::Known { grid: None, surfaces, moments: &[] },
+                track: &track,
+                time_offset_s: 0.0,
+                interval_s: 1.0 / 30.0,
+                want_layer: false,
+            };
+            let pending = compositor.submit(job, &camera, &Settings::default(), Target::Pixels).unwrap();
+            let done = compositor.collect(pending).unwrap().pixels;
+            let (Codes::U8(to), Codes::U8(from)) = (&mut made.codes, &done.codes) else { panic!("8 bits went in") };
+            for y in region.y0..region.y1 {
+                let row = 3 * (y * 320 + region.x0) as usize..3 * (y * 320 + region.x1) as usize;
+                to[row.clone()].copy_from_slice(&from[row]);
+            }
+        }
+        made
+    };
+    let parts = [
+        Rect::new(0, 0, 130, 110),
+        Rect::new(130, 0, 320, 110),
+        Rect::new(0, 110, 130, 240),
+        Rect::new(130, 110, 320, 240),
+    ];
+    // Points of the layer's filter fall on other texels of the smaller pictures where a part begins elsewhere: a few codes.
+    for (surfaces, most) in [(None, 4), (Some(&surfaces), 1)] {
+        let (whole, parts) = (made(&[Rect::full(320, 240)], surfaces), made(&parts, surfaces));
+        let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
+        let far = a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count();
+        let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+        assert!(
+            far < a.len() / 50 && worst <= most,
+            "{far} of {} differ by more than a code, the worst by {worst}",
+            a.len()
+        );
+    }
+}
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+fn shoot(arguments: &[&str]) -> std::process::Output {
+    let (recording, scene) = (format!("{ROOT}/recordings/demo"), format!("{ROOT}/scenes/demo.toml"));
+    let _gpu = gpu::gpu();
+    program::locard(&[&["photo", &recording, "--scene", &scene][..], arguments].concat())
+}
+
+#[test]
+fn a_bracket_is_a_series_with_a_sheet_and_exif() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("door.jpg");
+    let out = out.to_str().unwrap();
+    let series = ["--frame", "10", "--bracket", "iso", "--lux", "300", "--aperture", "4", "--focus", "1.5", "-o", out];
+    let done = shoot(&series);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(done.stdout.is_empty());
+    let text = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(!text.contains("virtual things alone"), "{text}");
+    let settings =
+        |n: usize| locard::source::exif::read_settings(&folder.path().join(format!("door-{n}.jpg"))).unwrap();
+    for (n, iso) in [100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0, 25600.0].into_iter().enumerate() {
+        let settings = settings(n + 1);
+        assert_eq!((settings.iso, settings.f_number), (Some(iso), Some(4.0)));
+    }
+    // EV of 300 lx at ISO 100 is 6.91: f/4 wants 16/120 s, of which 1/8 is the nearest; two stops faster film 1/30.
+    let part = |n| (1.0 / settings(n).time_s.unwrap()).round();
+    assert_eq!([part(1), part(3)], [8.0, 30.0]);
+    assert!(image::image_dimensions(folder.path().join("door-sheet.jpg")).unwrap().0 > 1400);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 10);
+    let again = shoot(&[&series[..], &["--only", ""]].concat());
+    assert!(String::from_utf8_lossy(&again.stderr).contains("there are: motion_blur"), "names are asked for");
+    let again = shoot(&series);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("door-1.jpg: exists already"));
+}
+
+#[test]
+fn what_no_camera_can_is_refused_with_what_is_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.jpg");
+    let out = out.to_str().unwrap();
+    let cases: [(&[&str], &[&str]); 17] = [
+        (&["--frame", "1", "--hand-held", "--tripod"], &["--hand-held", "cannot be used with", "--tripod"]),
+        (&["--frame", "1", "--across", "300", "--focal", "90"], &["--across", "cannot be used with", "--focal"]),
+        (&["--frame", "1", "--across", "700"], &["700 px across", "640 px are seen"]),
+        (&["--frame", "1", "--aim", "640.5,3"], &["--aim 640.5,3 lies outside of the picture, 640x480 px"]),
+        (&["--frame", "1", "--aim", "knife"], &["--aim knife", "the name of one object", "marker 1"]),
+        (&["--frame", "4000"], &["--frame 4000", "numbered 0 to "]),
+        (&["--frame", "1", "--aperture", "0"], &["an aperture of 0", "0.5 to 256"]),
+        (&["--frame", "1", "--shutter", "0"], &["a shutter time of 0", "more than 0"]),
+        (&["--frame", "1", "--iso", "50"], &["a film speed of 50", "ISO 100 to 25600"]),
+        (&["--frame", "1", "--focal", "20"], &["20.0 mm", "sees more than the recording", "or more"]),
+        (&["--frame", "1", "--focal", "100", "--focus", "0.05"], &["0.05 m", "within the focal length"]),
+        (&["--frame", "1", "--film", "huge"], &["huge is no film format", "36x24"]),
+        (&["--frame", "1", "--mode", "a"], &["--mode a needs --aperture"]),
+        (
+            &["--frame", "1", "--mode", "p", "--shutter", "1/60"],
+            &["--mode p chooses the shutter", "leave --shutter out"],
+        ),
+        (&["--frame", "1", "--hand-held", "--shutter", "60"], &["--shutter 60", "around frame 1", "up to"]),
+        (&["--frame", "1", "--mode", "x"], &["no mode", "p (program)"]),
+        (&["--frame", "1", "--set", "camera.lens.blades=2"], &["camera.lens.blades = 2", "3 to 32"]),
+    ];
+    for (arguments, expected) in cases {
+        let done = shoot(&[arguments, &["-o", out]].concat());
+        let text = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {text}");
+        for part in expected {
+            assert!(text.contains(part), "{arguments:?}: {text}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{arguments:?} left something");
+    }
+    let done = shoot(&["--frame", "1", "-o", "a.gif"]);
+    assert!(String::from_utf8_lossy(&done.stderr).contains("accepted are .jpg and .png"));
+}
+
+/// The demonstration's camera turns fast in frame 36. In 20 lx the program holds the shutter open for many frames: on a stand that
+/// blurs nothing more, and in the hand only where motion is shown at all.
+#[test]
+fn a_slow_shutter_on_a_stand_shows_the_frame_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = |name: &str, arguments: &[&str]| {
+        let out = folder.path().join(name);
+        let usual =
+            ["--frame", "36", "--lux", "20", "--mode", "m", "--aperture", "2.8", "--shutter", "1/4", "--focus", "inf"];
+        let done = shoot(&[&usual[..], &["-o", out.to_str().unwrap()], arguments].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        image::open(out).unwrap().into_rgb8()
+    };
+    let without = ["--without", "motion_blur,depth_of_field"];
+    let stand = taken("stand.png", &["--without", "depth_of_field"]);
+    let named = taken("named.png", &["--without", "depth_of_field", "--tripod"]);
+    let hand = taken("hand.png", &["--without", "depth_of_field", "--hand-held"]);
+    assert!(stand == named);
+    // Edges of what the frame shows, far from the evidence too.
+    let edges = |picture: &image::RgbImage| {
+        let across = |x: u32, y: u32| i64::from(picture.get_pixel(x, y)[1]) - i64::from(picture.get_pixel(x - 1, y)[1]);
+        (0..picture.height())
+            .flat_map(|y| (1..picture.width()).map(move |x| (x, y)))
+            .map(|(x, y)| across(x, y).pow(2))
+            .sum::<i64>()
+    };
+    assert!(edges(&stand) > 3 * edges(&hand), "{} {}", edges(&stand), edges(&hand));
+    // Sharp evidence stands among what was seen at one moment.
+    let sharp = [taken("a.png", &without), taken("b.png", &[&without[..], &["--hand-held"]].concat())];
+    assert!(sharp[0] == sharp[1]);
+}
+
+#[test]
+fn what_is_aimed_at_is_in_the_middle() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = |name: &str, arguments: &[&str]| {
+        let out = folder.path().join(name);
+        let usual = ["--frame", "71", "--lux", "300", "--only", "motion_blur", "-o", out.to_str().unwrap()];
+        let done = shoot(&[&usual[..], arguments].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        image::open(out).unwrap().into_rgb8()
+    };
+    let whole = taken("whole.png", &["--focus", "inf", "--aperture", "22"]);
+    let part = taken("part.png", &["--focus", "inf", "--aperture", "22", "--aim", "420,130", "--across", "160"]);
+    assert_eq!(part.dimensions(), (160, 120));
+    // The same pixels, those from (340, 70) on, but for the moment of virtual ones' rows.
+    let same = part.enumerate_pixels().filter(|&(x, y, p)| whole.get_pixel(340 + x, 70 + y) == p).count();
+    assert!(same > 160 * 120 * 97 / 100, "{same}");
+    let object = taken("object.png", &["--focus", "inf", "--aim", "marker 1", "--width", "800"]);
+    assert_eq!(object.dimensions(), (800, 600));
+}

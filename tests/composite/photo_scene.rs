@@ -1,0 +1,192 @@
+//! Virtual things in a photograph: in each of its moments, and behind what is real.
+
+use crate::board::{DEPTH_M, FOCAL_PX, board, sideways};
+use crate::gpu;
+use locard::camera::{Camera, Opening, Summed};
+use locard::compositor::{Compositor, Settings};
+use locard::depth::DepthGrid;
+use locard::frame::Frame;
+use locard::params::Value;
+use locard::photo::{Exposed, Framing, Hiding, RealPart, Standpoint, take};
+use locard::pixels::{DepthMap, Pixels};
+use locard::scene::Scene;
+use locard::tracking::PoseTrack;
+
+/// What is photographed besides the picture.
+struct Taken<'a> {
+    camera: Camera,
+    settings: Settings,
+    track: &'a PoseTrack,
+    summed: &'a [Summed],
+    depth: Option<&'a DepthMap>,
+    opening: Option<Opening>,
+    time_s: f64,
+}
+
+impl Taken<'_> {
+    /// The photograph, and what shares of it were told of as done.
+    fn photo(&self, scene: Scene, pixels: Pixels) -> (Pixels, Vec<f64>) {
+        self.photo_of(scene, &[(1.0, pixels)], &[])
+    }
+
+    /// The same of frames with weights, and what hides in each.
+    fn photo_of(&self, scene: Scene, frames: &[(f64, Pixels)], hiding: &[(f64, DepthGrid)]) -> (Pixels, Vec<f64>) {
+        let recorded = self.camera.geometry.clone().unwrap();
+        let framing = Framing::new(&recorded, None, None, f64::INFINITY, None).unwrap();
+        let gpu = gpu::gpu();
+        let mut compositor = Compositor::new(gpu.clone(), scene);
+        let real = RealPart::new(frames, &self.camera.response, &framing.framed, framing.size(), [0.0; 2]);
+        let standpoint = Standpoint {
+            camera: &self.camera,
+            settings: &self.settings,
+            recorded: &recorded,
+            track: self.track,
+            time_offset_s: 0.0,
+            interval_s: 0.1,
+            frame: 3,
+            timestamp_s: 0.0,
+            exposure: Default::default(),
+            presence: 1.0,
+            summed: self.summed,
+            depth: self.depth,
+            hiding,
+        };
+        let exposed = Exposed { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };
+        let mut told = Vec::new();
+        let told_all = |share| {
+            told.push(share);
+            true
+        };
+        let taken = take(&mut compositor, &standpoint, &framing, real, &exposed, told_all).unwrap();
+        (taken.pixels, told)
+    }
+}
+
+/// Three frames a tenth of a second apart, of 10 ms each: the virtual part shows three times, as the real one does.
+#[test]
+fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
+    let summed = [-0.1, 0.0, 0.1].map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
+    let of = Taken {
+        camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
+        settings: Settings::default(),
+        track: &sideways([400.0, 0.0]),
+        summed: &summed,
+        depth: None,
+        opening: None,
+        time_s: 0.3,
+    };
+    // 12 px wide, 40 px farther each time, blurred over 4.
+    let (taken, _) = of.photo(board([6.0, 20.0], 0.5), gpu::grey(160, 60, 0));
+    let light = |x: u32| of.camera.response.decode(f64::from(taken.at(x, 30)[0]) / 255.0);
+    let full = light(80);
+    assert!((full - 0.5 / 3.0).abs() < 0.01, "{full}");
+    for x in 20..140u32 {
+        let beside = [40.0, 80.0, 120.0].map(|at: f64| (f64::from(x) + 0.5 - at).abs());
+        let nearest = beside.into_iter().fold(f64::INFINITY, f64::min);
+        // Covered all the while up to 4 px from the middle, never from 8 on.
+        let expected = full * ((8.0 - nearest) / 4.0).clamp(0.0, 1.0);
+        assert!((light(x) - expected).abs() < 0.06 * full + 0.002, "{x}: {}, by hand {expected}", light(x));
+    }
+}
+
+/// A screen whose edge moves 40 px from frame to frame, before a board that moves 20: where the edge was on one side for a
+/// share of the time, the board is seen for that share.
+#[test]
+fn behind_a_moving_edge_a_thing_is_seen_for_a_share_of_the_time() {
+    let times = [-0.1, 0.0, 0.1];
+    let summed = times.map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
+    let geometry = gpu::pinhole(160, 60, FOCAL_PX);
+    let track = sideways([200.0, 0.0]);
+    let frames = times.map(|t| {
+        // At half of the board's distance it moves twice as fast.
+        let is_screen = |i: u32| f64::from(i % 160) < 80.0 + 400.0 * t;
+        let codes = (0..160 * 60).flat_map(|i| [if is_screen(i) { 10 } else { 120 }; 3]).collect();
+        let depth_m = (0..160 * 60).map(|i| if is_screen(i) { 0.5 } else { 1.5 } * DEPTH_M as f32).collect();
+        let depth = DepthMap { width: 160, height: 60, depth_m, timestamp_s: t };
+        Frame { depth: Some(depth), ..gpu::frame(3, t, Pixels::from_u8(160, 60, codes).unwrap()) }
+    });
+    let depth = frames[1].depth.as_ref().unwrap();
+    // With a lens, circles of the screen are 2 px wide.
+    let lens =
+        Opening { diameter_m: 2.0 * DEPTH_M / FOCAL_PX, focus_distance_m: DEPTH_M, blades: 0, rotation_rad: 0.0 };
+    for opening in [None, Some(lens)] {
+        let of = Taken {
+            camera: gpu::camera(&geometry, 0.01),
+            settings: Settings::default(),
+            track: &track,
+            summed: &summed,
+            depth: Some(depth),
+            opening,
+            time_s: 0.3,
+        };
+        let response = &of.camera.response;
+        let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
+        let hiding = Hiding::new(&geometry, (&track, 0.0), &framing, response, depth);
+        let hiding: Vec<_> = frames.iter().map(|frame| (frame.timestamp_s, hiding.of(frame).unwrap())).collect();
+        let pixels = frames.each_ref().map(|frame| (1.0 / 3.0, frame.pixels.clone()));
+        let (taken, _) = of.photo_of(board([70.0, 20.0], 0.5), &pixels, &hiding);
+        let decoded = |code: f64| response.decode(code / 255.0);
+        for (columns, seen) in [(46..74, 1.0 / 3.0), (86..114, 2.0 / 3.0)] {
+            let real = (1.0 - seen) * decoded(10.0) + seen * decoded(120.0);
+            let expected = 0.5 * seen + (1.0 - seen) * real;
+            for x in columns {
+                let found = decoded(taken.at(x, 30)[1].into());
+                assert!((found - expected).abs() < 0.01, "{opening:?}, {x}: {found}, by hand {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn within_a_long_plan_it_is_told_how_far_it_is() {
+    let of = Taken {
+        camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
+        settings: gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]),
+        track: &sideways([400.0, 0.0]),
+        summed: &[],
+        depth: None,
+        opening: None,
+        time_s: 0.2,
+    };
+    let (_, told) = of.photo(board([6.0, 20.0], 0.5), gpu::grey(160, 60, 0));
+    // The picture is one tile. It is blurred over 80 px, by two moments each: 32 of them are a part, and the rest is one more.
+    assert_eq!(told, [0.0, 1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0, 4.0 / 6.0, 5.0 / 6.0]);
+}
+
+/// A black thing of which the sensor saw its rim and one pixel in fifty, before a wall: without a lens too, it hides the board
+/// all over.
+#[test]
+fn what_the_sensor_hardly_saw_hides_as_a_whole() {
+    const SIZE: (usize, usize) = (320, 240);
+    let inside = |x: usize, y: usize| (100..160).contains(&x) && (80..200).contains(&y);
+    let places = || (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0, i / SIZE.0));
+    let codes = places().flat_map(|(x, y)| [if inside(x, y) { 10 } else { 120 }; 3]).collect();
+    let pixels = Pixels::from_u8(SIZE.0 as u32, SIZE.1 as u32, codes).unwrap();
+    let rim = |x: usize, y: usize| !(inside(x - 1, y) && inside(x + 1, y) && inside(x, y - 1) && inside(x, y + 1));
+    let measured = |(x, y): (usize, usize)| match inside(x, y) {
+        false => 1.5 * DEPTH_M as f32,
+        true if rim(x, y) || (x % 10 == 0 && y % 5 == 0) => 0.5 * DEPTH_M as f32,
+        true => 0.0,
+    };
+    let depth_m = places().map(measured).collect();
+    let depth = DepthMap { width: SIZE.0 as u32, height: SIZE.1 as u32, depth_m, timestamp_s: 0.0 };
+    let of = Taken {
+        camera: gpu::camera(&gpu::pinhole(SIZE.0 as u32, SIZE.1 as u32, FOCAL_PX), 0.0),
+        settings: Settings::default(),
+        track: &sideways([0.0, 0.0]),
+        summed: &[],
+        depth: Some(&depth),
+        opening: None,
+        time_s: 0.0,
+    };
+    // From 60 px left of the middle to 60 px right of it.
+    let (taken, _) = of.photo(board([60.0, 60.0], 0.9), pixels);
+    for (x, y) in places().filter(|(x, y)| (104..216).contains(x) && (64..176).contains(y)) {
+        // The point spread mixes a pixel or two at the edges.
+        if (x as i32 - 160).abs() < 3 || (y as i32 - 80).abs() < 3 {
+            continue;
+        }
+        let seen = taken.at(x as u32, y as u32)[1];
+        assert_eq!(seen < 100, inside(x, y), "{x} {y}: {seen}");
+    }
+}

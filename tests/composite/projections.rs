@@ -1,0 +1,300 @@
+//! Pictures through every projection, against directions that are known.
+
+use std::f64::consts::PI;
+use std::path::Path;
+
+use crate::gpu;
+use crate::marks::{marks, unlit, vertex};
+use glam::{DQuat, DVec2, DVec3, Vec3};
+use locard::camera::curved::{Curve, Curved};
+use locard::camera::{Distortion, Geometry, Intrinsics, LensModel};
+use locard::pixels::LinearImage;
+use locard::pose::Pose;
+use locard::render::{Projection, Renderer, Still, take_still};
+use locard::scene::{Environment, EnvironmentMap, Lighting, Scene};
+
+/// The colour of a direction on the walls of [`room`].
+fn wall_color(d: DVec3) -> Vec3 {
+    (0.5 + 0.5 * d / d.abs().max_element()).as_vec3()
+}
+
+/// The inside of a cube of 2 m around the origin, twelve triangles, each point coloured by its direction.
+fn room() -> Scene {
+    let corner = |i: usize| {
+        DVec3::new(f64::from((i & 1) as u8), f64::from((i >> 1 & 1) as u8), f64::from((i >> 2) as u8)) * 2.0 - 1.0
+    };
+    let vertices = (0..8).map(|i| vertex(corner(i), wall_color(corner(i)))).collect();
+    let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+    unlit(vertices, sides.iter().flat_map(|s: &[u32; 4]| [s[0], s[1], s[2], s[0], s[2], s[3]]).collect())
+}
+
+fn shoot(scene: Scene, projection: &Projection, pose: Pose) -> LinearImage {
+    let gpu = gpu::gpu();
+    let mut renderer = Renderer::new(&gpu, scene);
+    take_still(&gpu, &mut renderer, &Still { projection: projection.clone(), pose, background: true }).unwrap()
+}
+
+fn curved(curve: Curve, width_px: u32, height_px: u32) -> Projection {
+    Projection::Curved(Curved { curve, width_px, height_px })
+}
+
+fn all_around() -> Curve {
+    Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }
+}
+
+fn real_fisheye() -> Geometry {
+    let intrinsics = Intrinsics {
+        width_px: 400,
+        height_px: 300,
+        fx_px: 150.0,
+        fy_px: 151.0,
+        cx_px: 203.0,
+        cy_px: 148.0,
+        ..Default::default()
+    };
+    let [k1, k2, k3, k4] = [0.02, -0.03, 0.01, -0.002];
+    Geometry::new(intrinsics, Distortion { model: LensModel::OpencvFisheye, k1, k2, k3, k4, ..Default::default() })
+}
+
+/// Some pinholes, and every curve.
+fn projections() -> Vec<Projection> {
+    let mut off_centre = gpu::pinhole(320, 240, 240.0);
+    off_centre.intrinsics.cx_px = 100.0;
+    off_centre.intrinsics.cy_px = 170.0;
+    vec![
+        Projection::Perspective(gpu::pinhole(320, 240, 200.0)),
+        Projection::Perspective(off_centre),
+        Projection::Perspective(real_fisheye()),
+        curved(Curve::Fisheye { fov_rad: PI }, 400, 360),
+        curved(Curve::Fisheye { fov_rad: 280f64.to_radians() }, 400, 400),
+        curved(all_around(), 720, 360),
+        curved(Curve::LittlePlanet { fov_rad: 220f64.to_radians() }, 420, 360),
+    ]
+}
+
+/// A camera that is turned every way.
+fn turned() -> Pose {
+    Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -1.1, 2.0))
+}
+
+/// The middle of what is seen around a place.
+fn centroid(image: &LinearImage, around: DVec2, reach: f64) -> Option<DVec2> {
+    let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
+    for (i, p) in image.rgba.iter().enumerate() {
+        let at = DVec2::new(i as f64 % f64::from(image.width), (i / image.width as usize) as f64);
+        let at = DVec2::new(at.x.floor() + 0.5, at.y + 0.5);
+        if (at - around).abs().max_element() <= reach {
+            sum += at * f64::from(p[3]);
+            weight += f64::from(p[3]);
+        }
+    }
+    (weight > 2.0).then(|| sum / weight)
+}
+
+#[test]
+fn marks_land_where_the_formula_says_in_every_projection() {
+    // In the camera's axes: all about the axis, on seams and corners of the cube, behind.
+    let mut directions: Vec<DVec3> = Vec::new();
+    for (theta, count) in
+        [(0.0, 1), (18.0, 3), (33.0, 5), (45.0, 4), (54.7356, 4), (75.0, 8), (90.0, 4), (125.2644, 4), (135.0, 4)]
+    {
+        for n in 0..count {
+            let (theta, phi) = (
+                f64::to_radians(theta),
+                2.0 * PI * f64::from(n) / f64::from(count)
+                    + if theta == 54.7356 || theta == 125.2644 { 0.25 * PI } else { 0.0 },
+            );
+            directions.push(DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()));
+        }
+    }
+    let pose = turned();
+    let scene =
+        marks(&directions.iter().map(|d| pose.world_from_camera_rotation() * *d).collect::<Vec<_>>(), 0.04, 1.0);
+    let mut worst = 0.0f64;
+    for projection in projections() {
+        let image = shoot(scene.clone(), &projection, pose);
+        let size = DVec2::new(image.width.into(), image.height.into());
+        let mut found = 0;
+        for d in &directions {
+            let Some(at) = projection.project(2.0 * *d) else { continue };
+            let step = projection.direction(at + DVec2::X).map_or(1.0, |e| e.angle_between(*d));
+            let reach = 4.0f64.max(1.8 * 0.02 * 2f64.sqrt() / step).ceil();
+            let inside = at.cmpgt(DVec2::splat(reach)).all() && at.cmplt(size - reach).all();
+            // A circle's rim cuts squares; a lens that is drawn as a plane sees what is well before it; poles are all of a row.
+            let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
+            let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
+            let direct = matches!(&projection, Projection::Perspective(g) if !g.sees_around()) && d.z < 0.2;
+            let pole = matches!(projection, Projection::Curved(Curved { curve: Curve::Environment { .. }, .. }))
+                && d.y.abs() > 0.98;
+            if !inside || !whole || direct || pole {
+                continue;
+            }
+            let seen = centroid(&image, at, reach).unwrap_or_else(|| panic!("{projection:?}: {d} is not at {at}"));
+            worst = worst.max(seen.distance(at));
+            // The middle of a square's picture is not quite the picture of its middle; most of the rest is sampling.
+            assert!(seen.distance(at) < 0.3, "{projection:?}: {d} at {seen}, not {at}");
+            found += 1;
+        }
+        println!("{projection:?}: {found} marks");
+        assert!(found >= 5, "{projection:?}: {found} marks");
+    }
+    println!("farthest {worst:.3} px");
+}
+
+#[test]
+fn every_pixel_shows_what_lies_in_its_direction_without_seams() {
+    let pose = turned();
+    for projection in projections() {
+        let image = shoot(room(), &projection, pose);
+        let (mut shown, mut worst) = (0, 0.0f32);
+        for (i, p) in image.rgba.iter().enumerate() {
+            let at = DVec2::new(f64::from(i as u32 % image.width), f64::from(i as u32 / image.width));
+            let corners =
+                [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|c| projection.direction(at + DVec2::from(c)));
+            let Some(d) = projection.direction(at + 0.5) else {
+                // The rim's own pixels are seen in part.
+                assert!(corners.iter().any(Option::is_some) || p[3] == 0.0, "{projection:?} {at}: beyond the circle");
+                continue;
+            };
+            let direct = matches!(&projection, Projection::Perspective(g) if !g.sees_around()) && d.z < 0.05;
+            if corners.iter().any(Option::is_none) || direct {
+                continue;
+            }
+            let expected = wall_color(pose.world_from_camera_rotation() * d);
+            let off = (Vec3::new(p[0], p[1], p[2]) - expected).abs().max_element().max((p[3] - 1.0).abs());
+            // Half a pixel at most: the mean over a pixel is not its middle's where walls meet or the curve is steep.
+            let wide = corners[0].unwrap().angle_between(corners[3].unwrap()) as f32;
+            worst = worst.max(off);
+            assert!(off < 0.004 + 0.5 * wide, "{projection:?} {at}: {p:?}, not {expected}");
+            shown += 1;
+        }
+        println!("{projection:?}: {shown} pixels, at most {worst:.4} off");
+        assert!(shown > image.rgba.len() / 2);
+    }
+}
+
+#[test]
+fn parallel_rays_keep_sizes_and_hide_what_is_behind() {
+    // A square of 0.2 m at 1 m, one of 0.2 m at 9 m beside it, and half behind the first a third.
+    let square = |x: f64, z: f64, grey: f32| {
+        [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)]
+            .map(|(a, b)| vertex(DVec3::new(x + a, b, z), Vec3::splat(grey)))
+    };
+    let vertices =
+        [square(0.0, 1.0, 0.2), square(0.3, 9.0, 0.5), square(0.1, 5.0, 0.9), square(0.0, -1.0, 1.0)].concat();
+    let indices = (0..4).flat_map(|n| [0, 1, 2, 0, 2, 3].map(|i| 4 * n + i)).collect();
+    let projection = Projection::Orthographic { width_px: 200, height_px: 100, px_per_m: 200.0 };
+    let image = shoot(unlit(vertices, indices), &projection, Pose::IDENTITY);
+    let row = &image.rgba[50 * 200..51 * 200];
+    let expected = |x: usize| match x {
+        80..120 => [0.2, 0.2, 0.2, 1.0],
+        120..140 => [0.9, 0.9, 0.9, 1.0],
+        140..180 => [0.5, 0.5, 0.5, 1.0],
+        _ => [0.0; 4],
+    };
+    for (x, p) in row.iter().enumerate() {
+        assert!((0..4).all(|c| (p[c] - expected(x)[c]).abs() < 1e-3), "column {x}: {p:?}");
+    }
+    let column: f32 = (0..100).map(|y| image.rgba[y * 200 + 100][3]).sum();
+    assert!((column - 40.0).abs() < 1e-3, "{column}");
+}
+
+#[test]
+fn the_environment_stands_behind_and_shows_through_in_part() {
+    let (width, height) = (256, 128);
+    // By longitude: red to the right of the map's middle (−z), green to its left; above is bright.
+    let rgb = (0..width * height)
+        .map(|i| {
+            let (right, above) = (i % width >= width / 2, i / width < height / 2);
+            [f32::from(u8::from(right)), f32::from(u8::from(!right)), f32::from(u8::from(above))]
+        })
+        .collect();
+    let map = EnvironmentMap {
+        width,
+        height,
+        rgb: std::sync::Arc::new(rgb),
+        map_from_world: glam::Quat::IDENTITY,
+        intensity: 0.5,
+    };
+    let mut scene = marks(&[DVec3::NEG_Z], 0.04, 1.0);
+    scene.lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
+    // Looks along the world's −z, y up.
+    let pose = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y).unwrap();
+    for projection in [Projection::Perspective(gpu::pinhole(200, 160, 100.0)), curved(all_around(), 800, 400)] {
+        let image = shoot(scene.clone(), &projection, pose);
+        let at = |x: u32, y: u32| image.rgba[(y * image.width + x) as usize];
+        let (right, low) = (image.width - 70, image.height - 20);
+        for (p, expected) in [
+            (at(right, 20), [0.5, 0.0, 0.5, 1.0]),
+            (at(70, 20), [0.0, 0.5, 0.5, 1.0]),
+            (at(right, low), [0.5, 0.0, 0.0, 1.0]),
+            (at(image.width / 2, image.height / 2), [1.0; 4]),
+        ] {
+            assert!((0..4).all(|c| (p[c] - expected[c]).abs() < 2e-3), "{projection:?}: {p:?}, not {expected:?}");
+        }
+    }
+}
+
+fn locard(arguments: &[&str]) -> (bool, String) {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_locard")).args(arguments).output().unwrap();
+    (output.status.success(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn the_program_frames_a_scene_with_every_camera() {
+    let temp = tempfile::tempdir().unwrap();
+    for camera in ["perspective", "orthographic", "off-centre", "fisheye", "environment", "little-planet"] {
+        for model in ["scenes/l-scale.glb", "scenes/demo.toml"] {
+            let file = temp.path().join(format!("{camera}.png"));
+            let mut arguments =
+                vec!["render", model, "--camera", camera, "--size", "96x64", "--transparent", "--force"];
+            if camera == "off-centre" {
+                arguments.extend(["--shift", "0.1,-0.1"]);
+            }
+            let (done, text) = locard(&[&arguments[..], &["-o", file.to_str().unwrap()]].concat());
+            assert!(done && !text.contains("nothing of the scene"), "{camera}: {text}");
+            let picture = image::open(&file).unwrap().to_rgba8();
+            assert_eq!(picture.dimensions(), (96, 64));
+            let seen = picture.pixels().filter(|p| p.0[3] > 128).count();
+            assert!(seen > 4, "{camera} {model}: {seen} pixels");
+            // All of it: nothing touches the frame, but what lies below an environment.
+            let cut = picture
+                .enumerate_pixels()
+                .filter(|(x, y, p)| (*x == 0 || *y == 0 || *x == 95 || *y == 63) && p.0[3] > 128)
+                .count();
+            assert!(
+                cut == 0 || ["off-centre", "environment"].contains(&camera),
+                "{camera} {model}: {cut} pixels at the frame"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_is_no_camera_is_refused() {
+    let out = std::env::temp_dir().join("never-written.png");
+    for (arguments, said) in [
+        (&["--fov", "0"][..], "more than 0"),
+        (&["--fov", "180"], "up to 175"),
+        (&["--fov", "90,45"], "one angle of view"),
+        (&["--size", "0x5"], "1 to 16384"),
+        (&["--camera", "orthographic", "--fov", "40"], "--height"),
+        (&["--camera", "off-centre"], "--shift"),
+        (&["--shift", "1,1"], "off-centre"),
+        (&["--height", "1"], "orthographic"),
+        (&["--camera", "environment", "--fov", "360,200"], "360 by 180"),
+        (&["--from", "0,0,1", "--at", "0,0,1"], "make no view"),
+        (&["--from", "0,0,1", "--at", "0,0,0", "--up", "0,0,1"], "make no view"),
+        (&["--from", "0,nan,1"], "accepted are numbers from"),
+        (&["-o", "a.gif"], ".png and .exr"),
+    ] {
+        let mut all = vec!["render", "scenes/l-scale.glb"];
+        all.extend(arguments);
+        if !arguments.contains(&"-o") {
+            all.extend(["-o", out.to_str().unwrap()]);
+        }
+        let (done, text) = locard(&all);
+        assert!(!done && text.contains(said), "{arguments:?}: {text}");
+    }
+    assert!(!Path::new(&out).exists());
+}

@@ -1,0 +1,286 @@
+//! Shadows on the real surfaces that things stand on: against the chart itself, pixel by pixel, and what must not happen.
+
+use std::sync::Arc;
+
+use crate::gpu;
+use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
+use locard::camera::{Camera, Distortion, Geometry, NoiseBin, NoiseProfile};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
+use locard::frame::Frame;
+use locard::params::Value;
+use locard::pixels::{DepthMap, Pixels};
+use locard::pose::Pose;
+use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Support, Vertex};
+use locard::shadow::Shadows;
+use locard::tracking::PoseTrack;
+
+const WIDTH: u32 = 320;
+const HEIGHT: u32 = 240;
+const GREY: u8 = 180;
+/// Half sides of the box, metres.
+const HALF: DVec3 = DVec3::new(0.04, 0.03, 0.05);
+
+fn lighting() -> Lighting {
+    let sun = Sun {
+        towards_light_in_world: Vec3::new(0.5, 0.3, 0.8).normalize(),
+        color: Vec3::new(0.9, 0.8, 0.6),
+        diameter_rad: 0.1,
+    };
+    Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::new(0.3, 0.35, 0.5)) }
+}
+
+/// A box that stands on the plane z = 0.
+fn scene() -> Scene {
+    let corner = |i: usize| {
+        let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+        let position = (HALF * DVec3::new(sign(0), sign(1), sign(2))).as_vec3().to_array();
+        Vertex { position, normal: [0.0, 0.0, 1.0], tangent: [0.0; 4], uv0: [0.0; 2], uv1: [0.0; 2], color: [1.0; 4] }
+    };
+    let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+    let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
+    let on = DAffine3::from_translation(HALF.z * DVec3::Z);
+    let object = Object {
+        name: "box".to_owned(),
+        parts: vec![Part { mesh: 0, world_from_mesh: on }],
+        support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),
+        ..Object::default()
+    };
+    Scene {
+        meshes: vec![Arc::new(Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 })],
+        materials: vec![Material { double_sided: true, ..Material::default() }],
+        objects: vec![object],
+        lighting: lighting(),
+        ..Scene::default()
+    }
+}
+
+fn geometry() -> Geometry {
+    let pinhole = gpu::pinhole(WIDTH, HEIGHT, 330.0);
+    Geometry::new(pinhole.intrinsics, Distortion { k1: -0.12, k2: 0.03, p1: 1e-3, ..Distortion::default() })
+}
+
+/// From half a metre away, looking down at the box.
+fn pose() -> Pose {
+    let eye = DVec3::new(0.1, -0.45, 0.4);
+    let forward = -eye.normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let turn = DQuat::from_mat3(&glam::DMat3::from_cols(right, forward.cross(right), forward));
+    Pose::from_camera_in_world(eye, turn)
+}
+
+fn track() -> PoseTrack {
+    PoseTrack::new(vec![(-1.0, pose()), (1.0, pose())], 3.0).unwrap()
+}
+
+fn camera() -> Camera {
+    gpu::camera(&geometry(), 0.0)
+}
+
+fn made(settings: Settings, camera: &Camera, frame: Frame, scene: Scene) -> Composited {
+    gpu::composite(&gpu::gpu(), camera, settings, scene, &track(), frame)
+}
+
+fn grey_frame() -> Frame {
+    gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, GREY))
+}
+
+/// Where the four places of a pixel lie on the floor.
+fn on_floor(x: u32, y: u32) -> impl Iterator<Item = Option<DVec3>> {
+    let middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    [(-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375)].into_iter().map(move |(dx, dy)| {
+        let ray = geometry().unproject(middle + DVec2::new(dx, dy))?;
+        let (eye, along) = (pose().position_in_world_m(), pose().world_from_camera_rotation() * ray);
+        Some(eye - along * (eye.z / along.z)).filter(|_| along.z < 0.0)
+    })
+}
+
+fn decode(code: f64) -> f64 {
+    let c = code / 255.0;
+    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+}
+
+fn encode(light: f64) -> f64 {
+    255.0 * if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[test]
+fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_camera_s() {
+    let done = made(Settings::default(), &camera(), grey_frame(), scene());
+    let chart = &Shadows::new(&scene()).charts(&scene())[0];
+    let layer = done.layer.as_ref().unwrap();
+    let (mut worst, mut shaded, mut free, mut darkest) = (0.0f64, 0, 0, 255.0f64);
+    for (i, out) in done.pixels.codes.eight_bit().unwrap().chunks_exact(3).enumerate() {
+        // The object's soft edge is the edge blend's, a pixel wide.
+        let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
+        let touched = |dx: i32, dy: i32| {
+            let (x, y) = ((x as i32 + dx).clamp(0, 319), (y as i32 + dy).clamp(0, 239));
+            layer.rgba[(y * 320 + x) as usize][3] > 0.0
+        };
+        if (-2..=2).any(|dy| (-2..=2).any(|dx| touched(dx, dy))) {
+            continue;
+        }
+        let taken =
+            on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| chart.taken_at(place))).sum::<Vec3>() / 4.0;
+        if layer.left[i] == [1.0; 3] {
+            free += 1;
+            assert_eq!(out, [GREY; 3], "{x} {y}");
+            assert!(taken.max_element() < 1e-3, "{x} {y}: {taken}");
+            continue;
+        }
+        shaded += 1;
+        for c in 0..3 {
+            let wanted = encode(decode(f64::from(GREY)) * (1.0 - f64::from(taken[c])));
+            worst = worst.max((wanted - f64::from(out[c])).abs());
+            darkest = darkest.min(f64::from(out[c]));
+        }
+    }
+    assert!(shaded > 4000 && free > 8000, "{shaded} {free}");
+    assert!(darkest < 120.0, "the sun's shadow is there: {darkest}");
+    // Half a code of rounding; shares are 16-bit floats; rays between the nodes of their grid.
+    assert!(worst <= 0.75, "{worst} codes");
+}
+
+#[test]
+fn switched_off_and_without_strength_there_is_none() {
+    let off = gpu::settings(&[("shadow", "cast", Value::Bool(false))]);
+    let off = made(off, &camera(), grey_frame(), scene());
+    let none = made(gpu::settings(&[("shadow", "strength", Value::Number(0.0))]), &camera(), grey_frame(), scene());
+    assert!(off.pixels == none.pixels && off.layer.as_ref().unwrap().left.iter().all(|left| *left == [1.0; 3]));
+    let on = made(Settings::default(), &camera(), grey_frame(), scene());
+    assert!(on.pixels != off.pixels);
+    let half = made(gpu::settings(&[("shadow", "strength", Value::Number(0.5))]), &camera(), grey_frame(), scene());
+    for (whole, half) in on.layer.unwrap().left.iter().zip(&half.layer.unwrap().left) {
+        assert!((0..3).all(|c| (1.0 - half[c] - 0.5 * (1.0 - whole[c])).abs() < 2e-3), "{whole:?} {half:?}");
+    }
+}
+
+#[test]
+fn what_stands_before_the_floor_or_lies_below_it_is_not_darkened() {
+    // On the left the depth is that of the floor, on the right of something 6 cm before it; at the top of a lower floor.
+    let rays: Vec<_> = (0..WIDTH * HEIGHT)
+        .map(|i| geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap())
+        .collect();
+    let depth_m = |i: usize, height: f64| {
+        let along = pose().world_from_camera_rotation() * rays[i];
+        ((height - pose().position_in_world_m().z) / along.z) as f32
+    };
+    let with = |height: f64| {
+        let depth_m = (0..rays.len()).map(|i| depth_m(i, height)).collect();
+        let depth = Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 });
+        let done = made(Settings::default(), &camera(), Frame { depth, ..grey_frame() }, scene());
+        done.layer.unwrap().left
+    };
+    let without = made(Settings::default(), &camera(), grey_frame(), scene()).layer.unwrap();
+    let shaded = |left: &[[f32; 3]]| left.iter().filter(|left| left[1] < 0.9).count();
+    let on_floor = with(0.0);
+    let far = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
+    let worst = on_floor.iter().zip(&without.left).map(|(a, b)| far(a, b)).fold(0.0, f32::max);
+    assert!(worst < 2e-3, "depth of the floor changes nothing: {worst}");
+    // A sensor's error of a centimetre neither.
+    assert!(shaded(&with(0.01)) > shaded(&without.left) * 99 / 100);
+    for height in [0.06, -0.06] {
+        assert_eq!(shaded(&with(height)), 0, "{height} m over the floor");
+    }
+}
+
+#[test]
+fn what_was_drawn_before_changes_no_bit() {
+    let frame = |height: f64| {
+        let depth_m = (0..WIDTH * HEIGHT).map(|i| {
+            let ray = geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap();
+            let along = pose().world_from_camera_rotation() * ray;
+            ((height - pose().position_in_world_m().z) / along.z) as f32
+        });
+        let depth = DepthMap { width: WIDTH, height: HEIGHT, depth_m: depth_m.collect(), timestamp_s: 0.0 };
+        Frame { depth: Some(depth), ..grey_frame() }
+    };
+    // Its shadow reaches beyond the picture's right edge.
+    let at = |x: f64| {
+        let mut scene = scene();
+        scene.lighting.suns[0].towards_light_in_world = Vec3::new(-0.8, 0.0, 0.4).normalize();
+        scene.objects[0].move_by(DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)));
+        scene
+    };
+    let (camera, settings, geometry, track) = (camera(), Settings::default(), geometry(), track());
+    let mut compositor = Compositor::new(gpu::gpu().clone(), at(0.2));
+    let drawn = |compositor: &mut Compositor, frame: Frame| {
+        let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();
+        let pending = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap();
+        compositor.collect(pending).unwrap()
+    };
+    // Over something before the floor, in a slightly larger rectangle: textures are used again.
+    for step in 0..4 {
+        compositor.set_scene(at(0.2 + 0.003 * f64::from(step)));
+        drawn(&mut compositor, frame(0.06));
+    }
+    compositor.set_scene(at(0.215));
+    let again = drawn(&mut compositor, frame(0.0));
+    let fresh = drawn(&mut Compositor::new(gpu::gpu().clone(), at(0.215)), frame(0.0));
+    let codes = fresh.pixels.codes.eight_bit().unwrap();
+    let rim = (0..HEIGHT as usize).filter(|y| codes[3 * (y + 1) * WIDTH as usize - 1] < GREY - 10).count();
+    assert!(rim > 10, "the shadow reaches the rim: {rim}");
+    assert!(again.pixels == fresh.pixels);
+}
+
+#[test]
+fn an_object_that_is_lost_takes_its_shadow_along() {
+    let half = made(Settings::default(), &camera(), Frame { presence: 0.5, ..grey_frame() }, scene());
+    let whole = made(Settings::default(), &camera(), grey_frame(), scene());
+    for (whole, half) in whole.layer.unwrap().left.iter().zip(&half.layer.unwrap().left) {
+        assert!((0..3).all(|c| (1.0 - half[c] - 0.5 * (1.0 - whole[c])).abs() < 2e-3), "{whole:?} {half:?}");
+    }
+    let gone = made(Settings::default(), &camera(), Frame { presence: 0.0, ..grey_frame() }, scene());
+    assert_eq!(gone.pixels, grey_frame().pixels);
+}
+
+#[test]
+fn a_shadow_whose_object_is_out_of_the_picture_is_drawn() {
+    let mut beside = scene();
+    beside.lighting.suns[0] =
+        Sun { towards_light_in_world: Vec3::new(0.95, 0.0, 0.3).normalize(), ..beside.lighting.suns[0] };
+    // The picture shows x up to about 0.34 m; a box at 0.4 m throws its shadow to the left.
+    beside.objects[0].move_by(DAffine3::from_translation(DVec3::new(0.42, 0.0, 0.0)));
+    let done = made(Settings::default(), &camera(), grey_frame(), beside);
+    let layer = done.layer.unwrap();
+    assert!(layer.rgba.iter().all(|p| p[3] == 0.0), "the box is seen");
+    assert!(layer.left.iter().filter(|left| left[0] < 0.6).count() > 100);
+}
+
+#[test]
+fn noise_in_a_shadow_is_what_the_camera_has_at_that_brightness() {
+    // σ² = 1 + 0.05 · code (8-bit codes), white; a frame with that noise, in an even shadow of one half.
+    let sigma = |code: f64| (1.0 + 0.05 * code).sqrt();
+    let bin = |n: u32| NoiseBin { code: f64::from(5 * n), sigma: sigma(f64::from(5 * n)) };
+    let bins: Vec<NoiseBin> = (0..52).map(bin).collect();
+    let noise = NoiseProfile {
+        bins: [bins.clone(), bins.clone(), bins],
+        channel_correlation: [0.0; 3],
+        neighbour_correlation: [0.0; 2],
+    };
+    let mut camera = camera();
+    camera.noise = Some(noise);
+    let mut state = 0x1234_5678_9abc_def0_u64;
+    let mut uniform = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let mut gauss = || (-2.0 * uniform().max(1e-12).ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
+    let codes = (0..3 * WIDTH * HEIGHT).map(|_| (f64::from(GREY) + sigma(f64::from(GREY)) * gauss()).round() as u8);
+    let pixels = Pixels::from_u8(WIDTH, HEIGHT, codes.collect()).unwrap();
+    let done = made(Settings::default(), &camera, gpu::frame(0, 0.0, pixels), scene());
+    let layer = done.layer.unwrap();
+    let codes = done.pixels.codes.eight_bit().unwrap();
+    // Residuals from what the shadow makes of the grey, in its dark part.
+    let (mut sum, mut count) = (0.0, 0);
+    for (i, left) in layer.left.iter().enumerate().filter(|(i, left)| left[0] < 0.6 && layer.rgba[*i] == [0.0; 4]) {
+        for c in 0..3 {
+            let mean = encode(decode(f64::from(GREY)) * f64::from(left[c]));
+            sum += ((f64::from(codes[3 * i + c]) - mean) / sigma(mean)).powi(2);
+            count += 1;
+        }
+    }
+    let ratio = (sum / f64::from(count)).sqrt();
+    assert!(count > 2000 && (ratio - 1.0).abs() < 0.05, "{ratio} of the camera's σ over {count} values");
+}

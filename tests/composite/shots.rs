@@ -1,0 +1,392 @@
+//! A shot that is held while it changes: each picture is that of one opened anew.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::gpu;
+use crate::program;
+use crate::shot;
+use glam::{DAffine3, DVec2, DVec3};
+use locard::compositor::{Composited, Compositor, FrameStats, Target};
+use locard::export::{Export, ExportError, Inputs};
+use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
+use locard::pixels::Pixels;
+use locard::recording::OpenOptions;
+use locard::scene::Scene;
+use locard::shot::{Given, Known, Note, Reduced, Shot, ShotError};
+use locard::sink::OutPath;
+
+const SCENE: &str = "scenes/demo.toml";
+
+fn opened(sets: &[&str]) -> Result<Shot, ShotError> {
+    let sets = sets.iter().map(ToString::to_string).collect();
+    let given = Given { sets, scene: Some(SCENE.into()), ..Given::default() };
+    Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given)
+}
+
+fn picture(shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Composited {
+    let pending = shot.picture(compositor, frame, Target::Pixels).unwrap();
+    compositor.collect(pending).unwrap()
+}
+
+#[test]
+fn a_change_between_two_pictures_is_followed() {
+    let gpu = gpu::gpu();
+    let mut held = shot::demo(SCENE);
+    let mut compositor = held.compositor(gpu.clone());
+    let mut pictures = vec![picture(&mut held, &mut compositor, 31)];
+    // Of an effect, of the camera's lens, of its geometry.
+    let sets = [
+        "motion_blur.method=copies",
+        "camera.lens.f_number=1.4",
+        "camera.lens.focus_distance_m=0.8",
+        "camera.fx_px=540",
+    ];
+    for count in 1..=sets.len() {
+        held.rig.set_text(sets[count - 1], &mut held.settings).unwrap();
+        let changed = picture(&mut held, &mut compositor, 31);
+        let mut anew = opened(&sets[..count]).unwrap();
+        let expected = picture(&mut anew, &mut held.compositor(gpu.clone()), 31);
+        assert!(changed.pixels == expected.pixels, "{}", sets[count - 1]);
+        pictures.push(changed);
+    }
+    let pixels = |n: usize| &pictures[n].pixels;
+    assert!((1..pictures.len()).all(|n| pixels(n - 1) != pixels(n)), "each of them is seen");
+    // The frame that is kept stays as it came, and another one is another one.
+    assert!(held.read(31).unwrap().pixels != *pixels(4));
+    let other = picture(&mut held, &mut compositor, 30);
+    assert!(other.frame == 30 && picture(&mut held, &mut compositor, 31).pixels == *pixels(4));
+}
+
+#[test]
+fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
+    let gpu = gpu::gpu();
+    let mut held = shot::demo(SCENE);
+    let mut compositor = held.compositor(gpu.clone());
+    let before = picture(&mut held, &mut compositor, 31);
+    let made = gpu.pipelines_made();
+    // The first is 2 cm higher, of the second nothing is left.
+    let up = DAffine3::from_translation(0.02 * DVec3::Z);
+    let scene = Arc::make_mut(&mut held.scene);
+    scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
+    scene.objects[1].parts.clear();
+    let moved = picture(&mut held, &mut compositor, 31);
+    assert_eq!(gpu.pipelines_made(), made);
+    let mut new = held.compositor(gpu.clone());
+    let anew = picture(&mut held, &mut new, 31);
+    assert!(moved.pixels != before.pixels && moved.pixels == anew.pixels);
+
+    let made = gpu.pipelines_made();
+    held.scene = shot::demo(SCENE).scene;
+    compositor.set_scene(Scene::clone(&held.scene));
+    assert!(picture(&mut held, &mut compositor, 31).pixels == before.pixels);
+    assert_eq!(gpu.pipelines_made(), made);
+}
+
+#[test]
+fn a_stream_is_its_moments() {
+    let gpu = gpu::gpu();
+    let mut shot = shot::demo(SCENE);
+    let streams = [1, 2, 3].map(|in_flight| -> Vec<Composited> {
+        let mut compositor = shot.compositor(gpu.clone());
+        shot.frames(&mut compositor, 40..44, false, in_flight).unwrap().map(Result::unwrap).collect()
+    });
+    let mut compositor = shot.compositor(gpu.clone());
+    for (n, frame) in (40..44).enumerate() {
+        let alone = picture(&mut shot, &mut compositor, frame);
+        for stream in &streams {
+            assert!(stream.len() == 4 && stream[n].frame == frame && stream[n].stats == alone.stats);
+            assert!(stream[n].pixels == alone.pixels, "frame {frame}");
+        }
+        assert!(alone.pixels != shot.read(frame).unwrap().pixels);
+    }
+    let mut backwards = shot.compositor(gpu.clone());
+    assert!(shot.frames(&mut backwards, 70..73, false, 2).is_err(), "there are 72");
+}
+
+#[test]
+fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
+    let temp = tempfile::tempdir().unwrap();
+    let names = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    let mut shot = shot::demo(SCENE);
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let folder = temp.path().join("frames");
+    let export = Export::new(31..34, OutPath::parse(&folder).unwrap());
+    export.check(&Inputs::of(&shot)).unwrap();
+    let mut seen = Vec::new();
+    let done = export.run(&shot, &mut compositor, |stats| {
+        seen.push(stats.frame);
+        true
+    });
+    assert_eq!((done.unwrap().frames(), seen), (3, vec![31, 32, 33]));
+    assert_eq!(names(&folder), ["frame_000031.png", "frame_000032.png", "frame_000033.png"]);
+    let written = image::open(folder.join("frame_000032.png")).unwrap().to_rgb8();
+    let shown = picture(&mut shot, &mut compositor, 32).pixels;
+    assert!(written.as_raw() == shown.codes.eight_bit().unwrap());
+    assert!(export.check(&Inputs::of(&shot)).is_err(), "what is there is kept");
+
+    // Of a folder, what is finished stays; of a video nothing does, nor of the folders that were made for it.
+    let half = temp.path().join("half");
+    let export = Export::new(31..40, OutPath::parse(&half).unwrap());
+    let mut left = 2;
+    let ended = export.run(&shot, &mut compositor, |_| {
+        left -= 1;
+        left > 0
+    });
+    assert!(matches!(ended, Err(ExportError::Cancelled)));
+    assert_eq!(names(&half), ["frame_000031.png"]);
+    let video = temp.path().join("new/cut.mkv");
+    let export = Export::new(31..40, OutPath::parse(&video).unwrap());
+    assert!(matches!(export.run(&shot, &mut compositor, |_| false), Err(ExportError::Cancelled)));
+    assert_eq!(names(temp.path()), ["frames", "half"]);
+}
+
+#[test]
+fn a_photograph_ends_when_it_is_told_to() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut wanted = Wanted::new(31, temp.path().join("a.jpg"));
+    (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
+    let device = || Ok(gpu::gpu().clone());
+    let ended = wanted.take(shot::demo(SCENE), device, &mut |told| !matches!(told, Told::Taking { .. }));
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
+    let mut written = Vec::new();
+    let taken = wanted.take(shot::demo(SCENE), device, &mut |told| {
+        if let Told::Written { path, .. } = told {
+            written.push(path);
+        }
+        true
+    });
+    taken.unwrap();
+    assert_eq!(written, [wanted.output.clone()]);
+    assert!(image::open(&written[0]).unwrap().width() == 320);
+
+    // By a warning, before a device is asked for; between two of a series, whose first stays.
+    let dark = Wanted { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
+    let ended =
+        dark.take(shot::demo(SCENE), || panic!("none is needed"), &mut |told| !matches!(told, Told::Warning(_)));
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    let series =
+        Wanted { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
+    let mut photographs = Vec::new();
+    let ended = series.take(shot::demo(SCENE), device, &mut |told| match told {
+        Told::Taking { number, .. } => {
+            photographs.push(number);
+            true
+        }
+        told => !matches!(told, Told::Written { .. }),
+    });
+    assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
+    assert!(photographs.iter().all(|number| *number == 1), "{photographs:?}");
+    let names = |name: &str| temp.path().join(name).exists();
+    assert!(names("s-1.jpg") && !names("s-2.jpg") && !names("s-sheet.jpg"));
+}
+
+#[test]
+fn a_damaged_frame_ends_the_stream_with_its_file() {
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
+    let shot = Shot::open(temp.path(), &OpenOptions::default(), &given).unwrap();
+    shot.check(0..6).unwrap();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let all: Vec<_> = shot.frames(&mut compositor, 0..6, false, 1).unwrap().collect();
+    assert_eq!(all.len(), 4, "three frames, and what is wrong");
+    // Without a scene the footage stays as it is.
+    for (n, done) in all[..3].iter().enumerate() {
+        assert!(done.as_ref().unwrap().pixels == shot.read(n).unwrap().pixels);
+    }
+    let text = all[3].as_ref().unwrap_err().to_string();
+    assert!(text.contains("00003.jpg"), "{text}");
+}
+
+#[test]
+fn errors_say_what_is_accepted() {
+    let error = |sets: &[&str]| match opened(sets).and_then(|shot| shot.check(0..72)) {
+        Ok(()) => panic!("{sets:?} is accepted"),
+        Err(error) => error.to_string(),
+    };
+    for (set, named) in [
+        ("noise.scale=99", "0 to 8"),
+        ("nosie.scale=1", "there is no table nosie"),
+        ("camera.width_px=320", "the camera's picture is 320x480 px, the recording's frames are 640x480"),
+        ("camera.lens.blades=2", "camera.lens.blades"),
+    ] {
+        assert!(error(&[set]).contains(named), "{}", error(&[set]));
+    }
+    let at = |recording: &str, scene: &str| {
+        let given = Given { scene: Some(scene.into()), ..Given::default() };
+        Shot::open(Path::new(recording), &OpenOptions::default(), &given).unwrap_err().to_string()
+    };
+    assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: is no recording"));
+    assert!(at("recordings/demo", "scenes/nothing.toml").contains("scenes/nothing.toml: cannot be read"));
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    let bare = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    assert!(matches!(bare.check(0..1), Err(ShotError::NoCamera { .. })));
+    assert!(matches!(shot::demo(SCENE).read(72), Err(ShotError::Recording(_))));
+    assert!(matches!(shot::demo(SCENE).read(usize::MAX), Err(ShotError::Recording(_))));
+}
+
+#[test]
+fn notes_follow_what_is_set() {
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    std::fs::write(temp.path().join("poses.txt"), "0 0 0 0 0 0 0 1\n0.11 0 0 0 0 0 0 1\n").unwrap();
+    let mut shot = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    let notes = |shot: &Shot| shot.notes(0..6);
+    let unknown = Note::UnknownExposure { has_times: true };
+    assert!(matches!(&notes(&shot)[..], [Note::MissingPoses(text), exposure, Note::UnknownNoise]
+        if text.contains("no pose for 2 of 6 frames") && *exposure == unknown));
+    shot.rig.set_text("camera.exposure.time_s=0.01", &mut shot.settings).unwrap();
+    assert!(matches!(&notes(&shot)[..], [Note::MissingPoses(_), Note::UnknownNoise]));
+    assert_eq!(shot.notes(0..4), [Note::UnknownNoise]);
+    // Nothing is missed by effects that are off.
+    shot.settings.plain();
+    assert_eq!(shot.notes(0..4), []);
+    let seen = |frame, no_occlusion: Option<&str>| FrameStats {
+        frame,
+        timestamp_s: 0.0,
+        no_pose: None,
+        no_occlusion: no_occlusion.map(str::to_owned),
+        rect_px: None,
+        objects_in_sight: no_occlusion.is_some(),
+        presence: None,
+        exposure_time_s: 0.0,
+        fastest_px_per_s: 0.0,
+        effects: Vec::new(),
+    };
+    assert_eq!(Note::of_frames(&[seen(0, None), seen(1, None)]), [Note::NothingSeen]);
+    let [note] = &Note::of_frames(&[seen(0, None), seen(1, Some("why")), seen(2, Some("else"))])[..] else { panic!() };
+    assert!(note.to_string().contains("2 of 3 frames") && note.to_string().contains("(frame 1: why)"), "{note}");
+}
+
+#[test]
+fn what_is_typed_stands_above_profiles() {
+    let taken = |sets: &[&str]| opened(sets).unwrap().taken(0);
+    let by_profile = taken(&[]);
+    let typed = Known { iso: Some(1234.0), ..by_profile };
+    assert!(by_profile.iso != typed.iso && taken(&["camera.exposure.iso=1234"]) == typed);
+    // An instant is no exposure to meter by.
+    assert_eq!(taken(&["camera.exposure.time_s=0"]), by_profile);
+}
+
+#[test]
+fn an_outline_is_the_border_of_what_is_drawn_and_what_is_inside_is_hit() {
+    let gpu = gpu::gpu();
+    // Sharp, so that coverage is the objects' own. The camera turns, its rows have times, and its lens distorts.
+    let mut held = opened(&["camera.exposure.time_s=0"]).unwrap();
+    held.settings.plain();
+    let frame = 31;
+    let geometry = held.geometry_at(frame).unwrap();
+    let mut compositor = held.compositor(gpu.clone());
+    let pending = held.submit(&mut compositor, held.read(frame).unwrap(), &geometry, Target::Pixels, true).unwrap();
+    let layer = compositor.collect(pending).unwrap().layer.unwrap();
+    let seen = held.seen_at(frame).unwrap();
+    assert!(seen.iter().filter(|object| !object.outline_px.is_empty()).count() > 2, "{seen:?}");
+    let eye = held.eye(frame).unwrap();
+    let inside = |at: DVec2| {
+        let winding = |polygon: &Vec<DVec2>| {
+            let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
+            sides
+                .filter(|(a, b)| {
+                    (a.y <= at.y) != (b.y <= at.y) && at.x < a.x + (at.y - a.y) / (b.y - a.y) * (b.x - a.x)
+                })
+                .count()
+        };
+        seen.iter().any(|object| object.outline_px.iter().map(winding).sum::<usize>() % 2 == 1)
+    };
+    let (mut covered, mut wrong, mut missed) = (0, 0, 0);
+    for (x, y) in (0..480u32).flat_map(|y| (0..640u32).map(move |x| (x, y))) {
+        let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let alpha = layer.rgba[(y * 640 + x) as usize][3];
+        covered += u32::from(alpha > 0.5);
+        wrong += u32::from((alpha > 0.5) != inside(at));
+        // Of some: each ray is tried on every triangle.
+        missed += u32::from((x + y) % 7 == 0 && alpha > 0.99 && eye.object_at(&held.scene, at).is_none());
+    }
+    // A px along the border, where the outline is half a cell wide of it.
+    assert!(covered > 3000 && wrong * 20 < covered && missed * 3500 < covered, "{covered}: {wrong}, {missed}");
+}
+
+/// Means of squares of 2 px.
+fn halved(pixels: &Pixels) -> Vec<f64> {
+    let (width, height) = (pixels.width / 2, pixels.height / 2);
+    let places = (0..height).flat_map(|y| (0..width).flat_map(move |x| (0..3).map(move |c| (x, y, c))));
+    let mean = |(x, y, c): (u32, u32, usize)| {
+        let at = |right, down| f64::from(pixels.at(2 * x + right, 2 * y + down)[c]);
+        (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4.0
+    };
+    places.map(mean).collect()
+}
+
+#[test]
+fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
+    let mut shot = shot::demo(SCENE);
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let frame = shot.read(31).unwrap();
+    let reduced = Reduced::new(&frame, 2);
+    let half = |shot: &Shot, compositor: &mut Compositor| {
+        let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
+        compositor.collect(pending).unwrap()
+    };
+    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0"];
+    sets.iter().for_each(|set| shot.rig.set_text(set, &mut shot.settings).unwrap());
+    let whole = picture(&mut shot, &mut compositor, 31);
+    let plain = half(&shot, &mut compositor);
+    let (width, height) = (plain.pixels.width, plain.pixels.height);
+    assert_eq!((width, height), (whole.pixels.width / 2, whole.pixels.height / 2));
+    let (camera, codes) = (halved(&frame.pixels), plain.pixels.codes.eight_bit().unwrap());
+    let off: Vec<f64> = halved(&whole.pixels)
+        .into_iter()
+        .zip(codes)
+        .zip(&camera)
+        .filter(|((expected, _), camera)| (*expected - *camera).abs() > 3.0)
+        .map(|((expected, code), _)| (expected - f64::from(*code)).abs())
+        .collect();
+    // Blur and movement in px are halved, too. What is left is at edges, and where light's mean is not that of codes.
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(off.len() > 2000 && mean < 2.5, "{} values are off by {mean:.2}", off.len());
+
+    // Noise of a mean of four.
+    shot.rig.set_text("noise.scale=1", &mut shot.settings).unwrap();
+    let grain = |noisy: Vec<f64>, plain: Vec<f64>| {
+        let off =
+            noisy.into_iter().zip(plain).zip(&camera).filter(|((_, plain), camera)| (plain - *camera).abs() > 3.0);
+        let (sum, count) = off.fold((0.0, 0), |(sum, n), ((noisy, plain), _)| (sum + (noisy - plain).powi(2), n + 1));
+        f64::sqrt(sum / f64::from(count))
+    };
+    let noisy_whole = picture(&mut shot, &mut compositor, 31);
+    let noisy = half(&shot, &mut compositor);
+    let codes = |of: &Composited| of.pixels.codes.eight_bit().unwrap().iter().copied().map(f64::from).collect();
+    let (of_half, of_whole) =
+        (grain(codes(&noisy), codes(&plain)), grain(halved(&noisy_whole.pixels), halved(&whole.pixels)));
+    assert!((of_half / of_whole - 1.0).abs() < 0.15, "σ {of_half:.3} and {of_whole:.3}");
+}
+
+#[test]
+fn the_gpu_tells_what_each_part_takes() {
+    let mut shot = shot::demo(SCENE);
+    let gpu = gpu::gpu();
+    let mut compositor = shot.compositor(gpu.clone());
+    let pending = shot.picture(&mut compositor, 31, Target::Pixels).unwrap();
+    assert_eq!(pending.times(&gpu).unwrap(), [], "nobody asked");
+    let first = compositor.collect(pending).unwrap();
+    compositor.time_next();
+    let pending = shot.picture(&mut compositor, 31, Target::Pixels).unwrap();
+    let times = pending.times(&gpu).unwrap();
+    let parts: Vec<_> = times.iter().map(|of| of.part).collect();
+    assert!(compositor.collect(pending).unwrap().pixels == first.pixels);
+    if gpu.timestamps {
+        assert!(["objects", "motion_blur", "mix"].iter().all(|part| parts.contains(part)), "{parts:?}");
+        let sum_s: f64 = times.iter().map(|of| of.time_s).sum();
+        assert!(sum_s > 0.0 && times.iter().all(|of| of.time_s >= 0.0), "{times:?}");
+    } else {
+        assert_eq!(times, []);
+    }
+}

@@ -1,0 +1,55 @@
+//! The fuzz targets on what they start from and on what they once found. Keeps them compiling, too.
+
+use crate::bodies;
+
+fn seeds(target: &str) -> Vec<Vec<u8>> {
+    let files = std::fs::read_dir(format!("fuzz/seeds/{target}")).unwrap();
+    files.map(|file| std::fs::read(file.unwrap().path()).unwrap()).collect()
+}
+
+#[test]
+fn models() {
+    let seeds = seeds("gltf");
+    assert!(!seeds.is_empty());
+    seeds.iter().for_each(|seed| bodies::gltf(seed));
+    // Cut off anywhere, and with any byte changed.
+    for seed in seeds {
+        for i in (0..seed.len()).step_by(7) {
+            bodies::gltf(&seed[..i]);
+            let mut damaged = seed.clone();
+            damaged[i] ^= 1 << (i % 8);
+            bodies::gltf(&damaged);
+        }
+    }
+}
+
+#[test]
+fn recordings() {
+    let seeds = seeds("recording");
+    assert!(!seeds.is_empty());
+    let readable = seeds.iter().filter(|seed| bodies::recording(seed) == 2).count();
+    assert_eq!(readable, seeds.len() - 1, "all but the video, whose file is not there");
+    for seed in seeds {
+        for i in 0..seed.len() {
+            bodies::recording(&seed[..i]);
+            let mut damaged = seed.clone();
+            damaged[i] ^= 1 << (i % 8);
+            bodies::recording(&damaged);
+        }
+    }
+}
+
+#[test]
+fn streams() {
+    let seeds = seeds("stream");
+    assert!(!seeds.is_empty());
+    for seed in seeds {
+        assert_eq!(bodies::stream(&seed), 3, "each holds three poses");
+        for i in 0..seed.len() {
+            bodies::stream(&seed[..i]);
+            let mut damaged = seed.clone();
+            damaged[i] ^= 1 << (i % 8);
+            bodies::stream(&damaged);
+        }
+    }
+}

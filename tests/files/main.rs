@@ -1,0 +1,29 @@
+//! What is read and written: recordings, scenes, pictures; and how the program asks and answers.
+
+#![allow(clippy::unwrap_used, clippy::type_complexity, reason = "tests")]
+
+#[path = "../../fuzz/bodies.rs"]
+mod bodies;
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/files.rs"]
+mod files;
+#[path = "../common/gpu.rs"]
+mod gpu;
+#[path = "../common/models.rs"]
+mod models;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/shot.rs"]
+mod shot;
+
+mod cli;
+mod fuzz_seeds;
+mod outputs;
+mod pixels;
+mod place;
+mod recordings;
+mod safety;
+mod scans;
+mod scene;
+mod seeking;

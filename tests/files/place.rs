@@ -1,0 +1,226 @@
+//! `locard place`: evidence where a pixel shows a surface.
+
+use std::path::Path;
+
+use crate::common;
+use crate::program;
+use crate::program::{refused, said};
+use crate::shot;
+use locard::scene::document;
+
+const DEMO: [&str; 4] = ["place", "recordings/demo", "--frame", "30"];
+
+fn place<'a>(scene: &'a str, rest: &[&'a str]) -> Vec<&'a str> {
+    [&DEMO[..], rest, &["--scene", scene]].concat()
+}
+
+#[test]
+fn things_come_to_rest_on_the_floor_and_the_file_keeps_its_comments() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let scene = file.to_str().unwrap();
+    let text = "# the site\nversion = 1 # so far\nup = \"z\"\n";
+    std::fs::write(&file, text).unwrap();
+    let told = said(&place(scene, &["--at", "320,300", "--model", "scenes/marker-1.glb", "--heading", "30"]));
+    assert!(told.contains("tilted by 0.") && told.contains("placed"), "{told}");
+    said(&place(scene, &["--at", "300,330", "--model", "scenes/cartridge-case-9mm.glb", "--flat", "--name", "case"]));
+    let written = std::fs::read_to_string(&file).unwrap();
+    assert!(written.starts_with(text), "{written}");
+    let objects = document::read(&file).unwrap().value().objects.clone();
+    assert_eq!((objects[0].heading_deg, objects[1].name.as_deref()), (Some(30.0), Some("case")));
+    // The simulated floor is z = 0, and its depth is noisy by 1.5 mm.
+    for object in &objects {
+        assert!(object.position_m.unwrap()[2].abs() < 1e-3, "{object:?}");
+    }
+    // What it wrote is composited.
+    let report = temp.path().join("report.json");
+    let out = temp.path().join("out");
+    let frames = ["--frames", "30..31", "-o", out.to_str().unwrap(), "--report", report.to_str().unwrap()];
+    said(&[&["composite", "recordings/demo", "--scene", scene], &frames[..]].concat());
+    assert!(std::fs::read_to_string(&report).unwrap().contains("\"objects_in_sight\": true"));
+}
+
+#[test]
+fn without_a_heading_the_front_faces_the_camera() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    said(&place(file.to_str().unwrap(), &["--at", "320,300", "--model", "scenes/marker-1.glb"]));
+    let placed = document::read(&file).unwrap().value().objects[0].clone();
+    // From above: the front looks along −y, turned by the heading counter-clockwise.
+    let (sin, cos) = placed.heading_deg.unwrap().to_radians().sin_cos();
+    let [x, y, _] = placed.position_m.unwrap();
+    let to_camera = shot::demo("scenes/demo.toml").eye(30).unwrap().position_m() - glam::DVec3::new(x, y, 0.0);
+    let off = (sin * to_camera.x - cos * to_camera.y) / to_camera.truncate().length();
+    assert!(off > 0.99999, "{placed:?} {to_camera}");
+}
+
+#[test]
+fn on_a_real_desk_the_surface_is_the_desks() {
+    let Some(folder) = common::data("tum-fr1-rpy") else { return };
+    let temp = tempfile::tempdir().unwrap();
+    let scene = temp.path().join("scene.toml");
+    let arguments = ["--frame", "20", "--at", "320,300", "--model", "scenes/l-scale.glb", "--flat", "--profile"];
+    let folder = [folder.to_str().unwrap(), "profiles/tum-fr1.toml", scene.to_str().unwrap()];
+    let told = said(&[&["place", folder[0]], &arguments[..], &[folder[1], "--scene", folder[2]]].concat());
+    assert!(told.contains("of what is around") && scene.exists(), "{told}");
+}
+
+#[test]
+fn what_cannot_be_placed_changes_nothing() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let scene = file.to_str().unwrap();
+    let marker = ["--model", "scenes/marker-1.glb"];
+    let outside = refused(&place(scene, &[&["--at", "9000,3"], &marker[..]].concat()));
+    assert!(outside.contains("9000,3 lies outside of the picture, 640x480 px"), "{outside}");
+    let missing = refused(&place(scene, &["--at", "320,300", "--model", "scenes/none.glb"]));
+    assert!(missing.contains("none.glb"), "{missing}");
+    let both = refused(&place(scene, &[&["--at", "320,300", "--flat", "--upright"], &marker[..]].concat()));
+    assert!(both.contains("--flat") && both.contains("--upright"), "{both}");
+    let at = [&["--at", "320,300"], &marker[..]].concat();
+    for (odd, told) in [
+        (["--heading", "1e300"], "--heading 1e300: accepted is -360 to 360 degrees"),
+        (["--heading", "nan"], "--heading NaN: accepted"),
+        (["--name", " "], "--name: "),
+        (["--at", "-1,3"], "-1,3 lies outside of the picture"),
+    ] {
+        let odd = if odd[0] == "--at" { [&odd[..], &marker].concat() } else { [&at[..], &odd].concat() };
+        let text = refused(&place(scene, &odd));
+        assert!(text.contains(told), "{text}");
+    }
+    assert!(!file.exists());
+    // No command opens another file as a scene, and frames are no place for one.
+    for (other, told) in [
+        (temp.path().join("x.glb"), "ends in .toml"),
+        (temp.path().join("scene"), "ends in .toml"),
+        (temp.path().join("no/scene.toml"), "there is no folder"),
+        (Path::new("recordings/demo/rgb/scene.toml").to_owned(), "the folder of the recording's frames"),
+    ] {
+        let text = refused(&place(other.to_str().unwrap(), &at));
+        assert!(text.contains(told) && !other.exists(), "{text}");
+    }
+    std::fs::write(&file, "version = 2\n").unwrap();
+    refused(&place(scene, &[&["--at", "320,300"], &marker[..]].concat()));
+    assert_eq!(std::fs::read_to_string(Path::new(scene)).unwrap(), "version = 2\n");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_models_name_reaches_the_terminal_harmless() {
+    let temp = tempfile::tempdir().unwrap();
+    let (scene, model) = (temp.path().join("scene.toml"), temp.path().join("a\u{1b}]0;pwn\u{7}.glb"));
+    std::fs::copy("scenes/marker-1.glb", &model).unwrap();
+    let at = ["--at", "320,300", "--model", model.to_str().unwrap()];
+    // The second stands inside the first, which is told by their names.
+    let told = [(); 2].map(|()| said(&place(scene.to_str().unwrap(), &at))).concat();
+    assert!(told.contains("placed     a\\u{1b}]0;pwn\\u{7}.glb at ") && told.contains("odd        a\\u{1b}"), "{told}");
+    assert!(told.chars().all(|c| c == '\n' || !c.is_control()), "{told:?}");
+}
+
+/// The floor of the demonstration is z = 0.
+#[test]
+fn a_point_that_two_frames_show_is_placed_on_and_three_points_give_a_plane() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = temp.path().join("scene.toml");
+    let scene = scene.to_str().unwrap();
+    let shot = shot::demo("scenes/demo.toml");
+    let seen = |frame: usize, point: [f64; 3]| {
+        let at = shot.eye(frame).unwrap().project(point.into()).unwrap();
+        format!("{:.3},{:.3}", at.x, at.y)
+    };
+    let points = [[0.1, -0.1, 0.0], [0.3, 0.2, 0.0], [-0.2, 0.1, 0.0]];
+    let picks = points.map(|point| format!("{}+50:{}", seen(30, point), seen(50, point)));
+    let at = ["--at", &picks[0], "--model", "scenes/marker-1.glb"];
+    let told = said(&place(scene, &at));
+    assert!(told.contains("taken for level; the point is known within"), "{told}");
+    let placed = document::read(Path::new(scene)).unwrap().value().objects[0].position_m.unwrap();
+    assert!(placed.iter().zip(points[0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
+
+    let mut inspect = vec!["inspect", "recordings/demo", "--frame", "30"];
+    picks.iter().for_each(|pick| inspect.extend(["--pick", pick.as_str()]));
+    let told = said(&inspect);
+    // By Pythagoras: 0.2, 0.3 and 0.5, 0.1.
+    assert!(told.contains("distance   0.3606 m, 1 to 2") && told.contains("distance   0.5099 m, 2 to 3"), "{told}");
+    let plane = told.lines().find_map(|line| line.strip_prefix("plane      --plane ")).unwrap();
+    let on_plane = seen(40, [0.0, 0.3, 0.0]);
+    let other = temp.path().join("other.toml");
+    let other = other.to_str().unwrap();
+    let frame = ["place", "recordings/demo", "--frame", "40", "--at", &on_plane, "--plane", plane];
+    said(&[&frame[..], &["--model", "scenes/marker-1.glb", "--scene", other]].concat());
+    let placed = document::read(Path::new(other)).unwrap().value().objects[0].position_m.unwrap();
+    assert!(placed.iter().zip([0.0, 0.3, 0.0]).all(|(a, b)| (a - b).abs() < 1e-3), "{placed:?}");
+
+    let two = [&inspect[..8], &["--distance", "0.7212"]].concat();
+    assert!(said(&two).contains("scale      -50.0 % off: the recording is in metres already"), "{}", said(&two));
+    assert!(refused(&[&inspect[..6], &["--distance", "1"]].concat()).contains("give --pick twice"));
+    assert!(refused(&["inspect", "recordings/demo", "--frame", "30", "--pick", "3,4+99:5,6"]).contains("99"));
+}
+
+#[test]
+fn what_stands_wrong_is_told_and_a_preview_shows_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let scene = file.to_str().unwrap();
+    let preview = temp.path().join("preview.png");
+    let preview = preview.to_str().unwrap();
+    let marker = ["--at", "320,300", "--model", "scenes/marker-1.glb"];
+    assert!(!said(&place(scene, &marker)).contains("odd"));
+    let composite = ["composite", "recordings/demo", "--preview", "30", "--force", "-o", preview, "--scene"];
+    let sound = program::locard(&[&composite[..], &["scenes/demo.toml"]].concat());
+    let told = String::from_utf8(sound.stderr).unwrap();
+    assert!(!told.contains("stand") && !told.contains("hovers") && !told.contains("sunk"), "{told}");
+    // The same again, in the same place.
+    let twice = said(&place(scene, &[&marker[..], &["--name", "second"]].concat()));
+    assert!(twice.contains("odd        marker-1 and second stand inside each other"), "{twice}");
+    assert!(said(&["inspect", scene]).contains("odd        marker-1 and second stand inside each other, by "));
+    // 20 cm above the floor, and 3 cm below.
+    let text = std::fs::read_to_string(&file).unwrap();
+    let at = |z: &str| {
+        let lines = text.lines().map(|line| match line.strip_prefix("position_m = [") {
+            Some(rest) => format!("position_m = [{}, {z}]", rest.rsplit_once(',').unwrap().0),
+            None => line.to_owned(),
+        });
+        std::fs::write(&file, lines.collect::<Vec<_>>().join("\n").replacen("second", "hidden\"\nhidden = true #", 1))
+            .unwrap();
+        let done = program::locard(&[&composite[..], &[scene]].concat());
+        assert!(done.status.success());
+        String::from_utf8(done.stderr).unwrap()
+    };
+    let hovers = at("0.2");
+    assert!(hovers.contains("marker-1 hovers 200 mm over the surface that the depth of frame 30 shows"), "{hovers}");
+    assert!(!hovers.contains("inside each other"), "{hovers}");
+    let sunk = at("-0.06");
+    assert!(sunk.contains("marker-1 is sunk 60 mm into the surface"), "{sunk}");
+    let picture = image::open(preview).unwrap().to_rgb8();
+    // The axes' colours are in no place of the demonstration.
+    let has = |ink: [u8; 3]| picture.pixels().any(|p| p.0.iter().zip(ink).all(|(a, b)| a.abs_diff(b) < 12));
+    assert!(picture.dimensions() == (640, 480) && has([255, 70, 70]) && has([90, 220, 90]) && has([90, 140, 255]));
+}
+
+#[test]
+fn what_stands_out_over_an_edge_stands_on_what_carries_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let model = std::path::absolute("scenes/l-scale.glb").unwrap();
+    // The stool's top is at z = 0.41, and its left edge at x = 0.35; the floor is below.
+    let told = |x: f64, z: f64| {
+        let text = format!(
+            "version = 1\nup = \"z\"\n[[objects]]\nmodel = {:?}\nposition_m = [{x}, -0.28, {z}]\n",
+            model.display().to_string()
+        );
+        std::fs::write(&file, text).unwrap();
+        let shot = shot::demo(file.to_str().unwrap());
+        let frame = shot.read(30).unwrap();
+        shot.wrongs(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
+    };
+    for x in [0.4, 0.35, 0.34, 0.33] {
+        assert_eq!(told(x, 0.41), Vec::<String>::new(), "{x}");
+    }
+    let over = |told: Vec<String>, mm: std::ops::Range<i32>| {
+        let far = told.first().and_then(|told| told.strip_prefix("l-scale hovers ")?.split_once(" mm")?.0.parse().ok());
+        assert!(far.is_some_and(|far: i32| mm.contains(&far)), "{told:?}");
+    };
+    // Half over the stool, 8 cm above it; beside it, as high as its top.
+    over(told(0.34, 0.49), 77..84);
+    over(told(0.22, 0.41), 408..413);
+}

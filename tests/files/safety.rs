@@ -1,0 +1,307 @@
+//! What others wrote does no harm: what reaches the terminal, how much is read, what is replaced.
+
+use std::path::Path;
+
+use crate::program;
+use crate::program::{locard, refused, said, with_a_truncated_frame};
+
+const DEMO: [&str; 6] = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "5..6"];
+
+/// A link in an output's place: what it leads to is written, and the link stays.
+#[cfg(unix)]
+#[test]
+fn a_link_is_never_replaced() {
+    use std::os::unix::fs::symlink;
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    std::fs::create_dir(path("far")).unwrap();
+    let names = ["report.json", "frames/frame_000005.png", "v.mkv", "a.jpg"];
+    std::fs::create_dir(path("frames")).unwrap();
+    for (i, name) in names.iter().enumerate() {
+        std::fs::write(path(&format!("far/{i}")), "mine").unwrap();
+        symlink(path(&format!("far/{i}")), path(name)).unwrap();
+    }
+    let (report, frames, video, photo) = (path(names[0]), path("frames"), path(names[2]), path(names[3]));
+    let runs = [
+        [&DEMO[..], &["--plain", "-o", &frames, "--report", &report]].concat(),
+        [&DEMO[..], &["--plain", "-o", &video]].concat(),
+        ["photo", "recordings/demo", "--frame", "5", "--lux", "300"].to_vec(),
+    ];
+    let mut runs = runs.to_vec();
+    runs[2].extend(["--scene", "scenes/demo.toml", "--only", "motion_blur", "-q", "-o", &photo]);
+    for run in &runs {
+        let text = refused(run);
+        assert!(text.contains("exists already"), "{text}");
+        let done = locard(&[&run[..], &["--force"]].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    for (i, name) in names.iter().enumerate() {
+        assert!(Path::new(&path(name)).is_symlink(), "{name}");
+        assert!(std::fs::metadata(path(&format!("far/{i}"))).unwrap().len() > 100, "{name}");
+    }
+    assert_eq!(std::fs::read_dir(path("far")).unwrap().count(), names.len());
+
+    // A frame's name that leads to what is read.
+    std::fs::copy("scenes/marker-1.glb", path("marker.glb")).unwrap();
+    std::fs::write(path("scene.toml"), "version = 1\n[[objects]]\nmodel = \"marker.glb\"\n").unwrap();
+    std::fs::remove_file(path(names[1])).unwrap();
+    symlink(path("scene.toml"), path(names[1])).unwrap();
+    let text = refused(&["composite", DEMO[1], "--scene", &path("scene.toml"), "-o", &frames, "--force"]);
+    assert!(text.contains("is read in this run"), "{text}");
+}
+
+/// Without `--force`: nothing is replaced where this fails.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_standard_output_and_pipes_are_outputs() {
+    use std::process::{Command, Stdio};
+    let temp = tempfile::tempdir().unwrap();
+    let (text, frames, pipe) = (temp.path().join("x.txt"), temp.path().join("out"), temp.path().join("pipe"));
+    std::fs::write(&text, "").unwrap();
+    let appending = || std::fs::File::options().append(true).open(&text).unwrap();
+    for _ in 0..2 {
+        let mut run = program::program();
+        run.args(DEMO).args(["--plain", "--report", "/dev/stdout", "-o"]).arg(&frames).stdout(appending());
+        assert!(run.status().unwrap().success());
+        std::fs::remove_dir_all(&frames).unwrap();
+    }
+    let read = std::fs::read_to_string(&text).unwrap();
+    assert_eq!(read.matches("\"adapter\"").count(), 2, "{read}");
+    let text = refused(&[&DEMO[..], &["-o", "/dev/stdout", "--report", "-"]].concat());
+    assert!(text.contains("is the output already"), "{text}");
+
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let reader = Command::new("timeout").args(["60", "wc", "-c"]).arg(&pipe).stdout(Stdio::piped()).spawn().unwrap();
+    let done = locard(&[&DEMO[..], &["--plain", "-o", pipe.to_str().unwrap()]].concat());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let read = String::from_utf8(reader.wait_with_output().unwrap().stdout).unwrap();
+    assert!(read.starts_with("921600 "), "3 * 640 * 480, not {read}");
+    let named = temp.path().join("v.mkv");
+    std::os::unix::fs::symlink(&pipe, &named).unwrap();
+    let text = refused(&[&DEMO[..], &["-o", named.to_str().unwrap(), "--force"]].concat());
+    assert!(text.contains("v.mkv: is a pipe or a device") && text.lines().count() == 1, "{text}");
+    assert!(named.is_symlink());
+}
+
+#[test]
+fn a_failed_run_leaves_no_empty_folder() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let scene = ["--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml", "--frames", "3..4"];
+    for out in ["new/out", "new/v.mkv"] {
+        let (out, layers) = (path(out), path("new/layers"));
+        let text = refused(&[&["composite", &path("")], &scene[..], &["-q", "-o", &out, "--layers", &layers]].concat());
+        assert!(text.contains("truncated") && !Path::new(&path("new")).exists(), "{text}");
+    }
+}
+
+/// Escape sequences in C0, C1 (whose byte alone is no UTF-8) and a title that would be set.
+#[cfg(unix)]
+#[test]
+fn wrong_arguments_reach_the_terminal_harmless_and_cut() {
+    use std::os::unix::ffi::OsStrExt;
+    let evil = b"a\x1b]0;pwn\x07\n\xc2\x9bz";
+    let raw = [&evil[..], b"\xff"].concat();
+    let long = vec![b'x'; 100_000];
+    let option = [b"--", &evil[..]].concat();
+    let cases: [&[&[u8]]; 8] = [
+        &[b"inspect", b"recordings/demo", b"--frame", evil],
+        &[b"render", b"scenes/demo.toml", b"--from", evil, b"-o", b"a.png"],
+        &[evil],
+        &[&raw],
+        &[b"inspect", b"x", &option],
+        &[b"photo", b"x", b"--bracket", evil],
+        &[b"inspect", b"recordings/demo", b"--frame", &long],
+        &[&long],
+    ];
+    for arguments in cases {
+        let arguments = arguments.iter().map(|argument| std::ffi::OsStr::from_bytes(argument));
+        let output = program::program().args(arguments).output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.starts_with("error: ") && text.contains("For more information, try '--help'."), "{text}");
+        assert!(text.chars().all(|c| c == '\n' || !c.is_control()) && text.len() < 10_000, "{text:?}");
+        assert!(
+            text.contains("\\u{1b}]0;pwn\\u{7}\\n\\u{9b}z") || text.contains("xxx… (100000 bytes in all)"),
+            "{text}"
+        );
+    }
+    let output = program::program().args(["inspect", "x", "--fram", "3"]).output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("a similar argument exists: '--frame'"), "{text}");
+}
+
+/// A sparse file takes no space on the disk, and is not read either: there is no memory for it.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_file_that_is_too_large_is_refused_by_its_length() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let at = |name: &str| temp.path().join(name);
+    let narrow = |what: &Path| {
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", "ulimit -v 700000; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_locard"), "inspect"]);
+        let output = command.arg(what).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!((output.status.code(), text.lines().count()), (Some(2), 1), "{text}");
+        text
+    };
+    let grow = |name: &str, bytes: u64| {
+        std::fs::File::options().create(true).append(true).open(at(name)).unwrap().set_len(bytes).unwrap();
+    };
+    grow("poses.txt", 6 << 30);
+    assert!(narrow(temp.path()).contains("poses.txt: cannot be read: it holds 6442450944 bytes; at most 1073741824"));
+    grow("recording.toml", 5 << 20);
+    let told = "it holds 5242880 bytes; at most 4194304 are read";
+    assert!(narrow(temp.path()).contains(&format!("recording.toml: cannot be read: {told}")));
+    for name in ["recording.toml", "rgb.txt"] {
+        std::fs::remove_file(at(name)).unwrap();
+    }
+    grow("transforms.json", 17 << 20);
+    let listing = "it holds 17825792 bytes; at most 16777216 are read";
+    assert!(narrow(temp.path()).contains(&format!("transforms.json: cannot be read: {listing}")));
+    std::fs::remove_file(at("transforms.json")).unwrap();
+    std::fs::create_dir_all(at("mav0/cam0")).unwrap();
+    std::fs::write(at("mav0/cam0/data.csv"), "#t,f\n0,a.png\n").unwrap();
+    grow("mav0/cam0/sensor.yaml", 5 << 20);
+    assert!(narrow(temp.path()).contains(&format!("sensor.yaml: cannot be read: {told}")));
+}
+
+/// A word of 10 MB in the place of a picture's name, which took a second of looking for it.
+#[test]
+fn a_name_that_no_file_can_have_is_refused_as_it_is_read() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let long = "x".repeat(10_000_000);
+    std::fs::write(temp.path().join("rgb.txt"), format!("0 rgb/00000.jpg\n1 rgb/{long}\n")).unwrap();
+    let text = refused(&["inspect", temp.path().to_str().unwrap()]);
+    assert!(text.contains("rgb.txt, line 2: the file's name is `rgb/xxx"), "{text}");
+    assert!(
+        text.contains("xxx… (10000004 bytes in all)`; accepted are up to 4096 bytes") && text.len() < 400,
+        "{text}"
+    );
+}
+
+#[test]
+fn a_scene_places_so_many_objects_and_no_more() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = temp.path().join("scene.toml");
+    std::fs::copy("scenes/marker-1.glb", temp.path().join("marker.glb")).unwrap();
+    let write = |instances: usize| {
+        let places = "[[objects.instances]]\nposition_m = [0, 0, 0]\n".repeat(instances);
+        let objects = "[[objects]]\nmodel = \"marker.glb\"\n".repeat(2);
+        std::fs::write(&scene, format!("version = 1\n{objects}{places}")).unwrap();
+    };
+    write(16_384);
+    let text = refused(&["inspect", scene.to_str().unwrap()]);
+    assert!(text.contains("scene.toml: the placed objects: found 16385; accepted: up to 16384"), "{text}");
+    write(16_383);
+    assert!(said(&["inspect", scene.to_str().unwrap()]).contains("marker 16383: "));
+}
+
+#[test]
+fn inspect_reads_the_profile_that_a_recording_names() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let at = |name: &str| temp.path().join(name);
+    let mut description = std::fs::read_to_string(at("recording.toml")).unwrap();
+    description += "[camera]\nprofile = \"camera.toml\"\n";
+    std::fs::write(at("recording.toml"), description).unwrap();
+    let folder = temp.path().to_str().unwrap();
+    for arguments in [&["inspect", folder][..], &["inspect", folder, "--frame", "0"]] {
+        let text = refused(arguments);
+        assert!(text.contains("camera.toml") && text.contains("no such file") && text.lines().count() == 1, "{text}");
+    }
+    std::fs::write(at("camera.toml"), "garbage").unwrap();
+    let text = refused(&["inspect", folder]);
+    assert!(text.contains("camera.toml: line 1") && text.lines().count() == 1, "{text}");
+    // Of another size than the frames.
+    let camera = |width: u32| {
+        let rest = "height_px = 480\nfx_px = 520\nfy_px = 521\ncx_px = 320\ncy_px = 240\n";
+        std::fs::write(at("camera.toml"), format!("version = 1\n[camera]\nwidth_px = {width}\n{rest}")).unwrap();
+    };
+    camera(320);
+    assert!(refused(&["inspect", folder]).contains("the camera's picture is 320x480 px"));
+    camera(640);
+    assert!(said(&["inspect", folder]).contains("camera     fx 520.00 fy 521.00 cx 320.00 cy 240.00 px"));
+    #[cfg(unix)]
+    {
+        std::fs::remove_file(at("camera.toml")).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(at("camera.toml")).status().unwrap().success());
+        assert!(refused(&["inspect", folder]).contains("it is a pipe or a device"));
+    }
+}
+
+#[test]
+fn no_number_has_hundreds_of_digits() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let write = |name: &str, text: &str| std::fs::write(path(name), text).unwrap();
+    let short = |text: String| {
+        assert!(!text.contains("0000000000000000000"), "{text}");
+        text
+    };
+    let out = path("out");
+    let late = ["--time-offset-s", "1e300", "-o", &out];
+    assert!(short(refused(&[&DEMO[..], &late].concat())).contains("1.00000e300 s lies after the last pose"));
+    std::fs::copy("scenes/marker-1.glb", path("marker.glb")).unwrap();
+    write(
+        "far.toml",
+        "version = 1\n[[objects]]\nmodel = \"marker.glb\"\nposition_m = [1e200, 0, 0]\n[light]\nambient = 1e30\n",
+    );
+    let text = short(said(&["inspect", &path("far.toml")]));
+    assert!(text.contains("from 1.00000e200 ") && text.contains("1e30 from everywhere"), "{text}");
+    write("bad.toml", "version = 1\n[[objects]]\nmodel = \"marker.glb\"\nsize_m = -1e300\n");
+    assert!(short(refused(&["inspect", &path("bad.toml")])).contains("size_m: found -1e300"));
+    let noise = "version = 1\n[camera.noise]\nchannel_correlation = [0.0, 0.0, 0.0]\nneighbour_correlation = [0.0, 0.0]\n\
+                 code = [0.0, 255.0]\nsigma_r = [1e200, 3.0]\nsigma_g = [3.0, 3.0]\nsigma_b = [3.0, 3.0]\n";
+    write("noise.toml", noise);
+    let output = locard(&["inspect", &path("noise.toml")]);
+    short(String::from_utf8([output.stdout, output.stderr].concat()).unwrap());
+    write("recording.toml", "version = 1\nname = 1e300\n[frames]\nlist = \"rgb.txt\"\n");
+    assert!(
+        short(refused(&["inspect", &path("recording.toml")])).contains("floating point `1e300`, expected a string")
+    );
+    write("recording.toml", "version = 1\n[frames]\nimages = \"rgb\"\nfps = -1e300\n");
+    assert!(short(refused(&["inspect", &path("recording.toml")])).contains("frames.fps = -1e300"));
+}
+
+#[test]
+fn a_picture_that_is_refused_need_not_be_cut_off() {
+    let temp = tempfile::tempdir().unwrap();
+    with_a_truncated_frame(temp.path());
+    let whole = std::fs::read("recordings/demo/rgb/00003.jpg").unwrap();
+    std::fs::write(temp.path().join("rgb/00003.jpg"), whole).unwrap();
+    let large = std::fs::File::options().write(true).open(temp.path().join("rgb/00004.jpg")).unwrap();
+    large.set_len(6 << 30).unwrap();
+    let text = said(&["inspect", temp.path().to_str().unwrap()]);
+    assert!(text.contains("files      6 pictures, 1 cannot be read\n"), "{text}");
+    assert!(text.contains("00004.jpg: cannot be read: it holds 6442450944 bytes"), "{text}");
+}
+
+#[test]
+fn three_numbers_that_are_too_large_are_three_numbers() {
+    let text = refused(&["render", "scenes/demo.toml", "--from", "1e300,0,0", "-o", "a.png"]);
+    assert!(text.contains("1e300,0,0: accepted are numbers from -1000000000 to 1000000000"), "{text}");
+    let text = refused(&["render", "scenes/demo.toml", "--from", "1,0", "-o", "a.png"]);
+    assert!(text.contains("1,0: expected 3 numbers with commas between"), "{text}");
+}
+
+#[test]
+fn a_photograph_without_evidence_says_so() {
+    let temp = tempfile::tempdir().unwrap();
+    let out = temp.path().join("a.png");
+    let demo = ["photo", "recordings/demo", "--scene", "scenes/demo.toml", "--lux", "0.001", "--iso", "100", "-o"];
+    // The evidence is before the camera, beside the part that is taken.
+    let part = ["--frame", "71", "--only", "motion_blur", "--focus", "inf", "--aim", "20,20", "--across", "40"];
+    let run = |hand: &[&str]| {
+        let done = locard(&[&demo[..], &[out.to_str().unwrap(), "--force"], &part[..], hand].concat());
+        let text = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.success() && text.contains("no object of the scene is in the picture"), "{text}");
+        text
+    };
+    let (stand, hand) = (run(&[]), run(&["--hand-held"]));
+    assert!(stand.contains("too dark") && !stand.contains("further from the recording's ends"), "{stand}");
+    assert!(hand.contains("a larger --iso helps, or a frame further from the recording's ends"), "{hand}");
+}

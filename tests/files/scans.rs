@@ -1,0 +1,383 @@
+//! Scans from phones and depth cameras: their folders, their depth in the frames' picture, and what stands twice.
+
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use crate::common;
+use crate::files::{describe, frames, open, options, picture, refused, write};
+use crate::gpu;
+use crate::shot;
+use glam::DVec3;
+use image::{ImageBuffer, Luma};
+use locard::depth::holes;
+use locard::frame::Frame;
+use locard::pixels::LayerImage;
+use locard::recording::{OpenOptions, Recording, Registration};
+use locard::simulate::{self, Flaws, Format, Layout, Motion, Options};
+
+fn depth_png(file: &Path, width: u32, height: u32, code: impl Fn(u32, u32) -> u16) {
+    fs::create_dir_all(file.parent().unwrap()).unwrap();
+    ImageBuffer::from_fn(width, height, |x, y| Luma([code(x, y)])).save(file).unwrap();
+}
+
+/// A phone's export: a video of 8×6 px and so many frames, with three lines and depth of 4×3 px.
+fn export(folder: &Path, frames: usize) {
+    let pictures: Vec<_> = (0..frames).map(|i| picture(i, 8, 6, 8)).collect();
+    write(&folder.join("rgb.mp4"), &options(8, 6, 8), &pictures);
+    let line = |i: usize| format!("{}, {i:06}, 0.{i}, 1.5, 0, 0, 0, 0, 1\n", 100.5 + i as f64 / 30.0);
+    let lines: String = (0..3).map(line).collect();
+    fs::write(folder.join("odometry.csv"), format!("timestamp, frame, x, y, z, qx, qy, qz, qw\n{lines}")).unwrap();
+    fs::write(folder.join("camera_matrix.csv"), "7.5,0.0,4.0\n0.0,7.5,3.0\n0.0,0.0,1.0\n").unwrap();
+    for i in 0..3 {
+        depth_png(&folder.join(format!("depth/{i:06}.png")), 4, 3, |x, _| if x < 2 { 1000 } else { 2000 });
+        let sure = ImageBuffer::from_fn(4, 3, |_, y| Luma([if y == 0 { 0u8 } else { 2 }]));
+        fs::create_dir_all(folder.join("confidence")).unwrap();
+        sure.save(folder.join(format!("confidence/{i:06}.png"))).unwrap();
+    }
+}
+
+#[test]
+fn a_phones_export_opens_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    export(folder.path(), 3);
+    for path in [folder.path().to_owned(), folder.path().join("odometry.csv")] {
+        let r = open(&path);
+        assert_eq!((r.kind.name(), r.frame_count(), r.up), ("Stray Scanner", 3, Some(DVec3::Y)));
+        assert_eq!((r.timestamps_s[0], r.warnings.clone()), (100.5, vec![]));
+        assert_eq!(r.geometry.as_ref().unwrap().intrinsics.fx_px, 7.5);
+        assert!((r.pose_at_frame(2).unwrap().position_in_world_m() - DVec3::new(0.2, 1.5, 0.0)).length() < 1e-12);
+        assert_eq!(r.registration(), Some(Registration::Enlarged(4, 3)));
+        assert_eq!(r.files().filter(|file| file.ends_with("confidence/000001.png")).count(), 1);
+        let depth = frames(&r, 1..2)[0].depth.clone().unwrap();
+        assert_eq!((depth.width, depth.height), (8, 6));
+        // The upper row of the map is not sure: the upper two of the picture.
+        assert!(depth.depth_m[..16].iter().all(|z| *z == 0.0));
+        assert_eq!(depth.depth_m[16..24], [1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]);
+    }
+}
+
+#[test]
+fn what_an_export_lacks_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    export(folder.path(), 5);
+    fs::remove_file(folder.path().join("depth/000001.png")).unwrap();
+    let r = open(folder.path());
+    assert_eq!(r.frame_count(), 3);
+    for said in
+        ["has 3 lines, the video 5 frames: the first 3 of both", "1 of 3 lines have no depth picture (first: line 3,"]
+    {
+        assert!(r.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", r.warnings);
+    }
+    let has: Vec<bool> = frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect();
+    assert_eq!(has, [true, false, true]);
+    // More lines than frames.
+    let folder = tempfile::tempdir().unwrap();
+    export(folder.path(), 2);
+    let r = open(folder.path());
+    assert_eq!((r.frame_count(), frames(&r, 0..2).len()), (2, 2));
+    // Two poses at one time: the first counts.
+    let odometry = folder.path().join("odometry.csv");
+    let text = fs::read_to_string(&odometry).unwrap();
+    let third = text.lines().nth(2).unwrap().split(',').next().unwrap().to_owned();
+    fs::write(&odometry, text.replacen(&third, "100.5", 1)).unwrap();
+    let r = open(folder.path());
+    assert!(r.warnings.iter().any(|w| w.contains("1 pose is left out")), "{:?}", r.warnings);
+    assert_eq!(r.repeats(|| ()).unwrap().times, [1]);
+    // Intrinsics are needed.
+    fs::remove_file(folder.path().join("camera_matrix.csv")).unwrap();
+    assert!(refused(folder.path()).contains("camera_matrix.csv: cannot be read"), "{}", refused(folder.path()));
+    fs::write(folder.path().join("odometry.csv"), "timestamp, frame\n").unwrap();
+    assert!(refused(folder.path()).contains("odometry.csv, line 1: column x is missing"));
+}
+
+/// Depth by a camera 0.1 m to the left of the frames': of a wall at 2 m, f = 40 px.
+fn unregistered(folder: &Path) -> PathBuf {
+    write(&folder.join("rgb"), &options(32, 24, 8), &[picture(0, 32, 24, 8)]);
+    depth_png(&folder.join("d.png"), 32, 24, |x, _| if x < 16 { 1000 } else { 2000 });
+    fs::write(folder.join("depth.txt"), "0 d.png\n").unwrap();
+    fs::write(folder.join("t.txt"), "0 0 0 0 0 0 0 1\n").unwrap();
+    let camera = "[camera]\nwidth_px = 32\nheight_px = 24\nfx_px = 40\nfy_px = 40\ncx_px = 16\ncy_px = 12\n";
+    fs::write(folder.join("depth.toml"), camera).unwrap();
+    fs::write(folder.join("camera.toml"), format!("version = 1\n{camera}")).unwrap();
+    describe(
+        folder,
+        "[frames]\nimages = \"rgb\"\nfps = 30.0\n[poses]\ntrajectory = \"t.txt\"\n[depth]\nlist = \"depth.txt\"\nscale = \
+         1000.0\ncamera = \"depth.toml\"\n[depth.colour_from_depth]\nposition_m = [-0.1, 0, 0]\nquaternion = [0, 0, 0, \
+         1]\n[camera]\nprofile = \"camera.toml\"\n",
+    )
+}
+
+#[test]
+fn depth_of_a_camera_of_its_own_is_seen_from_the_frames_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = unregistered(folder.path());
+    // The recording alone does not know the frames' camera.
+    let r = open(&path);
+    assert_eq!(r.registration(), Some(Registration::OtherCamera(32, 24)));
+    assert!(frames(&r, 0..1)[0].depth.is_none());
+    let row = |frame: &Frame| frame.depth.as_ref().unwrap().depth_m[12 * 32..13 * 32].to_vec();
+    let shot = shot::open(&path, None, Path::new("scenes/marker-1.glb"));
+    // f·b/z: 4 px at 1 m, 2 px at 2 m. The near half ends at 16 − 4, the far one begins at 16 − 2.
+    let seen = row(&shot.read(0).unwrap());
+    assert!(seen[..12].iter().all(|z| (z - 1.0).abs() < 1e-6), "{seen:?}");
+    assert!(seen[12..14].iter().all(|z| *z == 0.0) && seen[14..29].iter().all(|z| (z - 2.0).abs() < 1e-6), "{seen:?}");
+    // A given profile is the camera that it is seen from.
+    let narrow = locard::shot::Given { sets: vec!["camera.fx_px=80".into()], ..Default::default() };
+    let narrow = locard::shot::Shot::open(&path, &OpenOptions::default(), &narrow).unwrap();
+    // Twice as large about 16: the near half ends at 16 − 2·4.
+    let seen = row(&narrow.read(0).unwrap());
+    assert!((seen[7] - 1.0).abs() < 1e-6 && seen[8..12] == [0.0; 4] && (seen[12] - 2.0).abs() < 1e-6, "{seen:?}");
+}
+
+#[test]
+fn what_describes_no_depth_camera_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = unregistered(folder.path());
+    let toml = fs::read_to_string(path.join("recording.toml")).unwrap();
+    for (from, to, said) in [
+        ("camera = \"depth.toml\"\n", "", "depth.colour_from_depth goes with depth.camera only"),
+        ("[0, 0, 0, 1]", "[0, 0, 0, 2]", "colour_from_depth.quaternion: the quaternion has length 2"),
+        ("depth.toml", "none.toml", "none.toml: cannot be read"),
+    ] {
+        fs::write(path.join("recording.toml"), toml.replacen(from, to, 1)).unwrap();
+        assert!(refused(&path).contains(said), "{}", refused(&path));
+    }
+    fs::write(path.join("recording.toml"), &toml).unwrap();
+    depth_png(&path.join("d.png"), 16, 12, |_, _| 1000);
+    assert!(refused(&path).contains("d.png: is 16x12, the depth camera's pictures are 32x24"), "{}", refused(&path));
+}
+
+/// Pictures a, a, b, b, c, of which `poses` moves on in each frame but the fourth.
+fn repeating(folder: &Path) -> PathBuf {
+    let pictures: Vec<_> = [0, 0, 1, 1, 2].map(|i| picture(i, 8, 6, 8)).into();
+    write(&folder.join("rgb"), &options(8, 6, 8), &pictures);
+    let pose = |i: usize| format!("{} {} 0 0 0 0 0 1\n", i as f64 / 30.0, [0, 1, 2, 2, 2][i]);
+    fs::write(folder.join("t.txt"), (0..5).map(pose).collect::<String>()).unwrap();
+    let list: String = (0..5).map(|i| format!("{} rgb/frame_{i:06}.png\n", i as f64 / 30.0)).collect();
+    fs::write(folder.join("rgb.txt"), list).unwrap();
+    describe(folder, "[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"t.txt\"\n")
+}
+
+#[test]
+fn what_repeats_is_found_and_can_be_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = repeating(folder.path());
+    let mut each = 0;
+    let found = open(&path).repeats(|| each += 1).unwrap();
+    assert_eq!((found.pictures, found.moved, found.poses, found.times), (vec![1, 3], vec![1], vec![4], vec![]));
+    assert_eq!(each, 5);
+    let skipping = OpenOptions { skip_duplicates: true, ..OpenOptions::default() };
+    let r = Recording::open(&path, &skipping).unwrap();
+    assert!(
+        r.warnings.iter().any(|w| w.contains("2 of 5 frames repeat the one before and are left out")),
+        "{:?}",
+        r.warnings
+    );
+    let kept = frames(&r, 0..3);
+    for (frame, number) in kept.iter().zip([0, 2, 4]) {
+        assert!((frame.timestamp_s - number as f64 / 30.0).abs() < 1e-12);
+        assert_eq!(frame.pixels, picture(number / 2, 8, 6, 8));
+    }
+    assert!((r.pose_at_frame(1).unwrap().position_in_world_m().x - 2.0).abs() < 1e-9);
+    assert_eq!(r.repeats(|| ()).unwrap().pictures, [0usize; 0]);
+}
+
+#[test]
+fn repeats_of_a_video_are_left_out_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let order = [0, 1, 1, 1, 2, 3, 3, 4];
+    let pictures: Vec<_> = order.map(|i| picture(i, 16, 12, 8)).into();
+    write(&folder.path().join("v.mkv"), &options(16, 12, 8), &pictures);
+    let path = describe(folder.path(), "[frames]\nvideo = \"v.mkv\"\n");
+    assert_eq!(open(&path).repeats(|| ()).unwrap().pictures, [2, 3, 6]);
+    let skipping = OpenOptions { skip_duplicates: true, ..OpenOptions::default() };
+    let r = Recording::open(&path, &skipping).unwrap();
+    assert_eq!(r.frame_count(), 5);
+    for range in [0..5, 1..3, 2..4, 4..5, 3..3] {
+        let got = frames(&r, range.clone());
+        assert_eq!(got.len(), range.len());
+        for (frame, i) in got.iter().zip(range) {
+            assert_eq!((frame.index, &frame.pixels), (i, &picture(i, 16, 12, 8)));
+            let first = order.iter().position(|n| *n == i).unwrap();
+            assert!((frame.timestamp_s - first as f64 / 30.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn missing_pictures_are_counted_and_can_be_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = repeating(folder.path());
+    for i in [1, 4] {
+        fs::remove_file(path.join(format!("rgb/frame_{i:06}.png"))).unwrap();
+    }
+    let error = refused(&path);
+    assert!(error.contains("rgb.txt, line 2: ") && error.contains("frame_000001.png"), "{error}");
+    assert!(error.ends_with("(2 of 5 pictures are missing; --skip-missing leaves them out)"), "{error}");
+    let r = Recording::open(&path, &OpenOptions { skip_missing: true, ..OpenOptions::default() }).unwrap();
+    assert!(
+        r.warnings.iter().any(|w| w.contains("2 of 5 pictures are missing and left out (first: ")),
+        "{:?}",
+        r.warnings
+    );
+    let times: Vec<f64> = frames(&r, 0..3).iter().map(|frame| (frame.timestamp_s * 30.0).round()).collect();
+    assert_eq!(times, [0.0, 2.0, 3.0]);
+}
+
+#[test]
+fn redkitchen_opens_and_its_depth_lies_on_its_colour() {
+    let Some(folder) = common::data("redkitchen") else { return };
+    let r = open(&folder);
+    assert_eq!((r.kind.name(), r.frame_count(), r.up), ("7-Scenes", 90, None));
+    assert_eq!(r.registration(), Some(Registration::OtherCamera(640, 480)));
+    assert!(r.warnings.iter().any(|w| w.contains("25 mm to the right of depth")), "{:?}", r.warnings);
+    assert!((0..90).all(|i| r.pose_at_frame(i).is_ok()));
+    let frame = &frames(&r, 30..31)[0];
+    let depth = frame.depth.as_ref().unwrap();
+    // 585 px against 525: the colour camera sees more than the depth camera, a rim of 5 % at each side.
+    println!("holes: {:.3}", holes(depth));
+    assert!((0.1..0.5).contains(&holes(depth)), "{}", holes(depth));
+    assert!(depth.depth_m.iter().all(|z| *z == 0.0 || (0.3..10.0).contains(z)));
+    // Edges of depth lie on edges of the picture more closely with the depth moved than as it was stored.
+    let moved = edges_apart(frame, |x, y| depth.depth_m[y * 640 + x]);
+    let raw = image::open(folder.join("frame-000030.depth.png")).unwrap().into_luma16().into_raw();
+    let stored =
+        edges_apart(frame, |x, y| if raw[y * 640 + x] == u16::MAX { 0.0 } else { f32::from(raw[y * 640 + x]) });
+    println!("contrast at depth's edges: registered {moved:.2}, as stored {stored:.2}");
+    assert!(moved > 1.15 * stored, "{moved} {stored}");
+}
+
+/// Mean contrast of the picture, 8-bit codes across 6 px, at the edges of a depth map along rows: it is high if those
+/// are the picture's.
+fn edges_apart(frame: &Frame, depth: impl Fn(usize, usize) -> f32) -> f64 {
+    let green = |x: usize, y: usize| f64::from(frame.pixels.eight_bits_at(x as u32, y as u32)[1]);
+    let (mut sum, mut count) = (0.0, 0);
+    for y in 40..440 {
+        for x in 60..580 {
+            let (a, b) = (depth(x, y), depth(x + 1, y));
+            if a > 0.0 && b > 0.0 && a.max(b) > 1.1 * a.min(b) {
+                sum += (green(x + 4, y) - green(x - 3, y)).abs();
+                count += 1;
+            }
+        }
+    }
+    assert!(count > 100, "{count} edges");
+    sum / f64::from(count)
+}
+
+/// A small site, seen without distortion and by a global shutter.
+fn site() -> Options {
+    Options {
+        width_px: 320,
+        height_px: 240,
+        focal_px: 260.0,
+        frames: 6,
+        motion: Motion::Dolly,
+        exposure_time_s: 0.0,
+        readout_time_s: 0.0,
+        noise_scale: 0.0,
+        samples: 1,
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        format: Format::Png,
+        depth_scale: 1000.0,
+        ..Options::default()
+    }
+}
+
+fn simulated(folder: &Path, name: &str, options: &Options) -> PathBuf {
+    let out = folder.join(name);
+    simulate::run(&out, options, &Flaws::default(), false, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    out
+}
+
+/// A large marker behind the stool, in whichever axes.
+fn scene(folder: &Path, up: &str, [x, y, z]: [f64; 3]) -> PathBuf {
+    let file = folder.join(format!("scene-{up}.toml"));
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
+    let text = format!(
+        "version = 1\nup = \"{up}\"\n[[objects]]\nmodel = {:?}\nposition_m = [{x:?}, {y:?}, {z:?}]\nscale = 4.0\n",
+        model.display().to_string()
+    );
+    fs::write(&file, text).unwrap();
+    file
+}
+
+/// The centre of what is covered, px, and how many pixels are.
+fn covered(layer: &LayerImage) -> (glam::DVec2, f64) {
+    let (mut sum, mut all) = (glam::DVec2::ZERO, 0.0);
+    for (i, pixel) in layer.rgba.iter().enumerate() {
+        let (x, y) = (i % layer.width as usize, i / layer.width as usize);
+        sum += f64::from(pixel[3]) * glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+        all += f64::from(pixel[3]);
+    }
+    (sum / all, all)
+}
+
+/// Layers of frames 1 to 4, plainly drawn, with what is real before them.
+fn layers(recording: &Path, scene: &Path, occlusion: bool) -> Vec<LayerImage> {
+    let mut shot = shot::open(recording, None, scene);
+    shot.settings.plain();
+    shot.settings.depth.occlusion = occlusion;
+    shot::composited(&gpu::gpu(), &shot, 1..5).into_iter().map(|done| done.layer.unwrap()).collect()
+}
+
+#[test]
+fn a_phones_export_and_unregistered_depth_show_the_same_as_our_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = simulated(folder.path(), "own", &site());
+    let stray = simulated(folder.path(), "stray", &Options { layout: Some(Layout::Stray), ..site() });
+    let beside = Options { depth_width_px: Some(160), depth_beside_mm: Some(50.0), ..site() };
+    let beside = simulated(folder.path(), "beside", &beside);
+    let opened = open(&stray);
+    assert_eq!((opened.kind.name(), opened.registration()), ("Stray Scanner", Some(Registration::Enlarged(256, 192))));
+    assert!(opened.warnings.is_empty(), "{:?}", opened.warnings);
+    assert_eq!(open(&beside).registration(), Some(Registration::OtherCamera(160, 120)));
+    // The video is lossless here: the same pixels.
+    assert!(frames(&opened, 0..6).iter().zip(frames(&open(&own), 0..6)).all(|(a, b)| a.pixels == b.pixels));
+
+    let at = [0.62, 0.1, 0.0];
+    let scenes = [scene(folder.path(), "z", at), scene(folder.path(), "y", [at[0], at[2], -at[1]])];
+    let (z_up, y_up) = (&scenes[0], &scenes[1]);
+    let mut seen = Vec::new();
+    for occlusion in [false, true] {
+        let truth = layers(&own, z_up, occlusion);
+        seen.push(covered(&truth[0]).1);
+        for (name, found) in [("stray", layers(&stray, y_up, occlusion)), ("beside", layers(&beside, z_up, occlusion))]
+        {
+            for (truth, found) in truth.iter().zip(&found) {
+                let ((a, of_a), (b, of_b)) = (covered(truth), covered(found));
+                println!("{name}, occlusion {occlusion}: {:.3} px apart, {of_a:.0} and {of_b:.0} px", a.distance(b));
+                assert!(of_a > 500.0 && a.distance(b) < 0.5, "{name}: {a} {b}");
+                assert!((of_b / of_a - 1.0).abs() < 0.05, "{name}: {of_a} {of_b}");
+            }
+        }
+    }
+    assert!(seen[1] < 0.8 * seen[0], "the stool hides a part: {seen:?}");
+    // What the depth sensors saw is what the frames' own pixels have.
+    let depths = |path: &Path| {
+        let shot = shot::open(path, None, z_up);
+        shot.read(3).unwrap().depth.unwrap()
+    };
+    let truth = depths(&own);
+    for (name, found) in [("stray", depths(&stray)), ("beside", depths(&beside))] {
+        let known = |(a, b): &(&f32, &f32)| **a > 0.0 && **b > 0.0;
+        let pairs: Vec<_> = truth.depth_m.iter().zip(&found.depth_m).filter(known).collect();
+        let close = pairs.iter().filter(|(a, b)| (*a / *b - 1.0).abs() < 0.01).count() as f64 / pairs.len() as f64;
+        println!("{name}: {:.1} % of the pixels within 1 %, {:.1} % holes", 100.0 * close, 100.0 * holes(&found));
+        assert!(close > 0.97 && holes(&found) < 0.12, "{name}: {close}");
+    }
+}
+
+#[test]
+fn what_no_phone_has_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options { layout: Some(Layout::Stray), depth_beside_mm: Some(20.0), ..site() };
+    let error = simulate::run(&folder.path().join("s"), &options, &Flaws::default(), false, &mut |_, _| {
+        ControlFlow::Continue(())
+    });
+    assert!(error.unwrap_err().to_string().contains("simulate.layout = stray: a phone has no such lens"));
+}

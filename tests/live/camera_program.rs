@@ -1,0 +1,222 @@
+//! `locard record` and `locard live` with a video in the camera's place.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::filmed::{AWAY, FRAMES, Site};
+use crate::program::{locard, program, refused, said};
+use crate::sheet::CAMERA;
+use locard::live::open_poses;
+use locard::pose::Pose;
+use locard::profile::Rig;
+use locard::recording::{OpenOptions, Recording};
+use locard::source::video::{Overrides, probe};
+use locard::stream::Sender;
+use locard::tracking::smooth::Smoother;
+
+/// The demonstration's first frames, so slow that no machine drops many.
+fn video(folder: &Path) -> PathBuf {
+    let video = folder.join("played.mkv");
+    let status = Command::new("ffmpeg")
+        .args(["-nostdin", "-loglevel", "error", "-framerate", "4", "-i", "recordings/demo/rgb/%05d.jpg"])
+        .args(["-frames:v", "12", "-c:v", "ffv1", "-pix_fmt", "gbrp"])
+        .arg(&video)
+        .status();
+    assert!(status.unwrap().success());
+    video
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn a_video_is_recorded_as_a_camera_is() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, site) = (video(temp.path()), temp.path().join("site"));
+    let arguments =
+        ["record", "--camera", text(&video), "--pose", "file:recordings/demo", "--frames", "5", "-o", text(&site)];
+    let output = locard(&arguments);
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{told}");
+    assert!(told.contains("gives 640x480 rgb at 4.00 Hz; asked for was 640x480 at 30.00 Hz"), "{told}");
+    assert!(told.contains("5 frames in "), "{told}");
+    let recording = Recording::open(&site, &OpenOptions::default()).unwrap();
+    assert_eq!((recording.frame_count(), recording.frame_interval_s), (5, 0.25));
+    // The first pose is the first frame's, by a clock of their own.
+    let demo = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
+    let (ours, theirs) = (recording.pose_at_frame(0).unwrap(), demo.pose_at_frame(0).unwrap());
+    assert!((ours.translation_m - theirs.translation_m).length() < 1e-6);
+    assert!(ours.rotation.angle_between(theirs.rotation) < 1e-6);
+    // Pictures are the video's, to the code.
+    let first = recording.frames(0..1).unwrap().next().unwrap().unwrap();
+    let played = probe(&video, &Overrides::default()).unwrap();
+    assert!(played.read(0..12).unwrap().any(|pixels| pixels.unwrap() == first.pixels));
+    let again = refused(&arguments);
+    assert!(again.contains("site: exists already, and is kept; name a new folder"), "{again}");
+}
+
+#[test]
+fn live_pictures_are_those_of_the_recording() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = video(temp.path());
+    let [site, seen, again] = ["site", "seen", "again"].map(|name| temp.path().join(name));
+    let scene = ["--scene", "scenes/demo.toml"];
+    let mut arguments = vec!["live", "--camera", text(&video), "--pose", "file:recordings/demo", "--headless"];
+    arguments.extend(scene);
+    arguments.extend(["--profile", "recordings/demo/camera.toml", "--frames", "3"]);
+    arguments.extend(["--record", text(&site), "-o", text(&seen)]);
+    let output = locard(&arguments);
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{told}");
+    // However slow the machine is, what it took it tracked.
+    let taken = std::fs::read_dir(&seen).unwrap().count();
+    assert!(taken > 0 && told.contains(" tracked, 0 by predicted poses, 0 without"), "{told}");
+    said(&[&["composite", text(&site), "-o", text(&again)][..], &scene].concat());
+    assert_eq!(std::fs::read_dir(&again).unwrap().count(), taken);
+    for frame in 0..taken {
+        let [live, again] = [&seen, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
+        assert!(live == again, "frame {frame} differs");
+    }
+}
+
+#[test]
+fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, out) = (video(temp.path()), temp.path().join("out"));
+    for (arguments, said) in [
+        (["--camera", "77", "--pose", "none"], "77: is no camera; there "),
+        (["--camera", "none.mp4", "--pose", "none"], "none.mp4: is no camera; there "),
+        (
+            ["--camera", text(&video), "--pose", "http://x"],
+            "accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
+        ),
+        (["--camera", text(&video), "--pose", "file:scenes"], "scenes: is no recording"),
+        (["--camera", "Cargo.toml", "--pose", "none"], "Cargo.toml: "),
+    ] {
+        let told = refused(&[&["record"][..], &arguments, &["-o", text(&out)]].concat());
+        assert!(told.contains(said) && told.lines().count() == 1, "{told}");
+        assert!(!out.exists());
+    }
+}
+
+/// The site's video, slowed down to a rate, and grey for a while behind it; four times, so that a slow machine takes some
+/// frame of what is seen to fade.
+fn grey_at_its_end(site: &Site, rate_hz: f64) -> String {
+    let to = site.path("ends-grey.mkv");
+    let grey = "tpad=stop_mode=add:stop_duration=0.5:color=gray,loop=loop=3:size=33:start=0";
+    let filter = format!("{grey},setpts=N/{rate_hz}/TB");
+    let from = site.path("site.mkv");
+    let arguments = ["-v", "error", "-i", &from, "-vf", &filter, "-r", &rate_hz.to_string(), "-c:v", "libx264rgb"];
+    let status = Command::new("ffmpeg").args(arguments).args(["-preset", "ultrafast", "-qp", "0", &to]).status();
+    assert!(status.unwrap().success());
+    to
+}
+
+/// What is recorded without being composited fades in its replay as it would have live.
+#[test]
+fn record_writes_how_much_is_seen_while_the_camera_is_lost() {
+    let site = Site::new(&CAMERA);
+    let (video, tags) = (grey_at_its_end(&site, 15.0), format!("tags:{}", site.path("board.toml")));
+    let (profile, folder) = (site.path("camera.toml"), site.path("recorded"));
+    said(&["record", "--camera", &video, "--pose", &tags, "--profile", &profile, "-o", &folder]);
+    let recording = Recording::open(Path::new(&folder), &OpenOptions::default()).unwrap();
+    let sure = std::fs::read_to_string(Path::new(&folder).join("covariance.txt")).unwrap();
+    let seen_s: Vec<f64> = sure.lines().skip(2).map(|line| line.split(' ').next().unwrap().parse().unwrap()).collect();
+    assert!(seen_s.len() > 5 && seen_s.len() <= 4 * (FRAMES - AWAY.len()), "{}", seen_s.len());
+    let (mut faded, mut lost) = (0, 0);
+    for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| !seen_s.contains(time_s)) {
+        let Some(last_s) = seen_s.iter().rev().find(|seen_s| *seen_s < time_s) else { continue };
+        let (since_s, presence) = (time_s - last_s, recording.presence(frame));
+        let most = (1.0 - (since_s - 0.1) / 0.2).clamp(0.0, 1.0);
+        if recording.pose_at_frame(frame).is_err() {
+            assert_eq!(presence, 1.0, "nothing is drawn");
+        } else if !seen_s.iter().any(|seen_s| seen_s > time_s && *seen_s < time_s + 0.25) {
+            // Found a moment before, it may still rise; it falls as it does live.
+            assert!(presence <= most + 1e-9, "{since_s}: {presence} {most}");
+            faded += usize::from((presence - most).abs() < 1e-9 && presence > 0.0 && presence < 1.0);
+        }
+        lost += usize::from(recording.pose_at_frame(frame).is_err());
+    }
+    assert!(faded > 0 && lost > 0, "{faded} {lost}");
+    // What was seen is as it was measured: nothing was predicted in its place.
+    let times_s: Vec<f64> = recording.track.poses().iter().map(|(time_s, _)| *time_s).collect();
+    assert!(seen_s.iter().all(|seen_s| times_s.contains(seen_s)));
+    let first_gap_s = seen_s.windows(2).find(|pair| pair[1] - pair[0] > 0.1).unwrap()[0];
+    let before: Vec<f64> = times_s.iter().copied().filter(|time_s| *time_s <= first_gap_s).collect();
+    assert_eq!(before, seen_s.iter().copied().filter(|time_s| *time_s <= first_gap_s).collect::<Vec<f64>>());
+}
+
+#[test]
+fn smoothed_poses_are_those_that_are_composited_and_recorded() {
+    let site = Site::new(&CAMERA);
+    let (tags, profile) = (format!("tags:{}", site.path("board.toml")), site.path("camera.toml"));
+    // Each is the smoother's answer to what is measured, with how sure it is then.
+    let camera = Rig::of_file(Path::new(&profile)).unwrap().camera();
+    let open = |smooth_s| open_poses(&tags, Some(&camera), smooth_s).unwrap();
+    let (mut plain, mut smooth, mut smoother) = (open(None), open(Some(0.05)), Smoother::new(0.05, 0.1));
+    let video = probe(Path::new(&site.path("site.mkv")), &Overrides::default()).unwrap();
+    let mut differs = 0;
+    for (pixels, time_s) in video.read(0..FRAMES).unwrap().zip(&video.timestamps_s) {
+        let pixels = pixels.unwrap();
+        plain.picture(*time_s, &pixels);
+        smooth.picture(*time_s, &pixels);
+        let (plains, smooths) = (plain.poses(1e9).unwrap(), smooth.poses(1e9).unwrap());
+        assert_eq!(plains.len(), smooths.len());
+        if let (Some((_, seen)), Some((_, quiet))) = (plains.first(), smooths.first()) {
+            let wanted = smoother.next(seen, &plain.covariance(*time_s).unwrap());
+            assert_eq!((*quiet, smooth.covariance(*time_s).unwrap()), wanted);
+            differs += usize::from(quiet != seen);
+        }
+    }
+    assert!(differs > 10, "{differs}");
+    // And what is seen of them is what their recording gives.
+    let [recorded, seen, again] = ["recorded", "seen", "again"].map(|name| site.path(name));
+    let (scene, endless) = (site.scene(), site.endless());
+    let mut arguments = vec!["live", "--camera", &endless, "--pose", &tags, "--profile", &profile, "--scene", &scene];
+    arguments.extend(["--headless", "--frames", "14", "--smooth", "0.05", "--record", &recorded, "-o", &seen]);
+    said(&arguments);
+    said(&["composite", &recorded, "--scene", &scene, "-o", &again]);
+    let taken = std::fs::read_dir(&seen).unwrap().count();
+    assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (14, 14));
+    for frame in 0..taken {
+        let [live, again] =
+            [&seen, &again].map(|at| std::fs::read(Path::new(at).join(format!("frame_{frame:06}.png"))).unwrap());
+        assert!(live == again, "frame {frame} differs");
+    }
+    let told = refused(&["record", "--camera", &endless, "--pose", "none", "--smooth", "0.05", "-o", &site.path("no")]);
+    assert!(told.contains("smoothing is refused: it is for poses from tags"), "{told}");
+}
+
+#[test]
+fn the_closing_lines_count_what_a_stream_sent() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, site) = (video(temp.path()), temp.path().join("site"));
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let url = format!("opentrackio://127.0.0.1:{port}");
+    let arguments = ["record", "--camera", text(&video), "--pose", &url, "-o", text(&site)];
+    let mut recording = program().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut walk = Sender::open(&url, "walk", 100.0, None).unwrap();
+    let mut other = Sender::open(&url, "another", 100.0, None).unwrap();
+    let noise = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let (until, mut count) = (Instant::now() + Duration::from_secs(60), 0);
+    while recording.try_wait().unwrap().is_none() {
+        assert!(Instant::now() < until, "it goes on");
+        // Nobody may hear the first ones.
+        let _ = walk.send(0.01 * f64::from(count), &Pose::IDENTITY);
+        if count > 50 {
+            let _ = other.send(0.01 * f64::from(count), &Pose::IDENTITY);
+            let _ = noise.send_to(b"no packet", ("127.0.0.1", port));
+        }
+        count += 1;
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let told = String::from_utf8(recording.wait_with_output().unwrap().stderr).unwrap();
+    let line = told.lines().find(|line| line.contains(&format!("{url}: "))).unwrap_or_else(|| panic!("{told}"));
+    for part in [" poses in ", " datagrams; dropped: ", " of another source", " no packet of this protocol, or damaged"]
+    {
+        assert!(line.contains(part), "{part}: {told}");
+    }
+}

@@ -1,0 +1,196 @@
+//! What is seen live is what its recording gives, bit for bit. Time is made up: nothing here waits.
+
+use std::path::Path;
+
+use crate::gpu::gpu;
+use crate::random::Random;
+use glam::DVec3;
+use locard::live::{Came, Counts, Live, Writer};
+use locard::pixels::Codes;
+use locard::pose::Pose;
+use locard::recording::recorder::{About, Recorder};
+use locard::recording::{OpenOptions, Recording};
+use locard::shot::{Given, Shot};
+use locard::source::video::{ColorMatrix, ColorRange};
+use locard::webcam::{Delivered, Layout, Picture};
+
+const SIZE: (u32, u32) = (96, 72);
+const INTERVAL_S: f64 = 1.0 / 30.0;
+const MAX_GAP_S: f64 = 0.1;
+
+const PROFILE: &str = "version = 1
+[camera]
+width_px = 96
+height_px = 72
+fx_px = 80.0
+fy_px = 80.0
+cx_px = 48.0
+cy_px = 36.0
+readout_time_s = 0.012
+[camera.distortion]
+k1 = -0.11
+[camera.noise]
+channel_correlation = [0.5, 0.5, 0.5]
+neighbour_correlation = [0.5, 0.5]
+code = [0.0, 128.0, 255.0]
+sigma_r = [1.0, 2.0, 1.5]
+sigma_g = [1.0, 2.0, 1.5]
+sigma_b = [1.0, 2.0, 1.5]
+";
+
+/// A camera that walks around the marker, fast enough to blur it.
+fn pose(t: f64) -> Pose {
+    let angle = 2.0 * t;
+    let eye = DVec3::new(0.5 * angle.cos(), 0.5 * angle.sin(), 0.3 + 0.05 * (7.0 * t).sin());
+    Pose::look_at(eye, DVec3::new(0.0, 0.0, 0.05), DVec3::Z).unwrap()
+}
+
+fn picture(layout: Layout, i: usize, time_s: f64) -> Picture {
+    let (width, height) = SIZE;
+    let wave = |n: usize| (90.0 + 60.0 * ((n * (i % 7 + 3)) as f64 * 0.013).sin()) as u8;
+    let (stride, bytes) = match layout {
+        Layout::Yuyv => (2 * width as usize, (0..2 * (width * height) as usize).map(wave).collect()),
+        _ => {
+            let codes: Vec<u8> = (0..3 * (width * height) as usize).map(wave).collect();
+            let mut file = Vec::new();
+            let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, 80);
+            image::ImageEncoder::write_image(encoder, &codes, width, height, image::ExtendedColorType::Rgb8).unwrap();
+            (0, file)
+        }
+    };
+    let delivered = Delivered { layout, width, height, stride, range: ColorRange::Limited, matrix: ColorMatrix::Bt601 };
+    Picture { delivered, bytes, time_s, exposure_s: None }
+}
+
+#[derive(Clone, Copy)]
+enum Event {
+    Frame(usize, f64),
+    Pose(f64),
+}
+
+/// Frames with drops, and poses that are late, lost or overtake each other, by when they come.
+fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
+    let mut events = Vec::new();
+    let (mut taken, mut i) = (0, 0);
+    while taken < frames {
+        i += 1;
+        // One in twelve is dropped, and now and then half a second.
+        if random.uniform() < 1.0 / 12.0 || (400..415).contains(&(i % 450)) {
+            continue;
+        }
+        let time_s = 40_213.7 + INTERVAL_S * i as f64 + 2e-3 * random.uniform();
+        events.push((time_s + 0.015 + 0.02 * random.uniform(), Event::Frame(taken, time_s)));
+        taken += 1;
+    }
+    let end_s = INTERVAL_S * i as f64 + 0.5;
+    for k in 0..(100.0 * end_s) as usize {
+        let t = 0.01 * k as f64;
+        // The tracker is lost for a while, in short gaps, and sends one pose in eight to nobody.
+        if (2.0..2.9).contains(&t) || t % 1.7 < 0.16 || random.uniform() < 0.125 {
+            continue;
+        }
+        let slow = if t % 3.1 < 0.5 { 0.09 } else { 0.01 };
+        events.push((40_213.7 + t + slow * random.uniform(), Event::Pose(40_213.7 + t)));
+    }
+    events.sort_by(|a, b| a.0.total_cmp(&b.0));
+    events
+}
+
+/// Composites as live, and then from the recording that it wrote. Returns how much of the marker was seen in each frame that
+/// had a pose, too.
+fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64>>) {
+    let temp = tempfile::tempdir().unwrap();
+    let (profile, folder) = (temp.path().join("camera.toml"), temp.path().join("site"));
+    std::fs::write(&profile, PROFILE).unwrap();
+    let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+    let scene = Some(Path::new("scenes/marker-1.glb").to_owned());
+    let given = Given { profile: Some(profile), sets: sets.clone(), scene: scene.clone(), ..Given::default() };
+    let shot = Shot::of(Recording::arriving("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &given).unwrap();
+    let about = About {
+        interval_s: INTERVAL_S,
+        max_gap_s: MAX_GAP_S,
+        up: Some(DVec3::Z),
+        has_floor: false,
+        camera: None,
+        delivered: None,
+        has_exposure: false,
+        profile: Some(PROFILE.to_owned()),
+    };
+    let writer = Writer::new(Recorder::create(&folder, &about).unwrap()).unwrap();
+    let gpu = gpu();
+    let mut compositor = shot.compositor(gpu.clone());
+    let mut live = Live::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer)).unwrap();
+    let (mut seen, mut told) = (Vec::new(), Vec::new());
+    let mut show = |live: &mut Live<'_>, now_s: f64| {
+        while let Some(submitted) = live.submit(now_s).unwrap() {
+            let shown = live.collect(submitted).unwrap();
+            told.push(shown.presence);
+            seen.push(shown.done);
+        }
+    };
+    for (now_s, event) in events(frames, &mut Random::new(7)) {
+        match event {
+            Event::Pose(time_s) => _ = live.pose(time_s, &pose(time_s - 40_213.7)),
+            Event::Frame(i, time_s) => {
+                let picture = picture(layout, i, time_s);
+                // The disk may be behind; nothing is lost by asking again.
+                while live.picture(&picture, picture.pixels().unwrap(), now_s) == Came::NotRecorded {
+                    std::thread::yield_now();
+                }
+            }
+        }
+        show(&mut live, now_s);
+    }
+    show(&mut live, f64::INFINITY);
+    let counts = live.counts();
+    let (kept, ended) = live.finish().unwrap();
+    assert!(ended.is_none(), "{ended:?}");
+    assert_eq!((kept, seen.len()), (frames, frames));
+
+    let given = Given { sets, scene, ..Given::default() };
+    let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
+    assert_eq!(shot.recording.frame_count(), frames);
+    (0..frames).for_each(|frame| assert_eq!(shot.recording.presence(frame), told[frame], "frame {frame}"));
+    let mut compositor = shot.compositor(gpu.clone());
+    let replayed = shot.frames(&mut compositor, 0..frames, false, 2).unwrap();
+    let (mut drawn, mut presence) = (0, Vec::new());
+    for (live, again) in seen.iter().zip(replayed) {
+        let again = again.unwrap();
+        assert_eq!(live.stats.no_pose.is_some(), again.stats.no_pose.is_some(), "frame {}", live.frame);
+        assert!(live.pixels == again.pixels, "frame {} differs: {:?} {:?}", live.frame, live.stats, again.stats);
+        let plain = shot.read(live.frame).unwrap().pixels;
+        let (Codes::U8(live), Codes::U8(plain)) = (&live.pixels.codes, &plain.codes) else { panic!("8 bits") };
+        drawn += usize::from(live != plain);
+        presence.push(again.stats.no_pose.is_none().then(|| shot.recording.presence(again.frame)));
+    }
+    // The marker is in the picture wherever there is a pose, unless it has faded.
+    assert_eq!(drawn, presence.iter().filter(|share| share.is_some_and(|share| share > 0.02)).count(), "{counts:?}");
+    assert_eq!(presence.iter().flatten().count() as u64, counts.tracked + counts.predicted, "{counts:?}");
+    (counts, presence)
+}
+
+#[test]
+fn three_hundred_frames_replay_bit_for_bit() {
+    let (counts, presence) = both(Layout::Yuyv, 300, &[]);
+    // Everything happened.
+    let Counts { tracked, predicted, lost, late, .. } = counts;
+    assert!(tracked > 100 && predicted > 15 && lost > 15 && late > 15, "{counts:?}");
+    let faded = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a > b);
+    let rose = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a < b);
+    let [fell, rose] = [presence.windows(2).filter(faded).count(), presence.windows(2).filter(rose).count()];
+    assert!(fell > 5 && rose > 5, "{fell} {rose} {presence:?}");
+}
+
+#[test]
+fn jpeg_pictures_replay_bit_for_bit() {
+    both(Layout::Mjpeg, 40, &["noise.scale=1.5"]);
+}
+
+/// These look beyond the exposure: one by the next frame's pose, one by older moments.
+#[test]
+fn methods_that_look_far_replay_bit_for_bit() {
+    for method in ["copies", "accumulation"] {
+        let set = format!("motion_blur.method={method}");
+        both(Layout::Yuyv, 60, &[&set, "camera.exposure.shutter_angle_deg=300"]);
+    }
+}

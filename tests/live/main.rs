@@ -1,0 +1,22 @@
+//! Cameras and trackers, and recordings that are made of them.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/filmed.rs"]
+mod filmed;
+#[path = "../common/gpu.rs"]
+mod gpu;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/random.rs"]
+mod random;
+#[path = "../common/sheet.rs"]
+mod sheet;
+
+mod camera_program;
+mod live;
+mod recorder;
+mod stream_program;
+mod streams;

@@ -1,0 +1,369 @@
+//! Streams of poses over real sockets of this machine, and what a receiver makes of anything.
+
+use std::net::{SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use crate::common;
+use glam::{DQuat, DVec3};
+use locard::camera::{CameraExposure, Distortion, Geometry, Intrinsics, Lens};
+use locard::pose::Pose;
+use locard::stream::freed::D1;
+use locard::stream::{
+    Clock, Encoding, Heard, LensState, Listen, Poses, Receiver, Sample, Sender, Tracked, packets, pose_of,
+};
+
+/// Nothing takes so long on a machine that works.
+fn deadline() -> Instant {
+    Instant::now() + Duration::from_secs(20)
+}
+
+/// The i-th pose of a walk: turning all the while.
+fn walked(i: usize) -> (f64, Pose) {
+    let t = i as f64 / 50.0;
+    let turn =
+        DQuat::from_rotation_z(0.3 * t) * DQuat::from_rotation_x(-1.4 + 0.1 * t) * DQuat::from_rotation_y(0.05 * t);
+    (1_305_031_102.0 + t, Pose::from_camera_in_world(DVec3::new(t, 1.0 - 0.5 * t, 1.6), turn))
+}
+
+fn geometry() -> Geometry {
+    let intrinsics = Intrinsics {
+        fx_px: 517.3,
+        fy_px: 516.5,
+        cx_px: 318.6,
+        cy_px: 255.3,
+        film_width_mm: 6.4,
+        ..Intrinsics::default()
+    };
+    let distortion =
+        Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, ..Distortion::default() };
+    Geometry::new(intrinsics, distortion)
+}
+
+fn said() -> LensState {
+    let lens = Lens { f_number: Some(2.8), focus_distance_m: Some(1.5), ..Lens::default() };
+    let exposure = CameraExposure { time_s: Some(0.008), iso: Some(400.0), ..CameraExposure::default() };
+    LensState::of(&geometry(), &lens, &exposure, 50.0)
+}
+
+fn received(poses: &mut Poses, count: usize) -> Vec<Tracked> {
+    let until = deadline();
+    let all: Vec<_> = std::iter::from_fn(|| poses.next(until).unwrap()).take(count).collect();
+    assert_eq!(all.len(), count, "{:?}", poses.report());
+    all
+}
+
+/// Sends poses of the walk to a listener, one by one, and gives what it hears.
+fn sent(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<Tracked>, Poses) {
+    let mut poses = Poses::open(listen).unwrap();
+    let mut sender = Sender::open(&target(poses.address()), "walk", 50.0, Some(said())).unwrap();
+    let mut heard = Vec::new();
+    for i in 0..count {
+        let (time_s, pose) = walked(i);
+        sender.send(time_s, &pose).unwrap();
+        heard.extend(received(&mut poses, 1));
+    }
+    (heard, poses)
+}
+
+fn assert_walked(heard: &[Tracked], off_m: f64, off_rad: f64) {
+    for (i, tracked) in heard.iter().enumerate() {
+        let (_, pose) = walked(i);
+        let at_m = tracked.pose.position_in_world_m().distance(pose.position_in_world_m());
+        assert!(at_m <= off_m, "{i}: {at_m} m off");
+        let rad = 2.0 * (tracked.pose.rotation * pose.rotation.conjugate()).xyz().length().min(1.0).asin();
+        assert!(rad <= off_rad, "{i}: {rad} rad off");
+    }
+}
+
+#[test]
+fn opentrackio_there_and_back_in_both_encodings() {
+    for encoding in ["json", "cbor"] {
+        let target = |at| format!("opentrackio://{at}?encoding={encoding}&number=9");
+        let (heard, poses) = sent("opentrackio://127.0.0.1:0", target, 120);
+        assert_walked(&heard, 1e-12, 1e-12);
+        for (i, tracked) in heard.iter().enumerate() {
+            // A nanosecond, and what a number of seconds since 1970 can hold.
+            assert!((tracked.time_s - walked(i).0).abs() < 5e-7 && tracked.epoch == 0, "{i}: {}", tracked.time_s);
+            assert_eq!((tracked.clock, tracked.message.freed()), (Clock::Timestamp, None));
+        }
+        let report = poses.report();
+        assert_eq!((report.poses, report.lost, report.jumps, report.incomplete), (120, 0, 0, 0));
+        assert!(report.aside.is_empty(), "{report:?}");
+        assert_eq!(report.version.as_deref(), Some("1.0.1"));
+        assert_eq!(report.followed.as_ref().unwrap().0.number, Some(9));
+        assert!((report.interval_s.unwrap() - 0.02).abs() < 1e-6);
+        // The lens came along, said anew each second, and makes the same camera.
+        let (camera, off_px) = poses.lens().geometry(640, 480).unwrap();
+        for at in [[0.5, 0.5], [320.0, 240.0], [600.0, 470.0]] {
+            let there = camera.project(geometry().unproject(at.into()).unwrap()).unwrap();
+            assert!(there.distance(at.into()) < 1e-6 && off_px == 0.0, "{there} is not {at:?}");
+        }
+        let (lens, exposure) = (poses.lens().lens(), poses.lens().exposure());
+        assert!((lens.f_number.unwrap() - 2.8).abs() < 1e-9 && lens.focus_distance_m == Some(1.5));
+        assert!((exposure.shutter_angle_deg.unwrap() - 144.0).abs() < 1e-9 && exposure.iso == Some(400.0));
+    }
+}
+
+#[test]
+fn freed_there_and_back() {
+    let (heard, poses) = sent("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);
+    // Half of 1/64 mm, half of 1/32768 degree about three axes.
+    assert_walked(&heard, 8e-6 * 3f64.sqrt(), 1e-6);
+    assert!(
+        heard.iter().all(|tracked| tracked.clock == Clock::Arrival && tracked.message.freed().unwrap().camera == 3)
+    );
+    assert!(heard.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
+    assert!(poses.report().aside.is_empty(), "{:?}", poses.report());
+}
+
+#[test]
+fn a_group_is_heard_by_all_that_join_it() {
+    // Any free port, of which both listeners then take the same.
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let url = format!("opentrackio://239.135.1.77:{port}?interface=127.0.0.1");
+    let (mut first, mut second) = (Poses::open(&url).unwrap(), Poses::open(&url).unwrap());
+    let mut sender = Sender::open(&url, "walk", 50.0, None).unwrap();
+    for i in 0..20 {
+        let (time_s, pose) = walked(i);
+        sender.send(time_s, &pose).unwrap();
+    }
+    for poses in [&mut first, &mut second] {
+        assert_walked(&received(poses, 20), 1e-12, 1e-12);
+    }
+}
+
+#[test]
+fn the_official_samples_are_read_whole_and_written_back_equal() {
+    let Some(folder) = common::data("opentrackio/test/resources/classic/examples") else { return };
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let text = std::fs::read(&path).unwrap();
+        let expected: serde_json::Value = serde_json::from_slice(&text).unwrap();
+        let sample = Sample::decode(Encoding::Json, &text).unwrap();
+        let as_json = |sample: &Sample| -> serde_json::Value {
+            serde_json::from_slice(&sample.encode(Encoding::Json).unwrap()).unwrap()
+        };
+        assert_eq!(as_json(&sample), expected, "{}", path.display());
+        let by_cbor = Sample::decode(Encoding::Cbor, &sample.encode(Encoding::Cbor).unwrap()).unwrap();
+        assert_eq!(as_json(&by_cbor), expected, "{}", path.display());
+
+        // Over the network in pieces, as a receiver has it.
+        let mut receiver = Receiver::new(Listen::parse("opentrackio://?wait_s=0").unwrap());
+        let from = SocketAddr::from(([127, 0, 0, 1], 4000));
+        let pieces = packets(Encoding::Json, 1, &text);
+        assert!(pieces.len() > 1 || text.len() < 1456);
+        pieces.iter().for_each(|piece| receiver.take(piece, from, 1.0));
+        let tracked = receiver.next(1.0).unwrap();
+        assert_eq!(as_json(&tracked.message.sample().unwrap()), expected, "{}", path.display());
+        assert_eq!(receiver.report().version.as_deref(), Some("0.9.3"));
+        let lens = receiver.lens();
+        assert_eq!((lens.focal_length_mm, lens.f_stop), (Some(24.305), Some(4.0)));
+        assert_eq!((lens.focus_distance_m, lens.entrance_pupil_m), (Some(10.0), Some(0.123)));
+        let is_static = path.file_name().unwrap().to_str().unwrap().contains("complete_static");
+        assert_eq!(
+            (lens.iso, lens.shutter_angle_deg),
+            if is_static { (Some(4000.0), Some(45.0)) } else { (None, None) }
+        );
+        // The pupil stands before the sensor, whichever way that looks.
+        let chain = pose_of(sample.get(&["transforms"]).unwrap()).unwrap();
+        let along_m = lens.at_pupil(&chain).position_in_world_m() - chain.position_in_world_m();
+        assert!((along_m.length() - 0.123).abs() < 1e-12);
+        count += 1;
+    }
+    assert_eq!(count, 4);
+}
+
+fn from(last: u8, port: u16) -> SocketAddr {
+    SocketAddr::from(([10, 0, 0, last], port))
+}
+
+/// A sample of OpenTrackIO in one packet.
+fn packet(source: &str, sequence: u16, time_s: f64, x: f64) -> Vec<u8> {
+    let (seconds, nanoseconds) = (time_s.floor(), (1e9 * time_s.fract()).round());
+    let text = format!(
+        r#"{{"sourceId":"urn:uuid:{source}","sourceNumber":1,"timing":{{"sequenceNumber":{sequence},"sampleTimestamp":{{"seconds":{seconds},"nanoseconds":{nanoseconds}}}}},"transforms":[{{"translation":{{"x":{x},"y":0,"z":0}},"rotation":{{"pan":0,"tilt":0,"roll":0}}}}]}}"#
+    );
+    packets(Encoding::Json, sequence, text.as_bytes()).remove(0)
+}
+
+fn receiver(url: &str) -> Receiver {
+    Receiver::new(Listen::parse(url).unwrap())
+}
+
+fn places(receiver: &mut Receiver, now_s: f64) -> Vec<(u32, f64)> {
+    let at = |tracked: Tracked| (tracked.epoch, tracked.pose.position_in_world_m().x);
+    std::iter::from_fn(|| receiver.next(now_s)).map(at).collect()
+}
+
+#[test]
+fn another_sender_is_left_aside() {
+    for (url, expected) in [
+        // The first that is heard.
+        ("opentrackio://?wait_s=0", vec![(0, 1.0), (0, 2.0)]),
+        ("opentrackio://?wait_s=0&source=b", vec![(0, 7.0), (0, 8.0)]),
+        ("opentrackio://?wait_s=0&source=urn:uuid:B", vec![(0, 7.0), (0, 8.0)]),
+        ("opentrackio://?wait_s=0&from=10.0.0.2", vec![(0, 7.0), (0, 8.0)]),
+    ] {
+        let mut r = receiver(url);
+        r.take(&packet("a", 1, 5.00, 1.0), from(1, 50), 0.00);
+        r.take(&packet("b", 1, 90.00, 7.0), from(2, 50), 0.00);
+        // Started anew, a sender has another port.
+        r.take(&packet("a", 2, 5.02, 2.0), from(1, 51), 0.02);
+        r.take(&packet("b", 2, 90.02, 8.0), from(2, 51), 0.02);
+        assert_eq!(places(&mut r, 0.02), expected, "{url}");
+        let aside = r.report().count(Heard::OtherSource) + r.report().count(Heard::OtherAddress);
+        assert_eq!((r.report().poses, aside), (2, 2), "{url}");
+    }
+}
+
+#[test]
+fn another_sender_takes_over_from_a_silent_one() {
+    let mut r = receiver("opentrackio://?wait_s=0");
+    r.take(&packet("a", 1, 5.0, 1.0), from(1, 50), 0.0);
+    assert_eq!(places(&mut r, 0.0), [(0, 1.0)]);
+    r.take(&packet("b", 1, 90.0, 7.0), from(2, 50), 1.9);
+    assert_eq!(places(&mut r, 1.9), []);
+    // Its clock is another, which is no jump but a new epoch.
+    r.take(&packet("b", 2, 90.5, 8.0), from(2, 50), 2.4);
+    assert_eq!(places(&mut r, 2.4), [(1, 8.0)]);
+    assert_eq!((r.report().changes, r.report().jumps), (1, 0));
+    // One that was asked for by name is waited for.
+    let mut r = receiver("opentrackio://?wait_s=0&source=a");
+    r.take(&packet("b", 2, 90.5, 8.0), from(2, 50), 100.0);
+    assert_eq!(places(&mut r, 100.0), []);
+}
+
+#[test]
+fn late_lost_repeated_and_odd_ones_are_told() {
+    let mut r = receiver("opentrackio://?wait_s=0.02&delay_s=0.25");
+    for (sequence, time_s, now_s) in [(1, 5.00, 0.00), (2, 5.02, 0.02), (4, 5.06, 0.06)] {
+        r.take(&packet("a", sequence, time_s, f64::from(sequence)), from(1, 50), now_s);
+    }
+    let first = r.next(0.06).unwrap();
+    assert_eq!((first.time_s, first.arrived_s), (5.25, 0.0));
+    assert_eq!(places(&mut r, 0.06), [(0, 2.0)]);
+    // 3 was overtaken, and is in time.
+    r.take(&packet("a", 3, 5.04, 3.0), from(1, 50), 0.07);
+    assert_eq!(places(&mut r, 0.07), [(0, 3.0), (0, 4.0)]);
+    // 5 is lost; 3 comes again, and 6 twice; one has an odd time.
+    r.take(&packet("a", 6, 5.10, 6.0), from(1, 50), 0.10);
+    assert_eq!(places(&mut r, 0.13), [(0, 6.0)]);
+    r.take(&packet("a", 3, 5.04, 3.0), from(1, 50), 0.13);
+    r.take(&packet("a", 6, 5.10, 6.0), from(1, 50), 0.13);
+    r.take(&packet("a", 7, 999.0, 7.0), from(1, 50), 0.13);
+    r.take(&packet("a", 8, 5.14, 8.0), from(1, 50), 0.14);
+    assert_eq!(places(&mut r, 0.2), [(0, 8.0)]);
+    let report = r.report();
+    assert_eq!((report.poses, report.lost, report.jumps), (6, 2, 0), "5 and 7");
+    let told = [Heard::Late, Heard::Repeated, Heard::OddTime].map(|why| report.count(why));
+    assert_eq!(told, [1, 1, 1]);
+    // The clock jumps, and goes on from there.
+    r.take(&packet("a", 9, 70.0, 9.0), from(1, 50), 0.30);
+    r.take(&packet("a", 10, 70.02, 10.0), from(1, 50), 0.32);
+    assert_eq!(places(&mut r, 0.4), [(1, 9.0), (1, 10.0)]);
+    assert_eq!((r.report().jumps, r.report().count(Heard::OddTime)), (1, 1));
+}
+
+#[test]
+fn samples_without_a_time_come_at_their_arrival_and_without_a_place_say_of_the_lens() {
+    let mut r = receiver("opentrackio://?wait_s=0");
+    let mut take = |text: &str, now_s| {
+        packets(Encoding::Json, 1, text.as_bytes()).iter().for_each(|p| r.take(p, from(1, 50), now_s));
+        r.next(now_s)
+    };
+    assert_eq!(take(r#"{"lens":{"fStop":8,"entrancePupilOffset":0.5}}"#, 0.5), None);
+    let place = r#"{"transforms":[{"translation":{"x":0,"y":0,"z":0},"rotation":{"pan":0,"tilt":0,"roll":0}}]}"#;
+    let tracked = take(place, 0.75).unwrap();
+    assert_eq!((tracked.time_s, tracked.clock, tracked.lens.f_stop), (0.75, Clock::Arrival, Some(8.0)));
+    assert!((tracked.pose.position_in_world_m() - DVec3::new(0.0, 0.5, 0.0)).length() < 1e-12);
+    assert_eq!(take(r#"{"transforms":[{"translation":{"x":"here"},"rotation":{}}]}"#, 1.0), None);
+    assert_eq!(r.report().count(Heard::NoPose), 2);
+    assert_eq!(r.report().last_problem.as_deref(), Some("transforms[0].translation is not a map of finite numbers"));
+}
+
+/// Numbers that look random and are the same each time.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 >> 33
+    }
+}
+
+#[test]
+fn a_flood_of_garbage_costs_bounded_time_and_hides_nothing() {
+    let mut noise = Noise(1);
+    for url in ["opentrackio://?wait_s=0&source=walk", "freed://?wait_s=0&source=3"] {
+        let mut r = receiver(url);
+        let began = Instant::now();
+        for i in 0..30_000u32 {
+            let length = (noise.next() % 1500) as usize;
+            let mut bytes: Vec<u8> = (0..length).map(|_| noise.next() as u8).collect();
+            match i % 4 {
+                // Whole packets of what is no sample; samples of other sources, one a datagram; damaged ones.
+                0 => {
+                    bytes = packets(if i % 8 == 0 { Encoding::Json } else { Encoding::Cbor }, i as u16, &bytes).concat()
+                }
+                1 => bytes = packet(&format!("{i}"), i as u16, f64::from(i), 0.0),
+                2 if length > 29 => {
+                    bytes = packet("walk", i as u16, f64::from(i), 0.0);
+                    let at = noise.next() as usize % bytes.len();
+                    bytes[at] ^= 1 << (i % 8);
+                }
+                _ => {}
+            }
+            r.take(&bytes, from((i % 250) as u8, i as u16), 1e-4 * f64::from(i));
+            while r.next(1e-4 * f64::from(i)).is_some() {}
+        }
+        // About 45 MB. A hundred times as long would still be no hang.
+        assert!(began.elapsed() < Duration::from_secs(60), "{:?}", began.elapsed());
+        assert!(r.report().sources.len() <= 16 && r.report().datagrams == 30_000);
+        // The one that was asked for is heard at once.
+        let now_s = 10.0;
+        let (_, pose) = walked(3);
+        let good = D1::of_pose(3, &pose).unwrap().bytes();
+        match url.starts_with("freed") {
+            true => r.take(&good, from(9, 9), now_s),
+            false => r.take(&packet("walk", 1, 1.0, 4.0), from(9, 9), now_s),
+        }
+        assert!(r.next(now_s).is_some(), "{url}");
+    }
+}
+
+#[test]
+fn a_deadline_is_kept_while_garbage_comes() {
+    let mut poses = Poses::open("opentrackio://127.0.0.1:0").unwrap();
+    let noisy = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for _ in 0..100 {
+        noisy.send_to(b"OTrk and nothing", poses.address()).unwrap();
+    }
+    let until = Instant::now() + Duration::from_millis(200);
+    assert_eq!(poses.next(until).unwrap(), None);
+    assert!(Instant::now() >= until && poses.report().poses == 0);
+    assert_eq!(poses.report().count(Heard::NoPacket), poses.report().datagrams);
+    assert!(poses.report().datagrams > 0);
+}
+
+#[test]
+fn a_port_in_use_and_an_address_of_another_machine_say_what_to_do() {
+    let taken = Poses::open("freed://127.0.0.1:0").unwrap();
+    let error = Poses::open(&format!("freed://{}", taken.address())).err().unwrap().to_string();
+    assert!(error.contains("in use") && error.contains("another port"), "{error}");
+    let error = Poses::open("freed://203.0.113.9:4000").err().unwrap().to_string();
+    assert!(error.contains("203.0.113.9:4000") && error.contains("0.0.0.0"), "{error}");
+}
+
+#[test]
+fn what_cannot_be_said_is_not_sent() {
+    let poses = Poses::open("freed://127.0.0.1:0").unwrap();
+    let mut freed = Sender::open(&format!("freed://{}", poses.address()), "walk", 50.0, None).unwrap();
+    let far = Pose::from_camera_in_world(DVec3::new(0.0, 200.0, 0.0), DQuat::IDENTITY);
+    let error = freed.send(1.5, &far).unwrap_err().to_string();
+    assert!(error.contains("1.5 s") && error.contains("y of 200 m"), "{error}");
+    let mut open = Sender::open("opentrackio://127.0.0.1:9", "walk", 50.0, None).unwrap();
+    for time_s in [-1.0, f64::NAN, 1e300] {
+        assert!(open.check(time_s, &Pose::IDENTITY).is_err() && open.send(time_s, &Pose::IDENTITY).is_err());
+    }
+}

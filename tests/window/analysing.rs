@@ -1,0 +1,132 @@
+//! The footage analysed from the window, worked as a person would.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use crate::gpu;
+use crate::worked::{codes, has, settle, shown, shows, until, window};
+use eframe::egui::vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use locard::compositor::Target;
+use locard::params::Value;
+use locard::recording::OpenOptions;
+use locard::shot::{AnalysisState, Given, Shot};
+use locard::simulate::{self, Flaws, Options};
+use locard::window::{App, DEMO_SCENE, Project, State};
+
+const FRAME: usize = 9;
+
+/// The demonstration's site at a quarter of its size, by a tracker that drifts and a camera that changes its exposure.
+fn site() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let site = folder.path().join("site");
+    let options = Options {
+        width_px: 320,
+        height_px: 240,
+        focal_px: 260.0,
+        samples: 4,
+        frames: 20,
+        fps: 15.0,
+        ..Options::default()
+    };
+    let flaws =
+        Flaws { jitter_mm: 2.0, jitter_deg: 0.2, exposure_walk_ev: 0.3, exposure_step_ev: 1.0, ..Flaws::default() };
+    simulate::run(&site, &options, &flaws, false, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    (folder, site)
+}
+
+fn given() -> Given {
+    Given { scene: Some(DEMO_SCENE.into()), ..Given::default() }
+}
+
+fn open(site: &Path) -> Harness<'static, App> {
+    let project = Project::open(site, &OpenOptions::default(), &given()).unwrap();
+    window(project, vec2(1400.0, 1200.0))
+}
+
+fn all_over(app: &App) -> bool {
+    app.keeper().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
+}
+
+fn press(window: &mut Harness<'_, App>, label: &str) {
+    window.get_by_label(label).click();
+    window.run_steps(3);
+}
+
+/// What the program shows of the frame.
+fn composited(site: &Path, noise: f64) -> Vec<[u8; 3]> {
+    let sets = vec![format!("noise.scale={noise}")];
+    let mut shot = Shot::open(site, &OpenOptions::default(), &Given { sets, ..given() }).unwrap();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, FRAME, Target::Pixels).unwrap();
+    codes(&compositor.collect(pending).unwrap().pixels)
+}
+
+#[test]
+fn footage_is_analysed_and_taken_over_where_one_is() {
+    let (_folder, site) = site();
+    let analysis = site.with_file_name("site.analysis");
+    // What half an analysis left is none, and it is offered to make another.
+    std::fs::create_dir(&analysis).unwrap();
+    std::fs::write(analysis.join("analysis.toml"), "version = 4\n").unwrap();
+    let mut window = open(&site);
+    assert!(has(&window, "The analysis of this footage is not used"));
+    window.state_mut().player_mut().seek(FRAME);
+    let project = window.state_mut().project_mut();
+    project.set("noise", "scale", &Value::Number(0.5)).unwrap();
+    project.close_step();
+    settle(&mut window);
+    let before = shown(&window);
+    assert!(before == composited(&site, 0.5));
+
+    press(&mut window, "Analyse");
+    shows(&mut window, "Analysing the footage");
+    until(&mut window, all_over);
+    settle(&mut window);
+    let app = window.state();
+    let entries = &app.keeper().jobs().unwrap().entries;
+    assert!(matches!(&entries[0].state, State::Done(said) if said.contains("poses refined")), "{entries:?}");
+    assert!(!has(&window, "Analyse") && !has(&window, "The analysis of this footage is not used"));
+    let AnalysisState::Used(at, findings) = &app.project().shot().analysis else { panic!("it is not used") };
+    assert!(at.canonicalize().unwrap() == analysis.canonicalize().unwrap() && findings.registration.is_refined());
+    assert!(app.said().unwrap().contains("poses refined"), "{:?}", app.said());
+
+    // The frame, what is set and the past have stayed; it is drawn as the program draws it.
+    assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (FRAME, Some(Value::Number(0.5))));
+    let after = shown(&window);
+    assert!(after != before && after == composited(&site, 0.5));
+    let project = window.state_mut().project_mut();
+    assert!(!project.is_saved());
+    project.undo();
+    assert!(project.is_saved() && !project.history().can_undo(), "what was found is no step of the past");
+    settle(&mut window);
+    assert!(shown(&window) == composited(&site, 1.0));
+
+    // How bright the frames are.
+    let seen_ev = window.state().project().shot().seen_ev();
+    assert_eq!(seen_ev.len(), 20);
+    press(&mut window, "Match");
+    press(&mut window, "Light over the frames");
+    window.run_steps(20);
+    let [r, g, b] = seen_ev[FRAME].map(|ev| format!("{ev:.2}"));
+    let told = format!("this frame: red {r}, green {g}, blue {b} stops over the recording's median");
+    assert!(has(&window, &told), "{told}");
+}
+
+#[test]
+fn an_analysis_that_is_cancelled_leaves_all_as_it_was() {
+    let (_folder, site) = site();
+    let mut window = open(&site);
+    assert!(has(&window, "This footage is not analysed"));
+    press(&mut window, "Analyse");
+    shows(&mut window, "Cancel the analysis");
+    press(&mut window, "Cancel the analysis");
+    until(&mut window, all_over);
+    let app = window.state();
+    assert_eq!(app.keeper().jobs().unwrap().entries[0].state, State::Cancelled);
+    assert_eq!(app.project().shot().analysis, AnalysisState::Absent);
+    assert!(!site.with_file_name("site.analysis").exists());
+    window.run_steps(3);
+    assert!(has(&window, "Analyse"), "it is offered again");
+}

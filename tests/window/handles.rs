@@ -1,0 +1,348 @@
+//! Objects in the picture of the window: picked, moved, turned and scaled, as a person would.
+
+use std::path::Path;
+
+use crate::gpu;
+use crate::worked::{click_at, codes, settle, shown, window};
+use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use glam::{DVec2, DVec3};
+use locard::compositor::Target;
+use locard::recording::OpenOptions;
+use locard::scene::{Entry, Size, Stance};
+use locard::shot::{Given, Shot};
+use locard::window::{App, Project};
+
+const MARKER: Entry = Entry { object: 0, instance: None };
+const CASE: Entry = Entry { object: 2, instance: Some(0) };
+/// Where the demonstration's scene has them.
+const MARKER_AT: [f64; 3] = [0.0, 0.12, 0.0];
+
+fn open(frame: usize) -> Harness<'static, App> {
+    let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    window.state_mut().player_mut().seek(frame);
+    settle(&mut window);
+    window
+}
+
+/// Where a point of the world is on the screen.
+fn at(window: &Harness<'_, App>, frame: usize, point_m: [f64; 3]) -> Pos2 {
+    let px = window.state().project().shot().eye(frame).unwrap().project(point_m.into()).unwrap();
+    window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
+}
+
+/// Presses, moves in small steps as a hand does, and lets go.
+fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
+    press_and_move(window, from, to);
+    window.drop_at(to);
+    window.run_steps(2);
+}
+
+fn press_and_move(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
+    window.hover_at(from);
+    window.step();
+    window.drag_at(from);
+    window.step();
+    for share in [0.1, 0.4, 0.7, 1.0, 1.0] {
+        window.hover_at(from + (to - from) * share);
+        window.step();
+    }
+}
+
+fn types(window: &mut Harness<'_, App>, text: &str) {
+    window.event(Event::Text(text.to_owned()));
+    window.step();
+}
+
+fn press(window: &mut Harness<'_, App>, key: Key) {
+    window.key_press(key);
+    window.run_steps(2);
+}
+
+fn stance(window: &Harness<'_, App>, entry: Entry) -> Stance {
+    window.state().project().edit().scene.stance(entry).unwrap()
+}
+
+fn steps(window: &Harness<'_, App>) -> Vec<String> {
+    window.state().project().history().names().0.map(str::to_owned).collect()
+}
+
+/// The marker, selected by a click on its front.
+fn with_marker(frame: usize) -> Harness<'static, App> {
+    let mut window = open(frame);
+    let on_marker = at(&window, frame, [0.0, 0.12, 0.03]);
+    click_at(&mut window, on_marker);
+    assert_eq!(window.state().selected(), Some(MARKER));
+    window
+}
+
+#[test]
+fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
+    let mut window = open(0);
+    assert_eq!(window.state().selected(), None);
+    let on_marker = at(&window, 0, [0.0, 0.12, 0.03]);
+    click_at(&mut window, on_marker);
+    assert_eq!(window.state().selected(), Some(MARKER));
+    // Its numbers stand at the left.
+    // (A slider to those who cannot see it.)
+    let y = window.get_by_role_and_label(Role::Slider, "position y");
+    assert!(y.value().is_some_and(|text| text.starts_with("0.12")), "{:?}", y.value());
+    // One of three of the same model is a thing of its own; beside everything nothing is.
+    let on_case = at(&window, 0, [0.03, -0.05, 0.005]);
+    let name = window.state().project().edit().scene.title(CASE);
+    window.get_by_label(&name).click();
+    window.run_steps(2);
+    assert_eq!(window.state().selected(), Some(CASE));
+    press(&mut window, Key::Escape);
+    let beside = at(&window, 0, [-0.4, 0.4, 0.0]);
+    click_at(&mut window, beside);
+    assert_eq!(window.state().selected(), None);
+    click_at(&mut window, on_case);
+    assert_eq!(window.state().selected(), Some(CASE));
+    assert_eq!(steps(&window).len(), 1, "looking changes nothing");
+}
+
+#[test]
+fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
+    let mut window = with_marker(0);
+    let before = stance(&window, MARKER);
+    let first = shown(&window);
+    press(&mut window, Key::G);
+    press(&mut window, Key::X);
+    types(&mut window, "0,1");
+    window.run_steps(2);
+    assert_eq!(stance(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
+    assert_eq!(steps(&window).len(), 1, "it is no step yet");
+    // Keys of the window are not asked meanwhile: 1 is a digit, not a zoom.
+    assert_eq!(window.state().view.zoom, None);
+    press(&mut window, Key::Enter);
+    settle(&mut window);
+    let moved = shown(&window);
+    assert!(moved != first);
+    let heading = stance(&window, MARKER).heading_deg;
+    press(&mut window, Key::R);
+    types(&mut window, "45");
+    press(&mut window, Key::Enter);
+    assert_eq!(stance(&window, MARKER).heading_deg, heading + 45.0);
+    press(&mut window, Key::S);
+    types(&mut window, "150%");
+    press(&mut window, Key::Enter);
+    assert_eq!(stance(&window, MARKER).size, Size::Scale(DVec3::splat(1.5)));
+    let names = ["opened", "marker 1: moved 10 cm", "marker 1: turned 45°", "marker 1: scaled to 150 %"];
+    assert_eq!(steps(&window), names);
+    // What is shown is what would be composited from the scene file.
+    settle(&mut window);
+    let mut shot: Shot = window.state().project().shot().clone();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, 0, Target::Pixels).unwrap();
+    assert!(shown(&window) == codes(&compositor.collect(pending).unwrap().pixels));
+
+    for _ in 0..2 {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        window.step();
+    }
+    settle(&mut window);
+    assert!(shown(&window) == moved);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.step();
+    settle(&mut window);
+    assert!(shown(&window) == first && stance(&window, MARKER) == before);
+}
+
+#[test]
+fn it_is_dragged_over_the_surface_and_stays_on_it() {
+    let mut window = with_marker(0);
+    let from = at(&window, 0, [0.0, 0.12, 0.03]);
+    // The hand holds it above where it stands, so that it stands as far from there as the hand goes.
+    let (stood, stands) = (at(&window, 0, MARKER_AT), at(&window, 0, [-0.1, 0.2, 0.0]));
+    let to = from + (stands - stood);
+    press_and_move(&mut window, from, to);
+    settle(&mut window);
+    assert_eq!(steps(&window).len(), 1, "as long as it is held it is no step");
+    window.drop_at(to);
+    window.run_steps(2);
+    let position = stance(&window, MARKER).position_m;
+    // The floor is z = 0; the sensor's noise is 1.5 mm, and a plane is fitted to a thousand of its depths.
+    assert!(position.abs_diff_eq(DVec3::new(-0.1, 0.2, 0.0), 2e-3), "{position}");
+    let names = steps(&window);
+    assert!(names.len() == 2 && names[1].starts_with("marker 1: moved 12.") && names[1].ends_with(" cm"), "{names:?}");
+    assert_eq!(window.state().selected(), Some(MARKER), "letting go is no click");
+    // On from there, level and in whole centimetres.
+    let (from, to) = (at(&window, 0, [-0.1, 0.2, 0.03]), at(&window, 0, [0.003, 0.154, 0.03]));
+    window.event(Event::ModifiersChanged(Modifiers::COMMAND | Modifiers::SHIFT));
+    drag(&mut window, from, to);
+    window.event(Event::ModifiersChanged(Modifiers::NONE));
+    let by = stance(&window, MARKER).position_m - position;
+    assert!((by * 100.0 - (by * 100.0).round()).abs().max_element() < 1e-6 && by.z == 0.0 && by.x > 0.05, "{by}");
+}
+
+#[test]
+fn escape_and_the_right_button_leave_everything_as_it_was() {
+    let mut window = with_marker(0);
+    let (before, first) = (window.state().project().edit().clone(), shown(&window));
+    // A step that is undone can still be done again.
+    press(&mut window, Key::G);
+    types(&mut window, "0.02");
+    press(&mut window, Key::Enter);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(2);
+    for key in [Key::G, Key::R, Key::S] {
+        press(&mut window, key);
+        types(&mut window, "0.5");
+        settle(&mut window);
+        assert!(window.state().project().edit() != &before);
+        press(&mut window, Key::Escape);
+        assert!(window.state().project().edit() == &before);
+    }
+    let from = at(&window, 0, [0.0, 0.12, 0.03]);
+    press_and_move(&mut window, from, from + egui::vec2(80.0, 30.0));
+    assert!(window.state().project().edit() != &before);
+    window.event(Event::PointerButton {
+        pos: from,
+        button: egui::PointerButton::Secondary,
+        pressed: true,
+        modifiers: Modifiers::NONE,
+    });
+    window.step();
+    window.drop_at(from);
+    window.run_steps(2);
+    assert!(window.state().project().edit() == &before);
+    // A copy goes with its Escape.
+    window.key_press_modifiers(Modifiers::SHIFT, Key::D);
+    window.run_steps(2);
+    assert_eq!(window.state().project().edit().scene.objects.len(), before.scene.objects.len() + 1);
+    press(&mut window, Key::Escape);
+    assert!(window.state().project().edit() == &before && window.state().selected() == Some(MARKER));
+    settle(&mut window);
+    assert!(shown(&window) == first && window.state().project().history().can_redo());
+}
+
+#[test]
+fn an_instance_moves_alone_and_is_written_to_its_own_entry() {
+    let mut window = open(0);
+    let on_case = at(&window, 0, [0.03, -0.05, 0.005]);
+    click_at(&mut window, on_case);
+    assert_eq!(window.state().selected(), Some(CASE));
+    press(&mut window, Key::G);
+    press(&mut window, Key::Y);
+    types(&mut window, "-2cm");
+    press(&mut window, Key::Enter);
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    window.state_mut().project_mut().save_scene(&file).unwrap();
+    let expected = std::fs::read_to_string("scenes/demo.toml").unwrap();
+    let expected = expected.replace("position_m = [0.03, -0.05, 0.0]", "position_m = [0.03, -0.07, 0.0]");
+    // In another folder it names the same models.
+    let scenes = std::fs::canonicalize("scenes").unwrap().display().to_string();
+    let expected = ["model", "environment"]
+        .into_iter()
+        .fold(expected, |text, key| text.replace(&format!("{key} = \""), &format!("{key} = \"{scenes}/")));
+    let expected = expected.replace("scenes/../", "");
+    // By relative names, if both lie in a folder that does.
+    let resolved = |line: &str| match line.split_once(" = \"") {
+        Some((key @ ("model" | "environment"), name)) => {
+            let place = temp.path().join(name.trim_end_matches('"')).canonicalize().unwrap();
+            format!("{key} = \"{}\"\n", place.display())
+        }
+        _ => format!("{line}\n"),
+    };
+    let written: String = std::fs::read_to_string(&file).unwrap().lines().map(resolved).collect();
+    assert_eq!(written, expected);
+}
+
+#[test]
+fn handles_move_along_their_axis_turn_and_scale() {
+    let mut window = with_marker(0);
+    let centre = at(&window, 0, MARKER_AT);
+    // The arrow of z begins above the marker, which is 107 mm high.
+    let up = at(&window, 0, [0.0, 0.12, 0.107]) - egui::vec2(0.0, 30.0);
+    drag(&mut window, up, up - egui::vec2(0.0, 60.0));
+    let position = stance(&window, MARKER).position_m;
+    assert!(position.x == 0.0 && position.y == 0.12 && position.z > 0.02, "{position}");
+    press(&mut window, Key::Escape);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(2);
+    // The handle of the size stands at the upper right, twice as far is twice as large.
+    let size = egui::vec2(68.0, -68.0);
+    drag(&mut window, centre + size, centre + 2.0 * size);
+    assert_eq!(stance(&window, MARKER).size, Size::Scale(DVec3::splat(2.0)));
+    let names = steps(&window);
+    assert_eq!(names.last().unwrap(), "marker 1: scaled to 200 %");
+    // With Ctrl turns are in steps of 5°.
+    press(&mut window, Key::R);
+    window.hover_at(centre + egui::vec2(100.0, 0.0));
+    window.step();
+    press(&mut window, Key::Escape);
+    press(&mut window, Key::R);
+    window.event(Event::ModifiersChanged(Modifiers::COMMAND));
+    let turned = DVec2::from_angle((-42.0f64).to_radians()) * 100.0;
+    window.hover_at(centre + egui::vec2(turned.x as f32, turned.y as f32));
+    window.run_steps(2);
+    window.event(Event::Key {
+        key: Key::Enter,
+        physical_key: None,
+        pressed: true,
+        repeat: false,
+        modifiers: Modifiers::COMMAND,
+    });
+    window.run_steps(2);
+    assert_eq!(stance(&window, MARKER).heading_deg, 40.0);
+}
+
+#[test]
+fn small_steps_copies_and_deleting_by_keys() {
+    let mut window = with_marker(0);
+    for _ in 0..3 {
+        window.key_press_modifiers(Modifiers::ALT, Key::ArrowRight);
+        window.step();
+    }
+    let by = stance(&window, MARKER).position_m - DVec3::from(MARKER_AT);
+    assert!((by.length() - 3e-3).abs() < 1e-9 && by.abs().max_element() > 2.9e-3, "{by}");
+    assert_eq!(steps(&window).len(), 2);
+    press(&mut window, Key::H);
+    assert!(window.state().project().edit().scene.objects[0].hidden);
+    press(&mut window, Key::G);
+    types(&mut window, "1");
+    press(&mut window, Key::Escape);
+    press(&mut window, Key::H);
+    assert!(!window.state().project().edit().scene.objects[0].hidden);
+    let count = window.state().project().edit().scene.objects.len();
+    window.key_press_modifiers(Modifiers::SHIFT, Key::D);
+    window.run_steps(2);
+    press(&mut window, Key::Y);
+    types(&mut window, "-0,2");
+    press(&mut window, Key::Enter);
+    let copy = window.state().selected().unwrap();
+    assert_eq!(window.state().project().edit().scene.title(copy), "marker 1 copy");
+    assert!((stance(&window, copy).position_m.y - MARKER_AT[1] - by.y + 0.2).abs() < 1e-9);
+    press(&mut window, Key::Delete);
+    assert!(window.state().project().edit().scene.objects.len() == count && window.state().selected().is_none());
+    let names = steps(&window);
+    let named = ["moved by keys", "hidden", "shown"].map(|what| format!("marker 1: {what}"));
+    assert_eq!(names[1..4], named);
+    assert_eq!(names[4..], ["marker 1 copy: duplicated, moved 20 cm", "marker 1 copy: deleted"]);
+}
+
+#[test]
+fn a_hand_that_moves_on_as_it_presses_holds_what_it_pressed() {
+    let mut window = with_marker(0);
+    let before = stance(&window, MARKER).position_m;
+    let from = at(&window, 0, MARKER_AT);
+    let to = from + egui::vec2(60.0, 12.0);
+    window.hover_at(from);
+    window.step();
+    // Both in one frame of the window.
+    let button = egui::PointerButton::Primary;
+    window.event(Event::PointerButton { pos: from, button, pressed: true, modifiers: Modifiers::NONE });
+    window.hover_at(from + egui::vec2(40.0, 40.0));
+    window.step();
+    window.hover_at(to);
+    window.step();
+    window.drop_at(to);
+    window.run_steps(2);
+    let moved = stance(&window, MARKER).position_m - before;
+    assert!(moved.length() > 0.02, "{moved}");
+}

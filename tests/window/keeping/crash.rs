@@ -1,0 +1,178 @@
+//! Work that a crash, a kill or a lost device leaves.
+
+use super::*;
+
+#[test]
+fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = demo();
+    window.state_mut().keep_in(temp.path());
+    window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
+    window.run_steps(2);
+    set(&mut window, "noise", "scale", 0.25);
+    let edit = window.state().project().edit().clone();
+    window.state().viewer().gpu().device.destroy();
+    until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
+    assert!(window.state().problem().unwrap().contains("does not start anew"));
+    // It goes on being a window: what is set now is no picture, and nothing breaks.
+    set(&mut window, "noise", "scale", 0.5);
+    window.run_steps(5);
+    drop(window);
+    let left = Left::found(&temp.path().join("work"));
+    assert!(left.len() == 1 && left[0].work.edit == edit);
+}
+
+/// Work that was left in a folder, by a window that is no more.
+fn leave(folder: &Path, project: &Project, frame: usize) {
+    let place = folder.join("work");
+    std::fs::create_dir_all(&place).unwrap();
+    let (scene, profile) = (project.scene.as_deref(), project.profile.as_deref());
+    let mut work = Work::new(&project.shot().recording.path, 1.0, profile, scene, project.edit().clone());
+    work.frame = frame;
+    std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
+}
+
+fn count(folder: &Path) -> usize {
+    std::fs::read_dir(folder).map_or(0, Iterator::count)
+}
+
+#[test]
+fn work_that_a_crash_left_is_offered_and_taken_up() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
+    lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
+    lost.switch("halation", false);
+    lost.change_scene("one away", |scene| _ = scene.objects.remove(0)).unwrap();
+    leave(temp.path(), &lost, 12);
+    let mut window = demo();
+    window.state_mut().keep_in(temp.path());
+    shows(&mut window, "Take it up");
+    press(&mut window, "Take it up");
+    until(&mut window, |app| app.project().edit() == lost.edit());
+    settle(&mut window);
+    assert_eq!(window.state_mut().player_mut().frame(), 12);
+    assert!(!window.state().project().is_saved());
+    // It is still there should the next crash come, and what was in the files is one step back.
+    assert_eq!(count(&temp.path().join("work")), 2);
+    press(&mut window, "Undo");
+    assert!(window.state().project().is_saved());
+    drop(window);
+    assert_eq!(count(&temp.path().join("work")), 0, "an orderly end leaves nothing");
+
+    // It was opened lately, and the start page says so.
+    let mut window = demo();
+    window.state_mut().keep_in(temp.path());
+    window.state_mut().show_start(true);
+    window.run_steps(3);
+    assert!(has(&window, "demo   demo.toml") && has(&window, "Open a recording…"));
+    press(&mut window, "Stay with the demonstration");
+    assert!(!has(&window, "Stay with the demonstration"));
+
+    // Thrown away, it is not offered again. A window that has just been opened would find it, too.
+    drop(window);
+    leave(temp.path(), &lost, 0);
+    let mut window = demo();
+    window.state_mut().keep_in(temp.path());
+    shows(&mut window, "Throw it away");
+    press(&mut window, "Throw it away");
+    assert!(Left::found(&temp.path().join("work")).is_empty());
+}
+
+#[test]
+fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
+    lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
+    leave(temp.path(), &lost, 12);
+    let (folder, project) = (temp.path().to_owned(), project(None, Some(Path::new(DEMO_SCENE))));
+    let builder = Harness::builder().with_size(egui::vec2(1280.0, 720.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(move |context| {
+        let mut app = App::new(context, project, None).unwrap();
+        app.keep_in(&folder);
+        app
+    });
+    // It is asked in the first frame, and nothing is drawn meanwhile.
+    assert!(has(&window, "Take it up"));
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(2) {
+        window.step();
+        assert!(window.state().viewer().composite().is_none());
+    }
+    press(&mut window, "Later");
+    settle(&mut window);
+    assert!(window.state().viewer().composite().is_some());
+}
+
+const KILLED: &str = "LOCARD_TEST_KILLED";
+
+/// Not a test: what the next one kills. It edits, keeps its work and saves, as fast as it can.
+#[test]
+fn edits_until_it_is_killed() {
+    let Some(folder) = std::env::var_os(KILLED).map(PathBuf::from) else { return };
+    let (profile, scene) = (folder.join("p.toml"), folder.join("s.toml"));
+    let mut project = project(None, None);
+    let mut autosave = Autosave::begin(&folder.join("work")).unwrap();
+    let begun = Instant::now();
+    let model = std::path::absolute("scenes/marker-1.glb").unwrap().to_str().unwrap().to_owned();
+    autosave.keep(project.version(), begun, || None);
+    for n in 1..u32::MAX {
+        project.set("noise", "scale", &Value::Number(f64::from(n % 64) / 8.0)).unwrap();
+        project.close_step();
+        let placed = PlacedModel { model: model.clone(), ..PlacedModel::default() };
+        let change = |scene: &mut locard::scene::SceneFile| scene.objects = vec![placed; 1 + n as usize % 5];
+        project.change_scene("placed", change).unwrap();
+        // Time passes as fast as it edits.
+        let now = begun + Duration::from_secs(3 * u64::from(n));
+        let edit = project.edit().clone();
+        autosave.keep(project.version(), now, || None);
+        // Nothing more has changed for a while.
+        let now = now + Duration::from_secs(1);
+        autosave
+            .keep(project.version(), now, || Some(Work::new(Path::new(DEMO), 1.0, Some(&profile), Some(&scene), edit)));
+        project.save_profile(&profile).unwrap();
+        project.save_scene(&scene).unwrap();
+        while n == 1 && !std::fs::read_dir(folder.join("work")).unwrap().any(|entry| is_work(&entry.unwrap().path())) {
+            std::thread::yield_now();
+        }
+        println!("edited {n}");
+    }
+}
+
+fn is_work(path: &Path) -> bool {
+    let name = path.file_name().unwrap().to_string_lossy();
+    name.ends_with(".json") && !name.starts_with('.')
+}
+
+#[test]
+fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
+    let temp = tempfile::tempdir().unwrap();
+    let work = temp.path().join("work");
+    let (profile, scene) = (temp.path().join("p.toml"), temp.path().join("s.toml"));
+    for run in 0..20 {
+        let mut editing = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "keeping::crash::edits_until_it_is_killed", "--nocapture"])
+            .env(KILLED, temp.path())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(editing.stdout.take().unwrap()).lines();
+        // Wherever it stands after so many edits.
+        let edited = lines.map(Result::unwrap).filter(|line| line.contains("edited")).nth(3 + 2 * run);
+        assert!(edited.is_some());
+        editing.kill().unwrap();
+        editing.wait().unwrap();
+        let mut found = Left::found(&work);
+        assert_eq!(found.len(), 1, "run {run}");
+        let left = found.pop().unwrap();
+        let objects = left.work.edit.scene.objects.len();
+        assert!((1..=5).contains(&objects), "{objects}");
+        let saved = project(Some(&profile), Some(&scene));
+        assert!((1..=5).contains(&saved.edit().scene.objects.len()));
+        // What is kept opens again.
+        let mut taken_up = project(Some(&profile), Some(&scene));
+        taken_up.take_up(left.work.edit.clone()).unwrap();
+        assert!(taken_up.edit() == &left.work.edit);
+        left.throw_away();
+        assert_eq!(count(&work), 0, "run {run}");
+    }
+}

@@ -1,0 +1,94 @@
+//! What the window keeps of a person's work, and what leaves it as files; worked as a person would.
+
+mod crash;
+mod leaving;
+mod saving;
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::gpu;
+use crate::worked::{Device, codes, drop_file, has, settle, shown, shows, until, window};
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use locard::compositor::Target;
+use locard::params::Value;
+use locard::pixels::Pixels;
+use locard::recording::OpenOptions;
+use locard::scene::document::PlacedModel;
+use locard::shot::{Given, Shot};
+use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, Project, State, Work, command_line};
+
+fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
+    let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };
+    Project::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap()
+}
+
+fn open(profile: Option<&Path>, scene: &Path) -> Harness<'static, App> {
+    window(project(profile, Some(scene)), egui::vec2(1400.0, 1000.0))
+}
+
+/// The first frames of the demonstration are the same for all of these.
+fn demo() -> Harness<'static, App> {
+    open(None, Path::new(DEMO_SCENE))
+}
+
+/// What `locard composite` writes with these settings.
+fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
+    let sets = sets.iter().map(ToString::to_string).collect();
+    let given = Given { sets, scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    let mut shot = Shot::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
+    codes(&compositor.collect(pending).unwrap().pixels)
+}
+
+fn picture(path: &Path) -> Vec<[u8; 3]> {
+    let read = image::open(path).unwrap().to_rgb8();
+    codes(&Pixels::from_u8(read.width(), read.height(), read.into_raw()).unwrap())
+}
+
+fn set(window: &mut Harness<'_, App>, table: &str, name: &str, number: f64) {
+    let project = window.state_mut().project_mut();
+    project.set(table, name, &Value::Number(number)).unwrap();
+    project.close_step();
+}
+
+/// Answers a dialog that asks for a file to write.
+fn choose(window: &mut Harness<'_, App>, path: &Path) {
+    answer(window, path, "Save here");
+}
+
+fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
+    window.run_steps(3);
+    let field = window.get_by_role_and_label(Role::TextInput, "File name");
+    field.focus();
+    window.step();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
+    window.run_steps(2);
+    // It is known once its folder is listed.
+    shows(window, button);
+    window.get_by_label(button).click();
+    // The disk says what is there.
+    let begun = Instant::now();
+    while window.query_by_role_and_label(Role::TextInput, "File name").is_some() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "the dialog stays");
+        window.step();
+        std::thread::yield_now();
+    }
+    window.run_steps(2);
+}
+
+fn all_over(app: &App) -> bool {
+    app.keeper().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
+}
+
+fn press(window: &mut Harness<'_, App>, label: &str) {
+    window.get_by_label(label).click();
+    window.run_steps(3);
+}

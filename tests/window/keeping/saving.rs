@@ -1,0 +1,370 @@
+//! Opening and saving: what is asked before anything is lost, and what is said.
+
+use super::*;
+use crate::program;
+
+#[test]
+fn what_is_switched_off_is_off_when_it_opens_again() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    let text = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
+    std::fs::write(&profile, text).unwrap();
+    let mut window = open(Some(&profile), Path::new(DEMO_SCENE));
+    window.state_mut().project_mut().switch("noise", false);
+    window.state_mut().project_mut().switch("vignetting", false);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    until(&mut window, |app| app.project().is_saved());
+    let saved = std::fs::read_to_string(&profile).unwrap();
+    assert_eq!(saved, format!("{text}on = false\n\n[vignetting]\non = false\n"));
+    let again = project(Some(&profile), Some(Path::new(DEMO_SCENE)));
+    assert!(again.edit() == window.state().project().edit() && !again.edit().settings.is_on("noise"));
+}
+
+#[test]
+fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
+    let temp = tempfile::tempdir().unwrap();
+    let before = std::fs::read_to_string(DEMO_SCENE).unwrap();
+    let mut window = demo();
+    let objects = window.state().project().edit().scene.objects.len();
+    let place = |scene: &mut locard::scene::SceneFile| {
+        scene.objects.push(PlacedModel { model: "marker-4.glb".to_owned(), ..PlacedModel::default() });
+    };
+    window.state_mut().project_mut().change_scene("placed", place).unwrap();
+    settle(&mut window);
+    let with_it = shown(&window);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    let moved = temp.path().join("case.toml");
+    choose(&mut window, &moved);
+    until(&mut window, |app| app.project().is_saved());
+    assert_eq!(std::fs::read_to_string(DEMO_SCENE).unwrap(), before);
+    let state = window.state().project();
+    assert!(state.is_saved() && state.scene.as_deref() == Some(moved.as_path()));
+    let again = project(None, Some(&moved));
+    assert!(again.edit().scene == state.edit().scene && again.edit().scene.objects.len() == objects + 1);
+    settle(&mut window);
+    assert!(shown(&window) == with_it, "it is the same scene");
+    // What was before the save is found from the new place too.
+    press(&mut window, "Undo");
+    settle(&mut window);
+    assert_eq!(window.state().project().edit().scene.objects.len(), objects);
+    assert_eq!(window.state().problem(), None);
+}
+
+#[test]
+fn a_profile_is_opened_for_a_recording_without_a_camera() {
+    let temp = tempfile::tempdir().unwrap();
+    let recording = temp.path().join("rec");
+    program::copied(Path::new(DEMO), &recording);
+    std::fs::remove_file(recording.join("camera.toml")).unwrap();
+    let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
+    std::fs::write(recording.join("recording.toml"), text.split("[camera]").next().unwrap()).unwrap();
+    let profile = temp.path().join("camera.toml");
+    std::fs::copy(Path::new(DEMO).join("camera.toml"), &profile).unwrap();
+    let mut window = demo();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
+    answer(&mut window, &recording, "Open recording");
+    until(&mut window, |app| app.problem().is_some());
+    let problem = window.state().problem().unwrap().to_owned();
+    assert!(problem.contains("camera") && !problem.contains("--"), "{problem}");
+    // A button stands beside it.
+    press(&mut window, "Open a profile…");
+    answer(&mut window, &profile, "Open");
+    until(&mut window, |app| app.project().profile.as_deref() == Some(profile.as_path()));
+    assert_eq!(window.state().project().shot().recording.path, recording);
+    settle(&mut window);
+}
+
+#[test]
+fn after_the_first_save_of_a_new_scene_placing_goes_on() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = window(project(None, None), egui::vec2(1400.0, 1000.0));
+    settle(&mut window);
+    let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
+    let place = |scene: &mut locard::scene::SceneFile| {
+        scene.objects.push(PlacedModel { model, ..PlacedModel::default() });
+    };
+    window.state_mut().project_mut().change_scene("placed", place).unwrap();
+    let path = temp.path().join("new.toml");
+    window.state_mut().project_mut().save_scene(&path).unwrap();
+    assert!(window.state().project().can_place());
+    window.run_steps(3);
+    assert!(has(&window, "Place…"));
+}
+
+#[test]
+fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
+    let temp = tempfile::tempdir().unwrap();
+    let (recording, scene) = (temp.path().join("rec"), temp.path().join("case.toml"));
+    program::copied(Path::new(DEMO), &recording);
+    std::fs::write(&scene, "version = 1\nup = \"z\"\n").unwrap();
+    let own = recording.join("mine.toml");
+    std::fs::write(&own, "version = 1\n").unwrap();
+    let given = Given { profile: Some(own.clone()), scene: Some(scene.clone()), ..Given::default() };
+    let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    window.state_mut().keep_in(&temp.path().join("state"));
+    let save = |window: &mut Harness<'_, App>| {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+        window.run_steps(3);
+    };
+    let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
+    let change = |window: &mut Harness<'_, App>, scale: f64| {
+        set(window, "noise", "scale", scale);
+        let placed = PlacedModel { model: model.clone(), ..PlacedModel::default() };
+        window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
+    };
+    change(&mut window, 0.5);
+    save(&mut window);
+    // It lies in the recording's folder, and was never named here.
+    shows(&mut window, "Write into it");
+    assert!(std::fs::read_to_string(&own).unwrap() == "version = 1\n" && !window.state().project().is_saved());
+    press(&mut window, "Write into it");
+    let folder = temp.path().display();
+    shows(&mut window, &format!("Saved the scene {folder}/case.toml and the profile {folder}/rec/mine.toml"));
+    // The second time it is not asked.
+    change(&mut window, 0.25);
+    save(&mut window);
+    until(&mut window, |app| app.project().is_saved());
+    assert!(std::fs::read_to_string(&own).unwrap().contains("scale = 0.25"));
+    save(&mut window);
+    shows(&mut window, "Nothing has changed since it was saved");
+
+    // A scene that is saved elsewhere is what was opened lately.
+    press(&mut window, "File");
+    press(&mut window, "Save the scene as…");
+    choose(&mut window, &temp.path().join("other"));
+    window.state_mut().show_start(true);
+    shows(&mut window, "rec   other.toml");
+}
+
+#[test]
+fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
+    let temp = tempfile::tempdir().unwrap();
+    let (recording, elsewhere) = (temp.path().join("rec"), temp.path().join("elsewhere"));
+    program::copied(Path::new(DEMO), &recording);
+    std::fs::create_dir(&elsewhere).unwrap();
+    let project = Project::open(&recording, &OpenOptions::default(), &Given::default()).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    // Another scene was saved elsewhere before.
+    let state = temp.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    let habits = format!("{{\"folders\": {{\"scene\": {elsewhere:?}}}}}");
+    std::fs::write(state.join("habits.json"), habits).unwrap();
+    window.state_mut().keep_in(&state);
+    let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
+    let placed = PlacedModel { model, ..PlacedModel::default() };
+    window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    // What lies in the recording's folder.
+    shows(&mut window, "rgb/");
+    press(&mut window, "New folder…");
+    // Esc leaves that, and not the dialog.
+    window.key_press(Key::Escape);
+    window.run_steps(3);
+    assert!(has(&window, "New folder…") && !has(&window, "Make it"));
+    for name in ["rgb", "case 7"] {
+        press(&mut window, "New folder…");
+        window.event(egui::Event::Text(name.to_owned()));
+        window.run_steps(2);
+        window.key_press(Key::Enter);
+        // The one is there already.
+        match name {
+            "rgb" => {
+                shows(
+                    &mut window,
+                    &format!(
+                        "{} is not made: it is there already; choose another name",
+                        recording.join(name).display()
+                    ),
+                );
+                press(&mut window, "Leave it");
+            }
+            name => shows(&mut window, name),
+        }
+    }
+    shows(&mut window, "Nothing is here yet");
+    // What is the recording's is not written over, whatever was agreed to.
+    let own = recording.join("recording.toml");
+    let before = std::fs::read_to_string(&own).unwrap();
+    choose(&mut window, &own);
+    press(&mut window, "Replace it");
+    until(&mut window, |app| {
+        app.problem().is_some_and(|problem| problem.contains("recording.toml: the file is no scene"))
+    });
+    assert_eq!(std::fs::read_to_string(&own).unwrap(), before);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    choose(&mut window, &recording.join("case 7/scene.toml"));
+    until(&mut window, |app| app.project().is_saved());
+    assert_eq!(window.state().project().scene, Some(recording.join("case 7/scene.toml")));
+    assert!(recording.join("case 7/scene.toml").is_file());
+}
+
+#[test]
+fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("cases/desk");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("mine.toml"), "version = 1\n[noise]\nscale = 0.5\n").unwrap();
+    let mut window = demo();
+    window.state_mut().keep_in(&temp.path().join("state"));
+    let begin = |window: &mut Harness<'_, App>| {
+        press(window, "File");
+        press(window, "Open a profile…");
+        window.run_steps(3);
+    };
+    let types = |window: &mut Harness<'_, App>, text: &str| {
+        window.event(egui::Event::Text(text.to_owned()));
+        window.run_steps(3);
+    };
+    // Esc closes a menu.
+    press(&mut window, "File");
+    window.key_press(Key::Escape);
+    window.run_steps(3);
+    assert!(!has(&window, "Open a profile…"));
+    begin(&mut window);
+    // A path leads to its folder while it is typed, and Enter goes into it; what is typed next is a name there.
+    types(&mut window, temp.path().join("cases").to_str().unwrap());
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    types(&mut window, "des");
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    shows(&mut window, "mine.toml");
+    types(&mut window, "mi");
+    window.key_press(Key::Enter);
+    until(&mut window, |app| app.project().profile.as_deref() == Some(&folder.join("mine.toml")));
+    settle(&mut window);
+
+    // The next window begins there, in the theme that was chosen.
+    window.key_press(Key::T);
+    window.run_steps(2);
+    let theme = window.ctx.options(|options| options.theme_preference);
+    assert!(theme != egui::ThemePreference::System);
+    drop(window);
+    let mut window = demo();
+    window.state_mut().keep_in(&temp.path().join("state"));
+    assert_eq!(window.state().keeper().theme(), theme);
+    begin(&mut window);
+    shows(&mut window, "mine.toml");
+    // Those of the program are one click away.
+    press(&mut window, "Locard's profiles");
+    shows(&mut window, "tum-fr1.toml");
+}
+
+#[test]
+fn what_somebody_else_writes_is_read_again_or_asked_about() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    let scale = |scale: f64| std::fs::write(&profile, format!("version = 1\n[noise]\nscale = {scale}\n")).unwrap();
+    scale(0.5);
+    let mut window = open(Some(&profile), Path::new(DEMO_SCENE));
+    let now = |window: &Harness<'_, App>| window.state().project().edit().settings.clone();
+    set(&mut window, "noise", "scale", 1.5);
+    let mine = now(&window);
+    scale(0.125);
+    let asked = "Read it again";
+    let begun = Instant::now();
+    while !has(&window, asked) && begun.elapsed() < Duration::from_secs(60) {
+        window.step();
+        std::thread::yield_now();
+    }
+    press(&mut window, asked);
+    until(&mut window, |app| app.project().is_saved());
+    assert!(now(&window) == project(Some(&profile), None).edit().settings);
+    window.run_steps(2);
+    press(&mut window, "Undo");
+    assert!(now(&window) == mine, "nothing is lost");
+
+    // Kept as it is here, it is asked about when it is saved.
+    scale(0.25);
+    let begun = Instant::now();
+    while !has(&window, asked) && begun.elapsed() < Duration::from_secs(60) {
+        window.step();
+        std::thread::yield_now();
+    }
+    press(&mut window, "Keep what is here");
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    assert!(!window.state().project().is_saved());
+    press(&mut window, "Save mine");
+    until(&mut window, |app| app.project().is_saved());
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 1.5"));
+}
+
+#[test]
+fn a_message_is_shown_whole_and_can_be_copied() {
+    let mut window = demo();
+    window.event(egui::Event::PointerGone);
+    let nowhere = PathBuf::from("/nowhere/at all/in a rather long folder/with a rather long name.toml");
+    drop_file(&mut window, nowhere);
+    until(&mut window, |app| app.problem().is_some());
+    window.run_steps(2);
+    let told = window.state().problem().unwrap().to_owned();
+    assert!(told.contains("with a rather long name.toml"), "{told}");
+    window.get_by_label(&told).click();
+    window.run_steps(3);
+    press(&mut window, "Copy");
+    window.key_press(Key::Escape);
+    window.run_steps(3);
+    assert!(!has(&window, "Copy"));
+    assert_eq!(window.query_all_by_label(&told).count(), 1);
+}
+
+#[test]
+fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    std::fs::write(&profile, "version = 1\n").unwrap();
+    let mut project = project(Some(&profile), None);
+    project.set("noise", "scale", &Value::Number(0.25)).unwrap();
+    let draft = || project.profile_draft(&profile).unless_changed(project.stamp(&profile));
+    std::fs::write(&profile, "version = 1\n# theirs\n").unwrap();
+    assert!(matches!(draft().write(), Err(locard::window::SaveError::Changed(path)) if path == profile));
+    assert_eq!(std::fs::read_to_string(&profile).unwrap(), "version = 1\n# theirs\n");
+    let written = project.profile_draft(&profile).write().unwrap();
+    project.written(written);
+    assert!(project.is_saved());
+    // What was written is known as it is.
+    project.set("noise", "scale", &Value::Number(0.5)).unwrap();
+    project.profile_draft(&profile).unless_changed(project.stamp(&profile)).write().unwrap();
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
+}
+
+#[test]
+fn a_profile_under_another_name_is_whole_and_keeps_its_comments() {
+    let temp = tempfile::tempdir().unwrap();
+    // A recording that knows no camera.
+    let site = temp.path().join("site");
+    std::fs::create_dir(&site).unwrap();
+    for entry in std::fs::read_dir("recordings/demo").unwrap().flatten() {
+        if entry.file_name() != "recording.toml" {
+            #[cfg(unix)]
+            std::os::unix::fs::symlink(entry.path().canonicalize().unwrap(), site.join(entry.file_name())).unwrap();
+        }
+    }
+    let text = std::fs::read_to_string("recordings/demo/recording.toml").unwrap();
+    let (text, camera) = text.split_once("[camera]").unwrap();
+    assert!(camera.contains("profile"), "{camera}");
+    std::fs::write(site.join("recording.toml"), text).unwrap();
+    let profile = temp.path().join("mine.toml");
+    let own = std::fs::read_to_string("recordings/demo/camera.toml").unwrap();
+    std::fs::write(&profile, format!("# My own camera.\n{own}")).unwrap();
+    let open = |profile: &Path| {
+        let given = Given { profile: Some(profile.to_owned()), ..Given::default() };
+        Project::open(&site, &OpenOptions::default(), &given).unwrap()
+    };
+    let mut project = open(&profile);
+    project.set("noise", "scale", &Value::Number(1.5)).unwrap();
+    let other = temp.path().join("other.toml");
+    project.save_profile(&other).unwrap();
+    let text = std::fs::read_to_string(&other).unwrap();
+    assert!(text.starts_with("# My own camera.\n") && text.contains("scale = 1.5"), "{text}");
+    assert_eq!(open(&other).edit(), project.edit());
+    // Nor is anything lacking where there was no profile to begin with.
+    let mut project = open(&profile);
+    project.profile = None;
+    let third = temp.path().join("third.toml");
+    project.save_profile(&third).unwrap();
+    assert_eq!(open(&third).edit().rig.missing_keys(), Vec::<&str>::new());
+}

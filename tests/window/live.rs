@@ -1,0 +1,347 @@
+//! A camera in the window. A video stands in for it, of a printed sheet; what is asserted does not depend on how fast the
+//! machine is.
+
+use std::path::Path;
+
+use crate::filmed;
+use crate::filmed::Site;
+use crate::gpu;
+use crate::sheet;
+use crate::sheet::{CAMERA, Place, Sheet};
+use crate::worked::{Device, click_at, codes, drop_file, has, shown, shows, until};
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::{NodeT, Queryable};
+use glam::DVec2;
+use locard::compositor::Target;
+use locard::live::{self, Asked, LiveFrom};
+use locard::params::Value;
+use locard::recording::{OpenOptions, Recording};
+use locard::shot::{Given, Shot};
+use locard::window::{App, Project};
+
+/// The window with a camera that plays the site's video, poses from the tags in it, and the marker beside the sheet.
+fn live_window(site: &Site, sets: &[&str]) -> Harness<'static, App> {
+    window_of(site, &site.endless(), sets)
+}
+
+fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
+    let profile = Path::new(&site.path("camera.toml")).to_owned();
+    let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
+    let tags = format!("tags:{}", site.path("board.toml"));
+    let opened = live::open(&LiveFrom::new(video, &tags), Some(&camera)).unwrap();
+    let sets = sets.iter().map(ToString::to_string).collect();
+    let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()), ..Given::default() };
+    let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
+    project.camera = Some(LiveFrom::new(video, &tags));
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
+    until(&mut window, |app| app.viewer().composite().is_some());
+    window
+}
+
+/// A shot's frame, composited anew.
+fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
+    let mut shot = shot.clone();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
+    codes(&compositor.collect(pending).unwrap().pixels)
+}
+
+#[test]
+fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    // The numbers of frames, by which noise is drawn, begin anew.
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
+    assert!(has(&window, "Freeze") && has(&window, "LIVE") && !has(&window, "Play"));
+    until(&mut window, |app| app.player().frame() > 4);
+    window.key_press(Key::Space);
+    window.step();
+    until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+    assert_eq!(window.state().problem(), None);
+    assert!(has(&window, "Back to live") && has(&window, "Play") && !has(&window, "Freeze"));
+    let shot = window.state().project().shot().clone();
+    let (count, frame) = (shot.recording.frame_count(), window.state().player().frame());
+    assert!(count > 4 && frame == count - 1, "{frame} of {count}");
+    assert_eq!(shown(&window), composited(&shot, frame));
+    // Its own profile and poses are all that it needs.
+    let path = &shot.recording.path;
+    let alone = Given { scene: Some(site.path("scene.toml").into()), ..Given::default() };
+    let alone = Shot::open(path, &OpenOptions::default(), &alone).unwrap();
+    assert_eq!(shown(&window), composited(&alone, frame));
+    assert!(shown(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
+    // What was changed is still to be saved, though the recording has it.
+    let profile = Path::new(&site.path("saved.toml")).to_owned();
+    window.state_mut().project_mut().save_profile(&profile).unwrap();
+    let text = std::fs::read_to_string(&profile).unwrap();
+    assert!(text.contains("[noise]\nscale = 0"), "{text}");
+    // What is changed while it is frozen stays.
+    window.state_mut().project_mut().switch("motion_blur", false);
+    window.key_press(Key::C);
+    window.step();
+    until(&mut window, |app| app.project().shot().recording.is_arriving() && app.player().frame() > frame);
+    assert!(!window.state().project().edit().settings.is_on("motion_blur") && has(&window, "Freeze"));
+}
+
+#[test]
+fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    let folder = Path::new(&site.path("recorded")).to_owned();
+    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame > 20));
+    window.state_mut().record(folder.clone());
+    // Frames are numbered anew from the first that is recorded.
+    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < 20));
+    shows(&mut window, "Stop");
+    // A machine that is slower than the camera always has another picture under way.
+    let mut seen: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
+    while seen.len() < 4 {
+        let last = seen.last().map(|(last, _)| *last);
+        until(&mut window, |app| app.shown_frame().is_some_and(|frame| last.is_none_or(|last| last < frame)));
+        seen.push((window.state().shown_frame().unwrap(), shown(&window)));
+    }
+    window.get_by_label("Stop").click();
+    shows(&mut window, "Record…");
+    let given = Given { scene: Some(site.path("scene.toml").into()), ..Given::default() };
+    let shot = Shot::of(Recording::open(&folder, &OpenOptions::default()).unwrap(), &given).unwrap();
+    for (frame, codes) in seen {
+        assert!(codes == composited(&shot, frame), "frame {frame}");
+    }
+    assert!(window.state().said().unwrap().starts_with("Recorded "), "{:?}", window.state().said());
+}
+
+#[test]
+fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    assert!(has(&window, "the floor"));
+    let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
+    let before = window.state().project().edit().scene.objects.len();
+    drop_file(&mut window, marker);
+    window.step();
+    let at_px = DVec2::new(320.0, 250.0);
+    let at = window.state().on_screen(egui::vec2(320.0, 250.0)).unwrap();
+    // Now and then the camera looks away, and there is nothing to place it on.
+    while window.state().project().edit().scene.objects.len() == before {
+        click_at(&mut window, at);
+    }
+    let [x, y, z] = window.state().project().edit().scene.objects[before].position_m.unwrap();
+    // It stands on the sheet's plane, within rounding, where some frame of these shows that place.
+    assert!(z.abs() < 1e-4, "{z}");
+    let truth = (0..filmed::FRAMES).map(|i| filmed::place(i as f64 / filmed::FPS));
+    let off_px = truth.map(|place| place.sees(&CAMERA, glam::DVec3::new(x, y, z)).distance(at_px));
+    assert!(off_px.fold(f64::INFINITY, f64::min) < 1.0);
+}
+
+/// Asks the window to close.
+fn close(window: &mut Harness<'_, App>) {
+    let id = window.input().viewport_id;
+    window.input_mut().viewports.get_mut(&id).unwrap().events.push(egui::ViewportEvent::Close);
+    window.run_steps(2);
+}
+
+#[test]
+fn it_asks_before_a_recording_ends_with_its_camera() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    close(&mut window);
+    assert!(!has(&window, "Stay"), "nothing is recorded");
+    let folder = Path::new(&site.path("recorded")).to_owned();
+    window.state_mut().record(folder.clone());
+    shows(&mut window, "Stop");
+    close(&mut window);
+    assert!(has(&window, "End the recording and close"));
+    window.get_by_label("Stay").click();
+    window.run_steps(2);
+    assert!(has(&window, "Stop") && !has(&window, "Stay"));
+    // Another recording, with something to be saved: one question has both.
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
+    drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
+    shows(&mut window, "Go on without saving");
+    assert_eq!(window.query_all_by_label_contains("The camera is being recorded.").count(), 1);
+    window.get_by_label("Stay").click();
+    window.run_steps(2);
+    window.state_mut().project_mut().undo();
+    drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
+    shows(&mut window, "End the recording and go on");
+    window.get_by_label("End the recording and go on").click();
+    until(&mut window, |app| !app.project().shot().recording.is_arriving());
+    let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
+    assert!(recording.frame_count() > 0);
+}
+
+#[test]
+fn after_its_end_a_camera_can_be_frozen_again_and_again() {
+    let site = Site::new(&CAMERA);
+    let mut window = window_of(&site, &site.path("site.mkv"), &[]);
+    shows(&mut window, "the camera has ended");
+    let mut frozen = Vec::new();
+    for _ in 0..2 {
+        until(&mut window, App::is_settled);
+        window.key_press(Key::Space);
+        window.step();
+        until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+        let count = window.state().project().shot().recording.frame_count();
+        frozen.push((count, window.state().player().frame(), shown(&window)));
+        window.key_press(Key::C);
+        window.step();
+        until(&mut window, |app| app.project().shot().recording.is_arriving() && app.is_settled());
+        // The frame that came last is still there.
+        assert!(shown(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
+    }
+    assert!(frozen[0].0 > 1 && frozen[1] == frozen[0], "{} {}", frozen[0].0, frozen[1].0);
+}
+
+#[test]
+fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
+    let site = Site::new(&CAMERA);
+    let noise = "[camera.noise]\nchannel_correlation = [0.5, 0.5, 0.5]\nneighbour_correlation = [0.5, 0.5]\n\
+                 code = [0.0, 255.0]\nsigma_r = [1.0, 1.0]\nsigma_g = [1.0, 1.0]\nsigma_b = [1.0, 1.0]\n";
+    std::fs::write(site.path("camera.toml"), CAMERA.profile() + noise).unwrap();
+    let mut window = live_window(&site, &[]);
+    window.get_by_label("Match").click();
+    let waits = |window: &Harness<'_, App>| window.query_all_by_label_contains("No plot is drawn").count() == 1;
+    window.run_steps(3);
+    assert!(waits(&window));
+    window.key_press(Key::Space);
+    window.step();
+    until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+    let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
+    let begun = std::time::Instant::now();
+    while told(&window) == 0 {
+        assert!(begun.elapsed().as_secs() < 60 && !waits(&window));
+        window.step();
+    }
+    window.key_press(Key::C);
+    window.run_steps(3);
+    assert!(waits(&window) && told(&window) == 0);
+}
+
+/// Types into a field, in place of what it had.
+fn typed(window: &mut Harness<'_, App>, field: &str, text: &str) {
+    window.get_by_role_and_label(Role::TextInput, field).focus();
+    window.step();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, field).type_text(text);
+    window.run_steps(2);
+}
+
+#[test]
+fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    let value = |window: &Harness<'_, App>, field: &str| {
+        window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
+    };
+    let ask = |window: &mut Harness<'_, App>| {
+        window.get_by_label("File").click();
+        window.run_steps(2);
+        window.get_by_label("Live camera…").click();
+        shows(window, "Start");
+    };
+    ask(&mut window);
+    // As the camera was opened.
+    assert_eq!(value(&window, "Board"), site.path("board.toml"));
+    assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
+    typed(&mut window, "Smoothing", "five");
+    assert_eq!(window.query_all_by_label_contains("five is refused: accepted are seconds").count(), 1);
+    assert!(window.get_by_label("Start").accesskit_node().is_disabled());
+    typed(&mut window, "Smoothing", "0.05");
+    typed(&mut window, "Rate", "25");
+    typed(&mut window, "Pictures", "320x240");
+    // A file is chosen in the dialog's place, which is there again.
+    window.get_by_label("Choose a board…").click();
+    shows(&mut window, "Choose a board");
+    assert!(!has(&window, "Start"));
+    window.key_press(Key::Escape);
+    shows(&mut window, "Start");
+    window.get_by_label("Start").click();
+    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.asked.smooth_s.is_some()));
+    let wanted = Asked { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..Asked::default() };
+    assert_eq!(window.state().project().camera.as_ref().unwrap().asked, wanted);
+    until(&mut window, |app| app.viewer().composite().is_some());
+    ask(&mut window);
+    assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);
+    // Of a stream the delay is asked for.
+    window.get_by_label("from a stream").click();
+    window.run_steps(2);
+    typed(&mut window, "Delay", "auto");
+    assert!(!window.get_by_label("Start").accesskit_node().is_disabled());
+    typed(&mut window, "Delay", "late");
+    assert!(window.get_by_label("Start").accesskit_node().is_disabled());
+}
+
+/// A video of the sheet as a person holds it before a camera to calibrate it: still in one place after the other, over and over.
+fn held(site: &Site) -> String {
+    let printed = image::open(site.path("board.png")).unwrap().into_luma8();
+    let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
+    let stands = [[0.0, -0.1], [0.4, 0.0], [-0.4, 0.1], [0.05, 0.42], [0.0, -0.45], [0.35, 0.35], [-0.3, -0.3]];
+    for (n, [x, y]) in stands.into_iter().enumerate() {
+        let target = glam::DVec3::new(0.1 * y, -0.1 * x, 0.0);
+        let place = Place::looking(glam::DVec3::new(x, y, 0.55), target, 0.2 * n as f64);
+        let codes = sheet.photograph(&CAMERA, 3, 1.0, n as u64, |_| place);
+        image::RgbImage::from_raw(640, 480, codes).unwrap().save(site.path(&format!("held-{n}.png"))).unwrap();
+    }
+    let (from, to) = (site.path("held-%d.png"), site.path("held.mkv"));
+    let held = ["-v", "error", "-framerate", "0.5", "-stream_loop", "20", "-i", &from, "-vf", "fps=10"];
+    let codec = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0", &to];
+    assert!(std::process::Command::new("ffmpeg").args(held).args(codec).status().unwrap().success());
+    to
+}
+
+#[test]
+fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
+    let site = Site::new(&CAMERA);
+    let wrong = sheet::Camera { focal_px: 700.0, k1: 0.0, ..CAMERA };
+    std::fs::write(site.path("camera.toml"), wrong.profile()).unwrap();
+    let (video, profile) = (held(&site), Path::new(&site.path("camera.toml")).to_owned());
+    let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
+    let opened = live::open(&LiveFrom::new(&video, "none"), Some(&camera)).unwrap();
+    let given = Given { profile: Some(profile), ..Given::default() };
+    let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
+    project.camera = Some(LiveFrom::new(&video, "none"));
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
+    window.step();
+    window.get_by_label("Calibrate").click();
+    shows(&mut window, "Calibrate camera…");
+    window.get_by_label("Calibrate camera…").click();
+    shows(&mut window, "Give it up");
+    assert!(window.get_by_label("Finish").accesskit_node().is_disabled(), "three views at least");
+    let views = |window: &Harness<'_, App>| -> usize {
+        let node = window.query_all_by_label_contains(" of 20 views, ").next().unwrap();
+        let text = node.accesskit_node().label().or(node.accesskit_node().value()).unwrap();
+        text.split(' ').next().unwrap().parse().unwrap()
+    };
+    let begun = std::time::Instant::now();
+    while views(&window) < 4 {
+        let told = || format!("{:?}", window.query_all_by_label_contains("hold").collect::<Vec<_>>());
+        assert!(begun.elapsed().as_secs() < 240, "{} views: {}", views(&window), told());
+        window.step();
+        std::thread::yield_now();
+    }
+    assert!(window.query_all_by_label_contains("missing: ").count() > 0);
+    window.get_by_label("Finish").click();
+    shows(&mut window, "Take the camera");
+    let fx = |window: &Harness<'_, App>| match window.state().project().value("camera", "fx_px") {
+        Some(Value::Number(fx)) => fx,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(fx(&window), 700.0, "nothing is taken by itself");
+    assert!(window.query_all_by_label_contains("700.").count() > 0, "it stands beside");
+    window.get_by_label("Take the camera").click();
+    window.run_steps(2);
+    assert!((fx(&window) / CAMERA.focal_px - 1.0).abs() < 0.02, "{}", fx(&window));
+    assert!(window.get_by_label("Take the camera").accesskit_node().is_disabled());
+    let Some(Value::Number(k1)) = window.state().project().value("camera.distortion", "k1") else { panic!() };
+    assert!((k1 - CAMERA.k1).abs() < 0.05, "{k1}");
+    // One step.
+    window.get_by_label("Undo").click();
+    window.run_steps(2);
+    assert_eq!(fx(&window), 700.0);
+    window.get_by_label("Leave the camera").click();
+    window.run_steps(2);
+    assert!(!has(&window, "Take the camera") && has(&window, "Calibrate camera…"));
+}

@@ -1,0 +1,25 @@
+//! The window, worked as a person would.
+
+#![cfg(feature = "window")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../common/filmed.rs"]
+mod filmed;
+#[path = "../common/gpu.rs"]
+mod gpu;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/sheet.rs"]
+mod sheet;
+#[path = "../common/window.rs"]
+mod worked;
+
+mod access;
+mod analysing;
+mod handles;
+mod keeping;
+mod live;
+mod matching;
+mod place;
+mod stumbles;
+mod tuner;

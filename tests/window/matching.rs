@@ -1,0 +1,387 @@
+//! Plots and calibration in the window, worked as a person would.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use crate::worked;
+use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::{NodeT, Queryable};
+use locard::calibrate::sharpness::{Of, edge, edge_in, together};
+use locard::calibrate::{Place, SceneMotion, picked_noise};
+use locard::params::Value;
+use locard::pixels::{Pixels, Rect};
+use locard::recording::OpenOptions;
+use locard::shot::Given;
+use locard::window::{App, Project};
+
+/// The lower edge of the front box, and wall without anything on it.
+const EDGE: Rect = Rect { x0: 88, y0: 120, x1: 116, y1: 148 };
+const WALL: Rect = Rect { x0: 400, y0: 10, x1: 520, y1: 70 };
+
+fn open() -> Harness<'static, App> {
+    let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    worked::window(project, vec2(1400.0, 1200.0))
+}
+
+/// A dark marker before the light wall: a straight edge that the program draws.
+fn before_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("scene.toml");
+    let at = |file: &str| std::path::absolute(file).unwrap().display().to_string();
+    let (model, sky) = (at("scenes/marker-1.glb"), at("recordings/demo/environment.hdr"));
+    let text = format!(
+        "version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.9, 0.36]\n\
+         rotation_deg = [0, 0, 12]\nscale = 5.0\n[light]\nenvironment = {sky:?}\nenvironment_intensity = {light}\n"
+    );
+    std::fs::write(&path, text).unwrap();
+    let given = Given { scene: Some(path), ..Given::default() };
+    let mut project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    // It stands in the wall, and what blurs besides is off.
+    project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
+    project.switch("motion_blur", false);
+    (temp, worked::window(project, vec2(1400.0, 1200.0)))
+}
+
+/// The numbers of what is shown that begins so.
+fn numbers(window: &Harness<'_, App>, begin: &str) -> Option<Vec<f64>> {
+    let node = window.query_all_by_label_contains(begin).next()?;
+    let text = node.accesskit_node().label().or(node.accesskit_node().value())?;
+    let rest = text.strip_prefix(begin)?.to_owned();
+    let of_number = |c: char| !(c.is_ascii_digit() || c == '.' || c == '-');
+    Some(rest.split(of_number).filter_map(|word| word.parse().ok()).collect())
+}
+
+/// Until the numbers of what begins so are as wanted.
+fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(&[f64]) -> bool) {
+    let begun = Instant::now();
+    loop {
+        let found = numbers(window, begin);
+        if found.as_deref().is_some_and(&is_wanted) {
+            return;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(120), "{begin}: {found:?}");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
+/// What is set is what is measured, to three standard deviations of the measurement; the camera's own noise is in it.
+#[test]
+fn a_virtual_edge_is_as_wide_as_the_sharpness_that_is_set() {
+    let (_temp, mut window) = before_the_wall(0.02);
+    window.state_mut().project_mut().switch("noise", false);
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    window.get_by_label("Edges").click();
+    window.run_steps(20);
+    window.get_by_label("Pick a virtual edge").click();
+    window.run_steps(2);
+    drag(&mut window, Rect::new(356, 4, 388, 50));
+    for sigma_px in [1.0, 2.0, 0.5] {
+        let project = window.state_mut().project_mut();
+        project.set("point_spread", "sigma_px", &Value::Number(sigma_px)).unwrap();
+        worked::settle(&mut window);
+        await_numbers(&mut window, "virtual: σ ", |found| {
+            let [found_px, uncertainty_px] = [found[0], found[1]];
+            uncertainty_px < 0.05 && (found_px - sigma_px).abs() <= 3.0 * uncertainty_px
+        });
+    }
+}
+
+/// The profile's noise is drawn, as often as it is set. Of some thousand independent pixels σ is within 2 %; the rest is the
+/// rounding to codes, which weighs more the less noise there is.
+#[test]
+fn the_noise_that_is_drawn_is_the_profiles_times_what_is_set() {
+    let (_temp, mut window) = before_the_wall(1.0);
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    for scale in [1.0, 0.5, 2.0] {
+        window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
+        worked::settle(&mut window);
+        // The camera's own plain places are as its profile says, which was measured in other frames.
+        await_numbers(&mut window, "σ over the profile's: drawn ", |found| {
+            (found[0] / scale - 1.0).abs() < 0.05 && (found[1] - 1.0).abs() < 0.15
+        });
+    }
+}
+
+/// Drags a rectangle in the picture.
+fn drag(window: &mut Harness<'_, App>, rect: Rect) {
+    let at = |window: &Harness<'_, App>, x: i32, y: i32| window.state().on_screen(vec2(x as f32, y as f32)).unwrap();
+    let (from, to): (Pos2, Pos2) = (at(window, rect.x0, rect.y0), at(window, rect.x1, rect.y1));
+    window.hover_at(from);
+    window.step();
+    window.drag_at(from);
+    window.step();
+    for share in [0.1, 0.5, 1.0, 1.0] {
+        window.hover_at(from + (to - from) * share);
+        window.step();
+    }
+    window.drop_at(to);
+    window.run_steps(2);
+}
+
+/// Until something with these words is shown.
+fn await_text(window: &mut Harness<'_, App>, words: &str) {
+    let begun = Instant::now();
+    while window.query_all_by_label_contains(words).next().is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "nothing says {words}");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
+/// The wall in a picture.
+fn place(pixels: &Pixels) -> Place {
+    let mut place = Place::new(WALL);
+    place.add(pixels).unwrap();
+    place
+}
+
+/// Until nothing with these words is shown.
+fn await_no_text(window: &mut Harness<'_, App>, words: &str) {
+    let begun = Instant::now();
+    while window.query_all_by_label(words).next().is_some() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "it still says {words}");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
+fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Option<Value> {
+    window.state().project().value(table, name)
+}
+
+#[test]
+fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
+    let mut window = open();
+    window.get_by_label("Calibrate").click();
+    window.run_steps(2);
+    window.get_by_label("Pick edges").click();
+    window.run_steps(2);
+    drag(&mut window, EDGE);
+    // What the window shows is what the engine gives.
+    let shot = window.state().project().shot().clone();
+    let frame = shot.read(0).unwrap();
+    let at = glam::DVec2::new(f64::from(EDGE.x0 + EDGE.x1), f64::from(EDGE.y0 + EDGE.y1)) / 2.0;
+    let moved = shot.moved_px(&frame, at, &shot.surface_at(&frame, at).unwrap()).unwrap();
+    let found = edge(&frame.pixels, &shot.camera().response, EDGE, moved.to_array()).unwrap();
+    await_text(&mut window, &format!("σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
+    assert!(window.query_by_role_and_label(Role::Image, "Measured edges").is_some());
+    let before = value(&window, "point_spread", "sigma_px");
+    window.get_by_label("Take the sharpness").click();
+    window.run_steps(3);
+    let all = together(&[found]).unwrap();
+    let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
+    assert!(value(&window, "point_spread", "sigma_px") == Some(taken.clone()) && before != Some(taken));
+    worked::settle(&mut window);
+    window.get_by_label("Undo").click();
+    window.run_steps(3);
+    assert_eq!(value(&window, "point_spread", "sigma_px"), before);
+    // What is no edge is told in words, and nothing can be taken.
+    window.get_by_label("Leave the sharpness").click();
+    window.run_steps(2);
+    // It is still asked for edges.
+    drag(&mut window, WALL);
+    window.get_by_label("edge 1");
+    await_no_text(&mut window, "…");
+    assert!(window.query_by_label("Take the sharpness").is_none());
+}
+
+#[test]
+fn a_plain_place_gives_the_noise_which_is_taken_and_undone() {
+    let mut window = open();
+    window.get_by_label("Calibrate").click();
+    window.run_steps(2);
+    window.get_by_label("Pick plain places").click();
+    window.run_steps(2);
+    drag(&mut window, WALL);
+    let before = window.state().project().edit().rig.noise.clone();
+    let frame = window.state().project().shot().read(0).unwrap();
+    let place = place(&frame.pixels);
+    let found = picked_noise(&[place], SceneMotion::Moving, before.as_ref()).noise.unwrap();
+    await_text(&mut window, "Measured from code");
+    assert!(window.query_by_role_and_label(Role::Image, "Measured noise").is_some());
+    // The demonstration's camera is known: it was simulated.
+    for (c, points) in found.points.iter().enumerate() {
+        let known = before.as_ref().unwrap().sigma(c, points[0].code);
+        assert!((points[0].sigma / known - 1.0).abs() < 0.15, "{c}: {points:?}, {known}");
+    }
+    let green = &found.points[1][0];
+    assert!(window.query_all_by_label(&format!("{:.2}", green.sigma)).next().is_some(), "{green:?}");
+    window.get_by_label("Take the noise").click();
+    window.run_steps(3);
+    assert_eq!(window.state().project().edit().rig.noise, Some(found.profile));
+    // One step, which a saved profile keeps.
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("camera.toml");
+    window.state_mut().project_mut().save_profile(&path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.contains("[camera.noise]") && text.contains("picked in the window"), "{text}");
+    worked::settle(&mut window);
+    window.get_by_label("Undo").click();
+    window.run_steps(3);
+    assert_eq!(window.state().project().edit().rig.noise, before);
+}
+
+#[test]
+fn bad_places_say_why_and_the_good_ones_are_used() {
+    let mut window = open();
+    window.get_by_label("Calibrate").click();
+    window.run_steps(2);
+    window.get_by_label("Pick plain places").click();
+    window.run_steps(2);
+    // Three in a row, and one in another frame, without pressing the button again: one too small, one over the box's edges.
+    drag(&mut window, Rect::new(400, 10, 430, 20));
+    drag(&mut window, Rect::new(60, 90, 200, 200));
+    drag(&mut window, WALL);
+    window.state_mut().player_mut().seek(2);
+    worked::settle(&mut window);
+    drag(&mut window, WALL);
+    await_text(&mut window, "too small: 30 × 10 px; 24 × 24 px and more are needed");
+    await_text(&mut window, "not plain: ");
+    await_text(&mut window, "Measured from code");
+    let shot = window.state().project().shot().clone();
+    let (first, third) = (shot.read(0).unwrap(), shot.read(2).unwrap());
+    let places = [&first, &third].map(|frame| place(&frame.pixels));
+    let present = window.state().project().edit().rig.noise.clone();
+    let found = picked_noise(&places, SceneMotion::Moving, present.as_ref());
+    for code in &found.places {
+        await_text(&mut window, &format!("used, code {:.0}", code.as_ref().unwrap()));
+    }
+    // Each is dropped by itself; what is left says the same.
+    for _ in 0..2 {
+        window.get_by_label("Drop plain 1").click();
+        window.run_steps(3);
+    }
+    assert!(window.query_by_label("Drop plain 3").is_none() && window.query_by_label("Drop plain 2").is_some());
+    await_no_text(&mut window, "…");
+    assert!(window.query_all_by_label_contains("too small").next().is_none());
+    // Esc ends the picking: a drag moves nothing and picks nothing.
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    drag(&mut window, WALL);
+    assert!(window.query_by_label("Drop plain 3").is_none());
+    let take = "Take the noise";
+    until_enabled(&mut window, take);
+    window.get_by_label(take).click();
+    window.run_steps(3);
+    assert_eq!(window.state().project().edit().rig.noise, Some(found.noise.unwrap().profile));
+}
+
+#[test]
+fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
+    let mut window = open();
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    window.get_by_label("Edges").click();
+    window.run_steps(20);
+    window.get_by_label("Pick a real edge").click();
+    window.run_steps(2);
+    drag(&mut window, WALL);
+    await_text(&mut window, "real: ");
+    await_text(&mut window, "As it is seen there");
+    assert!(window.query_by_role_and_label(Role::Image, "Refused edges").is_some());
+    window.get_by_label("real: refused");
+    // An edge again, and of red alone.
+    window.get_by_label("Pick a real edge").click();
+    window.run_steps(2);
+    drag(&mut window, EDGE);
+    await_no_text(&mut window, "As it is seen there");
+    let shot = window.state().project().shot().clone();
+    let red = edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], Of::Channel(0)).unwrap();
+    window.get_all_by_label("Red").last().unwrap().click();
+    await_text(&mut window, &format!("real: σ {:.3} ", red.sigma_px));
+}
+
+#[test]
+fn a_refused_edge_is_plotted_beside_good_ones_and_each_has_its_name() {
+    let mut window = open();
+    window.get_by_label("Calibrate").click();
+    window.run_steps(2);
+    window.get_by_label("Pick edges").click();
+    window.run_steps(2);
+    for place in [WALL, EDGE, Rect { x0: EDGE.x0 + 2, ..EDGE }] {
+        drag(&mut window, place);
+    }
+    // The first is refused, and not the one that was picked last.
+    await_text(&mut window, "edge 1: refused");
+    for plot in ["Measured edges", "Refused edges"] {
+        assert!(window.query_by_role_and_label(Role::Image, plot).is_some(), "{plot}");
+    }
+    // In the list, and in the legend of the plot.
+    for (name, times) in [("edge 1", 1), ("edge 2", 2), ("edge 3", 2)] {
+        assert_eq!(window.query_all_by_label(name).count(), times, "{name}");
+    }
+}
+
+/// Until a button can be pressed.
+fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
+    let begun = Instant::now();
+    while window.query_by_label(label).is_none_or(|node| node.accesskit_node().is_disabled()) {
+        assert!(begun.elapsed() < Duration::from_secs(120), "{label} cannot be pressed");
+        window.step();
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn plots_appear_and_only_those_that_are_open_are_computed() {
+    let mut window = open();
+    window.get_by_label("Match").click();
+    window.run_steps(3);
+    assert!(window.query_by_role_and_label(Role::Image, "Noise by intensity").is_some());
+    assert!(window.query_by_role_and_label(Role::Image, "Edges").is_none());
+    window.get_by_label("Edges").click();
+    window.run_steps(20);
+    window.get_by_label("Pick a real edge").click();
+    window.run_steps(2);
+    drag(&mut window, EDGE);
+    let shot = window.state().project().shot().clone();
+    let frame = shot.read(0).unwrap();
+    let found = edge(&frame.pixels, &shot.camera().response, EDGE, [0.0; 2]).unwrap();
+    await_text(&mut window, &format!("real: σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
+    // The virtual marker's upper edge, in the composite.
+    window.get_by_label("Pick a virtual edge").click();
+    window.run_steps(2);
+    drag(&mut window, Rect::new(300, 238, 318, 260));
+    await_text(&mut window, "virtual: ");
+    // How bright objects and their surroundings are, by luma or by a channel.
+    window.get_by_label("Brightness").click();
+    window.run_steps(20);
+    // The first ones are those of the brightness; edges have some, too.
+    window.get_all_by_label("Luma").next().unwrap().click();
+    window.run_steps(2);
+    assert!(window.query_by_role_and_label(Role::Image, "Brightness of object and surroundings").is_some());
+    window.get_by_label("Brightness").click();
+    window.run_steps(20);
+    // A patch is followed through all frames.
+    window.get_by_label("A patch over the frames").click();
+    window.run_steps(20);
+    window.get_by_label("Pick a patch").click();
+    window.run_steps(2);
+    drag(&mut window, WALL);
+    let mean = |frame: usize| {
+        let pixels = shot.read(frame).unwrap().pixels;
+        let places = (WALL.y0..WALL.y1).flat_map(|y| (WALL.x0..WALL.x1).map(move |x| (x as u32, y as u32)));
+        let codes: Vec<f64> = places.map(|(x, y)| f64::from(pixels.at(x, y)[1])).collect();
+        codes.iter().sum::<f64>() / codes.len() as f64
+    };
+    await_text(&mut window, &format!("now {:.1}, ", mean(0)));
+    assert!(window.query_by_role_and_label(Role::Image, "Mean of a patch").is_some());
+    // What happens to the point under the pointer: how far a point of the floor is follows from the camera's pose alone.
+    let floor_m = glam::DVec3::new(-0.2, -0.1, 0.0);
+    let px = shot.eye(0).unwrap().project(floor_m).unwrap();
+    let depth_m = shot.recording.pose_at_frame(0).unwrap().transform_point(floor_m).z;
+    let at = window.state().on_screen(vec2(px.x as f32, px.y as f32)).unwrap();
+    window.hover_at(at);
+    window.run_steps(3);
+    await_text(&mut window, "m away, code values");
+    let told = window.query_all_by_label_contains("m away, code values").next().unwrap();
+    let told = told.accesskit_node().label().or(told.accesskit_node().value()).unwrap();
+    let told_m: f64 = told.split(' ').next().unwrap().parse().unwrap();
+    // The sensor's depth is noisy by 1.5 mm, and the row's own pose a little beside the frame's.
+    assert!((told_m - depth_m).abs() < 5e-3, "{told}: {depth_m}");
+}

@@ -1,0 +1,192 @@
+//! Placing in the window: on a plane through three points, what is hidden, and what stands wrong.
+
+use std::path::Path;
+
+use crate::worked::{click_at, drop_file, settle, shown, until, window};
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::{NodeT, Queryable};
+use glam::{DVec2, DVec3};
+use locard::recording::OpenOptions;
+use locard::scene::Entry;
+use locard::shot::Given;
+use locard::window::{App, Project};
+
+const FRAME: usize = 30;
+
+fn open() -> Harness<'static, App> {
+    let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    window.state_mut().player_mut().seek(FRAME);
+    settle(&mut window);
+    window
+}
+
+/// Clicks where a point of the world is seen.
+fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
+    let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
+    let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
+    click_at(window, at);
+}
+
+#[test]
+fn a_thing_is_placed_by_keys_alone() {
+    let mut window = open();
+    drop_file(&mut window, Path::new("scenes/marker-1.glb").canonicalize().unwrap());
+    window.run_steps(2);
+    let before = window.state().project().edit().scene.objects.len();
+    // From the middle: two steps of 16 px to the right, one of a pixel down.
+    for _ in 0..2 {
+        window.key_press(Key::ArrowRight);
+        window.step();
+    }
+    window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowDown);
+    window.step();
+    assert_eq!(window.state().player().frame(), FRAME, "no frame further");
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    let objects = &window.state().project().edit().scene.objects;
+    assert_eq!(objects.len(), before + 1);
+    let at_m = DVec3::from_array(objects[before].position_m.unwrap());
+    let (shot, frame) = (window.state().project().shot(), window.state().project().shot().read(FRAME).unwrap());
+    let there = shot.surface_at(&frame, DVec2::new(352.0, 241.0)).unwrap().point_m;
+    assert!(at_m.distance(there) < 1e-3, "{at_m} {there}");
+}
+
+#[test]
+fn a_name_that_is_typed_is_one_step() {
+    let mut window = open();
+    let names =
+        |window: &Harness<'_, App>| window.state().project().history().names().0.map(str::to_owned).collect::<Vec<_>>();
+    let title = |window: &Harness<'_, App>| {
+        let scene = &window.state().project().edit().scene;
+        scene.title(Entry { object: 0, instance: scene.entries()[0].instance })
+    };
+    let before = title(&window);
+    window.get_by_role_and_label(Role::Button, &before).click();
+    window.run_steps(2);
+    let steps = names(&window).len();
+    for (new, more) in [("Beweis 1", 1), ("2", 2)] {
+        window.get_by_role_and_label(Role::TextInput, "Name").focus();
+        window.step();
+        window.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+        window.step();
+        // Emptied, it does not fall back on the model's name.
+        window.key_press(egui::Key::Backspace);
+        window.step();
+        for letter in new.chars() {
+            window.get_by_role_and_label(Role::TextInput, "Name").type_text(&letter.to_string());
+            window.step();
+        }
+        assert_eq!(title(&window), new);
+        window.key_press(egui::Key::Enter);
+        window.run_steps(2);
+        let all = names(&window);
+        assert_eq!(all.len(), steps + more, "{all:?}");
+    }
+    assert_eq!(names(&window)[steps..], [format!("{before}: renamed"), "Beweis 1: renamed".to_owned()]);
+    window.state_mut().project_mut().undo();
+    window.run_steps(2);
+    assert_eq!(title(&window), "Beweis 1");
+}
+
+#[test]
+fn three_points_make_a_plane_and_things_come_to_rest_on_it() {
+    let mut window = open();
+    window.get_by_label("Three points…").click();
+    window.run_steps(2);
+    // The floor is z = 0, and the depth noisy by 1.5 mm.
+    for point_m in [[-0.4, -0.3, 0.0], [0.3, -0.4, 0.0], [-0.1, 0.5, 0.0]] {
+        click(&mut window, point_m);
+    }
+    window.get_by_label("a plane");
+    let before = window.state().project().edit().scene.objects.len();
+    window.get_by_label("Place…").click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "marker-3").click();
+    window.run_steps(2);
+    click(&mut window, [0.1, -0.2, 0.0]);
+    let objects = &window.state().project().edit().scene.objects;
+    assert_eq!(objects.len(), before + 1);
+    let position_m = objects[before].position_m.unwrap();
+    for (found, expected) in position_m.into_iter().zip([0.1, -0.2, 0.0]) {
+        assert!((found - expected).abs() < 4e-3, "{position_m:?}");
+    }
+    settle(&mut window);
+}
+
+/// From above: a marker's front looks along −y, turned by its heading counter-clockwise.
+fn faces(window: &Harness<'_, App>, entry: Entry) -> DVec2 {
+    let heading_deg = window.state().project().edit().scene.heading_deg(entry, DVec3::Z).unwrap();
+    DVec2::from_angle((heading_deg - 90.0).to_radians())
+}
+
+#[test]
+fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
+    let mut window = open();
+    // The first marker is turned by its rotation: its heading says so, and is changed from there.
+    let marker = Entry { object: 0, instance: None };
+    window.get_by_label("marker 1").click();
+    window.run_steps(3);
+    let heading = |window: &Harness<'_, App>| {
+        window.get_by_role_and_label(Role::Slider, "heading").accesskit_node().numeric_value().unwrap()
+    };
+    assert!((heading(&window) - 12.0).abs() < 1e-9, "{}", heading(&window));
+    window.get_by_role_and_label(Role::Slider, "heading").set_value_accesskit(40.0);
+    window.run_steps(3);
+    let placed = window.state().project().edit().scene.objects[0].clone();
+    assert_eq!((placed.rotation_deg, placed.heading_deg), (Some([0.0, 0.0, 12.0]), Some(28.0)));
+    assert!(faces(&window, marker).abs_diff_eq(DVec2::from_angle((-50.0f64).to_radians()), 1e-9));
+
+    window.get_by_label("Place…").click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "marker-3").click();
+    window.run_steps(2);
+    for point_m in [[0.1, -0.2, 0.0], [-0.3, -0.3, 0.0]] {
+        click(&mut window, point_m);
+        let entry = window.state().selected().unwrap();
+        let to_camera = window.state().project().shot().eye(FRAME).unwrap().position_m() - DVec3::from(point_m);
+        let off = faces(&window, entry).dot(to_camera.truncate().normalize());
+        // The depth is noisy, and a tenth of a degree is written.
+        assert!(off > 0.9999, "{point_m:?}: {off}");
+    }
+    settle(&mut window);
+}
+
+#[test]
+fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
+    let mut window = open();
+    let before = shown(&window);
+    let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
+    // What it finds it finds on a thread.
+    let twice = window.state().project().edit().scene.objects[0].clone();
+    let name = twice.name.clone().unwrap();
+    let add = |scene: &mut locard::scene::SceneFile| scene.objects.push(twice);
+    window.state_mut().project_mut().change_scene("twice", add).unwrap();
+    settle(&mut window);
+    for _ in 0..10_000 {
+        if told(&window) == 2 {
+            break;
+        }
+        window.step();
+        std::thread::yield_now();
+    }
+    assert_eq!(told(&window), 2, "each of the two");
+    // The one that was there is hidden, then the other too.
+    let boxes = format!("{name}: shown");
+    window.get_all_by_label(&boxes).next().unwrap().click();
+    window.run_steps(2);
+    settle(&mut window);
+    let first = Entry { object: 0, instance: None };
+    assert!(window.state().project().edit().scene.is_hidden(first));
+    assert!(shown(&window) == before, "one of two in one place");
+    window.get_all_by_label(&boxes).last().unwrap().click();
+    window.run_steps(2);
+    settle(&mut window);
+    assert!(shown(&window) != before);
+    window.state_mut().project_mut().undo();
+    window.state_mut().project_mut().undo();
+    until(&mut window, App::is_settled);
+    assert!(!window.state().project().edit().scene.is_hidden(first));
+}

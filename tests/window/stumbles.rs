@@ -1,0 +1,295 @@
+//! What newcomers stumbled over in the window, worked as they did.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use crate::program;
+use crate::worked::{Device, click_at, has, search, settle, shows, until, window};
+use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role, pos2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use locard::params::Value;
+use locard::recording::OpenOptions;
+use locard::scene::Entry;
+use locard::shot::Given;
+use locard::window::{App, DEMO, DEMO_SCENE, Project, Start};
+
+fn open_at(recording: &Path) -> Harness<'static, App> {
+    let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    window(Project::open(recording, &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
+}
+
+fn open() -> Harness<'static, App> {
+    open_at(Path::new(DEMO))
+}
+
+fn scale(window: &Harness<'_, App>) -> f64 {
+    match window.state().project().value("noise", "scale").unwrap() {
+        Value::Number(scale) => scale,
+        other => panic!("{other}"),
+    }
+}
+
+fn steps(window: &Harness<'_, App>) -> Vec<String> {
+    window.state().project().history().names().0.map(str::to_owned).collect()
+}
+
+/// Clicks into the only number field, and types.
+fn type_number(window: &mut Harness<'_, App>, text: &str) {
+    let all: Vec<_> = window.query_all_by_role(Role::SpinButton).map(|node| node.rect()).collect();
+    assert_eq!(all.len(), 1, "one field beside one slider");
+    click_at(window, all[0].center());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text(text.to_owned()));
+    window.run_steps(3);
+}
+
+#[test]
+fn esc_takes_back_what_was_typed() {
+    let mut window = open();
+    search(&mut window, "noise scale");
+    type_number(&mut window, "0.25");
+    // The Esc is the field's: what is open stays.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(2);
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{:?}", steps(&window));
+    assert!(has(&window, "Pictures…"));
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(2);
+    type_number(&mut window, "0.5");
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+    assert_eq!(scale(&window), 0.5);
+
+    // A name, and a place.
+    let object = Entry { object: 0, instance: window.state().project().edit().scene.entries()[0].instance };
+    let title = |window: &Harness<'_, App>| window.state().project().edit().scene.title(object);
+    let (before, steps_before) = (title(&window), steps(&window));
+    window.get_by_role_and_label(Role::Button, &before).click();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::TextInput, "Name").focus();
+    window.step();
+    window.get_by_role_and_label(Role::TextInput, "Name").type_text("Beweis");
+    window.run_steps(2);
+    assert!(title(&window) != before);
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    assert_eq!((title(&window), steps(&window)), (before, steps_before));
+    let stance = window.state().project().edit().scene.stance(object);
+    let at = window.get_by_role_and_label(Role::Slider, "position x").rect().center();
+    click_at(&mut window, at);
+    window.event(egui::Event::Text("0.5".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    assert_eq!(window.state().project().edit().scene.stance(object), stance);
+}
+
+/// Where the handle of the slider of the noise's scale is, 1 of 0 to 8.
+fn handle(window: &Harness<'_, App>) -> Pos2 {
+    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
+    let half = 0.75 * rail.height() / 2.5;
+    pos2(rail.left() + half + (rail.width() - 2.0 * half) * scale(window) as f32 / 8.0, rail.center().y)
+}
+
+#[test]
+fn a_press_on_a_handle_changes_nothing_and_a_drag_is_one_step() {
+    let mut window = open();
+    search(&mut window, "noise scale");
+    let at = handle(&window) + egui::vec2(3.0, 0.0);
+    click_at(&mut window, at);
+    assert!(scale(&window) == 1.0 && steps(&window) == ["opened"], "{}", scale(&window));
+    // It is moved by as much as the pointer is.
+    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
+    let (before, way) = (handle(&window), 0.125 * (rail.width() - 2.0 * 0.75 * rail.height() / 2.5));
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.step();
+    for share in [0.4, 1.0] {
+        window.hover_at(at + egui::vec2(share * way, 0.0));
+        window.step();
+    }
+    window.drop_at(at + egui::vec2(way, 0.0));
+    window.run_steps(2);
+    assert!((scale(&window) - 2.0).abs() < 0.02, "{}", scale(&window));
+    assert!((handle(&window).x - before.x - way).abs() < 1.0);
+    type_number(&mut window, "0.25");
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    assert!(steps(&window) == ["opened", "Noise: Scale", "Noise: Scale"], "{:?}", steps(&window));
+    // Beside the handle a press brings it there.
+    click_at(&mut window, rail.center());
+    assert!((scale(&window) - 4.0).abs() < 0.1, "{}", scale(&window));
+    assert_eq!(steps(&window).len(), 4);
+}
+
+#[test]
+fn esc_closes_what_is_open_and_a_message_lets_clicks_through() {
+    let mut window = open();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(2);
+    assert!(has(&window, "Pictures…"));
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    assert!(!has(&window, "Pictures…"));
+    window.state_mut().show_start(true);
+    window.run_steps(2);
+    assert!(has(&window, "Opened lately") || has(&window, "Open a recording…"));
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    assert!(!has(&window, "Open a recording…"));
+
+    // What is begun ends before what is open.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(2);
+    window.get_by_label("Three points…").click();
+    window.run_steps(2);
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    assert!(has(&window, "Pictures…"));
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    assert!(!has(&window, "Pictures…"));
+
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(2);
+    window.get_by_label("Undone: Noise: Scale").click();
+    window.run_steps(3);
+    assert!(has(&window, "Copy"));
+    let wipe = window.get_by_label("Wipe").rect().center();
+    click_at(&mut window, wipe);
+    assert!(!has(&window, "Copy") && window.state().view.wipe.is_some(), "one click does both");
+}
+
+#[test]
+fn a_click_selects_a_recording_and_says_what_it_is() {
+    let temp = tempfile::tempdir().unwrap();
+    program::copied(Path::new(DEMO), &temp.path().join("mine"));
+    let mut window = open_at(&temp.path().join("mine"));
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
+    shows(&mut window, "mine/   recording");
+    assert!(has(&window, "Open") && !has(&window, "Open recording"));
+    window.get_by_label("mine/   recording").click();
+    window.run_steps(2);
+    shows(&mut window, "mine: 72 frames, 640 × 480 px, 2.4 s");
+    window.get_by_label("Open recording").click();
+    until(&mut window, |app| app.problem().is_none() && app.project().scene.is_none());
+    settle(&mut window);
+}
+
+#[test]
+fn it_is_said_at_once_where_the_exposure_is_not_known() {
+    let temp = tempfile::tempdir().unwrap();
+    let recording = temp.path().join("dark");
+    program::copied(Path::new(DEMO), &recording);
+    let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
+    let without = text.replace("[exposure]\nlist = \"exposure.txt\"\n", "");
+    assert!(without != text);
+    std::fs::write(recording.join("recording.toml"), without).unwrap();
+    let camera = recording.join("camera.toml");
+    let text = std::fs::read_to_string(&camera).unwrap();
+    let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("time_s")).collect();
+    assert!(without.len() < text.lines().count());
+    std::fs::write(&camera, without.join("\n")).unwrap();
+    let told = "Exposure not known: nothing says how long the frames were exposed: half the frame interval is taken; the \
+                camera's exposure time says otherwise.";
+    let mut window = open_at(&recording);
+    search(&mut window, "motion_blur");
+    assert!(has(&window, told));
+    window.state_mut().project_mut().set("camera.exposure", "time_s", &Value::Number(0.01)).unwrap();
+    window.run_steps(2);
+    assert!(!has(&window, told));
+}
+
+#[test]
+fn what_would_be_placed_follows_the_pointer() {
+    let mut window = open();
+    window.state_mut().player_mut().seek(30);
+    settle(&mut window);
+    let before = window.state().project().edit().scene.clone();
+    window.get_by_label("Place…").click();
+    window.run_steps(3);
+    window.get_by_role_and_label(Role::Button, "marker-3").click();
+    window.run_steps(3);
+    let middle = |outline: &[Vec<glam::DVec2>]| {
+        let all: Vec<_> = outline.concat();
+        all.iter().sum::<glam::DVec2>() / all.len() as f64
+    };
+    for at_px in [egui::vec2(320.0, 300.0), egui::vec2(260.0, 330.0)] {
+        let at = window.state().on_screen(at_px).unwrap();
+        window.hover_at(at);
+        // It stands there, and reaches up from there.
+        let is_there = |app: &App| {
+            let outline = app.previewed().filter(|outline| !outline.is_empty());
+            outline
+                .map(middle)
+                .is_some_and(|at| (at.x - f64::from(at_px.x)).abs() < 15.0 && (at.y - f64::from(at_px.y)).abs() < 40.0)
+        };
+        until(&mut window, is_there);
+    }
+    assert!(window.state().project().edit().scene == before && steps(&window) == ["opened"]);
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    assert!(window.state().previewed().is_none());
+}
+
+#[test]
+fn it_opens_again_where_it_was_left() {
+    let temp = tempfile::tempdir().unwrap();
+    let other = temp.path().join("other");
+    program::copied(Path::new(DEMO), &other);
+    let mut window = open();
+    window.state_mut().keep_in(&temp.path().join("state"));
+    window.state_mut().player_mut().seek(20);
+    settle(&mut window);
+    window.state_mut().view.zoom = Some(4.0);
+    window.state_mut().view.centre = egui::vec2(0.25, 0.75);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::O);
+    window.run_steps(3);
+    window.event(egui::Event::Text(other.display().to_string()));
+    shows(&mut window, "Open recording");
+    window.get_by_label("Open recording").click();
+    until(&mut window, |app| app.project().shot().recording.path == other);
+    settle(&mut window);
+    assert_eq!((window.state().player().frame(), window.state().view.zoom), (0, None));
+    window.state_mut().show_start(true);
+    shows(&mut window, "demo   demo.toml");
+    window.get_by_label("demo   demo.toml").click();
+    until(&mut window, |app| app.project().shot().recording.path != other);
+    settle(&mut window);
+    let view = &window.state().view;
+    assert_eq!((window.state().player().frame(), view.zoom, view.centre), (20, Some(4.0), egui::vec2(0.25, 0.75)));
+}
+
+#[test]
+fn without_the_demonstration_it_opens_with_what_can_be_opened() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("state");
+    let builder = Harness::builder().with_size(egui::vec2(1280.0, 800.0)).renderer(Device::new());
+    let (kept, demo) = (folder.clone(), std::path::absolute(DEMO).unwrap());
+    let mut start = builder.build_eframe(move |context| Start::new(context, Some(&kept)).unwrap());
+    start.run_steps(3);
+    assert!(has(&start, "Open a recording…") && !has(&start, "Stay with the demonstration"));
+    assert!(start.query_all_by_label_contains(&demo.display().to_string()).count() > 0);
+    start.get_by_label("Open a recording…").click();
+    start.run_steps(3);
+    start.event(egui::Event::Text(demo.display().to_string()));
+    shows(&mut start, "Open recording");
+    start.get_by_label("Open recording").click();
+    let begun = Instant::now();
+    while !start.state().app().is_some_and(App::is_settled) {
+        assert!(begun.elapsed() < Duration::from_secs(60), "nothing is opened");
+        start.step();
+        std::thread::yield_now();
+    }
+    assert!(has(&start, "Undo"));
+    drop(start);
+    // It was opened lately.
+    let again = Harness::builder().with_size(egui::vec2(1280.0, 800.0)).renderer(Device::new());
+    let mut again = again.build_eframe(move |context| Start::new(context, Some(&folder)).unwrap());
+    shows(&mut again, "demo");
+}

@@ -1,0 +1,414 @@
+//! The window, worked as a person would: by what its controls are called.
+
+use std::path::Path;
+
+use crate::gpu;
+use crate::program;
+use crate::worked::{called, codes, search, settle, shown, until, window};
+use eframe::egui::{self, Key, Modifiers, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use locard::compositor::Target;
+use locard::params::{Kind, Params, Value};
+use locard::recording::OpenOptions;
+use locard::shot::{Given, Shot};
+use locard::window::{App, Origin, Project};
+
+fn given(profile: Option<&Path>) -> Given {
+    Given { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..Given::default() }
+}
+
+fn open(profile: Option<&Path>) -> Harness<'static, App> {
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(profile)).unwrap();
+    window(project, egui::vec2(1400.0, 900.0))
+}
+
+/// What `locard composite` writes with these settings.
+fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
+    let given = Given { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
+    let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut compositor = shot.compositor(gpu::gpu().clone());
+    let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
+    codes(&compositor.collect(pending).unwrap().pixels)
+}
+
+fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Value {
+    let edit = window.state().project().edit();
+    let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
+    tables.into_iter().find(|t| t.table() == table).unwrap().get(name).unwrap()
+}
+
+#[test]
+fn it_shows_what_composite_writes() {
+    let mut window = open(None);
+    assert!(shown(&window) == written(&[], 0));
+    window.state_mut().player_mut().seek(31);
+    settle(&mut window);
+    let before = shown(&window);
+    assert!(before == written(&[], 31));
+
+    search(&mut window, "noise scale");
+    window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.0);
+    settle(&mut window);
+    assert_eq!(value(&window, "noise", "scale"), Value::Number(0.0));
+    let quiet = shown(&window);
+    assert!(quiet != before && quiet == written(&["noise.scale=0"], 31));
+
+    // Back, and on again.
+    window.get_by_label("Undo").click();
+    settle(&mut window);
+    assert!(shown(&window) == before && value(&window, "noise", "scale") == Value::Number(1.0));
+    window.get_by_label("Redo").click();
+    settle(&mut window);
+    assert!(shown(&window) == quiet);
+
+    // An effect off is an effect off.
+    search(&mut window, "motion_blur");
+    window.get_by_role_and_label(Role::CheckBox, "Motion blur").click();
+    settle(&mut window);
+    assert!(!window.state().project().edit().settings.is_on("motion_blur"));
+    assert!(shown(&window) != quiet);
+}
+
+#[test]
+fn every_parameter_has_one_control() {
+    let mut window = open(None);
+    search(&mut window, " ");
+    let edit = window.state().project().edit().clone();
+    let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
+    let mut names = std::collections::BTreeSet::new();
+    for table in tables {
+        for spec in table.specs() {
+            let full = called(&window, table.table(), spec.name);
+            assert!(!full.contains('_') && names.insert(full.clone()), "{full}");
+            let role = match spec.kind {
+                Kind::Bool => Role::CheckBox,
+                Kind::Choice(_) => Role::ComboBox,
+                Kind::Number { .. } | Kind::Integer { .. } => Role::Slider,
+            };
+            let given = table.get(spec.name) != Some(Value::None);
+            let controls = window.query_all_by_role_and_label(role, &full).count();
+            assert_eq!(controls, usize::from(given), "{full}");
+            let boxes = window.query_all_by_role_and_label(Role::CheckBox, &format!("{full} is given")).count();
+            assert_eq!(boxes, usize::from(spec.optional), "{full}");
+        }
+    }
+    assert!(names.len() > 50, "{}", names.len());
+    // They are found by what is read as by their keys.
+    for (words, key) in [("f-number", "camera.lens.f_number"), ("focal length", "fx_px"), ("iso noise", "noise.iso")] {
+        let (table, name) = match key.rsplit_once('.') {
+            Some((table, name)) => (table, name),
+            None => ("camera", key),
+        };
+        let name = called(&window, table, name);
+        for looked_for in [words, key] {
+            search(&mut window, looked_for);
+            let found = window.query_all_by_label_contains(&name).count();
+            assert!(found > 0, "{looked_for}: {name}");
+        }
+        assert_eq!(window.query_all_by_label_contains("Vignetting").count(), 0);
+    }
+    search(&mut window, "zebra");
+    assert_eq!(window.query_all_by_label("Nothing is called “zebra”.").count(), 1);
+}
+
+#[test]
+fn the_panel_stays_as_wide_as_it_is() {
+    let mut window = open(None);
+    let picture = |window: &Harness<'_, App>| window.get_by_role_and_label(Role::Image, "picture").rect();
+    let before = picture(&window);
+    for (table, name) in [("camera.lens", "f_number"), ("camera.exposure", "time_s"), ("camera.exposure", "iso")] {
+        search(&mut window, &format!("{table}.{name}"));
+        let name = called(&window, table, name);
+        if window.query_by_role_and_label(Role::Button, &format!("{name}: stops")).is_none() {
+            window.get_by_label(&format!("{name} is given")).click();
+            window.run_steps(3);
+        }
+        // With its stops within the window.
+        let stops = window.get_by_role_and_label(Role::Button, &format!("{name}: stops")).rect();
+        assert!(stops.right() <= 1400.0 && stops.width() > 40.0, "{name}: {stops:?}");
+    }
+    assert_eq!(picture(&window), before);
+}
+
+#[test]
+fn a_message_goes_when_something_else_is_done_and_it_could_be_read() {
+    let mut window = open(None);
+    let set = |window: &mut Harness<'_, App>, scale: f64| {
+        window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
+        window.state_mut().project_mut().close_step();
+        window.run_steps(2);
+    };
+    set(&mut window, 0.5);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(2);
+    let told = "Undone: Noise: Scale";
+    let is_told = |window: &Harness<'_, App>| window.query_all_by_label(told).count() == 1;
+    assert!(is_told(&window));
+    // However long, as long as nothing is done.
+    window.run_steps(60);
+    assert!(is_told(&window));
+    set(&mut window, 0.75);
+    assert!(!is_told(&window));
+}
+
+#[test]
+fn what_is_saved_opens_again_and_comments_stay() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    let text = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
+    std::fs::write(&profile, text).unwrap();
+    let mut window = open(Some(&profile));
+    assert_eq!(window.state().project().origin("noise", "scale"), Origin::File);
+    assert_eq!(window.state().project().origin("noise", "magnification"), Origin::Default);
+
+    search(&mut window, "noise scale");
+    window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.75);
+    window.run_steps(2);
+    search(&mut window, "focus_distance");
+    window.get_by_role_and_label(Role::CheckBox, "Camera: lens: Focus distance is given").click();
+    settle(&mut window);
+    let project = window.state().project();
+    assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::Person);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    until(&mut window, |app| app.project().is_saved());
+    let saved = std::fs::read_to_string(&profile).unwrap();
+    let expected = text.replace("0.5 #", "0.75 #") + "\n[camera.lens]\nfocus_distance_m = 1.0\n";
+    assert_eq!(saved, expected);
+
+    let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(Some(&profile))).unwrap();
+    assert!(again.edit() == window.state().project().edit());
+}
+
+#[test]
+fn the_wipe_and_the_held_key_show_the_cameras_own() {
+    let mut window = open(None);
+    window.key_press(Key::W);
+    window.step();
+    assert_eq!(window.state().view.wipe, Some(0.5));
+    let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
+    window.drag_at(picture.center());
+    window.step();
+    window.hover_at(picture.left_center());
+    window.run_steps(2);
+    window.drop_at(picture.left_center());
+    window.step();
+    assert_eq!(window.state().view.wipe, Some(0.0));
+    // What lies on the camera's side of the line is the frame as it came, bit for bit.
+    let viewer = window.state().viewer();
+    let plain = gpu::read_back(viewer.gpu(), &viewer.camera().unwrap().texture);
+    let frame = window.state().project().shot().read(0).unwrap();
+    assert!(plain.into_iter().map(|[r, g, b, _]| [r, g, b]).eq(codes(&frame.pixels)));
+    window.key_down(Key::Backslash);
+    window.step();
+    assert!(window.state().view.plain);
+    window.key_up(Key::Backslash);
+    window.step();
+    assert!(!window.state().view.plain);
+}
+
+#[test]
+fn what_is_wrong_is_said_and_goes_when_it_is_mended() {
+    let mut window = open(None);
+    let before = shown(&window);
+    // An opening of one blade is within the range, and none.
+    for (name, number) in [("f_number", 2.0), ("focus_distance_m", 1.0), ("blades", 1.0)] {
+        window.state_mut().project_mut().set("camera.lens", name, &Value::Number(number)).unwrap();
+        window.state_mut().project_mut().close_step();
+    }
+    until(&mut window, |app| app.problem().is_some());
+    let problem = window.state().problem().unwrap().to_owned();
+    assert!(problem.contains("camera.lens.blades = 1"), "{problem}");
+    assert_eq!(window.query_all_by_label(&problem).count(), 1);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.step();
+    settle(&mut window);
+    assert!(shown(&window) != before);
+    // A value beyond the range changes nothing.
+    let edit = window.state().project().edit().clone();
+    assert!(window.state_mut().project_mut().set("noise", "scale", &Value::Number(99.0)).is_err());
+    assert!(window.state().project().edit() == &edit);
+}
+
+#[test]
+fn a_click_places_evidence_on_the_surface_that_is_seen() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = temp.path().join("scene.toml");
+    let text = "# mine\nversion = 1\nup = \"z\"\n";
+    std::fs::write(&scene, text).unwrap();
+    let given = Given { scene: Some(scene.clone()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    window.state_mut().player_mut().seek(30);
+    settle(&mut window);
+    let empty = shown(&window);
+
+    window.get_by_label("Place…").click();
+    window.run_steps(3);
+    window.get_by_label("marker-1").click();
+    window.run_steps(3);
+    let at = window.state().on_screen(egui::vec2(320.0, 300.0)).unwrap();
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.step();
+    window.drop_at(at);
+    settle(&mut window);
+    let objects = window.state().project().edit().scene.objects.clone();
+    assert_eq!(objects.len(), 1);
+    // The floor is z = 0, and the pixel's ray meets it here (`locard inspect --pick 320,300 --plane 0,0,1,0`).
+    let position = objects[0].position_m.unwrap();
+    for (found, expected) in position.into_iter().zip([0.1046, -0.0958, 0.0]) {
+        assert!((found - expected).abs() < 1e-3, "{position:?}");
+    }
+    assert!(shown(&window) != empty);
+
+    // It is saved into the scene file, whose comment stays, and undone.
+    window.key_press(Key::Escape);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    until(&mut window, |app| app.project().is_saved());
+    let saved = std::fs::read_to_string(&scene).unwrap();
+    assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
+    let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    assert!(again.edit().scene == window.state().project().edit().scene);
+    window.get_by_label("Undo").click();
+    settle(&mut window);
+    assert!(shown(&window) == empty);
+}
+
+#[test]
+fn it_asks_before_changes_are_lost() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    std::fs::write(&profile, "version = 1\n").unwrap();
+    let mut window = open(Some(&profile));
+    let close = |window: &mut Harness<'_, App>| {
+        let id = window.input().viewport_id;
+        window.input_mut().viewports.get_mut(&id).unwrap().events.push(egui::ViewportEvent::Close);
+        window.run_steps(2);
+    };
+    close(&mut window);
+    assert_eq!(window.query_all_by_label("Save and close").count(), 0, "nothing has been changed");
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
+    close(&mut window);
+    window.get_by_label("Stay").click();
+    window.run_steps(2);
+    assert_eq!(window.query_all_by_label("Save and close").count(), 0);
+    close(&mut window);
+    window.get_by_label("Save and close").click();
+    until(&mut window, |app| app.project().is_saved());
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
+}
+
+#[test]
+fn a_damaged_frame_is_said_and_the_others_are_shown() {
+    let temp = tempfile::tempdir().unwrap();
+    program::with_a_truncated_frame(temp.path());
+    let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
+    let project = Project::open(temp.path(), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1000.0, 700.0));
+    window.state_mut().player_mut().seek(3);
+    until(&mut window, |app| app.problem().is_some());
+    assert!(window.state().problem().unwrap().contains("00003.jpg"));
+    window.state_mut().player_mut().seek(2);
+    until(&mut window, App::is_settled);
+    assert!(window.state().is_settled() && window.state().problem().is_none());
+}
+
+#[test]
+fn it_plays_and_stays_at_the_frame_that_it_shows() {
+    let mut window = open(None);
+    window.key_press(Key::Space);
+    until(&mut window, |app| app.player().frame() > 0);
+    window.key_press(Key::Space);
+    settle(&mut window);
+    let frame = window.state_mut().player_mut().frame();
+    assert!(frame > 0 && shown(&window) == written(&[], frame), "frame {frame}");
+    window.get_by_label("One frame on").click();
+    settle(&mut window);
+    assert_eq!(window.state_mut().player_mut().frame(), frame + 1);
+}
+
+#[test]
+fn two_settings_are_compared_and_copied() {
+    let mut window = open(None);
+    let a = shown(&window);
+    window.key_press(Key::B);
+    window.step();
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
+    until(&mut window, |app| app.is_settled() && app.viewer().other().is_some());
+    // B is edited, and A stays as it was.
+    let other = |window: &Harness<'_, App>| {
+        let viewer = window.state().viewer();
+        let texels = gpu::read_back(viewer.gpu(), &viewer.other().unwrap().texture);
+        texels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect::<Vec<_>>()
+    };
+    let b = shown(&window);
+    assert!(b == written(&["noise.scale=0"], 0) && other(&window) == a);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::B);
+    window.step();
+    until(&mut window, App::is_settled);
+    assert!(shown(&window) == a && window.state().project().edit().other.as_ref().is_some_and(|other| !other.is_a));
+    window.get_by_label("A to B").click();
+    window.run_steps(2);
+    let other = window.state().project().edit().other.clone().unwrap();
+    assert!(other.settings == window.state().project().edit().settings);
+    // Undo brings B back, and the other one is no change that would be saved.
+    window.get_by_label("Undo").click();
+    window.run_steps(2);
+    let other = window.state().project().edit().other.clone().unwrap();
+    assert!(other.settings != window.state().project().edit().settings && window.state().project().is_saved());
+}
+
+#[test]
+fn the_time_line_goes_anywhere_and_its_loop_is_played() {
+    let mut window = open(None);
+    let strip = window.get_by_role_and_label(Role::Slider, "Frame").rect();
+    window.hover_at(strip.center());
+    window.step();
+    window.drag_at(strip.center());
+    window.step();
+    window.drop_at(strip.center());
+    window.step();
+    settle(&mut window);
+    assert_eq!(window.state_mut().player_mut().frame(), 36);
+    window.key_press(Key::I);
+    window.step();
+    window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
+    window.step();
+    window.key_press(Key::O);
+    window.step();
+    assert_eq!(window.state_mut().player_mut().range(), 36..47);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::I);
+    window.step();
+    assert_eq!(window.state_mut().player_mut().range(), 0..72);
+}
+
+#[test]
+fn a_number_counts_when_it_is_typed_whole() {
+    let mut window = open(None);
+    search(&mut window, "noise scale");
+    let scale = |window: &Harness<'_, App>| {
+        let settings = &window.state().project().edit().settings;
+        settings.effects().find(|effect| effect.table() == "noise").unwrap().get("scale").unwrap()
+    };
+    let before = scale(&window);
+    let field = |window: &Harness<'_, App>| {
+        let all: Vec<_> = window.query_all_by_role(Role::SpinButton).map(|node| node.rect()).collect();
+        assert_eq!(all.len(), 1, "one field beside one slider");
+        all[0].center()
+    };
+    let at = field(&window);
+    window.hover_at(at);
+    window.step();
+    window.drag_at(at);
+    window.drop_at(at);
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text("0.25".to_owned()));
+    window.run_steps(3);
+    assert_eq!(scale(&window), before, "half a number is none");
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    assert_eq!(scale(&window), Value::Number(0.25));
+}
