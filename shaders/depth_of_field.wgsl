@@ -166,7 +166,7 @@ fn image_at(p: vec2<i32>, radius: f32) -> Image {
     image.scale = exp2(-f32(image.level));
     // Texels are squares, and what is drawn here is interpolated linearly. An edge through a disc is wider from 10 to
     // 90 % (2.75 σ) than one through something rounder (2.56 σ), so not all of their variance counts. The share was
-    // found by measuring (tests/depth_of_field.rs).
+    // found by measuring (tests/composite/depth_of_field.rs).
     let drawn = texel_px() * image.scale;
     image.off = 0.85 * ((1.0 - image.scale * image.scale) / 12.0 + drawn * drawn / 6.0) / lens.variance;
     image.far = rim_of(image, radius).y;

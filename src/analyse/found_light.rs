@@ -20,6 +20,9 @@ pub struct FoundLight {
     /// The place around which environment.hdr is, and what was taken for up.
     pub middle_m: Option<[f64; 3]>,
     pub up: Option<[f64; 3]>,
+    /// The recording does not say where up is: it is what cameras had above them.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub guessed_up: bool,
     /// The share of all directions, and of those above the horizon, of which anything was seen.
     pub seen: Option<f64>,
     pub seen_above: Option<f64>,
@@ -51,6 +54,7 @@ impl FoundLight {
             why: found.as_ref().err().cloned(),
             middle_m: light.map(|light| short(light.middle_m)),
             up: light.map(|light| light.up),
+            guessed_up: light.is_some_and(|light| light.is_up_guessed),
             seen,
             seen_above,
             upward: light.map(|light| short(light.upward)),
@@ -96,12 +100,13 @@ impl FoundLight {
         let mut lines = vec![(
             "light",
             format!(
-                "white matt that looks up shows {} (times {} to {}); {} % of all directions seen, {} % of those above",
+                "white matt that looks up shows {} (times {} to {}); {} % of all directions seen, {} % of those above{}",
                 all(upward),
                 fixed(low, 2),
                 fixed(high, 2),
                 percent(self.seen),
-                percent(self.seen_above)
+                percent(self.seen_above),
+                if self.guessed_up { "; up is what the cameras had above them" } else { "" }
             ),
         )];
         let deg =

@@ -148,7 +148,7 @@ pub fn analyse(
                 states,
                 later_s,
                 gains: &factors,
-                up: recording.up.unwrap_or(DVec3::Z),
+                up: recording.up.unwrap_or_else(|| held_up(states)),
                 threads,
             };
             part.stage(|| light::of_recording(&known, &mut times))?
@@ -157,6 +157,12 @@ pub fn analyse(
     };
     let found = artefact::Found { gain: told_of, gains: &gains_of, exposed, spread, light };
     Ok((Analysis::new(recording, camera, &registration, found), times))
+}
+
+/// What cameras had above them, where nobody says where up is.
+fn held_up(states: &[Option<State>]) -> DVec3 {
+    let above = |state: &State| state.world_from_camera.transform_vector3(DVec3::NEG_Y);
+    states.iter().flatten().map(above).sum::<DVec3>().normalize_or(DVec3::Z)
 }
 
 /// What one more pass over the recording gives.

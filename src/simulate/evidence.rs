@@ -10,8 +10,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
+use super::lamps::Lamp;
 use super::random::Random;
-use super::site::Site;
 use super::triangles::{Touch, Triangle, Triangles};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Vertex, Wrap};
 
@@ -34,6 +34,24 @@ struct Face {
     corners: [Vertex; 3],
     normals: [DVec3; 3],
     material: usize,
+}
+
+/// The site without its objects, as they see it.
+pub trait Around {
+    fn lamps(&self) -> &[Lamp];
+
+    /// Whether anything of the site stands between `origin` and `origin + to`.
+    fn blocked(&self, origin: DVec3, to: DVec3) -> bool;
+
+    /// How far a ray goes, in lengths of `direction`.
+    fn distance(&self, origin: DVec3, direction: DVec3) -> f64;
+
+    /// The light along a ray from what is no lamp, without mirror images, where more light arrives at the surface that is met, at
+    /// a place and facing a way, than its chart has.
+    fn matt(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3;
+
+    /// The light along a ray as the charts have it in what was thrown back once.
+    fn rough(&self, origin: DVec3, direction: DVec3) -> DVec3;
 }
 
 #[derive(Clone, Debug)]
@@ -92,28 +110,28 @@ impl Evidence {
     }
 
     /// The light that an object sends back along a ray.
-    pub fn light(&self, site: &Site, touch: &Touch, origin: DVec3, direction: DVec3) -> DVec3 {
+    pub fn light(&self, site: &dyn Around, touch: &Touch, origin: DVec3, direction: DVec3) -> DVec3 {
         let mut random = Random::new([touch.t.to_bits(), direction.x.to_bits(), direction.y.to_bits(), 0]);
         self.sent(site, touch, origin, direction, 0, &mut random)
     }
 
     /// What the objects do to a surface of the site at `p`, that faces `n`.
-    pub fn change(&self, site: &Site, p: DVec3, n: DVec3) -> Change {
+    pub fn change(&self, site: &dyn Around, p: DVec3, n: DVec3) -> Change {
         let mut random = Random::new([p.x.to_bits(), p.y.to_bits(), p.z.to_bits(), 1]);
         self.changed(site, p + n * OFF_M, n, 0, &mut random)
     }
 
-    fn changed(&self, site: &Site, p: DVec3, n: DVec3, deep: u32, random: &mut Random) -> Change {
+    fn changed(&self, site: &dyn Around, p: DVec3, n: DVec3, deep: u32, random: &mut Random) -> Change {
         let mut change = Change { light: DVec3::ZERO, hidden: 0.0 };
         let lamps = if deep == 0 { LAMPS } else { 1 };
-        for lamp in &site.lamps {
+        for lamp in site.lamps() {
             let each = 1.0 / lamps as f64;
             for k in 0..lamps {
                 let to = lamp.place(k, lamps, random) - p;
                 let share = lamp.share(to, n);
                 if share > 0.0 && self.triangles.hit(p, to, 1.0).is_some() && !site.blocked(p, to) {
                     change.light -= lamp.radiance * (share * each);
-                    change.hidden += each / site.lamps.len() as f64;
+                    change.hidden += each / site.lamps().len() as f64;
                 }
             }
         }
@@ -132,17 +150,17 @@ impl Evidence {
     }
 
     /// The light along a ray from what is no lamp.
-    fn along(&self, site: &Site, origin: DVec3, direction: DVec3, deep: u32, random: &mut Random) -> DVec3 {
+    fn along(&self, site: &dyn Around, origin: DVec3, direction: DVec3, deep: u32, random: &mut Random) -> DVec3 {
         let far = site.distance(origin, direction);
         if let Some(touch) = self.triangles.hit(origin, direction, far) {
             return self.sent(site, &touch, origin, direction, deep, random);
         }
-        site.matt(origin, direction, |p, n| self.changed(site, p + n * OFF_M, n, deep, random).light)
+        site.matt(origin, direction, &mut |p, n| self.changed(site, p + n * OFF_M, n, deep, random).light)
     }
 
     fn sent(
         &self,
-        site: &Site,
+        site: &dyn Around,
         touch: &Touch,
         origin: DVec3,
         direction: DVec3,
@@ -154,7 +172,7 @@ impl Evidence {
         let p = surface.at;
         let mut light = surface.shines;
         let count = if deep == 0 { LAMPS } else { 1 };
-        for lamp in &site.lamps {
+        for lamp in site.lamps() {
             for k in 0..count {
                 let to = lamp.place(k, count, random) - p;
                 // E/π, of which matt white sends back 1 and a lobe f its π-fold.

@@ -7,7 +7,7 @@
 use glam::{DVec2, DVec3};
 
 use super::chart::Chart;
-use super::evidence::Evidence;
+use super::evidence::{Around, Evidence};
 use super::finish::{Finish, gloss, surface};
 use super::lamps::Lamp;
 use super::person::Person;
@@ -210,30 +210,7 @@ impl Site {
 
     /// The light along a ray from what is no lamp, without mirror images.
     fn bare(&self, origin: DVec3, direction: DVec3) -> DVec3 {
-        self.matt(origin, direction, |_, _| DVec3::ZERO)
-    }
-
-    /// The same where more light arrives at the surface that is met, at a place and facing a way, than its chart has.
-    pub fn matt(&self, origin: DVec3, direction: DVec3, more: impl FnOnce(DVec3, DVec3) -> DVec3) -> DVec3 {
-        let Some((thing, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
-        if thing.finish.is_none() {
-            return DVec3::ZERO;
-        }
-        let cell = thing.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
-        let more = more(origin + direction * hit.t, hit.normal);
-        let albedo = if more == DVec3::ZERO { DVec3::ZERO } else { thing.albedo(&hit) };
-        DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + albedo * more
-    }
-
-    /// The light along a ray as the charts have it in what was thrown back once.
-    pub fn rough(&self, origin: DVec3, direction: DVec3) -> DVec3 {
-        let of = |(thing, hit): (&Thing, Hit)| thing.rough_light(&hit, origin + direction * hit.t, &self.lamps);
-        self.nearest(origin, direction).map_or(DVec3::ZERO, of)
-    }
-
-    /// How far a ray goes, in lengths of `direction`.
-    pub fn distance(&self, origin: DVec3, direction: DVec3) -> f64 {
-        self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t)
+        self.matt(origin, direction, &mut |_, _| DVec3::ZERO)
     }
 
     fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&Thing, Hit)> {
@@ -254,11 +231,6 @@ impl Site {
             }
         }
         best
-    }
-
-    /// Whether anything of the site stands between `origin` and `origin + to`.
-    pub fn blocked(&self, origin: DVec3, to: DVec3) -> bool {
-        self.nearest(origin, to).is_some_and(|(_, hit)| hit.t < 1.0)
     }
 
     /// The linear light (1 is camera white) that comes along a ray at a time, and its distance (in lengths of `direction`);
@@ -285,7 +257,8 @@ impl Site {
             let change = evidence.change(self, p, hit.normal);
             if change.light != DVec3::ZERO {
                 let by = (thing.albedo(&hit) * change.light).as_vec3().to_array();
-                light.iter_mut().zip(by).for_each(|(light, by)| *light += by);
+                // A chart's cell may lie in a shadow's edge already.
+                light.iter_mut().zip(by).for_each(|(light, by)| *light = (*light + by).max(0.0));
             }
             visible = (visible - change.hidden as f32).max(0.0);
         }
@@ -309,6 +282,36 @@ impl Site {
             Some((_, radiance)) => radiance,
             None => self.bare(origin, direction),
         }
+    }
+}
+
+impl Around for Site {
+    fn lamps(&self) -> &[Lamp] {
+        &self.lamps
+    }
+
+    fn blocked(&self, origin: DVec3, to: DVec3) -> bool {
+        self.nearest(origin, to).is_some_and(|(_, hit)| hit.t < 1.0)
+    }
+
+    fn distance(&self, origin: DVec3, direction: DVec3) -> f64 {
+        self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t)
+    }
+
+    fn matt(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3 {
+        let Some((thing, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
+        if thing.finish.is_none() {
+            return DVec3::ZERO;
+        }
+        let cell = thing.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
+        let more = more(origin + direction * hit.t, hit.normal);
+        let albedo = if more == DVec3::ZERO { DVec3::ZERO } else { thing.albedo(&hit) };
+        DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + albedo * more
+    }
+
+    fn rough(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+        let of = |(thing, hit): (&Thing, Hit)| thing.rough_light(&hit, origin + direction * hit.t, &self.lamps);
+        self.nearest(origin, direction).map_or(DVec3::ZERO, of)
     }
 }
 

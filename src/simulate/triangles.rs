@@ -148,7 +148,8 @@ mod tests {
         let tree = Triangles::new(all.clone());
         let mut met = 0;
         for _ in 0..500 {
-            let (origin, direction) = (place(4.0), place(1.0));
+            let origin = place(4.0);
+            let direction = place(2.0) - origin;
             let each = all.iter().enumerate().filter_map(|(face, one)| Some((one.hit(origin, direction)?, face)));
             let first =
                 each.min_by(|a, b| a.0.0.total_cmp(&b.0.0)).map(|((t, beside), face)| Touch { t, face, beside });

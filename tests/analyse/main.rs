@@ -15,6 +15,7 @@ mod program;
 #[path = "../common/shot.rs"]
 mod shot;
 
+mod evidence;
 mod flaws;
 mod found;
 mod light;

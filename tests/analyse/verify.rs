@@ -1,7 +1,7 @@
 //! Virtual things beside real ones, judged by the program: as they should be, and with something wrong for each line.
 
-use crate::common;
-use crate::program::{locard, said};
+use crate::program::locard;
+use crate::{common, found};
 
 /// Each line's name and its verdict.
 fn verdicts(arguments: &[&str]) -> Vec<(String, String)> {
@@ -24,11 +24,12 @@ fn failed(found: &[(String, String)]) -> Vec<&str> {
 
 #[test]
 fn a_kinects_footage_passes_and_something_wrong_fails_its_own_line() {
-    let Some(folder) = common::data("tum-fr1-rpy") else { return };
-    let out = tempfile::tempdir().unwrap();
-    let [folder, analysis] = [folder.to_str().unwrap(), out.path().join("found").to_str().unwrap()].map(str::to_owned);
+    let Some((shot, found)) = found::kinect() else { return };
+    let (out, folder) = (tempfile::tempdir().unwrap(), common::data("tum-fr1-rpy").unwrap());
+    let analysis = out.path().join("found");
+    found.write(&analysis, &shot.recording).unwrap();
+    let [folder, analysis] = [folder.to_str().unwrap(), analysis.to_str().unwrap()].map(str::to_owned);
     let profile = ["--profile", "profiles/tum-fr1.toml", "--quiet"];
-    said(&[&["analyse", folder.as_str(), "-o", analysis.as_str()], &profile[..]].concat());
     let verified =
         |more: &[&str]| verdicts(&[&["verify", folder.as_str(), "--every", "30"], &profile[..], more].concat());
     let by = ["--analysis", analysis.as_str()];

@@ -9,6 +9,7 @@ use crate::shot;
 use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::export::{Export, ExportError, Inputs};
+use locard::gpu::Gpu;
 use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
@@ -60,7 +61,8 @@ fn a_change_between_two_pictures_is_followed() {
 
 #[test]
 fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
-    let gpu = gpu::gpu();
+    // Of its own: it counts what is made on it.
+    let gpu = Gpu::open().unwrap();
     let mut held = shot::demo(SCENE);
     let mut compositor = held.compositor(gpu.clone());
     let before = picture(&mut held, &mut compositor, 31);

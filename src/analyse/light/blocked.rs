@@ -2,6 +2,8 @@
 
 use glam::{DVec3, IVec3};
 
+use super::lit::{Place, of_lamp};
+
 /// A cell's side, m.
 const SIDE_M: f64 = 0.04;
 /// Nothing blocks its own neighbourhood: how far from a surface a way begins, m.
@@ -63,6 +65,12 @@ impl Blocked {
             at += step;
         }
         false
+    }
+
+    /// Of a lamp, on a surface at `at` that looks along `normal`: nothing if something stands between.
+    pub fn of_lamp(&self, at: DVec3, normal: DVec3, lamp: &Place) -> f64 {
+        let share = of_lamp(at, normal, lamp);
+        if share > 0.0 && self.is_blocked(at, normal, lamp.at) { 0.0 } else { share }
     }
 
     fn leaves(&self, at: DVec3, step: DVec3) -> bool {

@@ -16,6 +16,8 @@ pub struct RoomLight {
     /// The place around which the panorama is.
     pub middle_m: [f64; 3],
     pub up: [f64; 3],
+    /// Whether up is only what cameras had above them.
+    pub is_up_guessed: bool,
     /// Of all directions, and of those above the horizon.
     pub seen_share: f64,
     pub seen_above_share: f64,

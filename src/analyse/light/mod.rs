@@ -95,6 +95,7 @@ fn room_light(known: &Known<'_>, middle: DVec3, seen: &Seen, solved: Solved) -> 
     RoomLight {
         middle_m: middle.to_array(),
         up: up.to_array(),
+        is_up_guessed: known.recording.up.is_none(),
         seen_share,
         seen_above_share,
         panorama: rgb,

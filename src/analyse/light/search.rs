@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::blocked::Blocked;
-use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
+use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit};
 use crate::rows::over_rows;
 
 /// Cells of the grid are so wide, m.
@@ -60,8 +60,7 @@ impl Search<'_> {
     }
 
     fn share(&self, point: &Point, lamp: &Place) -> f64 {
-        let share = of_lamp(point.at, point.normal, lamp);
-        if share > 0.0 && self.blocked.is_blocked(point.at, point.normal, lamp.at) { 0.0 } else { share }
+        self.blocked.of_lamp(point.at, point.normal, lamp)
     }
 
     pub fn with(&self, lamps: &[Place], rounds: usize) -> Fit {

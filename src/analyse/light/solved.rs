@@ -113,13 +113,7 @@ fn lit(
 ) -> Vec<Lit> {
     let of = |voxel: &Voxel| -> Option<Lit> {
         let light = voxel.light[2]?.map(f64::from);
-        let shares: Vec<f64> = lamps
-            .iter()
-            .map(|lamp| match blocked.is_blocked(voxel.at, voxel.normal, lamp.at) {
-                true => 0.0,
-                false => of_lamp(voxel.at, voxel.normal, lamp),
-            })
-            .collect();
+        let shares: Vec<f64> = lamps.iter().map(|lamp| blocked.of_lamp(voxel.at, voxel.normal, lamp)).collect();
         let comes = |fit: &Fit| {
             let above = 0.5 * (1.0 + voxel.normal.dot(up)) * fit.light.above;
             let by_lamps: f64 = shares.iter().zip(fit.light.lamps).map(|(share, lamp)| share * lamp).sum();

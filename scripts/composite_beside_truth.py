@@ -1,0 +1,141 @@
+#!/usr/bin/env python3
+"""The whole composite beside the truth: simulated sites in which evidence really lies, against the same evidence put into the
+recording of the empty site, by what its analysis found.
+
+    python3 -m venv /tmp/flip && /tmp/flip/bin/pip install flip-evaluator==1.8 numpy pillow
+    /tmp/flip/bin/python scripts/composite_beside_truth.py target/release/locard /tmp/truth [first last] [--parts]
+
+For each site of docs/truth.md the mean FLIP over the objects, their shadows and what is around them (each object's box grown by
+half), in three frames. --parts: the same with each part of the composite off. Folders that are there are not made again."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import flip_evaluator
+import numpy as np
+from PIL import Image
+
+with_parts = "--parts" in sys.argv
+given = [text for text in sys.argv[1:] if text != "--parts"]
+program, folder = given[0], Path(given[1]).resolve()
+first, last = (int(n) for n in given[2:4]) if len(given) > 3 else (1, 10)
+scenes = Path(__file__).resolve().parent.parent / "scenes"
+folder.mkdir(parents=True, exist_ok=True)
+
+FRAMES = 24
+LOOKED_AT = [4, 12, 20]
+PARTS = {
+    "shadow": ["--set", "shadow.cast=false"],
+    "occlusion": ["--set", "depth.occlusion=false"],
+    "gains": ["--set", "exposure.follow=false"],
+    "light": None,
+}
+
+
+def run(*arguments):
+    done = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, arguments))}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def objects(site):
+    """What lies in a site: a marker, a scale and two cases, turned and moved by its number."""
+    turn, x, y = 37 * site % 360, 0.05 * (site % 3 - 1), 0.04 * (site % 4) - 0.06
+    cases = [(0.10 + x, -0.04 + y, turn), (-0.09 + x, 0.03 - y, turn + 70)]
+    text = f"""version = 1
+up = "z"
+[[objects]]
+name = "marker"
+model = "{scenes}/marker-{site % 2 + 1}.glb"
+position_m = [{x}, {0.1 + y}, 0.0]
+rotation_deg = [0, 0, {12 + turn % 50 - 25}]
+[[objects]]
+name = "scale"
+model = "{scenes}/l-scale.glb"
+position_m = [{x}, {y - 0.08}, 0.0]
+rotation_deg = [0, 0, {turn % 40 - 20}]
+"""
+    for n, (cx, cy, yaw) in enumerate(cases):
+        text += f"""[[objects]]
+name = "case {n + 1}"
+model = "{scenes}/cartridge-case-9mm.glb"
+ground = true
+position_m = [{cx}, {cy}, 0.0]
+rotation_deg = [90, 0, {yaw}]
+"""
+    return text
+
+
+def picture(path):
+    return np.asarray(Image.open(path).convert("RGB"), np.float32) / 255
+
+
+def grown(mask):
+    """The box of what differs, grown by half."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    (top, bottom), (left, right) = ((s[0], s[-1] + 1) for s in (rows, columns))
+    down, across = (bottom - top) // 4, (right - left) // 4
+    return slice(max(0, top - down), bottom + down), slice(max(0, left - across), right + across)
+
+
+def errors(site_folder, out, layers):
+    found = []
+    for n in LOOKED_AT:
+        real, made = picture(site_folder / f"there/rgb/{n:05}.png"), picture(out / f"frame_{n:06}.png")
+        # Where the objects are: by what the empty site shows.
+        empty = picture(site_folder / f"empty/rgb/{n:05}.png")
+        box = grown(np.abs(real - empty).max(2) > 16 / 255)
+        error = flip_evaluator.evaluate(real, made, "LDR", applyMagma=False)[0]
+        found.append(float(error[box].mean()))
+        if layers is not None:
+            shown = np.concatenate([empty[box], real[box], made[box], np.repeat(error[box].reshape(*real[box].shape[:2], -1)[..., :1], 3, 2)], 1)
+            Image.fromarray((255 * shown).clip(0, 255).astype(np.uint8)).save(layers / f"frame_{n:02}.png")
+    return found
+
+
+all_parts = {}
+for site in range(first, last + 1):
+    here = folder / f"s{site}"
+    here.mkdir(exist_ok=True)
+    (here / "evidence.toml").write_text(objects(site))
+    settings = {
+        "frames": FRAMES,
+        "fps": 10,
+        "lamps": (site - 1) % 3 + 1,
+        "site": site,
+        "seed": site,
+        "samples": 16,
+        "noise_scale": 0,
+        "format": "png",
+    }
+    walk = ["flaws.exposure_walk_ev=0.3", "flaws.white_balance_share=0.05", f"flaws.seed={site}"]
+    sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
+    sets += [text for flaw in walk for text in ("--set", flaw)]
+    for name, more in {"empty": [], "there": ["--evidence", here / "evidence.toml"]}.items():
+        if not (here / name).exists():
+            run("simulate", "-q", "-o", here / name, *sets, *more)
+    run("analyse", "-q", here / "empty")
+    base = ["composite", here / "empty", "--scene", here / "evidence.toml", "--quiet", "--force", "--frames"]
+    frames = f"{LOOKED_AT[0]}..{LOOKED_AT[-1] + 1}"
+    parts = {"all": []} | (PARTS if with_parts else {})
+    line = []
+    for name, more in parts.items():
+        out = here / f"made-{name}"
+        if name == "light":
+            dark = here / "guessed.toml"
+            dark.write_text(objects(site) + "[light]\nambient = 0.55\n[[light.sun]]\nintensity = 0.6\ntowards = [0.0, 0.57, 0.82]\n")
+            command = [dark if part == here / "evidence.toml" else part for part in base]
+            more = []
+        else:
+            command = base
+        run(*command, frames, "-o", out, *more)
+        found = errors(here, out, out if name == "all" else None)
+        all_parts.setdefault(name, []).append(float(np.mean(found)))
+        line.append(f"{name} {np.mean(found):.4f}")
+    light = tomllib.loads((here / "empty.analysis/analysis.toml").read_text()).get("light", {})
+    print(f"site {site:2}: {', '.join(line)}; {len(light.get('lamps', []))} lamps found", flush=True)
+for name, found in all_parts.items():
+    print(f"{name}: mean FLIP {np.mean(found):.4f}, worst {max(found):.4f}" + (" (0.06 wanted)" if name == "all" else " without it"))
