@@ -107,7 +107,7 @@ for site in range(first, last + 1):
         "lamps": (site - 1) % 3 + 1,
         "site": site,
         "seed": site,
-        "samples": 16,
+        "samples": 12,
         "noise_scale": 0,
         "format": "png",
     }

@@ -11,6 +11,9 @@ use super::light::{FoundLamp, HEIGHT, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
 use crate::words::fixed;
 
+/// How wide a lamp is taken to be that nobody saw, m: between a bulb in its shade and a panel in the ceiling.
+pub const FOUND_LAMP_M: f64 = 0.25;
+
 /// `[light]`. Linear light, red, green and blue: 1 is white matt that shows as the camera's white.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -73,6 +76,7 @@ impl FoundLight {
         let point = |lamp: &FoundLamp| PointLight {
             position_in_world_m: lamp.at_m.into(),
             color: Vec3::from_array(lamp.shown_at_1_m.map(|v| v.max(0.0) as f32)),
+            diameter_m: FOUND_LAMP_M as f32,
             range_m: f32::INFINITY,
             spot: None,
         };

@@ -51,7 +51,7 @@ pub use accept::{Accepted, Outcome, accept};
 pub use artefact::{Analysis, AnalysisError, FILE_NAME, beside};
 pub(crate) use eye::is_same;
 pub use findings::Findings;
-pub use found_light::{Environment, FoundLight};
+pub use found_light::{Environment, FOUND_LAMP_M, FoundLight};
 pub use interrupted::Interrupted;
 pub use light::FoundLamp;
 pub use part::Part;

@@ -108,6 +108,7 @@ pub fn run(args: &Args) -> Result<()> {
         at_m: lamp.at_m,
         color: Some(Color::Rgb(lamp.shown_at_1_m)),
         intensity: None,
+        diameter_m: Some(analyse::FOUND_LAMP_M),
     };
     file.light = LightTable {
         environment: Some(name),

@@ -186,6 +186,8 @@ pub struct LampTable {
     pub color: Option<Color>,
     /// What white matt that faces it shows at 1 m, linear; 1 without it.
     pub intensity: Option<f64>,
+    /// Of the lamp itself; a bulb's 0.06 without it.
+    pub diameter_m: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -398,7 +400,7 @@ mod tests {
             sun in prop::option::of([number(), number(), number()]),
         ) {
             let suns = sun.map(|towards| SunTable { towards, color: Some(Color::Rgb(towards)), intensity: Some(towards[0]), diameter_deg: Some(towards[1]) });
-            let lamp = sun.map(|at_m| LampTable { at_m, color: Some(Color::Grey(at_m[2])), intensity: Some(at_m[1]) });
+            let lamp = sun.map(|at_m| LampTable { at_m, color: Some(Color::Grey(at_m[2])), intensity: Some(at_m[1]), diameter_m: Some(at_m[0]) });
             let light = LightTable {
                 ambient: sun.map(|s| Color::Grey(s[1])),
                 sun: suns.into_iter().collect(),

@@ -10,6 +10,9 @@ pub(super) const DEFAULT_WHITE_LX: f64 = 500.0;
 /// The sun's own diameter: 0.53°.
 pub(super) const SUN_RAD: f32 = 0.00925;
 
+/// A bulb's diameter, metres.
+pub(super) const BULB_M: f32 = 0.06;
+
 /// Where nobody said from where the light comes, it comes from half of the sky: no shadow shows a direction that was guessed.
 const GUESSED_RAD: f32 = 1.75;
 

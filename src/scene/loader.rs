@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::light::SUN_RAD;
+use super::light::{BULB_M, SUN_RAD};
 use super::models::{LightKind, Model, Models};
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
@@ -95,6 +95,7 @@ impl Loader {
                 LightKind::Point { range_m, spot } => lighting.points.push(PointLight {
                     position_in_world_m: world_from_light.translation,
                     color,
+                    diameter_m: BULB_M,
                     range_m,
                     spot: spot.map(|angles| (-towards, Vec2::from(angles))),
                 }),

@@ -282,6 +282,8 @@ pub struct PointLight {
     pub position_in_world_m: DVec3,
     /// The linear colour that a white matt surface shows when it faces this light at 1 m.
     pub color: Vec3,
+    /// Its diameter: the wider, the softer are its shadows.
+    pub diameter_m: f32,
     /// There is no light beyond it (KHR_lights_punctual); infinity for no limit.
     pub range_m: f32,
     /// Direction of a spot's axis in the world and its inner and outer angle from it, radians.

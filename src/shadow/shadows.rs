@@ -332,6 +332,7 @@ mod tests {
         let lamp = PointLight {
             position_in_world_m: world(DVec3::new(0.0, 0.0, 0.6)),
             color: Vec3::new(0.3, 0.0, 0.0),
+            diameter_m: 0.06,
             range_m: f32::INFINITY,
             spot: None,
         };

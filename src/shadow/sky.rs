@@ -27,8 +27,6 @@ const WIDTH: u32 = 256;
 const HEIGHT: u32 = WIDTH / 2;
 /// Flatter light than this leaves no shadow that is worth it: metres along the floor for each of height.
 const FLATTEST: f32 = 20.0;
-/// A lamp's radius, metres: of a bulb.
-const LAMP_RADIUS_M: f32 = 0.03;
 /// The golden angle.
 const TURN: f32 = 2.399_963_2;
 
@@ -47,6 +45,7 @@ pub struct Lamp {
     color: Vec3,
     range_m: f32,
     spot: Option<(Vec3, Vec2)>,
+    radius_m: f32,
     /// Points of the lamp's disc.
     pub points_m: Vec<Vec3>,
 }
@@ -166,11 +165,12 @@ impl Sky {
                 color: point.color,
                 range_m: point.range_m,
                 spot: point.spot.map(|(axis, angles)| (turn * axis, angles)),
-                points_m: disc(LAMP).map(|at| at_m + LAMP_RADIUS_M * (aside * at.x + over * at.y)).collect(),
+                radius_m: 0.5 * point.diameter_m,
+                points_m: disc(LAMP).map(|at| at_m + 0.5 * point.diameter_m * (aside * at.x + over * at.y)).collect(),
             }
         });
         let light = rays.iter().map(|ray| ray.light).sum();
-        Self { rays, lamps: lamps.filter(|lamp| lamp.at_m.z > LAMP_RADIUS_M).collect(), light }
+        Self { rays, lamps: lamps.filter(|lamp| lamp.at_m.z > lamp.radius_m).collect(), light }
     }
 
     /// All that comes onto the floor where nothing takes any.

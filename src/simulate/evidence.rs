@@ -16,9 +16,9 @@ use super::triangles::{Touch, Triangle, Triangles};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Vertex, Wrap};
 
 /// Places on each lamp, directions of matt light and directions of gloss, a camera ray; a ray that was sent on takes one each.
-const LAMPS: usize = 4;
-const MATT: usize = 4;
-const GLOSS: usize = 2;
+const LAMPS: usize = 8;
+const MATT: usize = 8;
+const GLOSS: usize = 4;
 /// A ray that is so many surfaces away from the camera meets lamps alone.
 const DEEPEST: u32 = 2;
 /// Rays begin so far in front of a surface, metres.

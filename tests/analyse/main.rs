@@ -6,6 +6,8 @@
 mod columns;
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../common/flip.rs"]
+mod flip;
 #[path = "../common/footage.rs"]
 mod footage;
 #[path = "../common/gpu.rs"]
@@ -23,4 +25,5 @@ mod registration;
 mod report;
 mod simulate;
 mod simulate_flaws;
+mod truth;
 mod verify;

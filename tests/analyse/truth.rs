@@ -1,0 +1,79 @@
+//! The whole composite beside the truth: evidence that really lies in a simulated site, against the same evidence put into the
+//! recording of the empty site, by what its analysis found.
+
+use std::path::Path;
+
+use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
+use crate::program::said;
+use locard::pixels::Pixels;
+
+const SIZE: (usize, usize) = (320, 240);
+const FRAME: usize = 5;
+
+fn picture(path: &Path) -> Pixels {
+    let image = image::open(path).unwrap().to_rgb8();
+    Pixels::from_u8(image.width(), image.height(), image.into_raw()).unwrap()
+}
+
+/// The box of what differs by 16 codes, grown by half.
+fn around(a: &Pixels, b: &Pixels) -> Vec<bool> {
+    let [a, b] = [a, b].map(|pixels| pixels.codes.to_eight_bit());
+    let differs = |i: usize| (0..3).any(|c| a[3 * i + c].abs_diff(b[3 * i + c]) > 16);
+    let places = || (0..SIZE.0 * SIZE.1).filter(|i| differs(*i)).map(|i| [i % SIZE.0, i / SIZE.0]);
+    let range = |axis: usize| {
+        let (low, high) = places().fold((usize::MAX, 0), |(low, high), at| (low.min(at[axis]), high.max(at[axis] + 1)));
+        let more = high.saturating_sub(low) / 4;
+        low.saturating_sub(more)..high + more
+    };
+    let (across, down) = (range(0), range(1));
+    (0..SIZE.0 * SIZE.1).map(|i| across.contains(&(i % SIZE.0)) && down.contains(&(i / SIZE.0))).collect()
+}
+
+/// Ten sites in full size, and each part off: `scripts/composite_beside_truth.py`. What is asserted is what is reached where the
+/// marker fills most of the box; docs/truth.md says what is missing.
+#[test]
+fn evidence_put_into_an_empty_site_looks_as_if_it_lay_there() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
+    let place = "position_m = [0, 0.05, 0]\nrotation_deg = [0, 0, 15]\n";
+    let object = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\n{place}");
+    // What a scene without light gets where nothing was analysed.
+    let guess = "[light]\nambient = 0.55\n[[light.sun]]\ntowards = [0, 0.57, 0.82]\nintensity = 0.6\n";
+    std::fs::write(path("evidence.toml"), &object).unwrap();
+    std::fs::write(path("guessed.toml"), format!("{object}{guess}")).unwrap();
+    let sets =
+        "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 site=1 samples=8 noise_scale=0 format=png";
+    let simulated = |name: &str, more: &[&str]| {
+        let to = path(name);
+        let sets = sets.split(' ').flat_map(|set| ["--set", set]);
+        said(&["simulate", "-q", "-o", &to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
+    };
+    simulated("empty", &[]);
+    simulated("there", &["--evidence", &path("evidence.toml")]);
+    let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();
+    assert!(told.contains("[evidence]"), "{told}");
+    said(&["analyse", "-q", &path("empty")]);
+
+    let [empty, there] =
+        ["empty", "there"].map(|name| picture(Path::new(&path(&format!("{name}/rgb/{FRAME:05}.png")))));
+    let looked_at = around(&empty, &there);
+    let beside = |scene: &str, out: &str, more: &[&str]| {
+        let (recording, scene, to, range) = (path("empty"), path(scene), path(out), format!("{FRAME}..{}", FRAME + 1));
+        let base = ["composite", &recording, "--scene", &scene, "--quiet", "--frames", &range, "-o", &to];
+        said(&[&base[..], more].concat());
+        let made = picture(&Path::new(&to).join(format!("frame_{FRAME:06}.png")));
+        mean_flip(&there, &made, Some(&looked_at), PIXELS_PER_DEGREE)
+    };
+    let whole = beside("evidence.toml", "a", &[]);
+    let without = mean_flip(&there, &empty, Some(&looked_at), PIXELS_PER_DEGREE);
+    let unshaded = beside("evidence.toml", "b", &["--set", "shadow.cast=false"]);
+    let guessed = beside("guessed.toml", "c", &[]);
+    println!(
+        "mean FLIP {whole:.4}; without shadow {unshaded:.4}, by a guessed light {guessed:.4}, nothing there {without:.4}"
+    );
+    assert!(
+        whole < 0.15 && 1.1 * whole < unshaded && 1.1 * whole < guessed && 2.0 * whole < without,
+        "{whole} {unshaded} {guessed}"
+    );
+}
