@@ -75,6 +75,7 @@ impl PicturesArgs {
     }
 
     /// Whether it is to end by itself.
+    #[cfg(feature = "window")]
     pub fn ends(&self) -> bool {
         self.frames.is_some() || self.seconds.is_some()
     }

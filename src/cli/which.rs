@@ -15,6 +15,7 @@ pub struct Which {
 }
 
 impl Which {
+    #[cfg(feature = "window")]
     pub fn is_asked(&self) -> bool {
         self.only.is_some() || self.without.is_some()
     }
