@@ -26,12 +26,19 @@ folder.mkdir(parents=True, exist_ok=True)
 
 FRAMES = 24
 LOOKED_AT = [4, 12, 20]
+# What is off, by the scene that is put in and options.
 PARTS = {
-    "shadow": ["--set", "shadow.cast=false"],
-    "occlusion": ["--set", "depth.occlusion=false"],
-    "gains": ["--set", "exposure.follow=false"],
-    "light": None,
+    "shadow": ("evidence.toml", ["--set", "shadow.cast=false"]),
+    "occlusion": ("evidence.toml", ["--set", "depth.occlusion=false"]),
+    "gains": ("evidence.toml", ["--set", "exposure.follow=false"]),
+    "light": ("guessed.toml", []),
 }
+GUESSED = """[light]
+ambient = 0.55
+[[light.sun]]
+intensity = 0.6
+towards = [0.0, 0.57, 0.82]
+"""
 
 
 def run(*arguments):
@@ -93,7 +100,8 @@ def errors(site_folder, out, layers):
         error = flip_evaluator.evaluate(real, made, "LDR", applyMagma=False)[0]
         found.append(float(error[box].mean()))
         if layers is not None:
-            shown = np.concatenate([empty[box], real[box], made[box], np.repeat(error[box].reshape(*real[box].shape[:2], -1)[..., :1], 3, 2)], 1)
+            grey = np.repeat(error[box].reshape(*real[box].shape[:2], -1)[..., :1], 3, 2)
+            shown = np.concatenate([empty[box], real[box], made[box], grey], 1)
             Image.fromarray((255 * shown).clip(0, 255).astype(np.uint8)).save(layers / f"frame_{n:02}.png")
     return found
 
@@ -120,20 +128,14 @@ for site in range(first, last + 1):
         if not (here / name).exists():
             run("simulate", "-q", "-o", here / name, *sets, *more)
     run("analyse", "-q", here / "empty")
-    base = ["composite", here / "empty", "--scene", here / "evidence.toml", "--quiet", "--force", "--frames"]
+    (here / "guessed.toml").write_text(objects(site) + GUESSED)
     frames = f"{LOOKED_AT[0]}..{LOOKED_AT[-1] + 1}"
-    parts = {"all": []} | (PARTS if with_parts else {})
+    parts = {"all": ("evidence.toml", [])} | (PARTS if with_parts else {})
     line = []
-    for name, more in parts.items():
+    for name, (scene, more) in parts.items():
         out = here / f"made-{name}"
-        if name == "light":
-            dark = here / "guessed.toml"
-            dark.write_text(objects(site) + "[light]\nambient = 0.55\n[[light.sun]]\nintensity = 0.6\ntowards = [0.0, 0.57, 0.82]\n")
-            command = [dark if part == here / "evidence.toml" else part for part in base]
-            more = []
-        else:
-            command = base
-        run(*command, frames, "-o", out, *more)
+        where = ["--scene", here / scene, "--frames", frames, "-o", out]
+        run("composite", here / "empty", *where, *more, "--quiet", "--force")
         found = errors(here, out, out if name == "all" else None)
         all_parts.setdefault(name, []).append(float(np.mean(found)))
         line.append(f"{name} {np.mean(found):.4f}")

@@ -228,7 +228,7 @@ fn the_count_of_threads_changes_nothing() {
     assert!(other.picture(31) != one.1, "the seed counts");
 }
 
-fn small() -> Options {
+pub fn small() -> Options {
     Options {
         width_px: 64,
         height_px: 48,

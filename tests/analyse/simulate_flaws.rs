@@ -5,22 +5,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::columns::columns;
+use crate::simulate::small;
 use glam::{DQuat, DVec3};
 use locard::camera::Response;
-use locard::simulate::{self, Flaws, Format, Motion, Options, Simulation};
+use locard::simulate::{self, Flaws, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
-
-fn small() -> Options {
-    Options {
-        width_px: 64,
-        height_px: 48,
-        focal_px: 52.0,
-        frames: 3,
-        samples: 4,
-        format: Format::Png,
-        ..Options::default()
-    }
-}
 
 fn made(out: &Path, options: &Options, flaws: &Flaws) {
     simulate::run(out, options, flaws, true, &mut |_, _| ControlFlow::Continue(())).unwrap();
