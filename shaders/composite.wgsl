@@ -14,6 +14,8 @@ override parted: bool = false;
 override light_alone: bool = false;
 // Whether things take light from the real part.
 override shaded: bool = false;
+// Whether real things stand before the layer.
+override fringed: bool = false;
 
 // Pixel (0, 0) is the upper left of the rectangle that is made.
 struct Composite {
@@ -39,6 +41,8 @@ struct Composite {
 @group(0) @binding(4) var coverage: texture_2d<f32>;
 // The share of the real light that is taken.
 @group(0) @binding(6) var shade: texture_2d<f32>;
+// By how much the light of a pixel at the edge of a nearer real thing differs from what lies behind the thing.
+@group(0) @binding(7) var fringes: texture_2d<f32>;
 
 // σ at a code value (0..1), in 8-bit codes.
 fn sigma_at(code: vec3<f32>) -> vec3<f32> {
@@ -87,6 +91,16 @@ fn left_at(p: vec2<i32>) -> vec3<f32> {
     return select(vec3<f32>(1.0), 1.0 - textureLoad(shade, q, 0).rgb, inside);
 }
 
+// The light of nearer things that the layer covers there.
+fn fringe_at(p: vec2<i32>) -> vec3<f32> {
+    if !fringed {
+        return vec3<f32>(0.0);
+    }
+    let q = p + composite.in_layer;
+    let inside = all(q >= vec2<i32>(0)) && all(q < composite.layer_size);
+    return select(vec3<f32>(0.0), composite.gain * textureLoad(fringes, q, 0).rgb, inside);
+}
+
 fn inside_picture(p: vec2<i32>) -> bool {
     let q = p + composite.in_camera;
     return all(q >= vec2<i32>(0)) && all(q < composite.camera_size);
@@ -126,7 +140,7 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
     let recorded = decode(code, curve, composite.gamma);
     let real = real_at(p, left * recorded);
     let real_light = composite.gain * real.rgb;
-    let light = max(virtual_light + w * real_light, vec3<f32>(0.0));
+    let light = max(virtual_light + w * real_light + coverage * left * fringe_at(p), vec3<f32>(0.0));
     let mixed = encode(light, curve, composite.gamma);
     let after = slope_at(mixed, light, curve, composite.gamma);
     // Light that is taken takes its share of the noise along.

@@ -1,5 +1,7 @@
 //! One moment of a recording.
 
+use std::sync::Arc;
+
 use crate::pixels::{DepthMap, Pixels};
 
 /// A frame as the camera delivered it. Never changed in place.
@@ -16,6 +18,18 @@ pub struct Frame {
     /// Share of the virtual layer that is seen, its light and its coverage, 0 to 1; 1 unless said otherwise. Live lets it
     /// fall while the camera is lost.
     pub presence: f64,
+    /// What the recording's neighbouring frames saw, in order; none unless they were asked for.
+    pub beside: Vec<Arc<Beside>>,
+}
+
+/// Another frame of the recording, as far as it says where things stand.
+#[derive(Clone, Debug)]
+pub struct Beside {
+    pub index: usize,
+    /// As [`Frame::timestamp_s`].
+    pub timestamp_s: f64,
+    pub pixels: Pixels,
+    pub depth: DepthMap,
 }
 
 /// Seconds from a frame to the next, from their timestamps if the next one's is known. Otherwise, at a recording's end

@@ -221,6 +221,16 @@ impl Rect {
     pub fn contains(&self, x: i32, y: i32) -> bool {
         x >= self.x0 && x < self.x1 && y >= self.y0 && y < self.y1
     }
+
+    /// A part of this rectangle's values, row by row.
+    pub fn part<T: Copy>(&self, values: &[T], part: Rect) -> Vec<T> {
+        if *self == part {
+            return values.to_vec();
+        }
+        let columns = (part.x0 - self.x0) as usize..(part.x1 - self.x0) as usize;
+        let rows = values.chunks_exact(self.width().max(1) as usize).skip((part.y0 - self.y0) as usize);
+        rows.take(part.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
+    }
 }
 
 #[cfg(test)]

@@ -249,6 +249,7 @@ mod tests {
             depth: Some(DepthMap { width: SIZE.0, height: SIZE.1, depth_m, timestamp_s: 0.0 }),
             exposure: FrameExposure::default(),
             presence: 1.0,
+            beside: Vec::new(),
         };
         // What is seen moves against the camera.
         let way = DVec3::new(-flow.x, -flow.y, 0.0) * WALL_M / FOCAL_PX;

@@ -65,8 +65,15 @@ pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, t
     let eye = Eye::new(camera.clone());
     let mut spreads = Spreads::new(&eye, response, pixels.max_code(), threads);
     let state = State { world_from_camera: glam::DAffine3::IDENTITY, twist: Twist::zeros() };
-    let frame =
-        Frame { index: 0, timestamp_s: 0.0, pixels, depth: None, exposure: FrameExposure::default(), presence: 1.0 };
+    let frame = Frame {
+        index: 0,
+        timestamp_s: 0.0,
+        pixels,
+        depth: None,
+        exposure: FrameExposure::default(),
+        presence: 1.0,
+        beside: Vec::new(),
+    };
     spreads.add(&frame, &Motion { state: &state, depth: &[], exposure_s: 0.0 });
     spreads.finish().ok().map(|spread| spread.sigma_px)
 }

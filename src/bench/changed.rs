@@ -140,8 +140,15 @@ impl Parameter {
             let mut runs = true;
             let mut time = || -> Result<f64, SubmitError> {
                 let exposure = FrameExposure::default();
-                let frame =
-                    Frame { index: n, timestamp_s: 0.0, pixels: pixels.clone(), depth: None, exposure, presence: 1.0 };
+                let frame = Frame {
+                    index: n,
+                    timestamp_s: 0.0,
+                    pixels: pixels.clone(),
+                    depth: None,
+                    exposure,
+                    presence: 1.0,
+                    beside: Vec::new(),
+                };
                 let start = Instant::now();
                 let job = Job::of_frame(frame, &camera, &held.settings, &geometry, &load.track, INTERVAL_S)?;
                 let pending = compositor.submit(job, &camera, &held.settings, Target::Pixels)?;

@@ -1,26 +1,67 @@
-//! Occlusion of a blurred layer by real things that are sharp.
+//! Occlusion of a layer by real things.
 //!
 //! A thing in focus hides whole pixels: all points of the lens see it through each of them. A blurred object behind it
 //! is hidden there. Next to it, the object is as blurred as if nothing stood in front of it. So the object is drawn
-//! behind the edge as far as its blur reaches, blurred, and cut off afterwards.
+//! behind the edge as far as its blur reaches, blurred, and cut off afterwards: by the share of each pixel that the thing
+//! has (`depth::Shared`), where that is known, else by the map, softened over a pixel.
 //!
-//! Not modelled: real things that are blurred themselves (the recording shows them as it saw them, and a pixel either
-//! is theirs or is not).
+//! A pixel at the edge shows I = α·F + (1 − α)·B of the thing's light F and of B behind it. With an object of light V and
+//! coverage A between the two it shows α·F + (1 − α)·(V + (1 − A)·B). What the layer is left with is V' = (1 − α)·V and
+//! A' = (1 − α)·A, so mixing gives V' + (1 − A')·I, which would leave a halo of B. Adding the fringe, A'·α·(F − B), takes it
+//! away: α²·F + α·(1 − α)·F̄ of the thing is left, with F̄ its mean light around, and nothing of B where A is 1. The share of
+//! the camera's noise that is left is the same as without.
+//!
+//! Not modelled: real things that are blurred themselves by the lens (the recording shows them as it saw them).
 
-use crate::gpu::{Recorder, Shader, Texture};
+use crate::depth::Shared;
+use crate::gpu::{Recorder, Shader, Texture, half_texels};
+use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
 
 crate::uniform! {
     struct Real { size: [i32; 2], tolerance_m: f32 }
 }
 
-/// Cuts off what lies more than the tolerance behind the real scene's depth (metres, 0 unknown).
-pub fn cut(recorder: &mut Recorder, layer: Layer, real_depth: &Texture, tolerance_m: f32) -> Layer {
+/// What stands before a layer, on the GPU, over the layer's rectangle.
+#[derive(Debug)]
+pub struct Before {
+    /// Depths of the nearer and the farther surface (metres, 0 unknown) and the nearer one's share.
+    surfaces: Texture,
+    fringe: Option<Texture>,
+}
+
+impl Before {
+    /// Surfaces without soft edges, by the real scene's depth (metres, 0 unknown).
+    pub fn hard(recorder: &Recorder, depth_m: &[f32], drawn: Rect) -> Self {
+        let texels: Vec<[f32; 4]> = depth_m.iter().map(|z| [*z, *z, 1.0, 0.0]).collect();
+        Self { surfaces: surfaces(recorder, &texels, drawn), fringe: None }
+    }
+
+    pub fn soft(recorder: &Recorder, shared: &[Shared], drawn: Rect) -> Self {
+        let texels: Vec<[f32; 4]> = shared.iter().map(|s| [s.near_m, s.far_m, s.share, 0.0]).collect();
+        let fringe: Vec<[f32; 4]> = shared.iter().map(|s| [s.fringe[0], s.fringe[1], s.fringe[2], 0.0]).collect();
+        let size = (drawn.width(), drawn.height());
+        let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
+        texture.write(&recorder.gpu, size.0, size.1, &half_texels(&fringe));
+        Self { surfaces: surfaces(recorder, &texels, drawn), fringe: Some(texture) }
+    }
+}
+
+fn surfaces(recorder: &Recorder, texels: &[[f32; 4]], drawn: Rect) -> Texture {
+    let size = (drawn.width(), drawn.height());
+    let texture = recorder.pool.lend_to_write(&recorder.gpu, size, wgpu::TextureFormat::Rgba32Float);
+    texture.write(&recorder.gpu, size.0, size.1, texels);
+    texture
+}
+
+/// Cuts off what lies more than the tolerance behind real surfaces.
+pub fn cut(recorder: &mut Recorder, layer: Layer, before: &Before, tolerance_m: f32) -> Layer {
     let real = Real { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m };
     let pass = recorder.pass(Shader::BehindReal, "main").uniform("real", &real).texture("color", &layer.color);
-    let pass = pass.texture("geometry", &layer.geometry).texture("real_depth", real_depth);
-    let [color, geometry] = pass.draw([COLOR, GEOMETRY], layer.size);
-    Layer { color, geometry, ..layer }
+    let pass = pass.texture("geometry", &layer.geometry).texture("surfaces", &before.surfaces);
+    let pass = pass.texture("fringes", before.fringe.as_ref().unwrap_or(&layer.color));
+    let [color, geometry, fringe] = pass.draw([COLOR, GEOMETRY, COLOR], layer.size);
+    Layer { color, geometry, fringe: before.fringe.as_ref().map(|_| fringe), ..layer }
 }
 
 /// The depths behind which something is hidden even when blurred over `reach_px`: the farthest of the square around

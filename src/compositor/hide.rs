@@ -1,12 +1,13 @@
 //! The second phase: what real things hide, and when it is cut off.
 
-use std::borrow::Cow;
+use std::sync::Arc;
 
-use super::behind_real::deep_within;
+use super::behind_real::{Before, deep_within};
 use super::plan::{Plan, Sight};
 use super::{Job, RealDepth, Settings};
-use crate::depth::{RayCache, Repair, measured_from};
-use crate::effects::Moment;
+use crate::depth::{Neighbour, RayCache, Repair, Shared, measured_from};
+use crate::effects::{Effect, Moment};
+use crate::frame::Beside;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
 use crate::render::real_depth;
@@ -16,8 +17,8 @@ use crate::render::real_depth;
 pub struct Hidden {
     /// Hides objects as they are drawn.
     pub first: Option<Texture>,
-    /// The index among the active effects after which objects are cut off as well, and by what.
-    pub then: Option<(usize, Texture)>,
+    /// After how many of the active effects objects are cut off as well, and by what.
+    pub then: Option<(usize, Before)>,
     /// The depth itself, of everything that is known, and its rectangle: around what is drawn and what is shaded.
     pub real: Option<(Texture, Rect)>,
     /// Why the frame's depth hides nothing although it exists and is asked for.
@@ -40,10 +41,19 @@ impl Hidden {
         let depth = job.frame.depth.as_ref();
         let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
         let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
+        let mut shared = None;
         let texels = match job.real {
             RealDepth::OfFrame => depth.zip(measured.and_then(Result::ok)).map(|(depth, measured)| {
                 let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
-                Repair { rays, depth, measured: &measured, frame: &sight.keys.middle(), pixels, response }.over(around)
+                let half_s = 0.5 * sight.shutter.exposure_time_s;
+                let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
+                let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
+                let neighbours = neighbours(job);
+                let (measured, frame, neighbours) = (&measured, &frame, &neighbours);
+                let repair = Repair { rays, depth, measured, frame, shutter, pixels, response, neighbours };
+                let repaired = repair.over(around, drawn);
+                shared = Some(repaired.shared);
+                repaired.depth_m
             }),
             RealDepth::Known { moments, grid, .. } if plan.hides_itself() && moments.is_empty() => {
                 let real = grid.map(|grid| (real_depth(recorder, &grid.over(around), around), around));
@@ -52,32 +62,38 @@ impl Hidden {
             RealDepth::Known { grid, .. } => grid.map(|grid| grid.over(around)),
         };
         let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
+        let real = Some((real_depth(recorder, &texels, around), around));
         // If objects are cut off after the blur, only what stays hidden when blurred is hidden before.
-        let after = plan.active.iter().rposition(|effect| !job.capture.whole && effect.on_real().blurs_behind());
-        let beneath = part(&texels, around, drawn);
-        let beside = (around != drawn).then(|| real_depth(recorder, &texels, around));
-        let real = |own: &Texture| Some((beside.clone().unwrap_or_else(|| own.clone()), around));
-        let own = real_depth(recorder, &beneath, drawn);
-        let Some(after) = after else {
-            return Self { real: real(&own), first: Some(own), then: None, nothing_because };
+        let blurs = |effect: &&dyn Effect| match shared {
+            Some(_) => effect.on_real().blurs(),
+            None => !job.capture.whole && effect.on_real().blurs_behind(),
         };
-        let reach_px = plan.active[after].reach(moment).look_px.ceil() as usize;
-        let deep = deep_within(&beneath, drawn.width() as usize, reach_px);
-        Self {
-            first: Some(real_depth(recorder, &deep, drawn)),
-            real: real(&own),
-            then: Some((after, own)),
-            nothing_because,
-        }
+        let after = plan.active.iter().rposition(blurs).map(|last| last + 1);
+        let beneath = around.part(&texels, drawn);
+        let Some(after) = after.or(shared.as_ref().map(|_| 0)) else {
+            return Self { first: Some(real_depth(recorder, &beneath, drawn)), real, then: None, nothing_because };
+        };
+        let look_px = plan.active[..after].iter().map(|effect| effect.reach(moment));
+        let reach_px = look_px.map(|reach| reach.look_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
+        let farthest: Vec<f32> = match &shared {
+            Some(shared) => shared.iter().map(|shared: &Shared| shared.far_m).collect(),
+            None => beneath.clone(),
+        };
+        let deep = deep_within(&farthest, drawn.width() as usize, reach_px);
+        let before = match shared {
+            Some(shared) => Before::soft(recorder, &shared, drawn),
+            None => Before::hard(recorder, &beneath, drawn),
+        };
+        Self { first: Some(real_depth(recorder, &deep, drawn)), real, then: Some((after, before)), nothing_because }
     }
 }
 
-/// A part of a rectangle's texels.
-fn part(texels: &[f32], around: Rect, rect: Rect) -> Cow<'_, [f32]> {
-    if rect == around {
-        return Cow::Borrowed(texels);
-    }
-    let rows = texels.chunks_exact(around.width() as usize).skip((rect.y0 - around.y0) as usize);
-    let columns = (rect.x0 - around.x0) as usize..(rect.x1 - around.x0) as usize;
-    rows.take(rect.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
+/// The frames around, with the poses from which they saw.
+fn neighbours<'a>(job: &'a Job<'_>) -> Vec<Neighbour<'a>> {
+    let neighbour = |frame: &'a Arc<Beside>| {
+        let measured = measured_from(&frame.depth, job.picture, job.track, job.time_offset_s).ok()?;
+        let taken = job.track.at(frame.timestamp_s + job.time_offset_s).ok()?;
+        Some(Neighbour { frame, measured, taken })
+    };
+    job.frame.beside.iter().filter_map(neighbour).collect()
 }

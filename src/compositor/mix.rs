@@ -142,7 +142,8 @@ pub fn mix(
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())
         .choose("light_alone", layer.light_alone)
-        .choose("shaded", shade.is_some());
+        .choose("shaded", shade.is_some())
+        .choose("fringed", layer.fringe.is_some());
     let named: Vec<_> = parts.iter().map(|part| (part.shader, part.name)).collect();
     let (shaders, tail) = module(&named, layer.real.is_some());
     let mut pass = recorder
@@ -152,7 +153,8 @@ pub fn mix(
         .texture("camera", &sent.texture)
         .texture("layer", &layer.color)
         .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color))
-        .texture("shade", shade.unwrap_or(&layer.color));
+        .texture("shade", shade.unwrap_or(&layer.color))
+        .texture("fringes", layer.fringe.as_ref().unwrap_or(&layer.color));
     for part in &parts {
         pass = pass.packed(part.name, &part.uniform);
         for (name, texture) in &part.textures {

@@ -365,15 +365,18 @@ fn affect(
     want_layer: bool,
     tolerance_m: f32,
 ) -> Layer {
+    let (after, before) = hidden.then.as_ref().map_or((0, None), |(after, before)| (*after, Some(before)));
+    let cut = |run: &mut LayerRun<'_>, layer: Layer, done: usize| match before.filter(|_| after == done) {
+        Some(before) => behind_real::cut(run.recorder, layer, before, tolerance_m),
+        None => layer,
+    };
+    layer = cut(run, layer, 0);
     for (n, effect) in plan.active.iter().enumerate() {
-        let cut = hidden.then.as_ref().filter(|(after, _)| *after == n);
         let later = &plan.active[n + 1..];
-        run.geometry_is_read = want_layer || cut.is_some() || later.iter().any(|effect| effect.reads_geometry());
+        run.geometry_is_read = want_layer || after > n || later.iter().any(|effect| effect.reads_geometry());
         run.recorder.part(effect.table());
         layer = effect.run(run, layer);
-        if let Some((_, real_depth)) = cut {
-            layer = behind_real::cut(run.recorder, layer, real_depth, tolerance_m);
-        }
+        layer = cut(run, layer, n + 1);
     }
     layer
 }

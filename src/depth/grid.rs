@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::mended;
+use super::{edges, mended};
 use crate::camera::{Framed, Intrinsics, Response};
 use crate::pixels::{Pixels, Rect};
 
@@ -88,7 +88,12 @@ impl DepthGrid {
         let light: Vec<[f32; 3]> = places().map(seen).collect();
         let looks: Vec<[f32; 3]> = light.iter().map(|l| l.map(|c| c.max(0.0).sqrt())).collect();
         let columns = width as usize;
-        let is_widened = mended::complete(&mut depth_m, &looks, columns, recorded, framed.step * enlargement)?;
+        // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
+        let step = framed.step * enlargement;
+        let is_widened = mended::complete(&mut depth_m, &looks, columns, recorded, step)?;
+        if is_widened {
+            depth_m = edges::widened(&depth_m, Some(&looks), columns);
+        }
         Some(Self { width, height, enlargement, depth_m, light, is_widened })
     }
 

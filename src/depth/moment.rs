@@ -74,7 +74,7 @@ impl Rays {
     }
 
     /// Computes what is missing of a range of rows.
-    fn prepare(&self, rows: Range<i32>) {
+    pub fn prepare(&self, rows: Range<i32>) {
         let missing: Vec<usize> =
             (rows.start as usize..rows.end as usize).filter(|y| self.rows[*y].get().is_none()).collect();
         let width = self.geometry.intrinsics.width_px as usize;
@@ -91,6 +91,16 @@ impl Rays {
             // Another thread may have computed the same.
             let _ = self.rows[*y].set(row.to_vec());
         }
+    }
+
+    /// A row that was prepared.
+    pub fn row(&self, y: usize) -> Option<&[[f32; 3]]> {
+        self.rows[y].get().map(Vec::as_slice)
+    }
+
+    /// The whole picture.
+    pub fn full(&self) -> Rect {
+        Rect::full(self.geometry.intrinsics.width_px, self.geometry.intrinsics.height_px)
     }
 
     /// The camera of these rays.

@@ -6,16 +6,18 @@
 //!
 //! Not modelled: gaps depend only on what was measured within a twentieth of the picture's width around the objects.
 
-use super::{Rays, mended};
+use super::looks::Looks;
+use super::matte::{self, Shared};
+use super::smear::Smear;
+use super::{Rays, mended, smooth, vote};
 use crate::camera::Response;
-use crate::pixels::{Codes, DepthMap, Pixels, Rect};
+use crate::frame::Beside;
+use crate::pixels::{DepthMap, Pixels, Rect};
 use crate::pose::Pose;
 
 /// How far around the objects the map is read, as a share of the picture's width. Also the step by which that region
 /// grows, so that an object that moves from frame to frame reads the same region.
 const AROUND: f64 = 1.0 / 20.0;
-/// Only the first bits of codes are decoded: finer differences are noise here.
-const BITS: u32 = 10;
 
 /// The inputs for repairing a frame's depth.
 #[derive(Clone, Copy, Debug)]
@@ -25,23 +27,48 @@ pub struct Repair<'a> {
     /// The poses at which the map was measured and the frame was taken.
     pub measured: &'a Pose,
     pub frame: &'a Pose,
+    /// The poses when the shutter opened and when it closed.
+    pub shutter: [&'a Pose; 2],
     pub pixels: &'a Pixels,
     pub response: &'a Response,
+    /// Frames that help where the map is doubtful.
+    pub neighbours: &'a [Neighbour<'a>],
 }
 
-impl Repair<'_> {
-    /// Depth over `rect` at the frame's moment, like [`Rays::reproject`], but never 0 unless nothing was measured
-    /// around it at all. It depends on `rect` too, through what was measured near it.
-    pub fn over(&self, rect: Rect) -> Vec<f32> {
+/// Another frame, and the poses at which its map was measured and its picture was taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbour<'a> {
+    pub frame: &'a Beside,
+    pub measured: Pose,
+    pub taken: Pose,
+}
+
+/// A part of a frame's map, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Repaired {
+    /// Of what most of a pixel shows, m; 0 if nothing was measured around it at all.
+    pub depth_m: Vec<f32>,
+    /// Over the part of it where things are drawn.
+    pub shared: Vec<Shared>,
+}
+
+impl<'a> Repair<'a> {
+    /// What `rect` shows at the frame's moment, and how its pixels are shared in `drawn`, a part of it. It depends on `rect`
+    /// too, through what was measured near it.
+    pub fn over(&self, rect: Rect, drawn: Rect) -> Repaired {
         let region = self.region(rect);
         let width = region.width() as usize;
         let mut depth_m = self.rays.reproject(self.depth, self.measured, self.frame, region);
         let looks = self.looks(region);
+        self.agree(&mut depth_m, &looks, region);
         // Where nothing was measured, nothing hides.
-        mended::complete(&mut depth_m, &looks, width, &self.rays.geometry().intrinsics, 1.0);
-        let columns = (rect.x0 - region.x0) as usize..(rect.x1 - region.x0) as usize;
-        let rows = depth_m.chunks_exact(width.max(1)).skip((rect.y0 - region.y0) as usize);
-        rows.take(rect.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
+        let recorded = &self.rays.geometry().intrinsics;
+        if mended::complete(&mut depth_m, &looks, width, recorded, 1.0) == Some(true) {
+            smooth::smooth(&mut depth_m, &looks, width);
+        }
+        let smear = Smear::new(self.rays.geometry(), self.frame, self.shutter, region);
+        let shared = matte::shares(&depth_m, &looks, width, &smear, drawn.moved(-region.x0, -region.y0));
+        Repaired { depth_m: region.part(&depth_m, rect), shared }
     }
 
     /// The rectangle and its surroundings, as far as the picture goes.
@@ -58,18 +85,25 @@ impl Repair<'_> {
     /// Square roots of light, row by row. Beyond the picture the rim continues.
     fn looks(&self, region: Rect) -> Vec<[f32; 3]> {
         let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
-        let (bits, over) = match self.pixels.codes {
-            Codes::U8(_) => (8, 0),
-            Codes::U16(_) => (BITS, 16 - BITS),
-        };
-        let light = self.response.table((1 << bits) - 1).into_iter();
-        let looks: Vec<f32> = light.map(|light| light.max(0.0).sqrt() as f32).collect();
+        let looks = Looks::new(self.pixels, self.response);
         let round = self.rays.geometry().is_round();
         let column = |x: i32| if round { x.rem_euclid(width) } else { x.clamp(0, width - 1) };
         let places = (region.y0..region.y1)
             .map(|y| y.clamp(0, height - 1))
             .flat_map(|y| (region.x0..region.x1).map(move |x| (column(x), y)));
-        places.map(|(x, y)| self.pixels.at(x as u32, y as u32).map(|code| looks[(code >> over) as usize])).collect()
+        places.map(|(x, y)| looks.at(x as u32, y as u32)).collect()
+    }
+
+    /// Replaces what is doubtful in a part of the map by what the neighbours say.
+    fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect) {
+        let voter = |neighbour: &Neighbour<'a>| vote::Voter {
+            depth: &neighbour.frame.depth,
+            measured: neighbour.measured,
+            taken: neighbour.taken,
+            looks: Looks::new(&neighbour.frame.pixels, self.response),
+        };
+        let voters: Vec<_> = self.neighbours.iter().map(voter).collect();
+        vote::Frame { rays: self.rays, pose: *self.frame, part, looks }.agreed(depth_m, &voters);
     }
 }
 
@@ -111,17 +145,19 @@ mod tests {
         Rays::new(&Geometry::new(intrinsics, Distortion::default()))
     }
 
-    fn repaired(pixels: &Pixels, depth: &DepthMap, rect: Rect) -> Vec<f32> {
+    fn repaired(pixels: &Pixels, depth: &DepthMap, rect: Rect) -> Repaired {
         let (rays, pose) = (camera(), Pose::IDENTITY);
         let response = Response { curve: Curve::Srgb, ..Default::default() };
-        Repair { rays: &rays, depth, measured: &pose, frame: &pose, pixels, response: &response }.over(rect)
+        let shutter = [&pose; 2];
+        let (measured, frame, response) = (&pose, &pose, &response);
+        Repair { rays: &rays, depth, measured, frame, shutter, pixels, response, neighbours: &[] }.over(rect, rect)
     }
 
     #[test]
     fn a_screen_of_which_little_was_seen_is_whole() {
         let (pixels, depth, inside) = screen();
         for rect in [Rect::full(160, 120), Rect::new(60, 20, 140, 100), Rect::new(20, 50, 50, 60)] {
-            let found = repaired(&pixels, &depth, rect);
+            let found = repaired(&pixels, &depth, rect).depth_m;
             assert_eq!(found.len(), (rect.width() * rect.height()) as usize);
             for (n, z) in found.iter().enumerate() {
                 let (x, y) =
@@ -136,9 +172,9 @@ mod tests {
     fn a_whole_map_stays_as_it_was_measured() {
         let (pixels, mut depth, inside) = screen();
         depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
-        assert_eq!(repaired(&pixels, &depth, Rect::full(160, 120)), depth.depth_m);
+        assert_eq!(repaired(&pixels, &depth, Rect::full(160, 120)).depth_m, depth.depth_m);
         // Nothing is made from nothing.
         depth.depth_m.fill(0.0);
-        assert!(repaired(&pixels, &depth, Rect::new(-3, 5, 30, 50)).iter().all(|z| *z == 0.0));
+        assert!(repaired(&pixels, &depth, Rect::new(-3, 5, 30, 50)).depth_m.iter().all(|z| *z == 0.0));
     }
 }

@@ -16,7 +16,7 @@
 //! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at its ends (its
 //! neighbourhood stands in for it), and curved motion within one exposure.
 
-use super::{Case, Effect, EffectError, LayerRun, Moment, Reach};
+use super::{Case, Effect, EffectError, LayerRun, Moment, OnReal, Reach};
 use crate::camera::accumulation::{self, MOST_STEPS};
 use crate::camera::{Camera, Geometry, Summed};
 use crate::gpu::Shader;
@@ -169,6 +169,10 @@ impl Effect for MotionBlur {
         ["velocity", "copies", "accumulation", "reference"]
             .map(|m| (m, vec![("method", Value::Text(m.to_owned()))]))
             .to_vec()
+    }
+
+    fn on_real(&self) -> OnReal {
+        OnReal::Blurs
     }
 
     fn plan(&self, moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {

@@ -6,7 +6,7 @@
 //! Not modelled: a width that varies over the picture, by colour or with the opening; tails (veiling glare); the
 //! camera's own sharpening of edges; the coarseness of the renderer's four samples per pixel compared with areas.
 
-use super::{Case, Effect, LayerRun, Moment, Reach, blur};
+use super::{Case, Effect, LayerRun, Moment, OnReal, Reach, blur};
 use crate::params::Value;
 use crate::render::Layer;
 
@@ -41,6 +41,9 @@ impl Effect for PointSpread {
     }
     fn cases(&self) -> Vec<Case> {
         vec![("", vec![("sigma_px", Value::Number(0.7))])]
+    }
+    fn on_real(&self) -> OnReal {
+        OnReal::Blurs
     }
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
         let sigma_px = self.drawn_px(run.moment);

@@ -86,6 +86,9 @@ pub enum OnReal {
     /// Acts on virtual things only.
     #[default]
     Nothing,
+    /// Acts on virtual things only. It blurs them as the camera blurred what stands before them, which cuts off its result
+    /// where it is known how much of each pixel that has.
+    Blurs,
     /// Also acts on the real part where its surfaces are known.
     ActsAlone,
     /// The same. It also blurs virtual objects where real ones in front of them are sharp; those then cut off its
@@ -97,7 +100,11 @@ pub enum OnReal {
 
 impl OnReal {
     pub fn acts(self) -> bool {
-        self != Self::Nothing
+        !matches!(self, Self::Nothing | Self::Blurs)
+    }
+    /// Whether things are cut off after it, where it is known how much of each pixel the real ones have.
+    pub fn blurs(self) -> bool {
+        self == Self::Blurs || self.blurs_behind()
     }
     pub fn blurs_behind(self) -> bool {
         matches!(self, Self::Acts | Self::ActsAndHides)

@@ -170,7 +170,15 @@ impl Intake {
         // As the recording's reader finds it.
         let photo = picture.jpeg().map(|file| exif::settings_of(&file)).unwrap_or_default();
         let exposure = FrameExposure { time_s: exposure_s.or(photo.time_s), photo, ..FrameExposure::default() };
-        let frame = Frame { index: self.frames, timestamp_s: time_s, pixels, depth: None, exposure, presence: 1.0 };
+        let frame = Frame {
+            index: self.frames,
+            timestamp_s: time_s,
+            pixels,
+            depth: None,
+            exposure,
+            presence: 1.0,
+            beside: Vec::new(),
+        };
         self.frames += 1;
         let needs_s = within_s(&frame);
         self.waiting.frame((frame, now_s), time_s, needs_s, now_s);

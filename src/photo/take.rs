@@ -140,6 +140,7 @@ pub fn take(
             depth: None,
             exposure: standpoint.exposure,
             presence: standpoint.presence,
+            beside: Vec::new(),
         };
         let job = Job {
             frame,

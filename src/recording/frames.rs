@@ -136,6 +136,7 @@ impl Frames {
             depth,
             exposure: self.exposure.get(index).copied().unwrap_or_default(),
             presence: self.presence.get(index).copied().unwrap_or(1.0),
+            beside: Vec::new(),
         })
     }
 }

@@ -4,6 +4,7 @@
 //! docs/recordings.md has every convention.
 
 mod arriving;
+mod beside;
 mod camera_file;
 mod colmap;
 mod depth;
@@ -30,6 +31,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+pub use beside::FramesBeside;
 pub use depth::Registration;
 pub use error::RecordingError;
 pub use frames::Frames;

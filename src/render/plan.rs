@@ -55,12 +55,15 @@ pub struct Layer {
     pub light_alone: bool,
     /// The real part, if effects act on it too.
     pub real: Option<RealLayer>,
+    /// Added to the camera's light where the layer covers it: of pixels at the edge of a nearer real thing, by how much the
+    /// light differs from what lies behind the thing.
+    pub fringe: Option<Texture>,
 }
 
 impl Layer {
     /// A layer with nothing else.
     pub fn new(color: Texture, geometry: Texture, size: (u32, u32)) -> Self {
-        Self { color, geometry, size, coverage: None, light_alone: false, real: None }
+        Self { color, geometry, size, coverage: None, light_alone: false, real: None, fringe: None }
     }
 }
 

@@ -64,11 +64,7 @@ impl ViewKeys {
 
     /// Three keys: at an offset, and `reach_s` before and after it.
     pub fn around(&self, offset_s: f64, reach_s: f64) -> Self {
-        let pose = |t: f64| {
-            let (rotation, position_m) = self.at(t);
-            Pose::new(rotation, rotation * -(position_m + self.origin_in_world_m))
-        };
-        let poses = [-reach_s, 0.0, reach_s].map(|t| pose(offset_s + t)).into();
+        let poses = [-reach_s, 0.0, reach_s].map(|t| self.pose_at(offset_s + t)).into();
         Self { origin_in_world_m: self.origin_in_world_m, poses, reach_s }
     }
 
@@ -89,6 +85,12 @@ impl ViewKeys {
         let [a, b] = [0, 1].map(|k| &self.poses[i as usize + k]);
         let [p, q] = [a, b].map(|pose| pose.position_in_world_m() - self.origin_in_world_m);
         (a.rotation.lerp(b.rotation, x - i), p.lerp(q, x - i))
+    }
+
+    /// The same as `camera_from_world`.
+    pub fn pose_at(&self, offset_s: f64) -> Pose {
+        let (rotation, position_m) = self.at(offset_s);
+        Pose::new(rotation, rotation * -(position_m + self.origin_in_world_m))
     }
 
     /// The frame's own pose.

@@ -133,6 +133,7 @@ mod tests {
             depth: Some(DepthMap { width: 240, height: 160, depth_m, timestamp_s: 0.0 }),
             exposure: FrameExposure::default(),
             presence: 1.0,
+            beside: Vec::new(),
         }
     }
 

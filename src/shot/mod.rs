@@ -210,11 +210,11 @@ impl Shot {
         self.recording.interval_s(frame)
     }
 
-    /// A frame as it was recorded.
+    /// A frame as it was recorded, with what its neighbours saw.
     pub fn read(&self, frame: usize) -> Result<Frame, ShotError> {
         let missing = || RecordingError::Range { start: frame, end: frame, count: self.recording.frame_count() };
         let end = frame.checked_add(1).ok_or_else(missing)?;
-        Ok(self.recording.frames(frame..end)?.next().ok_or_else(missing)??)
+        Ok(self.recording.frames_beside(frame..end)?.next().ok_or_else(missing)??)
     }
 
     /// Whether no exposure is known, and effects are on to which it might matter.

@@ -28,7 +28,8 @@ impl Reduced {
         let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
         let pixels = Pixels { width, height, codes };
         let Frame { index, timestamp_s, exposure, presence, .. } = *frame;
-        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence }, by }
+        // Its own depth is enough for a picture that a person sees for a moment.
+        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence, beside: Vec::new() }, by }
     }
 
     pub fn by(&self) -> u32 {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::frame::Frame;
-use crate::recording::{Frames, Recording, RecordingError};
+use crate::recording::{FramesBeside, Recording, RecordingError};
 
 /// So many frames are decoded and thrown away rather than begun anew at the one that is wanted.
 const SKIPPED: usize = 8;
@@ -14,7 +14,7 @@ pub struct Reader {
     /// The frame that was decoded last.
     held: Option<Arc<Frame>>,
     /// What follows, with the number of its first frame.
-    stream: Option<(usize, Frames)>,
+    stream: Option<(usize, FramesBeside)>,
 }
 
 impl Reader {
@@ -35,7 +35,7 @@ impl Reader {
         let running = self.stream.take().filter(|(next, _)| (*next..=*next + SKIPPED).contains(&frame));
         let (at, mut frames) = match running {
             Some(running) => running,
-            None => (frame, self.recording.frames(frame..count)?),
+            None => (frame, self.recording.frames_beside(frame..count)?),
         };
         let missing = RecordingError::Range { start: frame, end: frame, count };
         let decoded = Arc::new(frames.nth(frame - at).unwrap_or(Err(missing))?);

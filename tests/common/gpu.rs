@@ -35,7 +35,15 @@ pub fn grey(width: u32, height: u32, code: u8) -> Pixels {
 }
 
 pub fn frame(index: usize, timestamp_s: f64, pixels: Pixels) -> Frame {
-    Frame { index, timestamp_s, pixels, depth: None, exposure: FrameExposure::default(), presence: 1.0 }
+    Frame {
+        index,
+        timestamp_s,
+        pixels,
+        depth: None,
+        exposure: FrameExposure::default(),
+        presence: 1.0,
+        beside: Vec::new(),
+    }
 }
 
 /// A camera without distortion, principal point in the middle.

@@ -5,6 +5,7 @@ use std::process::Command;
 
 use crate::common;
 use crate::files::{describe, frames, open, options, picture, refused, write};
+use crate::program::copied;
 use glam::{DVec2, DVec3};
 use locard::pixels::{Codes, Pixels};
 use locard::recording::{OpenOptions, Recording};
@@ -43,6 +44,34 @@ fn tum_fr1_rpy_opens() {
     }
     let some = frames(&r, 40..43);
     assert!(some.iter().zip(&all[40..]).all(|(a, b)| a.pixels == b.pixels && a.depth == b.depth && a.index == b.index));
+}
+
+#[test]
+fn neighbours_are_the_same_in_every_range_and_damaged_ones_are_left_out() {
+    let beside = |r: &Recording, range: std::ops::Range<usize>| -> Vec<Option<Vec<usize>>> {
+        let seen = r.frames_beside(range).unwrap();
+        seen.map(|frame| Some(frame.ok()?.beside.iter().map(|beside| beside.index).collect())).collect()
+    };
+    let demo = open(Path::new("recordings/demo"));
+    let all = beside(&demo, 0..20);
+    assert_eq!((all[0].as_deref(), all[10].as_deref()), (Some(&[1, 2, 3][..]), Some(&[7, 8, 9, 11, 12, 13][..])));
+    assert_eq!(beside(&demo, 9..12), all[9..12]);
+    let last = demo.frame_count() - 1;
+    assert_eq!(beside(&demo, last..last + 1), [Some(vec![last - 3, last - 2, last - 1])]);
+    assert!(demo.frames_beside(last..last + 2).is_err() && beside(&demo, 5..5).is_empty());
+    let frame = demo.frames_beside(4..5).unwrap().next().unwrap().unwrap();
+    assert!(frame.beside[0].pixels == frames(&demo, 1..2)[0].pixels && frame.depth == frames(&demo, 4..5)[0].depth);
+
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("damaged");
+    copied(Path::new("recordings/demo"), &folder);
+    let file = folder.join("rgb/00003.jpg");
+    let bytes = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    let damaged = open(&folder);
+    assert_eq!(beside(&damaged, 0..6), [Some(vec![1, 2]), Some(vec![0, 2, 4]), Some(vec![0, 1, 4, 5]), None]);
+    assert_eq!(beside(&damaged, 1..3), [Some(vec![0, 2, 4]), Some(vec![0, 1, 4, 5])]);
+    assert_eq!(beside(&damaged, 4..6), [Some(vec![1, 2, 5, 6, 7]), Some(vec![2, 4, 6, 7, 8])]);
 }
 
 /// Points that COLMAP found must land where COLMAP saw them: axes, order of the quaternion,

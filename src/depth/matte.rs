@@ -1,0 +1,323 @@
+//! How much of each pixel at an edge belongs to the nearer of the two surfaces that meet there.
+//!
+//! Near an edge of the depth map a pixel shows I = α·F + (1 − α)·B, light of the nearer surface F and of the farther B.
+//! What is put between the two shows by 1 − α. α is estimated twice, and both are weighted by their variances:
+//!
+//! - From the map: the nearer side's share under the pixel's own spread, along the way that it moves while the shutter is
+//!   open. It is as wrong as the edge may be misplaced: near the edge nothing is certain, away from it all is.
+//! - From the picture (Porter and Duff's equation solved for α, as matting does): (I − B)·(F − B)/|F − B|², with F and B the
+//!   means of what lies around on either side, away from the edge. It is as wrong as these are uneven.
+//!
+//! So where both sides look alike the map decides, and where they differ the picture does. Far from an edge the map is
+//! certain whatever the picture shows.
+//!
+//! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `JUMP`.
+
+use super::nearest_edge::{Edge, edges};
+use super::smear::Smear;
+use crate::pixels::Rect;
+use crate::rows::{over_rows, processors};
+
+/// How far an edge that was moved to the picture's is still off, σ in px.
+const MISPLACED_PX: f32 = 1.5;
+/// The pixel's own spread, at (−1, 0, 1) px in each direction: σ is 0.7 px.
+const SPREAD: [f32; 3] = [0.25, 0.5, 0.25];
+/// Beyond the blur, the edge may matter this far from where the map has it, px.
+const BESIDE_PX: f32 = 4.0;
+/// The picture moves by so much between two samples of the exposure, px.
+const STEP_PX: f32 = 1.5;
+/// A longer way is treated as this one, px.
+const LONGEST_PX: f32 = 32.0;
+/// Places around a pixel at which the two sides are looked at, and how far beyond the blur they may lie, px.
+const PLACES: usize = 48;
+const AROUND_PX: f32 = 7.0;
+/// From this far from an edge, beyond the blur, a pixel shows one surface alone, px. At the edge it counts so much.
+const CERTAIN_PX: f32 = 3.0;
+const UNCERTAIN: f32 = 0.1;
+/// Places of this weight in all tell half of how a side looks.
+const HALF: f32 = 1.0;
+/// Something nearer by this factor is another thing.
+const ANOTHER: f32 = 1.15;
+/// σ of a mean's error that is always there, linear light.
+const LEAST_SIGMA: f32 = 0.01;
+/// σ of the light of a side that few places tell.
+const UNKNOWN: f32 = 0.1;
+/// A side is at least this uneven: a share of its light.
+const UNEVEN: f32 = 0.08;
+
+/// What a pixel shows of two surfaces. Where there is one, `near_m` is `far_m` and `share` is 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shared {
+    /// Depth of the nearer and of the farther surface, m; 0 if unknown.
+    pub near_m: f32,
+    pub far_m: f32,
+    /// α, the nearer one's.
+    pub share: f32,
+    /// α·(F − B): by how much the pixel's light differs from the farther surface's.
+    pub fringe: [f32; 3],
+}
+
+/// A map and its picture.
+struct Seen<'a> {
+    depth_m: &'a [f32],
+    /// Square roots of light.
+    looks: &'a [[f32; 3]],
+    edges: Vec<Edge>,
+    width: usize,
+    height: usize,
+    smear: &'a Smear,
+    /// Places around a pixel, within a radius of 1, and their weights.
+    places: Vec<[f32; 3]>,
+}
+
+/// What each pixel of a part shows, row by row. The map's edges lie on the picture's; `looks` are square roots of its light.
+pub fn shares(depth_m: &[f32], looks: &[[f32; 3]], width: usize, smear: &Smear, part: Rect) -> Vec<Shared> {
+    let columns = part.width() as usize;
+    let at = |x: usize, y: usize| (part.y0 as usize + y) * width + part.x0 as usize + x;
+    let whole = |z: f32| Shared { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
+    let mut out: Vec<Shared> =
+        (0..columns * part.height() as usize).map(|i| whole(depth_m[at(i % columns, i / columns)])).collect();
+    let edges = edges(depth_m, width);
+    let Some(nearest_m) = edges.iter().filter(|e| e.distance_px < 1.0).map(|e| e.near_m).reduce(f32::min) else {
+        return out;
+    };
+    let height = depth_m.len() / width.max(1);
+    let seen = Seen { depth_m, looks, edges, width, height, smear, places: places() };
+    let reach_px = BESIDE_PX + 0.5 * smear.longest_px(nearest_m).min(LONGEST_PX);
+    over_rows(&mut out, columns, processors(), |y, row| {
+        for (x, shared) in row.iter_mut().enumerate() {
+            let i = at(x, y);
+            if seen.edges[i].distance_px <= reach_px
+                && let Some(found) = seen.shared(i)
+            {
+                *shared = found;
+            }
+        }
+    });
+    out
+}
+
+/// A spiral of Vogel's.
+fn places() -> Vec<[f32; 3]> {
+    let place = |n: usize| {
+        let r = ((n as f32 + 0.5) / PLACES as f32).sqrt();
+        let (sin, cos) = (2.399_963_2 * n as f32).sin_cos();
+        [r * cos, r * sin, (-2.0 * r * r).exp()]
+    };
+    (0..PLACES).map(place).collect()
+}
+
+/// The nearest whole number: without a call into the mathematics library.
+fn whole(x: f32) -> i32 {
+    (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32
+}
+
+impl Seen<'_> {
+    fn way_px(&self, i: usize) -> [f32; 2] {
+        let [x, y] = self.smear.at(i % self.width, i / self.width, self.edges[i].near_m);
+        let shorter = (LONGEST_PX / x.hypot(y).max(1e-3)).min(1.0);
+        [shorter * x, shorter * y]
+    }
+
+    fn beside(&self, i: usize, dx: i32, dy: i32) -> Option<usize> {
+        let (x, y) = ((i % self.width) as i32 + dx, (i / self.width) as i32 + dy);
+        let inside = x >= 0 && y >= 0 && x < self.width as i32 && y < self.height as i32;
+        inside.then(|| y as usize * self.width + x as usize)
+    }
+
+    /// α by the map alone. `None` where nothing is known.
+    fn expected(&self, i: usize) -> Option<f32> {
+        let [near_m, far_m] = self.edges[i].both_m(self.depth_m[i]);
+        let is_near = |i: usize| self.depth_m[i] * self.depth_m[i] < near_m * far_m;
+        let [x, y] = self.way_px(i);
+        let steps = (x.hypot(y) / STEP_PX).ceil().max(1.0);
+        let (mut near, mut all) = (0.0, 0.0);
+        for step in 0..steps as usize {
+            let at = (step as f32 + 0.5) / steps - 0.5;
+            let (dx, dy) = (whole(at * x), whole(at * y));
+            for (n, weight) in SPREAD.iter().flat_map(|v| SPREAD.iter().map(move |h| v * h)).enumerate() {
+                if let Some(i) = self.beside(i, dx + n as i32 % 3 - 1, dy + n as i32 / 3 - 1) {
+                    all += weight;
+                    near += if is_near(i) { weight } else { 0.0 };
+                }
+            }
+        }
+        (near_m > 0.0 && all > 0.0).then(|| near / all)
+    }
+
+    fn shared(&self, i: usize) -> Option<Shared> {
+        let ([near_m, far_m], expected) = (self.edges[i].both_m(self.depth_m[i]), self.expected(i)?);
+        // Whose the pixel is, where the edge may be misplaced: the variance of a yes or no.
+        let [x, y] = self.way_px(i);
+        let spread2 = MISPLACED_PX * MISPLACED_PX + (x * x + y * y) / 12.0;
+        let distance_px = self.edges[i].distance_px;
+        let map_variance = 0.25 * (-0.5 * distance_px * distance_px / spread2).exp();
+        let light = self.looks[i].map(|l| l * l);
+        let [near, far] = self.sides(i, near_m, far_m);
+        let Some(far) = far else { return Some(Shared { near_m, far_m, share: expected, fringe: [0.0; 3] }) };
+        // A thing too thin to show its own light: what the pixel shows stands for it.
+        let Some(near) = near else {
+            let fringe = fringe(expected, light, light, far.light, 0.0);
+            return Some(Shared { near_m, far_m, share: expected, fringe });
+        };
+        let apart = [0, 1, 2].map(|c| near.light[c] - far.light[c]);
+        let square: f32 = apart.iter().map(|a| a * a).sum();
+        let along: f32 = (0..3).map(|c| (light[c] - far.light[c]) * apart[c]).sum();
+        let seen = (along / square.max(1e-9)).clamp(0.0, 1.0);
+        let seen_variance = (near.variance * seen + far.variance * (1.0 - seen)) / square.max(1e-9);
+        let by_picture = map_variance / (map_variance + seen_variance).max(1e-12);
+        let share = expected + by_picture * (seen - expected);
+        let fringe = fringe(share, light, near.light, far.light, near.variance.sqrt());
+        Some(Shared { near_m, far_m, share, fringe })
+    }
+
+    /// How the two sides look around a pixel, where enough of them is seen.
+    fn sides(&self, i: usize, near_m: f32, far_m: f32) -> [Option<Side>; 2] {
+        let [x, y] = self.way_px(i);
+        let margin_px = CERTAIN_PX + 0.5 * x.hypot(y);
+        let radius_px = AROUND_PX + 0.5 * x.hypot(y);
+        let middle = (near_m * far_m).sqrt();
+        let mut sums = [Sums::default(); 2];
+        for [x, y, weight] in &self.places {
+            let Some(q) = self.beside(i, whole(radius_px * x), whole(radius_px * y)) else { continue };
+            let z = self.depth_m[q];
+            let is_far = z > middle;
+            // Whatever is farther lies behind, and what is much nearer is another thing.
+            let is_side = is_far || z > near_m / ANOTHER;
+            if is_side {
+                let certain = (self.edges[q].distance_px / margin_px).clamp(UNCERTAIN, 1.0);
+                sums[usize::from(is_far)].add(self.looks[q], weight * certain * certain);
+            }
+        }
+        sums.map(|sums| sums.side())
+    }
+}
+
+/// What is added where the farther surface is covered, for each share of a pixel that is: α·(F − B), so that of the pixel's
+/// light α·F is left. That F lies within what the nearer surface shows around, or between that and what the pixel shows: a
+/// farther surface that is darker here than around must not leave a dark rim.
+fn fringe(share: f32, light: [f32; 3], near: [f32; 3], far: [f32; 3], uneven: f32) -> [f32; 3] {
+    let rest = (1.0 - share).max(1e-3);
+    [0, 1, 2].map(|c| {
+        let [low, high] = [near[c] - 2.0 * uneven, near[c] + 2.0 * uneven];
+        let left = light[c] + rest * (near[c] - far[c]);
+        share * (left.clamp(low.min(light[c]).max(0.0), high.max(light[c])) - light[c]) / rest
+    })
+}
+
+/// The light of one side of an edge, and the variance of a pixel's about it, along the difference of the two.
+#[derive(Clone, Copy)]
+struct Side {
+    light: [f32; 3],
+    variance: f32,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    weight: f32,
+    light: [f32; 3],
+    squares: [f32; 3],
+}
+
+impl Sums {
+    fn add(&mut self, looks: [f32; 3], weight: f32) {
+        self.weight += weight;
+        for ((sum, square), look) in self.light.iter_mut().zip(&mut self.squares).zip(looks) {
+            let light = look * look;
+            *sum += weight * light;
+            *square += weight * light * light;
+        }
+    }
+
+    fn side(&self) -> Option<Side> {
+        if self.weight == 0.0 {
+            return None;
+        }
+        let light = self.light.map(|l| l / self.weight);
+        let uneven = |c: usize| (self.squares[c] / self.weight - light[c] * light[c]).max(0.0);
+        let least = LEAST_SIGMA + UNEVEN * light.iter().fold(0.0f32, |most, l| most.max(*l));
+        // The largest of the three channels' stands for that along the difference.
+        let variance = (0..3).map(uneven).fold(least * least, f32::max);
+        let few = HALF / self.weight;
+        Some(Side { light, variance: variance + few * few * UNKNOWN * UNKNOWN })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Geometry;
+    use crate::pose::Pose;
+    use glam::{DQuat, DVec3};
+
+    const WIDTH: usize = 64;
+    const HEIGHT: usize = 48;
+    const FAR: [f32; 3] = [0.7, 0.5, 0.3];
+
+    /// A thing at 1 m before a wall at 2 m: it ends at `edge_px`, and the map says so `off` pixels beside.
+    fn found(near: [f32; 3], edge_px: f32, off: i32, moved_px: f64) -> Vec<Shared> {
+        let covered = |x: usize| (edge_px - x as f32).clamp(0.0, 1.0);
+        let light = |x: usize| [0, 1, 2].map(|c| covered(x) * near[c] + (1.0 - covered(x)) * FAR[c]);
+        let looks: Vec<_> = (0..WIDTH * HEIGHT).map(|i| light(i % WIDTH).map(f32::sqrt)).collect();
+        let ends = edge_px.round() as i32 + off;
+        let depth: Vec<f32> =
+            (0..WIDTH * HEIGHT).map(|i| if ((i % WIDTH) as i32) < ends { 1.0 } else { 2.0 }).collect();
+        let at = |x: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::IDENTITY);
+        let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
+        let half_m = 0.5 * moved_px / 100.0;
+        let camera = Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0);
+        let smear = Smear::new(&camera, &at(0.0), [&at(-half_m), &at(half_m)], whole);
+        let all = shares(&depth, &looks, WIDTH, &smear, whole);
+        // A part is a part of the whole.
+        let part = Rect::new(9, 7, 50, 40);
+        assert_eq!(shares(&depth, &looks, WIDTH, &smear, part), whole.part(&all, part));
+        all
+    }
+
+    fn row(all: &[Shared]) -> &[Shared] {
+        &all[HEIGHT / 2 * WIDTH..][..WIDTH]
+    }
+
+    #[test]
+    fn the_picture_says_where_a_pixel_is_shared_even_if_the_map_is_off() {
+        for off in [-1, 0, 1] {
+            let all = found([0.05; 3], 30.3, off, 0.0);
+            for (x, shared) in row(&all).iter().enumerate() {
+                let truth = (30.3 - x as f32).clamp(0.0, 1.0);
+                assert!((shared.share - truth).abs() < 0.1 || shared.near_m == shared.far_m, "{off}, {x}: {shared:?}");
+                if shared.near_m < shared.far_m {
+                    assert_eq!((shared.near_m, shared.far_m), (1.0, 2.0));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_looks_like_the_wall_behind_gives_the_wall_back() {
+        // A virtual copy of the wall between both: A = 1, V = B (1).
+        let all = found([0.05, 0.2, 0.6], 30.4, 0, 0.0);
+        for (x, shared) in row(&all).iter().enumerate().filter(|(_, shared)| shared.near_m < shared.far_m) {
+            let truth = (30.4 - x as f32).clamp(0.0, 1.0);
+            for c in 0..3 {
+                let light = truth * [0.05, 0.2, 0.6][c] + (1.0 - truth) * FAR[c];
+                let left = 1.0 - shared.share;
+                let out = left * FAR[c] + (1.0 - left) * light + left * shared.fringe[c];
+                // Two codes of 255 at this brightness.
+                assert!((out - light).abs() < 0.012, "{x}: {out} is not {light}, {shared:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn where_both_look_alike_the_map_decides_along_the_way_of_the_camera() {
+        let still = found(FAR, 30.0, 0, 0.0);
+        let shares = |all: &[Shared]| [26, 29, 30, 33].map(|x| row(all)[x].share);
+        let is = |found: [f32; 4], expected: [f32; 4], within: f32| {
+            assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < within), "{found:?}");
+        };
+        is(shares(&still), [1.0, 0.75, 0.25, 0.0], 1e-5);
+        // 8 px: a ramp as long.
+        is(shares(&found(FAR, 30.0, 0, 8.0)), [0.94, 0.56, 0.44, 0.06], 0.08);
+        assert!(row(&still).iter().all(|shared| shared.fringe.iter().all(|f| f.abs() < 1e-4)));
+    }
+}
