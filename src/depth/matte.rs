@@ -42,6 +42,8 @@ const ANOTHER: f32 = 1.15;
 const LEAST_SIGMA: f32 = 0.01;
 /// σ of the light of a side that few places tell.
 const UNKNOWN: f32 = 0.1;
+/// A smaller share of a pixel is none: under half a code.
+const LEAST: f32 = 0.002;
 /// A side is at least this uneven: a share of its light.
 const UNEVEN: f32 = 0.08;
 
@@ -167,6 +169,8 @@ impl Seen<'_> {
         let seen_variance = (near.variance * seen + far.variance * (1.0 - seen)) / square.max(1e-9);
         let by_picture = map_variance / (map_variance + seen_variance).max(1e-12);
         let share = expected + by_picture * (seen - expected);
+        // What is hidden whole stays the camera's to the last bit.
+        let share = if (LEAST..=1.0 - LEAST).contains(&share) { share } else { share.round() };
         let fringe = fringe(share, light, near.light, far.light, near.variance.sqrt());
         Some(Shared { near_m, far_m, share, fringe })
     }
