@@ -21,7 +21,6 @@ mod evidence;
 mod flaws;
 mod found;
 mod light;
-mod occlusion;
 mod registration;
 mod report;
 mod simulate;

@@ -105,15 +105,16 @@ fn props_stand_on_the_desk_behind_and_before_its_things_in_all_90_frames() {
                 assert_eq!(done.pixels.at(x, y), frame.pixels.at(x, y), "what is hidden is the camera's");
             }
             // What the sensor says without any doubt: all around is nearer by more than the tolerance, or nothing is.
+            // Edges are as soft as the camera's motion made them, so that what counts is most of a pixel.
             let object_m = open.depth_m[i] - tolerance_m;
             match measured_around(depth, i) {
                 Some((_, farthest)) if farthest < object_m - 0.01 => {
                     judged += 1;
-                    wrong += usize::from(shown != 0.0);
+                    wrong += usize::from(shown > 0.5);
                 }
                 Some((nearest, _)) if nearest > object_m + 0.03 => {
                     judged += 1;
-                    wrong += usize::from(shown != 1.0);
+                    wrong += usize::from(shown < 0.5);
                 }
                 _ => {}
             }
