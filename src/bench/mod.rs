@@ -4,6 +4,7 @@
 //! the sphere is blurred over 12 px at 640 px width.
 
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
@@ -14,10 +15,11 @@ mod standing;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
-use crate::frame::{Frame, FrameExposure};
+use crate::frame::{Beside, Frame, FrameExposure};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
+use crate::recording::EACH_WAY;
 use crate::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
 use crate::tracking::PoseTrack;
 
@@ -235,10 +237,13 @@ fn median_of(
     let Load { camera, geometry, track, .. } = load;
     let mut compositor = Compositor::new(gpu.clone(), scene.clone());
     let mut index = 0;
+    // A recording's frame with depth comes with its neighbours.
+    let neighbour = depth.map(|depth| Beside { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: depth.clone() });
+    let beside: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * EACH_WAY).collect();
     let frame = || {
         index += 1;
         let (pixels, depth, exposure) = (pixels.clone(), depth.cloned(), FrameExposure::default());
-        Frame { index, timestamp_s: 0.0, pixels, depth, exposure, presence: 1.0, beside: Vec::new() }
+        Frame { index, timestamp_s: 0.0, pixels, depth, exposure, presence: 1.0, beside: beside.clone() }
     };
     median_ms(frame, |frame| {
         let job = Job::of_frame(frame, camera, settings, geometry, track, INTERVAL_S)?;

@@ -19,7 +19,8 @@ pub struct Hidden {
     pub first: Option<Texture>,
     /// After how many of the active effects objects are cut off as well, and by what.
     pub then: Option<(usize, Before)>,
-    /// The depth itself, of everything that is known, and its rectangle: around what is drawn and what is shaded.
+    /// The depth itself, of everything that is known, and its rectangle: around what is drawn and what is shaded. `None` where
+    /// nothing is shaded.
     pub real: Option<(Texture, Rect)>,
     /// Why the frame's depth hides nothing although it exists and is asked for.
     pub nothing_because: Option<String>,
@@ -56,13 +57,15 @@ impl Hidden {
                 repaired.depth_m
             }),
             RealDepth::Known { moments, grid, .. } if plan.hides_itself() && moments.is_empty() => {
-                let real = grid.map(|grid| (real_depth(recorder, &grid.over(around), around), around));
+                let real = grid.filter(|_| !sight.shades.is_empty());
+                let real = real.map(|grid| (real_depth(recorder, &grid.over(around), around), around));
                 return Self { real, nothing_because, ..Self::default() };
             }
             RealDepth::Known { grid, .. } => grid.map(|grid| grid.over(around)),
         };
         let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
-        let real = Some((real_depth(recorder, &texels, around), around));
+        // Nothing else asks for it.
+        let real = (!sight.shades.is_empty()).then(|| (real_depth(recorder, &texels, around), around));
         // If objects are cut off after the blur, only what stays hidden when blurred is hidden before.
         let blurs = |effect: &&dyn Effect| match shared {
             Some(_) => effect.on_real().blurs(),

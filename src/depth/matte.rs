@@ -13,7 +13,7 @@
 //!
 //! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `JUMP`.
 
-use super::nearest_edge::{Edge, edges};
+use super::nearest_edge::{Edge, edges, is_near};
 use super::smear::Smear;
 use crate::pixels::Rect;
 use crate::rows::{over_rows, processors};
@@ -76,9 +76,9 @@ struct Seen<'a> {
 pub fn shares(depth_m: &[f32], looks: &[[f32; 3]], width: usize, smear: &Smear, part: Rect) -> Vec<Shared> {
     let columns = part.width() as usize;
     let at = |x: usize, y: usize| (part.y0 as usize + y) * width + part.x0 as usize + x;
-    let whole = |z: f32| Shared { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
+    let unshared = |z: f32| Shared { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
     let mut out: Vec<Shared> =
-        (0..columns * part.height() as usize).map(|i| whole(depth_m[at(i % columns, i / columns)])).collect();
+        (0..columns * part.height() as usize).map(|i| unshared(depth_m[at(i % columns, i / columns)])).collect();
     let edges = edges(depth_m, width);
     let Some(nearest_m) = edges.iter().filter(|e| e.distance_px < 1.0).map(|e| e.near_m).reduce(f32::min) else {
         return out;
@@ -129,8 +129,7 @@ impl Seen<'_> {
 
     /// α by the map alone. `None` where nothing is known.
     fn expected(&self, i: usize) -> Option<f32> {
-        let [near_m, far_m] = self.edges[i].both_m(self.depth_m[i]);
-        let is_near = |i: usize| self.depth_m[i] * self.depth_m[i] < near_m * far_m;
+        let both_m = self.edges[i].both_m(self.depth_m[i]);
         let [x, y] = self.way_px(i);
         let steps = (x.hypot(y) / STEP_PX).ceil().max(1.0);
         let (mut near, mut all) = (0.0, 0.0);
@@ -140,11 +139,11 @@ impl Seen<'_> {
             for (n, weight) in SPREAD.iter().flat_map(|v| SPREAD.iter().map(move |h| v * h)).enumerate() {
                 if let Some(i) = self.beside(i, dx + n as i32 % 3 - 1, dy + n as i32 / 3 - 1) {
                     all += weight;
-                    near += if is_near(i) { weight } else { 0.0 };
+                    near += if is_near(self.depth_m[i], both_m) { weight } else { 0.0 };
                 }
             }
         }
-        (near_m > 0.0 && all > 0.0).then(|| near / all)
+        (both_m[0] > 0.0 && all > 0.0).then(|| near / all)
     }
 
     fn shared(&self, i: usize) -> Option<Shared> {
@@ -175,17 +174,16 @@ impl Seen<'_> {
         Some(Shared { near_m, far_m, share, fringe })
     }
 
-    /// How the two sides look around a pixel, where enough of them is seen.
+    /// How the two sides look around a pixel, where any of them is seen.
     fn sides(&self, i: usize, near_m: f32, far_m: f32) -> [Option<Side>; 2] {
         let [x, y] = self.way_px(i);
         let margin_px = CERTAIN_PX + 0.5 * x.hypot(y);
         let radius_px = AROUND_PX + 0.5 * x.hypot(y);
-        let middle = (near_m * far_m).sqrt();
         let mut sums = [Sums::default(); 2];
         for [x, y, weight] in &self.places {
             let Some(q) = self.beside(i, whole(radius_px * x), whole(radius_px * y)) else { continue };
             let z = self.depth_m[q];
-            let is_far = z > middle;
+            let is_far = !is_near(z, [near_m, far_m]);
             // Whatever is farther lies behind, and what is much nearer is another thing.
             let is_side = is_far || z > near_m / ANOTHER;
             if is_side {

@@ -19,11 +19,16 @@ impl Edge {
     /// The depths of the two surfaces at a pixel of which the map says `own_m`.
     pub fn both_m(&self, own_m: f32) -> [f32; 2] {
         let Self { near_m, far_m, .. } = *self;
-        if own_m * own_m < near_m * far_m { [own_m, far_m] } else { [near_m, own_m] }
+        if is_near(own_m, [near_m, far_m]) { [own_m, far_m] } else { [near_m, own_m] }
     }
 }
 
-/// For each pixel the nearest edge of the map, by straight and diagonal steps.
+/// Whether a depth belongs to the nearer of two surfaces: it is less than their geometric mean.
+pub fn is_near(z_m: f32, [near_m, far_m]: [f32; 2]) -> bool {
+    z_m * z_m < near_m * far_m
+}
+
+/// For each pixel the edge of the map that matters, by straight and diagonal steps (a chamfer distance, Borgefors 1986).
 pub fn edges(depth_m: &[f32], width: usize) -> Vec<Edge> {
     let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
     // With each edge its distance, less what its step is worth.

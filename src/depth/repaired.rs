@@ -103,7 +103,7 @@ impl<'a> Repair<'a> {
             looks: Looks::new(&neighbour.frame.pixels, self.response),
         };
         let voters: Vec<_> = self.neighbours.iter().map(voter).collect();
-        vote::Frame { rays: self.rays, pose: *self.frame, part, looks }.agreed(depth_m, &voters);
+        vote::Own { rays: self.rays, pose: *self.frame, part, looks }.agreed(depth_m, &voters);
     }
 }
 

@@ -6,7 +6,7 @@
 //! surfaces' names). A straight edge becomes straight. A thin thing stays, since what looks like it is the thing.
 
 use super::apart::apart;
-use super::nearest_edge::edges;
+use super::nearest_edge::{edges, is_near};
 use crate::rows::{over_rows, processors};
 
 /// Pixels around that decide: so many to each side, with this σ, px.
@@ -29,7 +29,7 @@ pub fn smooth(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize) {
         .collect();
     let (edges, before, height) = (edges(depth_m, width), depth_m.to_vec(), depth_m.len() / width.max(1));
     let decided = |i: usize| {
-        let [near_m, far_m] = edges[i].both_m(before[i]);
+        let both_m = edges[i].both_m(before[i]);
         let (x, y) = ((i % width) as i32, (i / width) as i32);
         let mut balance = 0.0;
         for py in (y - AROUND).max(0)..=(y + AROUND).min(height as i32 - 1) {
@@ -39,11 +39,10 @@ pub fn smooth(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize) {
                 let like = UNLIKE + 1.0 / (1.0 + unlike * unlike).powi(2);
                 let certain = (edges[q].distance_px / CERTAIN_PX).clamp(UNCERTAIN, 1.0);
                 let place = by_place[((py - y + AROUND) * (2 * AROUND + 1) + px - x + AROUND) as usize];
-                let is_near = before[q] * before[q] < near_m * far_m;
-                balance += if is_near { like * certain * place } else { -like * certain * place };
+                balance += if is_near(before[q], both_m) { like * certain * place } else { -like * certain * place };
             }
         }
-        if balance > 0.0 { near_m } else { far_m }
+        if balance > 0.0 { both_m[0] } else { both_m[1] }
     };
     over_rows(depth_m, width, processors(), |y, row| {
         for (x, z) in row.iter_mut().enumerate() {

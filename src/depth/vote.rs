@@ -24,7 +24,7 @@ use crate::pose::Pose;
 use crate::rows::processors;
 
 /// Within this share of the picture's width of an edge or a hole a map is doubtful: as far as it may be off.
-pub const DOUBTFUL: f64 = super::edges::MOST_OFF;
+const DOUBTFUL: f64 = super::edges::MOST_OFF;
 /// A voter may show what moves into the part from so far outside, px.
 const BEYOND_PX: i32 = 64;
 /// Colours (square roots of light) are alike within this of the range of the pixels around: noise, and the blur of motion.
@@ -47,16 +47,19 @@ pub struct Voter<'a> {
     pub looks: Looks<'a>,
 }
 
-/// The frame's own: `depth_m` over `part` (0 where unknown) and square roots of its light.
-pub struct Frame<'a> {
+/// The frame whose depth is doubtful.
+pub struct Own<'a> {
     pub rays: &'a Rays,
+    /// At which its picture was taken.
     pub pose: Pose,
+    /// The part of its picture that is looked at.
     pub part: Rect,
+    /// Square roots of the part's light, row by row.
     pub looks: &'a [[f32; 3]],
 }
 
-impl Frame<'_> {
-    /// Replaces what is doubtful by what most say.
+impl Own<'_> {
+    /// Replaces what is doubtful of the part's `depth_m` (0 where unknown) by what most say.
     pub fn agreed(&self, depth_m: &mut [f32], voters: &[Voter<'_>]) {
         if voters.is_empty() || depth_m.is_empty() {
             return;
@@ -255,7 +258,8 @@ impl Way {
     }
 }
 
-/// A camera's projection in single precision, where it has OpenCV's distortion: a ten thousandth px is enough here.
+/// A camera's projection in single precision, where it has OpenCV's distortion (the formula of camera/distortion.rs): a
+/// thousandth px is enough here.
 struct Lens<'a> {
     geometry: &'a Geometry,
     focal_px: Vec2,
@@ -300,11 +304,27 @@ impl<'a> Lens<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::Response;
+    use crate::camera::{Intrinsics, Response};
     use crate::pixels::Pixels;
 
     const WIDTH: usize = 96;
     const HEIGHT: usize = 64;
+
+    #[test]
+    fn single_precision_is_enough() {
+        let i = Intrinsics { fx_px: 517.3, fy_px: 516.5, cx_px: 319.1, cy_px: 255.8, ..Intrinsics::default() };
+        let k = Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, ..Distortion::default() };
+        for geometry in [Geometry::new(i.clone(), k), Geometry::new(i, Distortion::default())] {
+            let lens = Lens::new(&geometry);
+            // A little beyond the corners, too, and behind the camera.
+            for (x, y) in (-7..=7).flat_map(|x| (-6..=6).map(move |y| (0.1 * f64::from(x), 0.1 * f64::from(y)))) {
+                let exact = geometry.project(1.7 * DVec3::new(x, y, 1.0)).unwrap();
+                let found = lens.project(1.7 * Vec3::new(x as f32, y as f32, 1.0)).unwrap().as_dvec2();
+                assert!((found - exact).length() < 1e-3, "{x} {y}: {found} is not {exact}");
+            }
+            assert!(lens.project(Vec3::new(0.1, 0.1, -1.0)).is_none());
+        }
+    }
 
     #[test]
     fn most_by_hand() {
@@ -344,7 +364,7 @@ mod tests {
         let voters: Vec<_> = maps.iter().map(voter).collect();
         let mut depth_m = map(own_end).depth_m;
         let part = Rect::full(WIDTH as u32, HEIGHT as u32);
-        Frame { rays: &rays, pose: Pose::IDENTITY, part, looks: &looks }.agreed(&mut depth_m, &voters);
+        Own { rays: &rays, pose: Pose::IDENTITY, part, looks: &looks }.agreed(&mut depth_m, &voters);
         depth_m
     }
 

@@ -11,7 +11,7 @@ use super::{Frames, Recording, RecordingError};
 use crate::frame::{Beside, Frame};
 
 /// So many frames before and after a frame are looked at.
-const EACH_WAY: usize = 3;
+pub const EACH_WAY: usize = 3;
 
 /// The frames of a range, in order, with their neighbours, as returned by [`Recording::frames_beside`].
 #[derive(Debug)]
@@ -70,7 +70,10 @@ impl FramesBeside {
     fn go_on(&mut self) {
         match self.recording.frames(self.reading.clone()) {
             Ok(frames) => self.frames = frames,
-            Err(_) => self.reading.end = self.reading.start,
+            Err(error) => {
+                self.ready.push_back(Err(error));
+                self.reading.end = self.reading.start;
+            }
         }
     }
 }

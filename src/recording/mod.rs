@@ -31,7 +31,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-pub use beside::FramesBeside;
+pub use beside::{EACH_WAY, FramesBeside};
 pub use depth::Registration;
 pub use error::RecordingError;
 pub use frames::Frames;

@@ -25,6 +25,7 @@ mod stream;
 mod surface;
 mod triangulate;
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -210,11 +211,22 @@ impl Shot {
         self.recording.interval_s(frame)
     }
 
-    /// A frame as it was recorded, with what its neighbours saw.
+    /// A frame as it was recorded.
     pub fn read(&self, frame: usize) -> Result<Frame, ShotError> {
+        let (range, missing) = self.single(frame)?;
+        Ok(self.recording.frames(range)?.next().ok_or(missing)??)
+    }
+
+    /// The same with what its neighbours saw: for a picture of it.
+    pub fn read_beside(&self, frame: usize) -> Result<Frame, ShotError> {
+        let (range, missing) = self.single(frame)?;
+        Ok(self.recording.frames_beside(range)?.next().ok_or(missing)??)
+    }
+
+    /// The range of a frame, and the error that there is no such frame.
+    fn single(&self, frame: usize) -> Result<(Range<usize>, RecordingError), RecordingError> {
         let missing = || RecordingError::Range { start: frame, end: frame, count: self.recording.frame_count() };
-        let end = frame.checked_add(1).ok_or_else(missing)?;
-        Ok(self.recording.frames_beside(frame..end)?.next().ok_or_else(missing)??)
+        Ok((frame..frame.checked_add(1).ok_or_else(missing)?, missing()))
     }
 
     /// Whether no exposure is known, and effects are on to which it might matter.

@@ -37,7 +37,7 @@ impl Shot {
     ) -> Result<Pending, ShotError> {
         let held = match self.held.take() {
             Some(held) if held.index == frame => held,
-            _ => Arc::new(self.read(frame)?),
+            _ => Arc::new(self.read_beside(frame)?),
         };
         let geometry = self.geometry_at(frame);
         let pending =

@@ -21,6 +21,7 @@ mod evidence;
 mod flaws;
 mod found;
 mod light;
+mod occlusion;
 mod registration;
 mod report;
 mod simulate;

@@ -52,12 +52,11 @@ fn composite(gpu: &Gpu, shot: &Shot, range: Range<usize>) -> Vec<(Frame, Composi
 /// to half an interval before or after the frame.
 const DOUBTFUL_PX: i32 = 8;
 
-/// Nearest and farthest of what the sensor measured around a pixel, as far as that is doubtful. `None` where a part of
-/// that was not measured.
-fn measured_around(depth: &DepthMap, i: usize) -> Option<(f32, f32)> {
+/// Nearest and farthest of what the sensor measured within so many pixels. `None` where a part of that was not measured.
+fn measured_around(depth: &DepthMap, i: usize, doubtful_px: i32) -> Option<(f32, f32)> {
     let (x, y) = ((i % depth.width as usize) as i32, (i / depth.width as usize) as i32);
     let mut range = (f32::INFINITY, 0.0f32);
-    let around = -DOUBTFUL_PX..=DOUBTFUL_PX;
+    let around = -doubtful_px..=doubtful_px;
     for (dx, dy) in around.clone().flat_map(|dy| around.clone().map(move |dx| (dx, dy))) {
         let (x, y) = (x + dx, y + dy);
         if x < 0 || y < 0 || x >= depth.width as i32 || y >= depth.height as i32 {
@@ -92,10 +91,12 @@ fn props_stand_on_the_desk_behind_and_before_its_things_in_all_90_frames() {
 
     let (open, hidden) = (drawn(&[0, 1, 2, 3], false, 0..90), drawn(&[0, 1, 2, 3], true, 0..90));
     let (mut judged, mut wrong) = (0usize, 0usize);
+    let (mut whole, mut partly) = (0usize, 0usize);
     for ((frame, open), (_, done)) in open.iter().zip(&hidden) {
         let (open, layer) = (open.layer.as_ref().unwrap(), done.layer.as_ref().unwrap());
         let depth = frame.depth.as_ref().unwrap();
         let (mut behind, mut before) = (0, 0);
+        let soft_px = (0.5 * f64::from(done.stats.fastest_px_per_s) * done.stats.exposure_time_s).ceil() as i32;
         for i in (0..open.rgba.len()).filter(|&i| open.rgba[i][3] == 1.0) {
             let shown = layer.rgba[i][3];
             behind += usize::from(shown == 0.0);
@@ -105,25 +106,27 @@ fn props_stand_on_the_desk_behind_and_before_its_things_in_all_90_frames() {
                 assert_eq!(done.pixels.at(x, y), frame.pixels.at(x, y), "what is hidden is the camera's");
             }
             // What the sensor says without any doubt: all around is nearer by more than the tolerance, or nothing is.
-            // Edges are as soft as the camera's motion made them, so that what counts is most of a pixel.
             let object_m = open.depth_m[i] - tolerance_m;
-            match measured_around(depth, i) {
-                Some((_, farthest)) if farthest < object_m - 0.01 => {
-                    judged += 1;
-                    wrong += usize::from(shown > 0.5);
-                }
-                Some((nearest, _)) if nearest > object_m + 0.03 => {
-                    judged += 1;
-                    wrong += usize::from(shown < 0.5);
-                }
-                _ => {}
+            let said = |(nearest, farthest): (f32, f32)| match () {
+                () if farthest < object_m - 0.01 => Some(0.0),
+                () if nearest > object_m + 0.03 => Some(1.0),
+                () => None,
+            };
+            let Some(expected) = measured_around(depth, i, DOUBTFUL_PX).and_then(said) else { continue };
+            judged += 1;
+            wrong += usize::from((shown - expected).abs() > 0.5);
+            // Edges are soft over the way that the camera moves while the shutter is open; beyond, pixels are whole.
+            if measured_around(depth, i, DOUBTFUL_PX + soft_px).and_then(said).is_some() {
+                whole += 1;
+                partly += usize::from(shown != expected);
             }
         }
         assert!(behind > 1000 && before > 1000, "frame {}: {behind} px hidden, {before} shown", frame.index);
     }
-    println!("{wrong} of {judged} pixels are not as the sensor saw it");
+    println!("{wrong} of {judged} pixels are not as the sensor saw it; {partly} of {whole} not wholly");
     // The window is too small where the camera turns fast: 10 px between the two sensors' moments.
-    assert!(judged > 1_500_000 && wrong * 100 < judged, "{wrong} of {judged}");
+    assert!(judged > 1_500_000 && wrong * 250 < judged, "{wrong} of {judged}");
+    assert!(whole > 1_000_000 && partly * 100 < whole, "{partly} of {whole}");
 
     // Nothing stands before the candle, and the desk before the plate.
     let mut coverage = |objects: &[usize], occlusion: bool| -> f64 {
