@@ -50,7 +50,7 @@ fn main() -> Result<()> {
     }
     let frames = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(150);
     let gpu = Gpu::open()?;
-    let alone = bench(&gpu, WIDTH, HEIGHT)?;
+    let alone = bench(&gpu, WIDTH, HEIGHT, Some(ALL))?;
     let alone = alone.iter().find(|row| row.name == ALL).context("no row for all effects")?;
 
     let folder = tempfile::tempdir()?;

@@ -1,5 +1,6 @@
 // The share of the real light that virtual things take, at each pixel (src/compositor/shade.rs): where the pixel's ray meets a
-// floor, by the pose of its row at several moments of the exposure, its chart is looked up.
+// floor, by the pose of its row at several moments of the exposure, its chart is looked up. Where rays meet the floor is
+// computed at the corners of cells of the picture. In between it is interpolated: before the division it is nearly linear.
 // @import shared/half
 override has_depth: bool = false;   // of the real scene
 
@@ -21,16 +22,24 @@ struct Shade {
     presence: f32,
     tolerance_m: f32,
     per_depth2: f32,         // of the depth's error, 1/m
+    piece_px: i32,           // side of a piece
 }
 
 struct Chart {
-    rect_px: vec4<i32>,      // where in the picture it can be seen
+    rect_px: vec4<f32>,      // where in the picture it can be seen: x0, y0, x1, y1
     in_atlas: vec2<f32>,
     size: vec2<f32>,         // texels
-    first: u32,              // of its turns: MOMENTS for each row of rect_px
     height_m: f32,           // of the camera over the floor
     unused0: f32,
     unused1: f32,
+    unused2: f32,
+}
+
+// A piece of the picture where a chart can be seen.
+struct Piece {
+    at_px: vec2<i32>,
+    chart: u32,
+    turn: u32,               // the first of its upper line's MOMENTS turns; those of its lower line follow
 }
 
 // From a ray to (x/t, y/t, 1/t): texels of the chart, and how many rays long the way to the floor is.
@@ -41,8 +50,9 @@ struct Turn { x: vec4<f32>, y: vec4<f32>, z: vec4<f32> }
 @group(0) @binding(2) var atlas: texture_2d<f32>;
 @group(0) @binding(3) var real_depth: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read> charts: array<Chart>;
-@group(0) @binding(5) var<storage, read> turns: array<Turn>;
-@group(0) @binding(6) var between: sampler;
+@group(0) @binding(5) var<storage, read> pieces: array<Piece>;
+@group(0) @binding(6) var<storage, read> turns: array<Turn>;
+@group(0) @binding(7) var between: sampler;
 
 // The rays at the corners of a cell of their grid, and the cell.
 struct Cell { upper: array<vec4<f32>, 2>, lower: array<vec4<f32>, 2>, corner: vec2<f32> }
@@ -93,40 +103,63 @@ fn floor_around(at_px: vec2<f32>, nearness: f32, height_m: f32) -> f32 {
     return share / f32(MOMENTS);
 }
 
-struct Corner { @builtin(position) at: vec4<f32>, @location(0) @interpolate(flat) chart: u32 }
+struct Corner {
+    @builtin(position) at: vec4<f32>,
+    @location(0) @interpolate(flat) chart: u32,
+    // For each moment what its turn makes of the ray, and 1 where there is a ray.
+    @location(1) @interpolate(linear) first: vec4<f32>,
+    @location(2) @interpolate(linear) second: vec4<f32>,
+    @location(3) @interpolate(linear) third: vec4<f32>,
+    @location(4) @interpolate(linear) fourth: vec4<f32>,
+}
 
-// The rectangle in which a chart can be seen.
+// What a turn makes of the ray through a place in the cell.
+fn turned(cell: Cell, at_px: vec2<f32>, turn: Turn) -> vec4<f32> {
+    let ray = ray_at(cell, at_px);
+    return vec4<f32>(dot(turn.x.xyz, ray.xyz), dot(turn.y.xyz, ray.xyz), dot(turn.z.xyz, ray.xyz), ray.w);
+}
+
 @vertex
 fn seen(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
-    let rect = vec4<f32>(charts[instance].rect_px);
-    let at = mix(rect.xy, rect.zw, vec2<f32>(f32(vertex & 1u), f32(vertex >> 1u))) - shade.in_picture;
-    return Corner(vec4<f32>(at / shade.part_px * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0), instance);
+    let piece = pieces[instance];
+    let corner = vec2<u32>(vertex & 1u, vertex >> 1u);
+    var place = vec2<f32>(piece.at_px + vec2<i32>(corner) * shade.piece_px);
+    let at = (place - shade.in_picture) / shade.part_px * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
+    if shade.round_px > 0.0 {
+        place.x -= floor(place.x / shade.round_px) * shade.round_px;
+    }
+    // The cell within the piece, for beyond it there may be no rays.
+    let cell = cell_at(place + 0.5 - vec2<f32>(corner));
+    let turn = piece.turn + corner.y * MOMENTS;
+    return Corner(
+        vec4<f32>(at, 0.0, 1.0),
+        piece.chart,
+        turned(cell, place + beside(0u), turns[turn]),
+        turned(cell, place + beside(1u), turns[turn + 1u]),
+        turned(cell, place + beside(2u), turns[turn + 2u]),
+        turned(cell, place + beside(3u), turns[turn + 3u]),
+    );
 }
 
 // What is left by all charts is the product of what each leaves: the pass blends by D + (1 − D)·d.
 @fragment
 fn main(corner: Corner) -> @location(0) vec4<f32> {
     let chart = charts[corner.chart];
-    let at = corner.at.xy + shade.in_picture;
-    var place = at;
-    if shade.round_px > 0.0 {
-        place.x -= floor(place.x / shade.round_px) * shade.round_px;
-    }
-    let cell = cell_at(place);
-    let row = chart.first + u32(i32(at.y) - chart.rect_px.y) * MOMENTS;
+    let turned = array<vec4<f32>, MOMENTS>(corner.first, corner.second, corner.third, corner.fourth);
     var taken = vec3<f32>(0.0);
     var nearness = 0.0;
     for (var moment = 0u; moment < MOMENTS; moment++) {
-        let ray = ray_at(cell, place + beside(moment));
-        let turn = turns[row + moment];
-        let found = vec3<f32>(dot(turn.x.xyz, ray.xyz), dot(turn.y.xyz, ray.xyz), dot(turn.z.xyz, ray.xyz));
+        let found = turned[moment];
         let texel = found.xy / max(found.z, 1e-9);
-        let is_on = ray.w > 0.999 && found.z > 1e-6 && all(texel > vec2<f32>(0.0)) && all(texel < chart.size);
+        let is_on = found.w > 0.999 && found.z > 1e-6 && all(texel > vec2<f32>(0.0)) && all(texel < chart.size);
         let inside = chart.in_atlas + clamp(texel, vec2<f32>(0.5), chart.size - 0.5);
         let share = textureSampleLevel(atlas, between, inside * shade.per_texel, 0.0).rgb;
         taken += select(vec3<f32>(0.0), share, is_on);
         nearness += found.z;
     }
+    // Pieces reach beyond it.
+    let at = corner.at.xy + shade.in_picture;
+    taken *= f32(all(at > chart.rect_px.xy) && all(at < chart.rect_px.zw));
     taken *= floor_around(corner.at.xy + shade.in_depth, nearness / f32(MOMENTS), chart.height_m);
     let share = clamp(shade.strength * shade.presence * taken / f32(MOMENTS), vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(share, 0.0));

@@ -180,6 +180,8 @@ fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
 /// each, because the machine's speed may change meanwhile.
 struct Table<'a> {
     gpu: &'a Gpu,
+    /// Only rows with this in their names.
+    only: Option<&'a str>,
     recorder: Recorder,
     picture: [Texture; 2],
     copies_ms: Vec<f64>,
@@ -187,11 +189,11 @@ struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    fn new(gpu: &'a Gpu, width: u32, height: u32) -> Result<Self, GpuError> {
+    fn new(gpu: &'a Gpu, width: u32, height: u32, only: Option<&'a str>) -> Result<Self, GpuError> {
         let format = wgpu::TextureFormat::Rgba16Float;
         let picture = ["from", "to"].map(|label| Texture::new(gpu, label, width, height, format, 1));
         let mut table =
-            Self { gpu, recorder: Recorder::new(gpu.clone()), picture, copies_ms: Vec::new(), rows: Vec::new() };
+            Self { gpu, only, recorder: Recorder::new(gpu.clone()), picture, copies_ms: Vec::new(), rows: Vec::new() };
         table.time_copy()?;
         Ok(table)
     }
@@ -208,6 +210,10 @@ impl<'a> Table<'a> {
         )?;
         self.copies_ms.push(ms);
         Ok(())
+    }
+
+    fn wants(&self, name: &str) -> bool {
+        self.only.is_none_or(|only| name.contains(only))
     }
 
     fn push(&mut self, name: String, ms: f64) -> Result<(), GpuError> {
@@ -255,15 +261,19 @@ fn median_of(
 }
 
 /// Times everything at a picture size: the copy, the plain composite, each effect alone over it, all effects at their
-/// defaults, what stands in the room, a changed setting, and depth of field over a whole picture.
-pub fn bench(gpu: &Gpu, width: u32, height: u32) -> Result<Vec<Row>, SubmitError> {
-    let mut table = Table::new(gpu, width, height)?;
+/// defaults, what stands in the room, a changed setting, and depth of field over a whole picture; of all that the rows with
+/// `only` in their names, and the copy.
+pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<Vec<Row>, SubmitError> {
+    let mut table = Table::new(gpu, width, height, only)?;
     let load = Load::new(width, height);
     let scene = &load.scene;
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
     // An effect that this load leaves neutral has no row.
     let mut time = |name: String, settings: Settings, effect: Option<&str>| -> Result<(), SubmitError> {
+        if !table.wants(&name) {
+            return Ok(());
+        }
         let mut runs = true;
         let mut look = |stats: &FrameStats| runs &= effect.is_none_or(|effect| stats.effects.contains(&effect));
         let ms = median_of(gpu, &load, scene, (&pixels, None), &settings, &mut look)?;

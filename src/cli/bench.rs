@@ -12,6 +12,9 @@ pub struct Args {
     /// Size of the picture
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size)]
     size: (u32, u32),
+    /// Only rows with this in their names
+    #[arg(long, value_name = "TEXT")]
+    only: Option<String>,
     /// As JSON
     #[arg(long)]
     json: bool,
@@ -27,7 +30,7 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 pub fn run(args: &Args) -> Result<()> {
     let gpu = Gpu::open()?;
     let (width, height) = args.size;
-    let rows = bench(&gpu, width, height)?;
+    let rows = bench(&gpu, width, height, args.only.as_deref())?;
     let mut out = std::io::stdout().lock();
     if args.json {
         let report = serde_json::json!({

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use super::behind_real::{Before, deep_within};
+use super::places::Places;
 use super::plan::{Plan, Sight};
+use super::shade::dark;
 use super::{Job, RealDepth, Settings};
-use crate::depth::{Neighbour, RayCache, Repair, Shared, measured_from};
+use crate::depth::{Neighbour, RayCache, Rays, Repair, Shared, Wanted, measured_from};
 use crate::effects::{Effect, Moment};
 use crate::frame::Beside;
 use crate::gpu::{Recorder, Texture};
@@ -50,9 +52,12 @@ impl Hidden {
                 let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
                 let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
                 let neighbours = neighbours(job);
-                let (measured, frame, neighbours) = (&measured, &frame, &neighbours);
-                let repair = Repair { rays, depth, measured, frame, shutter, pixels, response, neighbours };
-                let repaired = repair.over(around, drawn);
+                let (measured, frame, neighbours, planes) = (&measured, &frame, &neighbours, &sight.planes);
+                let repair = Repair { rays, depth, measured, frame, shutter, pixels, response, planes, neighbours };
+                // Where a shadow is faint, what it lies on is judged by what was measured.
+                let dark = dark(&sight.shades).intersection(&places.shaded);
+                let asked = wanted(sight, places, dark, rays);
+                let repaired = repair.over(around, drawn.union(&dark), drawn, &asked);
                 shared = Some(repaired.shared);
                 repaired.depth_m
             }),
@@ -89,6 +94,20 @@ impl Hidden {
         };
         Self { first: Some(real_depth(recorder, &deep, drawn)), real, then: Some((after, before)), nothing_because }
     }
+}
+
+/// Where real depth matters to a picture: nearer than an object, and before what a shadow is dark on.
+fn wanted(sight: &Sight, places: &Places, dark: Rect, rays: &Rays) -> Wanted {
+    let object = |(rect, farthest_m): &(Rect, f64)| (rect.grown(places.spread_px), *farthest_m as f32);
+    let mut objects: Vec<_> = sight.footprint.parts.iter().map(object).collect();
+    if rays.geometry().is_round() {
+        // What lies across the seam is seen at both rims.
+        let width = rays.full().x1;
+        let turned = |turn: i32| objects.iter().map(move |(rect, farthest_m)| (rect.moved(turn, 0), *farthest_m));
+        let others: Vec<_> = turned(-width).chain(turned(width)).collect();
+        objects.extend(others);
+    }
+    Wanted { objects, all_of: dark }
 }
 
 /// The frames around, with the poses from which they saw.

@@ -35,6 +35,8 @@ pub struct Places {
     pub shaded: Rect,
     /// Where something virtual can be.
     pub objects_px: Rect,
+    /// How far beyond the objects themselves, px.
+    pub spread_px: i32,
     /// At least one.
     pub pieces: Vec<Piece>,
     /// For a rectangle across the seam, x1 exceeds the picture's width.
@@ -74,9 +76,10 @@ impl Places {
         if pieces.is_empty() && !whole {
             return None;
         }
-        // A layer has a pixel at least.
+        // A layer has a pixel at least: one where something is done.
         let none = drawn.is_empty() || pieces.is_empty();
-        let drawn = if none { Rect::new(region.x0, region.y0, region.x0 + 1, region.y0 + 1) } else { drawn };
+        let first = if shaded.intersection(&region).is_empty() { region } else { shaded.intersection(&region) };
+        let drawn = if none { Rect::new(first.x0, first.y0, first.x0 + 1, first.y0 + 1) } else { drawn };
         if whole {
             pieces = vec![Piece { shown: region, drawn, shaded }];
         } else if none {
@@ -86,7 +89,7 @@ impl Places {
             [one] => one.shown,
             _ => drawn.intersection(&Rect { x0: reach.x0, x1: reach.x1, ..region }),
         };
-        Some(Self { drawn, shaded, objects_px, pieces, looked_at })
+        Some(Self { drawn, shaded, objects_px, spread_px: asked.spread_px, pieces, looked_at })
     }
 }
 
@@ -139,7 +142,8 @@ mod tests {
         assert_eq!(places.pieces[0].shown, Rect::new(6, 6, 90, 50));
         // Where nothing is drawn, a pixel of the layer is.
         let places = Places::of(&Asked { footprint: Rect::new(0, 0, 0, 0), ..beside }).unwrap();
-        assert_eq!((places.drawn, places.pieces[0].drawn), (Rect::new(0, 0, 1, 1), Rect::new(0, 0, 1, 1)));
+        let pixel = Rect::new(60, 20, 61, 21);
+        assert_eq!((places.drawn, places.pieces[0].drawn), (pixel, pixel));
         assert_eq!(places.pieces[0].shown, Rect::new(60, 20, 90, 50));
         // Across a seam, and under effects that see the real part, they are together.
         for beside in [Asked { real_too: true, ..beside }, Asked { round: true, ..beside }] {

@@ -4,7 +4,7 @@ use super::places::{Asked, Places};
 use super::shade::{Seen, around, seen};
 use super::{Job, RealDepth, Settings, SubmitError, exposure_time_s};
 use crate::camera::{Camera, Geometry};
-use crate::depth::{DepthGrid, Surfaces};
+use crate::depth::{DepthGrid, Plane, Surfaces};
 use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
@@ -22,6 +22,8 @@ pub struct Sight {
     pub objects: Vec<ObjectMotion>,
     /// What they shade.
     pub shades: Vec<Seen>,
+    /// What they stand on.
+    pub planes: Vec<Plane>,
 }
 
 impl Sight {
@@ -38,7 +40,12 @@ impl Sight {
         let footprint = renderer.footprint(job.picture, &keys, shutter);
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
         let shades = seen(charts, job.picture, &keys);
-        Self { shutter, keys, footprint, objects, shades }
+        let mut planes: Vec<Plane> = Vec::new();
+        for support in renderer.scene().objects.iter().filter_map(|object| object.support) {
+            let plane = support.normal.try_normalize().map(|normal| Plane { point_m: support.point_m, normal });
+            planes.extend(plane.filter(|plane| !planes.contains(plane)));
+        }
+        Self { shutter, keys, footprint, objects, shades, planes }
     }
 }
 

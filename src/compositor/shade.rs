@@ -2,7 +2,9 @@
 //!
 //! A chart (shadow/) lies on a plane. A pixel's ray meets the plane where a linear map of the ray says, one for each row, since
 //! rows have poses of their own, and moment of the exposure. So the shader only multiplies: [u/t, v/t, 1/t] = H·r, with u, v in
-//! texels of the chart and t the way along the ray. H is made here, in double precision.
+//! texels of the chart and t the way along the ray. H is made here, in double precision, for lines between pieces of the
+//! picture; H·r is interpolated over them, as far as rays are straight there. The driver interpolates by a triangle's place in the
+//! part that is made, so two parts of a picture may differ in a share's last bit.
 //!
 //! A real thing that stands on or before the floor is not darkened: only what depth shows within a tolerance of the plane is.
 //!
@@ -20,12 +22,16 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
 use crate::rows::{over_rows, processors};
-use crate::shadow::{Chart, Shares};
+use crate::shadow::{Chart, Part, Shares};
 
 /// Moments of an exposure; the same as in shaders/shade.wgsl.
 const MOMENTS: usize = 4;
 /// Pixels between two rays of the grid: between them a lens bends rays by less than a thousandth of a pixel.
 const STEP_PX: u32 = 8;
+/// Sides of the pieces in which a chart is drawn, px: the largest within which rays are straight to `STRAIGHT_PX`. The least is a
+/// cell of the grid.
+const PIECES_PX: [i32; 3] = [32, 16, STEP_PX as i32];
+const STRAIGHT_PX: f64 = 0.1;
 /// Points along each side of a chart by which its place in the picture is found.
 const ALONG: usize = 8;
 /// What lies this near to the floor is the floor, metres; farther away, three times the error of a structured-light
@@ -58,6 +64,7 @@ crate::uniform! {
         presence: f32,
         tolerance_m: f32,
         per_depth2: f32,
+        piece_px: i32,
     }
 }
 
@@ -65,20 +72,29 @@ crate::uniform! {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 struct ChartUniform {
-    rect_px: [i32; 4],
+    rect_px: [f32; 4],
     in_atlas: [f32; 2],
     size: [f32; 2],
-    first: u32,
     height_m: f32,
-    unused: [f32; 2],
+    unused: [f32; 3],
+}
+
+/// `Piece` there.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+struct PieceUniform {
+    at_px: [i32; 2],
+    chart: u32,
+    turn: u32,
 }
 
 /// A chart in a picture.
 #[derive(Clone, Debug)]
 pub struct Seen {
     chart: Chart,
-    /// Where it can be while the shutter is open.
+    /// Where it can be while the shutter is open, and where it is dark.
     rect: Rect,
+    dark: Rect,
     /// Of the camera over the floor, metres.
     height_m: f64,
 }
@@ -89,8 +105,10 @@ pub fn seen(charts: Vec<Chart>, geometry: &Geometry, keys: &ViewKeys) -> Vec<See
     let picture = Rect::full(i.width_px, i.height_px);
     let place = |chart: Chart| {
         let height_m = chart.floor.height_m(keys.middle().position_in_world_m());
-        let rect = rect_of(&chart, geometry, keys)?.intersection(&picture);
-        (height_m > 0.0 && !rect.is_empty()).then_some(Seen { chart, rect, height_m })
+        let [rect, dark] = [chart.shares.shown, chart.shares.dark]
+            .map(|part| rect_of(&chart, part, geometry, keys).map(|rect| rect.intersection(&picture)));
+        let (rect, dark) = (rect?, dark.unwrap_or(Rect::new(0, 0, 0, 0)));
+        (height_m > 0.0 && !rect.is_empty()).then_some(Seen { chart, rect, dark, height_m })
     };
     charts.into_iter().filter_map(place).collect()
 }
@@ -100,11 +118,21 @@ pub fn around(seen: &[Seen]) -> Rect {
     seen.iter().fold(Rect::new(0, 0, 0, 0), |all, seen| all.union(&seen.rect))
 }
 
-/// Where a chart can be in the picture. All of the picture if a part of it is beside or behind the camera; `None` if all is.
-fn rect_of(chart: &Chart, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
+/// That around where they are dark.
+pub fn dark(seen: &[Seen]) -> Rect {
+    seen.iter().fold(Rect::new(0, 0, 0, 0), |all, seen| all.union(&seen.dark))
+}
+
+/// Where a part of a chart can be in the picture. All of the picture if some of it is beside or behind the camera; `None` if all
+/// is, or if there is nothing.
+fn rect_of(chart: &Chart, part: Part, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
     let (poses, _) = keys.sampled();
+    if part.is_empty() {
+        return None;
+    }
     let sides = (0..=ALONG).map(|n| n as f64 / ALONG as f64);
-    let places = sides.clone().flat_map(|y| sides.clone().map(move |x| chart.at(x, y)));
+    let at = |x: f64, y: f64| part.low + (part.high - part.low) * DVec2::new(x, y);
+    let places = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| chart.at(at.x, at.y));
     let (mut low, mut high, mut lost, mut found) = (DVec2::INFINITY, DVec2::NEG_INFINITY, geometry.is_round(), false);
     for point in places {
         for pose in &poses {
@@ -180,6 +208,7 @@ impl Atlas {
 struct Rays {
     texture: Texture,
     size: [u32; 2],
+    piece_px: i32,
 }
 
 impl Rays {
@@ -197,8 +226,32 @@ impl Rays {
         });
         let texture = Texture::new(gpu, "rays", size[0], size[1], wgpu::TextureFormat::Rgba32Float, 1);
         texture.write(gpu, size[0], size[1], &texels);
-        Self { texture, size }
+        Self { texture, size, piece_px: piece_px(geometry) }
     }
+}
+
+/// The side of pieces in which this camera's rays are straight.
+fn piece_px(geometry: &Geometry) -> i32 {
+    let (i, [largest, .., least]) = (&geometry.intrinsics, PIECES_PX);
+    let side = f64::from(largest);
+    let off_px = |x: u32, y: u32| {
+        let ray = |across: f64, down: f64| {
+            geometry.depth_ray(side * (DVec2::new(x.into(), y.into()) + DVec2::new(across, down)))
+        };
+        // A piece is two triangles, so its middle lies on a diagonal of it.
+        let middle = ray(0.5, 0.5)?;
+        let [one, other] = [(ray(0.0, 0.0)?, ray(1.0, 1.0)?), (ray(1.0, 0.0)?, ray(0.0, 1.0)?)]
+            .map(|(from, to)| middle.distance(0.5 * (from + to)) * i.fx_px.max(i.fy_px));
+        Some(one.max(other))
+    };
+    let [columns, rows] = [i.width_px, i.height_px].map(|length| length.div_ceil(largest as u32));
+    let pieces = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
+    let Some(off_px) = pieces.map(|(x, y)| off_px(x, y)).try_fold(0.0, |most, off| Some(f64::max(most, off?))) else {
+        return least;
+    };
+    // What is missed grows with the square of the side.
+    let is_straight = |piece_px: &i32| off_px * (f64::from(*piece_px) / side).powi(2) <= STRAIGHT_PX;
+    PIECES_PX.into_iter().find(is_straight).unwrap_or(least)
 }
 
 /// What is asked of a picture's shade.
@@ -224,24 +277,36 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
     let Asked { geometry, part, settings, .. } = *asked;
     let atlas = recorder.kept_few(Together(seen.iter().map(|s| s.chart.shares.clone()).collect()), Atlas::new);
     let rays = recorder.kept_few(geometry.clone(), Rays::new);
-    let (mut charts, mut turns) = (Vec::new(), Vec::new());
+    let piece_px = rays.piece_px;
+    let (mut charts, mut pieces, mut turns) = (Vec::new(), Vec::new(), Vec::new());
     for (seen, in_atlas) in seen.iter().zip(&atlas.places) {
         let rect = seen.rect.intersection(&part);
         let shares = &seen.chart.shares;
+        if !rect.is_empty() {
+            // Pieces lie at the same places of the picture whichever part of it is asked for.
+            let first = rect.y0.div_euclid(piece_px) * piece_px;
+            for y in (first..rect.y1).step_by(piece_px as usize) {
+                turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, y, moment)));
+                let [chart, turn] = [charts.len(), turns.len() - MOMENTS].map(|index| index as u32);
+                let x0 = rect.x0.div_euclid(piece_px) * piece_px;
+                let along = (x0..rect.x1).step_by(piece_px as usize);
+                pieces.extend(along.map(|x| PieceUniform { at_px: [x, y], chart, turn }));
+            }
+            let last = rect.y1 + (piece_px - rect.y1.rem_euclid(piece_px)) % piece_px;
+            turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, last, moment)));
+        }
+        let all = seen.rect;
         charts.push(ChartUniform {
-            rect_px: [rect.x0, rect.y0, rect.x1, rect.y1],
+            rect_px: [all.x0, all.y0, all.x1, all.y1].map(|edge| edge as f32),
             in_atlas: in_atlas.map(|at| at as f32),
             size: [shares.width as f32, shares.height as f32],
-            first: (turns.len()) as u32,
             height_m: seen.height_m as f32,
-            unused: [0.0; 2],
+            unused: [0.0; 3],
         });
-        for row in rect.y0..rect.y1 {
-            turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, row, moment)));
-        }
     }
-    // A buffer must not be empty.
-    turns.resize(turns.len().max(1), [[0.0f32; 4]; 3]);
+    if pieces.is_empty() {
+        return None;
+    }
     let around = asked.depth.map_or(part, |(_, rect)| rect);
     let uniform = ShadeUniform {
         in_picture: [part.x0 as f32, part.y0 as f32],
@@ -256,22 +321,26 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         presence: asked.presence as f32,
         tolerance_m: TOLERANCE_M,
         per_depth2: PER_DEPTH2,
+        piece_px,
     };
-    let count = charts.len() as u32;
-    let [charts, turns] = [bytemuck::cast_slice(&charts), bytemuck::cast_slice(&turns)].map(|b| recorder.storage(b));
+    let count = pieces.len() as u32;
+    let [charts, pieces, turns] =
+        [bytemuck::cast_slice(&charts), bytemuck::cast_slice(&pieces), bytemuck::cast_slice(&turns)]
+            .map(|bytes| recorder.storage(bytes));
     let entry = Entry::over("seen", "main").choose("has_depth", asked.depth.is_some());
     let pass = recorder.pass(Shader::Shade, entry).uniform("shade", &uniform).texture("rays", &rays.texture);
-    let pass = pass.texture("atlas", &atlas.texture).buffer("charts", charts).buffer("turns", turns);
+    let pass = pass.texture("atlas", &atlas.texture).buffer("charts", charts);
+    let pass = pass.buffer("pieces", pieces).buffer("turns", turns);
     let pass = pass.texture("real_depth", asked.depth.map_or(&rays.texture, |(depth, _)| depth));
     let pass = pass.tiles(count).blend(OF_WHAT_IS_LEFT);
     let [taken] = pass.draw([COLOR], (part.width(), part.height()));
     Some(taken)
 }
 
-/// From a ray in the camera's axes to the chart, for a row of the picture at a moment of its exposure.
+/// From a ray in the camera's axes to the chart, for the line above a row of the picture at a moment of its exposure.
 fn turn(chart: &Chart, asked: &Asked<'_>, row: i32, moment: usize) -> [[f32; 4]; 3] {
     let Asked { geometry, keys, shutter, .. } = *asked;
-    let down = (f64::from(row) + 0.5) / f64::from(geometry.intrinsics.height_px) - 0.5;
+    let down = f64::from(row) / f64::from(geometry.intrinsics.height_px) - 0.5;
     let within = (moment as f64 + 0.5) / MOMENTS as f64 - 0.5;
     let (rotation, eye) = keys.at(down * shutter.readout_time_s + within * shutter.exposure_time_s);
     let pose = Pose::from_camera_in_world(eye + keys.origin_in_world_m, rotation.inverse());
@@ -304,10 +373,30 @@ mod tests {
     use glam::{DQuat, Vec2};
 
     #[test]
+    fn pieces_are_as_small_as_the_lens_bends() {
+        use crate::camera::{Distortion, LensModel};
+        let with = |distortion: Distortion| {
+            let straight = Geometry::pinhole(640, 480, 520.0);
+            piece_px(&Geometry::new(straight.intrinsics, distortion))
+        };
+        assert_eq!(with(Distortion::default()), 32);
+        assert_eq!(with(Distortion { k1: -0.02, ..Distortion::default() }), 16);
+        assert_eq!(with(Distortion { k1: 0.2624, k2: -0.9531, k3: 1.1633, ..Distortion::default() }), 8);
+        assert_eq!(with(Distortion { model: LensModel::OpencvFisheye, ..Distortion::default() }), 8);
+    }
+
+    #[test]
     fn a_ray_meets_the_chart_where_the_point_is() {
         let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
-        let shares =
-            Shares { low_m: Vec2::new(-0.3, -0.2), texel_m: 0.002, width: 400, height: 300, taken: Vec::new() };
+        let shares = Shares {
+            low_m: Vec2::new(-0.3, -0.2),
+            texel_m: 0.002,
+            width: 400,
+            height: 300,
+            taken: Vec::new(),
+            shown: Part::WHOLE,
+            dark: Part::NONE,
+        };
         let chart = Chart { floor, shares: Arc::new(shares) };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),

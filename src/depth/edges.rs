@@ -15,6 +15,7 @@
 //! where they were measured); slits within the shade of their own sides.
 
 use super::apart::{JUMP, apart};
+use super::nearest_edge::distances_px;
 
 /// How far the map's edges may be from the picture's, as a share of its width. A Kinect's are off by up to 8 of 640 px.
 pub const MOST_OFF: f64 = 8.0 / 640.0;
@@ -64,7 +65,7 @@ fn is_edge(a: f32, b: f32) -> bool {
 pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: usize, reach_px: usize) -> Vec<f32> {
     let mut out = depth_m.to_vec();
     let reach_px = reach_px.max(1) as f32;
-    let from_edge = from_edges_px(depth_m, width);
+    let from_edge = distances_px(depth_m, width, is_edge);
     let doubt = |(d, guessed): (&f32, &bool)| {
         if *guessed { GUESS } else { DOUBT * (1.0 - d / reach_px).max(0.0) }
     };
@@ -77,14 +78,13 @@ pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: u
     let mut level = Vec::new();
     while queue.next_level(&mut level) {
         level.retain(|&(bits, i): &(u32, u32)| f32::from_bits(bits) <= cost[i as usize]);
-        level.sort_unstable();
         for &(bits, i) in &level {
             let (so_far, i) = (f32::from_bits(bits), i as usize);
-            for (n, length) in around.of(i) {
+            let mut step = |n: usize, length: f32| {
                 let way = so_far + WAY / reach_px * length;
                 // Colours only add to the cost.
                 if way >= cost[n] {
-                    continue;
+                    return;
                 }
                 let all = way + (apart(&looks[i], &looks[n]) - NOISE).max(0.0);
                 if all < cost[n] {
@@ -93,6 +93,10 @@ pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: u
                     out[n] = if is_edge(depth_m[n], out[i]) { out[i] } else { depth_m[n] };
                     queue.push(all, n);
                 }
+            };
+            match around.inside(i) {
+                Some(beside) => beside.into_iter().for_each(|(n, length)| step(n, length)),
+                None => around.of(i).for_each(|(n, length)| step(n, length)),
             }
         }
     }
@@ -142,6 +146,19 @@ impl Around {
         Self { width, height: count / width.max(1) }
     }
 
+    /// The same where there are all eight.
+    fn inside(&self, i: usize) -> Option<[(usize, f32); 8]> {
+        const FAR: f32 = std::f32::consts::SQRT_2;
+        let (x, y, w) = (i % self.width, i / self.width, self.width);
+        let is_inside = x > 0 && x + 1 < w && y > 0 && y + 1 < self.height;
+        is_inside.then(|| {
+            let (above, below) = (i - w, i + w);
+            let upper = [(above - 1, FAR), (above, 1.0), (above + 1, FAR), (i - 1, 1.0)];
+            let lower = [(i + 1, 1.0), (below - 1, FAR), (below, 1.0), (below + 1, FAR)];
+            [upper[0], upper[1], upper[2], upper[3], lower[0], lower[1], lower[2], lower[3]]
+        })
+    }
+
     /// The eight neighbours of a pixel, row by row, with their distances, px. Fewer at the rim.
     fn of(&self, i: usize) -> impl Iterator<Item = (usize, f32)> + use<> {
         const FAR: f32 = std::f32::consts::SQRT_2;
@@ -163,26 +180,6 @@ impl Around {
             inside.then(|| ((i as isize + dy * width + dx) as usize, length))
         })
     }
-}
-
-/// Distance from each pixel's centre to the nearest edge of the map, by straight and diagonal steps, px.
-fn from_edges_px(depth_m: &[f32], width: usize) -> Vec<f32> {
-    let around = Around::new(width, depth_m.len());
-    let mut far = vec![f32::INFINITY; depth_m.len()];
-    for i in 0..depth_m.len() {
-        for beside in [(i % width + 1 < width).then_some(i + 1), Some(i + width)].into_iter().flatten() {
-            if depth_m.get(beside).is_some_and(|z| is_edge(depth_m[i], *z)) {
-                (far[i], far[beside]) = (0.5, 0.5);
-            }
-        }
-    }
-    let mut step = |i: usize, before: fn(usize, usize) -> bool| {
-        let nearest = around.of(i).filter(|(n, _)| before(*n, i)).map(|(n, length)| far[n] + length);
-        far[i] = nearest.fold(far[i], f32::min);
-    };
-    (0..depth_m.len()).for_each(|i| step(i, |n, i| n < i));
-    (0..depth_m.len()).rev().for_each(|i| step(i, |n, i| n > i));
-    far
 }
 
 /// Nearer surfaces, widened by one pixel. A pixel on an edge shows both surfaces and is given to the nearer one, so

@@ -26,16 +26,20 @@ const SPREAD: [f32; 3] = [0.25, 0.5, 0.25];
 const BESIDE_PX: f32 = 4.0;
 /// The picture moves by so much between two samples of the exposure, px.
 const STEP_PX: f32 = 1.5;
+/// From here on it moves, px.
+const MOVES_PX: f32 = 2.0;
 /// A longer way is treated as this one, px.
 const LONGEST_PX: f32 = 32.0;
 /// Places around a pixel at which the two sides are looked at, and how far beyond the blur they may lie, px.
-const PLACES: usize = 48;
+const PLACES: usize = 24;
 const AROUND_PX: f32 = 7.0;
+/// Nothing farther away is looked at, px.
+pub const FARTHEST_PX: i32 = (AROUND_PX + 0.5 * LONGEST_PX) as i32 + 1;
 /// From this far from an edge, beyond the blur, a pixel shows one surface alone, px. At the edge it counts so much.
 const CERTAIN_PX: f32 = 3.0;
 const UNCERTAIN: f32 = 0.1;
 /// Places of this weight in all tell half of how a side looks.
-const HALF: f32 = 1.0;
+const HALF: f32 = 0.5;
 /// Something nearer by this factor is another thing.
 const ANOTHER: f32 = 1.15;
 /// σ of a mean's error that is always there, linear light.
@@ -72,8 +76,16 @@ struct Seen<'a> {
     places: Vec<[f32; 3]>,
 }
 
-/// What each pixel of a part shows, row by row. The map's edges lie on the picture's; `looks` are square roots of its light.
-pub fn shares(depth_m: &[f32], looks: &[[f32; 3]], width: usize, smear: &Smear, part: Rect) -> Vec<Shared> {
+/// What each pixel of a part shows, row by row, if a surface there is nearer than `before_m`. The map's edges lie on the
+/// picture's; `looks` are square roots of its light.
+pub fn shares(
+    depth_m: &[f32],
+    looks: &[[f32; 3]],
+    width: usize,
+    smear: &Smear,
+    part: Rect,
+    before_m: &[f32],
+) -> Vec<Shared> {
     let columns = part.width() as usize;
     let at = |x: usize, y: usize| (part.y0 as usize + y) * width + part.x0 as usize + x;
     let unshared = |z: f32| Shared { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
@@ -89,8 +101,10 @@ pub fn shares(depth_m: &[f32], looks: &[[f32; 3]], width: usize, smear: &Smear, 
     over_rows(&mut out, columns, processors(), |y, row| {
         for (x, shared) in row.iter_mut().enumerate() {
             let i = at(x, y);
-            if seen.edges[i].distance_px <= reach_px
-                && let Some(found) = seen.shared(i)
+            let edge = &seen.edges[i];
+            if edge.distance_px <= reach_px
+                && edge.near_m.min(depth_m[i]) < before_m[y * columns + x]
+                && let Some(found) = seen.shared(&seen.pixel(part.x0 as usize + x, part.y0 as usize + y))
             {
                 *shared = found;
             }
@@ -114,47 +128,72 @@ fn whole(x: f32) -> i32 {
     (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32
 }
 
+/// A pixel, and how far what it shows of the nearer surface moves while the shutter is open, px.
+struct Pixel {
+    i: usize,
+    x: i32,
+    y: i32,
+    way_px: [f32; 2],
+    /// Its length.
+    far_px: f32,
+}
+
 impl Seen<'_> {
-    fn way_px(&self, i: usize) -> [f32; 2] {
-        let [x, y] = self.smear.at(i % self.width, i / self.width, self.edges[i].near_m);
-        let shorter = (LONGEST_PX / x.hypot(y).max(1e-3)).min(1.0);
-        [shorter * x, shorter * y]
+    fn pixel(&self, x: usize, y: usize) -> Pixel {
+        let i = y * self.width + x;
+        let [across, down] = self.smear.at(x, y, self.edges[i].near_m);
+        let far_px = (across * across + down * down).sqrt();
+        let shorter = (LONGEST_PX / far_px.max(1e-3)).min(1.0);
+        let way_px = [shorter * across, shorter * down];
+        Pixel { i, x: x as i32, y: y as i32, way_px, far_px: shorter * far_px }
     }
 
-    fn beside(&self, i: usize, dx: i32, dy: i32) -> Option<usize> {
-        let (x, y) = ((i % self.width) as i32 + dx, (i / self.width) as i32 + dy);
+    fn beside(&self, at: &Pixel, dx: i32, dy: i32) -> Option<usize> {
+        let (x, y) = (at.x + dx, at.y + dy);
         let inside = x >= 0 && y >= 0 && x < self.width as i32 && y < self.height as i32;
         inside.then(|| y as usize * self.width + x as usize)
     }
 
     /// α by the map alone. `None` where nothing is known.
-    fn expected(&self, i: usize) -> Option<f32> {
-        let both_m = self.edges[i].both_m(self.depth_m[i]);
-        let [x, y] = self.way_px(i);
-        let steps = (x.hypot(y) / STEP_PX).ceil().max(1.0);
+    fn expected(&self, at: &Pixel, both_m: [f32; 2]) -> Option<f32> {
         let (mut near, mut all) = (0.0, 0.0);
-        for step in 0..steps as usize {
-            let at = (step as f32 + 0.5) / steps - 0.5;
-            let (dx, dy) = (whole(at * x), whole(at * y));
-            for (n, weight) in SPREAD.iter().flat_map(|v| SPREAD.iter().map(move |h| v * h)).enumerate() {
-                if let Some(i) = self.beside(i, dx + n as i32 % 3 - 1, dy + n as i32 / 3 - 1) {
-                    all += weight;
-                    near += if is_near(self.depth_m[i], both_m) { weight } else { 0.0 };
+        let mut look = |[dx, dy]: [i32; 2], weight: f32| {
+            if let Some(i) = self.beside(at, dx, dy) {
+                all += weight;
+                near += if is_near(self.depth_m[i], both_m) { weight } else { 0.0 };
+            }
+        };
+        let spread = || (-1..).zip(SPREAD);
+        if at.far_px < MOVES_PX {
+            spread().for_each(|(dy, down)| spread().for_each(|(dx, across)| look([dx, dy], down * across)));
+        } else {
+            // Along its way the pixel is spread by moving.
+            let steps = whole(at.far_px / STEP_PX + 0.5);
+            let [x, y] = at.way_px;
+            for step in 0..steps {
+                let along = (step as f32 + 0.5) / steps as f32 - 0.5;
+                for (beside, weight) in spread() {
+                    let aside = beside as f32 / at.far_px;
+                    look([along * x - aside * y, along * y + aside * x].map(whole), weight);
                 }
             }
         }
         (both_m[0] > 0.0 && all > 0.0).then(|| near / all)
     }
 
-    fn shared(&self, i: usize) -> Option<Shared> {
-        let ([near_m, far_m], expected) = (self.edges[i].both_m(self.depth_m[i]), self.expected(i)?);
+    fn shared(&self, at: &Pixel) -> Option<Shared> {
+        let i = at.i;
+        if self.edges[i].distance_px > BESIDE_PX + 0.5 * at.far_px {
+            return None;
+        }
+        let both_m = self.edges[i].both_m(self.depth_m[i]);
+        let ([near_m, far_m], expected) = (both_m, self.expected(at, both_m)?);
         // Whose the pixel is, where the edge may be misplaced: the variance of a yes or no.
-        let [x, y] = self.way_px(i);
-        let spread2 = MISPLACED_PX * MISPLACED_PX + (x * x + y * y) / 12.0;
+        let spread2 = MISPLACED_PX * MISPLACED_PX + at.far_px * at.far_px / 12.0;
         let distance_px = self.edges[i].distance_px;
         let map_variance = 0.25 * (-0.5 * distance_px * distance_px / spread2).exp();
         let light = self.looks[i].map(|l| l * l);
-        let [near, far] = self.sides(i, near_m, far_m);
+        let [near, far] = self.sides(at, both_m);
         let Some(far) = far else { return Some(Shared { near_m, far_m, share: expected, fringe: [0.0; 3] }) };
         // A thing too thin to show its own light: what the pixel shows stands for it.
         let Some(near) = near else {
@@ -175,19 +214,18 @@ impl Seen<'_> {
     }
 
     /// How the two sides look around a pixel, where any of them is seen.
-    fn sides(&self, i: usize, near_m: f32, far_m: f32) -> [Option<Side>; 2] {
-        let [x, y] = self.way_px(i);
-        let margin_px = CERTAIN_PX + 0.5 * x.hypot(y);
-        let radius_px = AROUND_PX + 0.5 * x.hypot(y);
+    fn sides(&self, at: &Pixel, both_m: [f32; 2]) -> [Option<Side>; 2] {
+        let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.far_px);
+        let radius_px = AROUND_PX + 0.5 * at.far_px;
         let mut sums = [Sums::default(); 2];
         for [x, y, weight] in &self.places {
-            let Some(q) = self.beside(i, whole(radius_px * x), whole(radius_px * y)) else { continue };
+            let Some(q) = self.beside(at, whole(radius_px * x), whole(radius_px * y)) else { continue };
             let z = self.depth_m[q];
-            let is_far = !is_near(z, [near_m, far_m]);
+            let is_far = !is_near(z, both_m);
             // Whatever is farther lies behind, and what is much nearer is another thing.
-            let is_side = is_far || z > near_m / ANOTHER;
+            let is_side = is_far || z * ANOTHER > both_m[0];
             if is_side {
-                let certain = (self.edges[q].distance_px / margin_px).clamp(UNCERTAIN, 1.0);
+                let certain = (self.edges[q].distance_px * per_margin).clamp(UNCERTAIN, 1.0);
                 sums[usize::from(is_far)].add(self.looks[q], weight * certain * certain);
             }
         }
@@ -269,10 +307,10 @@ mod tests {
         let half_m = 0.5 * moved_px / 100.0;
         let camera = Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0);
         let smear = Smear::new(&camera, &at(0.0), [&at(-half_m), &at(half_m)], whole);
-        let all = shares(&depth, &looks, WIDTH, &smear, whole);
+        let all = shares(&depth, &looks, WIDTH, &smear, whole, &[9.0; WIDTH * HEIGHT]);
         // A part is a part of the whole.
         let part = Rect::new(9, 7, 50, 40);
-        assert_eq!(shares(&depth, &looks, WIDTH, &smear, part), whole.part(&all, part));
+        assert_eq!(shares(&depth, &looks, WIDTH, &smear, part, &[9.0; WIDTH * HEIGHT]), whole.part(&all, part));
         all
     }
 

@@ -2,16 +2,19 @@
 //!
 //! - `registered`: a sensor's map of another size, or from another camera, in the frames' picture.
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
-//! - `looks`: colours, as they are compared here.
+//! - `carry`: its points, as another pose sees them. `looks`: colours, as they are compared here.
 //! - `vote`: what several frames' maps say of one's.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's. `behind`: what is behind
 //!   them. `mended`: holes filled and edges moved.
+//! - `contact`: what things stand on, as flat as it is.
 //! - `matte`: how much of a pixel at an edge is the nearer surface's. `smear`: how far it moves while the shutter is open.
 //! - `repaired`: filled and with the picture's edges, where a recording's frame shows objects. `grid`: the same over a
 //!   photograph. `surfaces`: with what is behind too, for a photograph's real part.
 
 mod apart;
 mod behind;
+mod carry;
+mod contact;
 mod edges;
 mod grid;
 mod holes;
@@ -27,11 +30,12 @@ mod smooth;
 mod surfaces;
 mod vote;
 
+pub use contact::Plane;
 pub use grid::DepthGrid;
 pub use matte::Shared;
 pub use moment::{RayCache, Rays, measured_from, seen_at_frame};
 pub use registered::{DepthCamera, enlarged, holes, is_same_view};
-pub use repaired::{Neighbour, Repair, Repaired};
+pub use repaired::{Neighbour, Repair, Repaired, Wanted};
 pub use surfaces::Surfaces;
 
 /// A structured-light sensor's error at 1 m, metres; it grows with the distance's square (Khoshelham and Elberink 2012).

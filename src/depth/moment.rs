@@ -7,13 +7,17 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 
+use super::carry::{Carry, LANES, Points, floor};
 use crate::camera::{Geometry, Intrinsics};
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
 use crate::tracking::PoseTrack;
+
+/// How far outside a part of the picture points are looked at that may move into it, px.
+pub const BEYOND_PX: i32 = 64;
 
 /// The pose from which a camera's map was measured, or why the map hides nothing.
 pub fn measured_from(
@@ -120,10 +124,9 @@ impl Rays {
         if (depth.width, depth.height) != (i.width_px, i.height_px) {
             return out;
         }
-        let around = self.geometry.sees_around();
         let full = Rect::full(depth.width, depth.height);
         let turns: &[i32] = if self.geometry.is_round() { &[0, -1, 1] } else { &[0] };
-        let mut put = |x: i32, y: i32, d: f32| {
+        let put = |out: &mut [f32], x: i32, y: i32, d: f32| {
             for turn in turns {
                 let x = x + turn * depth.width as i32;
                 if rect.contains(x, y) {
@@ -136,42 +139,51 @@ impl Rays {
         };
         let still = measured == frame;
         // Points outside the rectangle may move into it, by as much as in a fast pan between two sensors' moments.
-        let mut source = rect.grown(if still { 0 } else { 64 }).intersection(&full);
+        let mut source = rect.grown(if still { 0 } else { BEYOND_PX }).intersection(&full);
         if self.geometry.is_round() {
             source = Rect { x0: full.x0, x1: full.x1, ..source };
         }
-        // What stands still before a plane keeps its depth.
-        let turns_rays = !still || around;
-        if turns_rays {
-            self.prepare(source.y0..source.y1.max(source.y0));
+        if source.is_empty() {
+            return out;
         }
+        let row = |y: i32| {
+            let start = y as usize * depth.width as usize;
+            &depth.depth_m[start + source.x0 as usize..start + source.x1 as usize]
+        };
+        // What stands still before a plane keeps its depth.
+        if still && !self.geometry.sees_around() {
+            for y in source.y0..source.y1 {
+                (source.x0..).zip(row(y)).filter(|(_, d)| **d > 0.0).for_each(|(x, d)| put(&mut out, x, y, *d));
+            }
+            return out;
+        }
+        self.prepare(source.y0..source.y1);
+        let carry = Carry::new(&self.geometry, measured, frame);
+        // Of the upper left of four pixels.
+        let inner = Rect { x1: rect.x1 - 1, y1: rect.y1 - 1, ..rect };
         for y in source.y0..source.y1 {
-            let rays = self.rows[y as usize].get();
-            for x in source.x0..source.x1 {
-                let index = y as usize * depth.width as usize + x as usize;
-                let d = depth.depth_m[index];
-                if d.is_nan() || d <= 0.0 {
-                    continue;
-                }
-                let Some(rays) = rays.filter(|_| turns_rays) else {
-                    put(x, y, d);
-                    continue;
-                };
-                let ray = DVec3::from(rays[x as usize].map(f64::from));
-                let p = frame.transform_point(measured.inverse_transform_point(ray * f64::from(d)));
-                let told = (if around { p.length() } else { p.z }) as f32;
-                if still {
-                    // NaN means unknown.
-                    if told > 0.0 {
-                        put(x, y, told);
+            let Some(rays) = self.row(y as usize) else { continue };
+            let rays = &rays[source.x0 as usize..source.x1 as usize];
+            for (x, (piece, rays)) in (source.x0..).step_by(LANES).zip(row(y).chunks(LANES).zip(rays.chunks(LANES))) {
+                let landed = carry.land(&Points::of(piece, rays));
+                for lane in (0..piece.len()).filter(|&lane| landed.depth_m[lane] > 0.0) {
+                    let told = landed.depth_m[lane];
+                    if still {
+                        put(&mut out, x + lane as i32, y, told);
+                        continue;
                     }
-                    continue;
-                }
-                let Some(at) = self.geometry.project(p) else { continue };
-                // Pixel centres at +0.5: the 2×2 whose centres surround the point.
-                let (left, top) = ((at.x - 0.5).floor() as i32, (at.y - 0.5).floor() as i32);
-                for (px, py) in [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)] {
-                    put(px, py, told);
+                    // Pixel centres at +0.5: the 2×2 whose centres surround the point.
+                    let [left, top] = [landed.x_px[lane], landed.y_px[lane]].map(|at| floor(at - 0.5));
+                    if turns.len() == 1 && inner.contains(left, top) {
+                        let first = (top - rect.y0) as usize * width + (left - rect.x0) as usize;
+                        for i in [first, first + 1, first + width, first + width + 1] {
+                            out[i] = if out[i] == 0.0 { told } else { out[i].min(told) };
+                        }
+                        continue;
+                    }
+                    for (px, py) in [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)] {
+                        put(&mut out, px, py, told);
+                    }
                 }
             }
         }
@@ -183,7 +195,7 @@ impl Rays {
 mod tests {
     use super::*;
     use crate::camera::{Distortion, Intrinsics};
-    use glam::DQuat;
+    use glam::{DQuat, DVec3};
 
     #[test]
     fn a_wall_stays_a_wall_and_moves_by_parallax() {

@@ -30,42 +30,114 @@ pub fn is_near(z_m: f32, [near_m, far_m]: [f32; 2]) -> bool {
 
 /// For each pixel the edge of the map that matters, by straight and diagonal steps (a chamfer distance, Borgefors 1986).
 pub fn edges(depth_m: &[f32], width: usize) -> Vec<Edge> {
-    let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
-    // With each edge its distance, less what its step is worth.
-    let mut edges = vec![(f32::INFINITY, none); depth_m.len()];
-    for i in 0..depth_m.len() {
-        for beside in [(i % width + 1 < width).then_some(i + 1), Some(i + width)].into_iter().flatten() {
-            let Some(other) = depth_m.get(beside) else { continue };
-            let (near_m, far_m) = (depth_m[i].min(*other), depth_m[i].max(*other));
-            if near_m > 0.0 && far_m > JUMP * near_m {
-                let edge = Edge { distance_px: 0.5, near_m, far_m };
-                let cost = 0.5 - (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
-                for at in [i, beside] {
-                    if cost < edges[at].0 {
-                        edges[at] = (cost, edge);
-                    }
+    // The edges, with what their steps are worth, px. The first is none.
+    let mut found = vec![(Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 }, 0.0)];
+    let mut ways = Ways::new(depth_m.len(), width);
+    pairs(depth_m, width, |[i, beside], [a, b]| {
+        let (near_m, far_m) = (a.min(b), a.max(b));
+        if near_m > 0.0 && far_m > JUMP * near_m {
+            let worth_px = (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
+            [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5 - worth_px, found.len() as u32));
+            found.push((Edge { distance_px: 0.5, near_m, far_m }, worth_px));
+        }
+    });
+    ways.spread();
+    let edge = |(cost, from): (f32, u32)| {
+        let (edge, worth_px) = found[from as usize];
+        Edge { distance_px: cost + worth_px, ..edge }
+    };
+    ways.inside().map(edge).collect()
+}
+
+/// Distance from each pixel's centre to the nearest edge, px, by the same steps.
+pub fn distances_px(depth_m: &[f32], width: usize, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
+    let mut ways = Ways::new(depth_m.len(), width);
+    pairs(depth_m, width, |[i, beside], [a, b]| {
+        if is_edge(a, b) {
+            [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5, 0));
+        }
+    });
+    ways.spread();
+    ways.inside().map(|(cost, _)| cost).collect()
+}
+
+/// Calls `of` with all pairs of neighbours: where they are, and their depths.
+fn pairs(depth_m: &[f32], width: usize, mut of: impl FnMut([usize; 2], [f32; 2])) {
+    for (y, row) in depth_m.chunks_exact(width.max(1)).enumerate() {
+        let first = y * width;
+        let below = depth_m.get(first + width..first + 2 * width).unwrap_or(&[]);
+        for x in 0..width {
+            if x + 1 < width {
+                of([first + x, first + x + 1], [row[x], row[x + 1]]);
+            }
+            if let Some(below) = below.get(x) {
+                of([first + x, first + x + width], [row[x], *below]);
+            }
+        }
+    }
+}
+
+/// For each pixel the cheapest way from where ways begin, and which one. A rim of a pixel lies around.
+struct Ways {
+    width: usize,
+    cost: Vec<f32>,
+    from: Vec<u32>,
+}
+
+impl Ways {
+    fn new(count: usize, width: usize) -> Self {
+        let all = (width + 2) * (count / width.max(1) + 2);
+        Self { width, cost: vec![f32::INFINITY; all], from: vec![0; all] }
+    }
+
+    fn begin(&mut self, i: usize, cost: f32, from: u32) {
+        let at = (i / self.width + 1) * (self.width + 2) + i % self.width + 1;
+        if cost < self.cost[at] {
+            (self.cost[at], self.from[at]) = (cost, from);
+        }
+    }
+
+    /// Takes the cheapest ways on to all pixels: from the left and above, then from the right and below. A picture read
+    /// backwards is turned by 180°.
+    fn spread(&mut self) {
+        for _ in 0..2 {
+            self.onward();
+            self.cost.reverse();
+            self.from.reverse();
+        }
+    }
+
+    fn onward(&mut self) {
+        let (wide, diagonal) = (self.width + 2, std::f32::consts::SQRT_2);
+        for y in 1..self.cost.len() / wide {
+            let (cost_above, cost) = self.cost[(y - 1) * wide..(y + 1) * wide].split_at_mut(wide);
+            let (from_above, from) = self.from[(y - 1) * wide..(y + 1) * wide].split_at_mut(wide);
+            // Each neighbour for the whole row: vectors.
+            for (dx, step) in [(0, diagonal), (1, 1.0), (2, diagonal)] {
+                let beside = cost_above[dx..].iter().zip(&from_above[dx..]);
+                for ((cost, from), (above, from_there)) in
+                    cost[1..wide - 1].iter_mut().zip(&mut from[1..wide - 1]).zip(beside)
+                {
+                    let is_less = above + step < *cost;
+                    *cost = if is_less { above + step } else { *cost };
+                    *from = if is_less { *from_there } else { *from };
+                }
+            }
+            for x in 1..wide - 1 {
+                if cost[x - 1] + 1.0 < cost[x] {
+                    (cost[x], from[x]) = (cost[x - 1] + 1.0, from[x - 1]);
                 }
             }
         }
     }
-    let far = std::f32::consts::SQRT_2;
-    let rows = (depth_m.len() / width.max(1)) as isize;
-    let mut step = |i: usize, steps: [(isize, isize, f32); 4]| {
-        for (dx, dy, length) in steps {
-            let (x, y) = ((i % width) as isize + dx, (i / width) as isize + dy);
-            if x >= 0 && y >= 0 && x < width as isize && y < rows {
-                let (cost, from) = edges[(y * width as isize + x) as usize];
-                if cost + length < edges[i].0 {
-                    edges[i] = (cost + length, Edge { distance_px: from.distance_px + length, ..from });
-                }
-            }
-        }
-    };
-    let before = [(-1, -1, far), (0, -1, 1.0), (1, -1, far), (-1, 0, 1.0)];
-    (0..depth_m.len()).for_each(|i| step(i, before));
-    let after = before.map(|(dx, dy, length)| (-dx, -dy, length));
-    (0..depth_m.len()).rev().for_each(|i| step(i, after));
-    edges.into_iter().map(|(_, edge)| edge).collect()
+
+    /// Those of the pixels, row by row.
+    fn inside(&self) -> impl Iterator<Item = (f32, u32)> {
+        let (wide, width) = (self.width + 2, self.width);
+        let rows = self.cost.chunks_exact(wide).zip(self.from.chunks_exact(wide)).skip(1);
+        let rows = rows.take((self.cost.len() / wide).saturating_sub(2));
+        rows.flat_map(move |(cost, from)| cost[1..=width].iter().copied().zip(from[1..=width].iter().copied()))
+    }
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 //!
 //! Not modelled: gaps depend only on what was measured within a twentieth of the picture's width around the objects.
 
+use super::contact::{self, Plane};
 use super::looks::Looks;
 use super::matte::{self, Shared};
 use super::smear::Smear;
@@ -14,10 +15,13 @@ use crate::camera::Response;
 use crate::frame::Beside;
 use crate::pixels::{DepthMap, Pixels, Rect};
 use crate::pose::Pose;
+use crate::rows::{over_rows, processors};
 
 /// How far around the objects the map is read, as a share of the picture's width. Also the step by which that region
 /// grows, so that an object that moves from frame to frame reads the same region.
 const AROUND: f64 = 1.0 / 20.0;
+/// How far around them edges are smoothed: as far as `matte` looks.
+const SEEN_PX: i32 = matte::FARTHEST_PX;
 
 /// The inputs for repairing a frame's depth.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +35,8 @@ pub struct Repair<'a> {
     pub shutter: [&'a Pose; 2],
     pub pixels: &'a Pixels,
     pub response: &'a Response,
+    /// What objects stand on.
+    pub planes: &'a [Plane],
     /// Frames that help where the map is doubtful.
     pub neighbours: &'a [Neighbour<'a>],
 }
@@ -43,32 +49,79 @@ pub struct Neighbour<'a> {
     pub taken: Pose,
 }
 
+/// Where real depth is asked for, and up to where.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// Rectangles, and the depth beyond which real things hide nothing in them, metres.
+    pub objects: Vec<(Rect, f32)>,
+    /// Here all depths are asked for.
+    pub all_of: Rect,
+}
+
+impl Wanted {
+    /// All of a rectangle.
+    pub fn all(rect: Rect) -> Self {
+        Self { objects: vec![(rect, f32::INFINITY)], all_of: rect }
+    }
+
+    fn objects_only(&self) -> Self {
+        Self { all_of: Rect::new(0, 0, 0, 0), ..self.clone() }
+    }
+
+    /// The depth up to which each pixel of a rectangle, or what is within `reach_px` of it, is asked for, row by row; 0 where
+    /// it is not.
+    fn before_m(&self, rect: Rect, reach_px: i32) -> Vec<f32> {
+        let mut before_m = vec![0.0f32; rect.width() as usize * rect.height() as usize];
+        let all_of = [(self.all_of, f32::INFINITY)];
+        for (wanted, farthest_m) in self.objects.iter().chain(&all_of).filter(|(wanted, _)| !wanted.is_empty()) {
+            let part = wanted.grown(reach_px).intersection(&rect);
+            if part.is_empty() {
+                continue;
+            }
+            let part = part.moved(-rect.x0, -rect.y0);
+            for y in part.y0..part.y1 {
+                let start = y as usize * rect.width() as usize;
+                let row = &mut before_m[start..][part.x0 as usize..part.x1 as usize];
+                row.iter_mut().for_each(|before_m| *before_m = before_m.max(*farthest_m));
+            }
+        }
+        before_m
+    }
+}
+
 /// A part of a frame's map, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Repaired {
-    /// Of what most of a pixel shows, m; 0 if nothing was measured around it at all.
+    /// Of what most of a pixel shows, m; 0 where nothing was measured and nothing repaired.
     pub depth_m: Vec<f32>,
     /// Over the part of it where things are drawn.
     pub shared: Vec<Shared>,
 }
 
 impl<'a> Repair<'a> {
-    /// What `rect` shows at the frame's moment, and how its pixels are shared in `drawn`, a part of it. It depends on `rect`
-    /// too, through what was measured near it.
-    pub fn over(&self, rect: Rect, drawn: Rect) -> Repaired {
-        let region = self.region(rect);
-        let width = region.width() as usize;
-        let mut depth_m = self.rays.reproject(self.depth, self.measured, self.frame, region);
+    /// What `around` shows at the frame's moment: in and around `near`, a part of it, with its gaps filled and its edges on the
+    /// picture's, better where that is wanted; elsewhere as it was measured. And how pixels are shared in `drawn`, a part of `near`.
+    /// It depends on `near` too, through what was measured near it.
+    pub fn over(&self, around: Rect, near: Rect, drawn: Rect, wanted: &Wanted) -> Repaired {
+        let region = self.region(near);
+        let all = region.union(&around);
+        let measured_m = self.rays.reproject(self.depth, self.measured, self.frame, all);
         let looks = self.looks(region);
-        self.agree(&mut depth_m, &looks, region);
+        let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
+        let before_m = wanted.before_m(region, SEEN_PX);
+        self.agree(&mut depth_m, &looks, region, &before_m);
         // Where nothing was measured, nothing hides.
         let recorded = &self.rays.geometry().intrinsics;
         if mended::complete(&mut depth_m, &looks, width, recorded, 1.0) == Some(true) {
-            smooth::smooth(&mut depth_m, &looks, width);
+            smooth::smooth(&mut depth_m, &looks, width, &before_m);
         }
+        contact::flatten(&mut depth_m, self.rays, self.frame, region, self.planes);
         let smear = Smear::new(self.rays.geometry(), self.frame, self.shutter, region);
-        let shared = matte::shares(&depth_m, &looks, width, &smear, drawn.moved(-region.x0, -region.y0));
-        Repaired { depth_m: region.part(&depth_m, rect), shared }
+        let within = drawn.moved(-region.x0, -region.y0);
+        let shared = matte::shares(&depth_m, &looks, width, &smear, within, &wanted.objects_only().before_m(drawn, 0));
+        let mut out = all.part(&measured_m, around);
+        put(&mut out, around, &depth_m, region);
+        Repaired { depth_m: out, shared }
     }
 
     /// The rectangle and its surroundings, as far as the picture goes.
@@ -88,14 +141,16 @@ impl<'a> Repair<'a> {
         let looks = Looks::new(self.pixels, self.response);
         let round = self.rays.geometry().is_round();
         let column = |x: i32| if round { x.rem_euclid(width) } else { x.clamp(0, width - 1) };
-        let places = (region.y0..region.y1)
-            .map(|y| y.clamp(0, height - 1))
-            .flat_map(|y| (region.x0..region.x1).map(move |x| (column(x), y)));
-        places.map(|(x, y)| looks.at(x as u32, y as u32)).collect()
+        let mut out = vec![[0.0; 3]; region.width() as usize * region.height() as usize];
+        over_rows(&mut out, region.width() as usize, processors(), |row, looks_there| {
+            let y = (region.y0 + row as i32).clamp(0, height - 1);
+            (region.x0..).zip(looks_there).for_each(|(x, there)| *there = looks.at(column(x) as u32, y as u32));
+        });
+        out
     }
 
     /// Replaces what is doubtful in a part of the map by what the neighbours say.
-    fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect) {
+    fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) {
         let voter = |neighbour: &Neighbour<'a>| vote::Voter {
             depth: &neighbour.frame.depth,
             measured: neighbour.measured,
@@ -103,7 +158,17 @@ impl<'a> Repair<'a> {
             looks: Looks::new(&neighbour.frame.pixels, self.response),
         };
         let voters: Vec<_> = self.neighbours.iter().map(voter).collect();
-        vote::Own { rays: self.rays, pose: *self.frame, part, looks }.agreed(depth_m, &voters);
+        vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m }.agreed(depth_m, &voters);
+    }
+}
+
+/// Replaces a rectangle's values by another's where the two overlap.
+fn put(values: &mut [f32], rect: Rect, others: &[f32], other: Rect) {
+    let both = rect.intersection(&other);
+    for y in both.y0..both.y1.max(both.y0) {
+        let start = |of: &Rect| (y - of.y0) as usize * of.width() as usize + (both.x0 - of.x0) as usize;
+        let width = both.width() as usize;
+        values[start(&rect)..][..width].copy_from_slice(&others[start(&other)..][..width]);
     }
 }
 
@@ -145,19 +210,20 @@ mod tests {
         Rays::new(&Geometry::new(intrinsics, Distortion::default()))
     }
 
-    fn repaired(pixels: &Pixels, depth: &DepthMap, rect: Rect) -> Repaired {
+    fn repaired(pixels: &Pixels, depth: &DepthMap, rect: Rect, wanted: &Wanted) -> Repaired {
         let (rays, pose) = (camera(), Pose::IDENTITY);
         let response = Response { curve: Curve::Srgb, ..Default::default() };
         let shutter = [&pose; 2];
         let (measured, frame, response) = (&pose, &pose, &response);
-        Repair { rays: &rays, depth, measured, frame, shutter, pixels, response, neighbours: &[] }.over(rect, rect)
+        Repair { rays: &rays, depth, measured, frame, shutter, pixels, response, neighbours: &[], planes: &[] }
+            .over(rect, rect, rect, wanted)
     }
 
     #[test]
     fn a_screen_of_which_little_was_seen_is_whole() {
         let (pixels, depth, inside) = screen();
         for rect in [Rect::full(160, 120), Rect::new(60, 20, 140, 100), Rect::new(20, 50, 50, 60)] {
-            let found = repaired(&pixels, &depth, rect).depth_m;
+            let found = repaired(&pixels, &depth, rect, &Wanted::all(rect)).depth_m;
             assert_eq!(found.len(), (rect.width() * rect.height()) as usize);
             for (n, z) in found.iter().enumerate() {
                 let (x, y) =
@@ -169,12 +235,43 @@ mod tests {
     }
 
     #[test]
+    fn an_object_is_hidden_alike_whether_all_depth_is_wanted_or_what_lies_before_it() {
+        let (pixels, depth, _) = screen();
+        let (drawn, nothing) = (Rect::new(50, 20, 110, 100), Rect::new(0, 0, 0, 0));
+        for object_m in [0.5f32, 1.5, 3.0] {
+            let wanted = Wanted { objects: vec![(drawn, object_m)], all_of: nothing };
+            let [all, some] =
+                [Wanted::all(drawn), wanted].map(|wanted| repaired(&pixels, &depth, drawn, &wanted).shared);
+            let hidden = |s: &Shared| match () {
+                () if object_m > s.far_m => 1.0,
+                () if object_m > s.near_m => s.share,
+                () => 0.0,
+            };
+            assert!(all.iter().map(hidden).eq(some.iter().map(hidden)), "{object_m}");
+        }
+    }
+
+    #[test]
+    fn where_it_is_wanted_by_hand() {
+        let beside =
+            [Rect::new(-9, 0, -3, 1), Rect::new(12, 0, 15, 1), Rect::new(0, -9, 4, -5)].map(|rect| (rect, 9.0));
+        let mut objects = vec![(Rect::new(1, 0, 3, 1), 2.0), (Rect::new(2, 0, 9, 1), 1.0)];
+        objects.extend(beside);
+        let wanted = Wanted { objects, all_of: Rect::new(0, 1, 1, 2) };
+        let inf = f32::INFINITY;
+        assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 0), [0.0, 2.0, 2.0, 1.0, inf, 0.0, 0.0, 0.0]);
+        assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 1), [inf, inf, 2.0, 2.0, inf, inf, 2.0, 2.0]);
+        assert_eq!(wanted.objects_only().before_m(Rect::new(2, 1, 4, 2), 0), [0.0; 2]);
+    }
+
+    #[test]
     fn a_whole_map_stays_as_it_was_measured() {
         let (pixels, mut depth, inside) = screen();
         depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
-        assert_eq!(repaired(&pixels, &depth, Rect::full(160, 120)).depth_m, depth.depth_m);
+        let (whole, part) = (Rect::full(160, 120), Rect::new(-3, 5, 30, 50));
+        assert_eq!(repaired(&pixels, &depth, whole, &Wanted::all(whole)).depth_m, depth.depth_m);
         // Nothing is made from nothing.
         depth.depth_m.fill(0.0);
-        assert!(repaired(&pixels, &depth, Rect::new(-3, 5, 30, 50)).depth_m.iter().all(|z| *z == 0.0));
+        assert!(repaired(&pixels, &depth, part, &Wanted::all(part)).depth_m.iter().all(|z| *z == 0.0));
     }
 }

@@ -5,12 +5,14 @@
 //! close it is, and how far from the edge, where it is more certain (a joint bilateral filter, Kopf et al. 2007, of the two
 //! surfaces' names). A straight edge becomes straight. A thin thing stays, since what looks like it is the thing.
 
-use super::apart::apart;
-use super::nearest_edge::{edges, is_near};
+use super::nearest_edge::{Edge, edges};
 use crate::rows::{over_rows, processors};
 
 /// Pixels around that decide: so many to each side, with this σ, px.
-const AROUND: i32 = 6;
+const AROUND: usize = 5;
+const WINDOW: usize = 2 * AROUND + 1;
+/// A row of a window, filled up to whole vectors.
+const LANES: usize = 16;
 const NEAR_PX: f32 = 3.0;
 /// σ of colours (square roots of light) that look alike, and the weight of those that do not.
 const ALIKE: f32 = 0.06;
@@ -21,37 +23,76 @@ const UNCERTAIN: f32 = 0.15;
 /// Pixels this far from an edge may change, px.
 const REACH_PX: f32 = 4.0;
 
-/// Smooths the edges of `depth_m`, row by row. `looks` are square roots of its picture's light.
-pub fn smooth(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize) {
-    let by_place: Vec<f32> = (-AROUND..=AROUND)
-        .flat_map(|y| (-AROUND..=AROUND).map(move |x| (x * x + y * y) as f32))
-        .map(|r2| (-0.5 * r2 / (NEAR_PX * NEAR_PX)).exp())
-        .collect();
-    let (edges, before, height) = (edges(depth_m, width), depth_m.to_vec(), depth_m.len() / width.max(1));
-    let decided = |i: usize| {
-        let both_m = edges[i].both_m(before[i]);
-        let (x, y) = ((i % width) as i32, (i / width) as i32);
-        let mut balance = 0.0;
-        for py in (y - AROUND).max(0)..=(y + AROUND).min(height as i32 - 1) {
-            for px in (x - AROUND).max(0)..=(x + AROUND).min(width as i32 - 1) {
-                let q = py as usize * width + px as usize;
-                let unlike = apart(&looks[i], &looks[q]) / ALIKE;
-                let like = UNLIKE + 1.0 / (1.0 + unlike * unlike).powi(2);
-                let certain = (edges[q].distance_px / CERTAIN_PX).clamp(UNCERTAIN, 1.0);
-                let place = by_place[((py - y + AROUND) * (2 * AROUND + 1) + px - x + AROUND) as usize];
-                balance += if is_near(before[q], both_m) { like * certain * place } else { -like * certain * place };
-            }
-        }
-        if balance > 0.0 { both_m[0] } else { both_m[1] }
-    };
+/// Smooths edges of `depth_m`, row by row. `looks` are square roots of its picture's light, and `before_m` is up to which depth
+/// each pixel matters.
+pub fn smooth(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, before_m: &[f32]) {
+    let edges = edges(depth_m, width);
+    let around = Around::new(depth_m, looks, &edges, width);
+    let places = places();
     over_rows(depth_m, width, processors(), |y, row| {
         for (x, z) in row.iter_mut().enumerate() {
-            let i = y * width + x;
-            if edges[i].distance_px <= REACH_PX {
-                *z = decided(i);
+            let edge = &edges[y * width + x];
+            if edge.distance_px <= REACH_PX && edge.near_m.min(*z) < before_m[y * width + x] {
+                let both_m = edge.both_m(*z);
+                let is_near = around.balance(x, y, looks[y * width + x], both_m, &places) > 0.0;
+                *z = if is_near { both_m[0] } else { both_m[1] };
             }
         }
     });
+}
+
+/// Weights of the pixels of a window by their place, row by row; each row is filled up with nothing.
+fn places() -> Vec<[f32; LANES]> {
+    let weight = |x: i32, y: i32| (-0.5 * (x * x + y * y) as f32 / (NEAR_PX * NEAR_PX)).exp();
+    let row = |y: i32| {
+        let lane = |lane: usize| if lane < WINDOW { weight(lane as i32 - AROUND as i32, y) } else { 0.0 };
+        std::array::from_fn(lane)
+    };
+    (-(AROUND as i32)..=AROUND as i32).map(row).collect()
+}
+
+/// What decides, each quantity by itself, so that a row of a window is a few vectors. Beyond the map nothing is certain.
+struct Around {
+    wide: usize,
+    looks: [Vec<f32>; 3],
+    certain: Vec<f32>,
+    depth_m: Vec<f32>,
+}
+
+impl Around {
+    fn new(depth_m: &[f32], looks: &[[f32; 3]], edges: &[Edge], width: usize) -> Self {
+        let (height, wide) = (depth_m.len() / width.max(1), width + LANES);
+        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| {
+            let mut all = vec![0.0; wide * (height + 2 * AROUND)];
+            over_rows(&mut all[AROUND * wide..][..height * wide], wide, processors(), |y, row| {
+                row[AROUND..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = of(y * width + x));
+            });
+            all
+        };
+        Self {
+            wide,
+            looks: [0, 1, 2].map(|c| filled(&|i| looks[i][c])),
+            certain: filled(&|i| (edges[i].distance_px / CERTAIN_PX).clamp(UNCERTAIN, 1.0)),
+            depth_m: filled(&|i| depth_m[i]),
+        }
+    }
+
+    /// Positive where more around a pixel belongs to the nearer of two surfaces.
+    fn balance(&self, x: usize, y: usize, looks: [f32; 3], [near_m, far_m]: [f32; 2], places: &[[f32; LANES]]) -> f32 {
+        let mut sums = [0.0f32; LANES];
+        for (row, place) in places.iter().enumerate() {
+            let start = (y + row) * self.wide + x;
+            let [r, g, b] = [0, 1, 2].map(|c| &self.looks[c][start..start + LANES]);
+            let (certain, depth_m) = (&self.certain[start..start + LANES], &self.depth_m[start..start + LANES]);
+            for (n, sum) in sums.iter_mut().enumerate() {
+                let (r, g, b) = (r[n] - looks[0], g[n] - looks[1], b[n] - looks[2]);
+                let unlike = 1.0 + (r * r + g * g + b * b) / (ALIKE * ALIKE);
+                let weight = (UNLIKE + 1.0 / (unlike * unlike)) * certain[n] * place[n];
+                *sum += if depth_m[n] * depth_m[n] < near_m * far_m { weight } else { -weight };
+            }
+        }
+        sums.iter().sum()
+    }
 }
 
 #[cfg(test)]
@@ -59,6 +100,7 @@ mod tests {
     use super::*;
 
     const WIDTH: usize = 48;
+    const ALL: [f32; WIDTH * 40] = [9.0; WIDTH * 40];
 
     fn stepped(is_near: impl Fn(usize, usize) -> bool) -> Vec<f32> {
         (0..WIDTH * 40).map(|i| if is_near(i % WIDTH, i / WIDTH) { 1.0 } else { 2.0 }).collect()
@@ -68,7 +110,7 @@ mod tests {
     fn a_wandering_edge_becomes_straight_where_nothing_is_seen_of_it() {
         let wandering = |y: usize| [22, 22, 23, 24, 24, 25, 25, 24, 24, 23][y % 10];
         let mut depth = stepped(|x, y| x < wandering(y));
-        smooth(&mut depth, &[[0.4; 3]; WIDTH * 40], WIDTH);
+        smooth(&mut depth, &[[0.4; 3]; WIDTH * 40], WIDTH, &ALL);
         let edge = |y: usize| (0..WIDTH).filter(|x| depth[y * WIDTH + x] < 1.5).count();
         let [least, most] = [(8..32).map(edge).min(), (8..32).map(edge).max()].map(Option::unwrap);
         assert!(most - least <= 1 && (23..=24).contains(&least), "{least} {most}");
@@ -80,7 +122,7 @@ mod tests {
         let post = |x: usize, _| (20..23).contains(&x);
         let looks: Vec<_> = (0..WIDTH * 40).map(|i| [if post(i % WIDTH, 0) { 0.2 } else { 0.8 }; 3]).collect();
         let mut depth = stepped(post);
-        smooth(&mut depth, &looks, WIDTH);
+        smooth(&mut depth, &looks, WIDTH, &ALL);
         assert_eq!(depth, stepped(post));
     }
 }

@@ -135,7 +135,9 @@ pub fn footprint_around(
     } else {
         Rect::new(0, 0, 0, 0)
     };
-    Footprint { rect, fastest_px_per_s: (1.1 * fastest).min(most) as f32, depths_m: [nearest.min(farthest), farthest] }
+    let parts = if rect.is_empty() { Vec::new() } else { vec![(rect, farthest)] };
+    let depths_m = [nearest.min(farthest), farthest];
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest).min(most) as f32, depths_m, parts }
 }
 
 /// The shortest arc of a circle of this length that contains all the given arcs. It starts on the first turn.

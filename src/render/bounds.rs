@@ -16,7 +16,7 @@ use crate::pose::Pose;
 use crate::scene::{Part, Scene};
 
 /// The part of a picture that objects can touch.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Footprint {
     /// Whole pixels that objects may touch while the shutter is open; may extend beyond the picture. Empty if nothing
     /// is in view.
@@ -25,6 +25,8 @@ pub struct Footprint {
     pub fastest_px_per_s: f32,
     /// The range of depths of all points of the objects while the shutter is open, metres.
     pub depths_m: [f64; 2],
+    /// Where each part may be, and how far away at most, metres.
+    pub parts: Vec<(Rect, f64)>,
 }
 
 /// A bounding box in the axes of its mesh.
@@ -169,6 +171,7 @@ pub fn footprint(
     let mut fastest = 0.0f64;
     let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
     let (moments, step_s) = keys.sampled();
+    let mut parts = Vec::new();
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let points: Vec<_> = outlines[part.mesh].iter().map(|&p| part.world_from_mesh.transform_point3(p)).collect();
         if keys.poses.iter().all(|pose| points.iter().all(|&p| pose.transform_point(p).z < NEAR_M)) {
@@ -202,11 +205,14 @@ pub fn footprint(
         };
         let Some(own) = own.filter(|own| !own.intersection(&around).is_empty()) else { continue };
         rect = rect.union(&own);
+        let mut part_farthest = NEAR_M;
         for pose in &moments {
             for z in points.iter().map(|&p| pose.transform_point(p).z) {
-                (nearest, farthest) = (nearest.min(z.max(NEAR_M)), farthest.max(z));
+                (nearest, part_farthest) = (nearest.min(z.max(NEAR_M)), part_farthest.max(z));
             }
         }
+        farthest = farthest.max(part_farthest);
+        parts.push((own, part_farthest));
         let Some(seen) = seen else {
             fastest = fastest.max(rotation_speed(geometry, keys));
             continue;
@@ -221,7 +227,7 @@ pub fn footprint(
     }
     let depths_m = [nearest.min(farthest), farthest];
     // A tenth more for acceleration between the moments.
-    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m }
+    Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m, parts }
 }
 
 /// Points along a rectangle's border, so close together that its image is straight between them. A step is at most

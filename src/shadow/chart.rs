@@ -23,6 +23,9 @@ const FINEST_M: f32 = 0.00025;
 const RIM: f32 = 0.08;
 /// A smaller share is none.
 const NOTHING: f32 = 0.0008;
+/// What is worth drawing: a quarter of a code of a bright floor. What is dark enough to show what it lies on.
+const WORTH: f32 = 0.003;
+const DARK: f32 = 0.05;
 /// Rays that one mask holds.
 const AT_A_TIME: usize = 32;
 /// The shares, without a place in the world.
@@ -35,6 +38,25 @@ pub struct Shares {
     pub height: u32,
     /// 1 where all of the light is taken, 0 where none is, below 0 where things throw back more than they take. Row by row.
     pub taken: Vec<[f32; 3]>,
+    /// Where they are worth drawing, and where they are dark.
+    pub shown: Part,
+    pub dark: Part,
+}
+
+/// A part of a chart, in shares of its sides; without any size if it is empty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Part {
+    pub low: DVec2,
+    pub high: DVec2,
+}
+
+impl Part {
+    pub const WHOLE: Self = Self { low: DVec2::ZERO, high: DVec2::ONE };
+    pub const NONE: Self = Self { low: DVec2::ZERO, high: DVec2::ZERO };
+
+    pub fn is_empty(&self) -> bool {
+        self.low.cmpge(self.high).any()
+    }
 }
 
 /// Shares on a floor in the world.
@@ -57,7 +79,8 @@ impl Shares {
         let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
-        let mut shares = Self { low_m: extent.low, texel_m, width, height, taken: Vec::new() };
+        let mut shares =
+            Self { low_m: extent.low, texel_m, width, height, taken: Vec::new(), shown: Part::NONE, dark: Part::NONE };
         let mut taken = vec![[0.0f32; 3]; width as usize * height as usize];
         // A band of rows for each thread; what is in it depends on nothing else.
         let rows = (height as usize).div_ceil(processors()).max(1);
@@ -79,7 +102,26 @@ impl Shares {
             }
         });
         shares.taken = taken;
+        [shares.shown, shares.dark] = [WORTH, DARK].map(|least| shares.beyond(least));
         shares
+    }
+
+    /// Where more than a share of the light is taken or given, and a texel around.
+    fn beyond(&self, least: f32) -> Part {
+        let size = DVec2::new(self.width.into(), self.height.into());
+        let (mut low, mut high) = (size, DVec2::ZERO);
+        for (y, row) in self.taken.chunks_exact(self.width as usize).enumerate() {
+            let is_beyond = |taken: &[f32; 3]| taken.iter().any(|share| share.abs() > least);
+            let ends = row.iter().position(is_beyond).zip(row.iter().rposition(is_beyond));
+            if let Some((first, last)) = ends {
+                low = low.min(DVec2::new(first as f64, y as f64));
+                high = high.max(DVec2::new(last as f64, y as f64));
+            }
+        }
+        if low.cmpgt(high).any() {
+            return Part::NONE;
+        }
+        Part { low: (low - 1.0).max(DVec2::ZERO) / size, high: (high + 2.0).min(size) / size }
     }
 
     /// Where a place on the floor lies, in texels.

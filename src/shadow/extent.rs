@@ -4,8 +4,8 @@ use glam::{Vec2, Vec3};
 
 use super::sky::Sky;
 
-/// The share of the light that is not missed: a third of a code of a bright floor.
-const LEAST: f32 = 0.004;
+/// The share of the light that is not missed, once the chart's rim has faded it out: less than a code of a mid-grey floor.
+const LEAST: f32 = 0.005;
 /// Places beside the box at which its shadow is looked for, in heights.
 const BESIDE: [f32; 19] =
     [0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 16.0, 20.0];
@@ -113,7 +113,7 @@ mod tests {
     fn an_even_sky_s_shadow_reaches_a_few_heights_to_all_sides() {
         let (low, high) = (Vec2::splat(-0.05), Vec2::splat(0.05));
         let extent = Extent::of(low, high, 0.1, &sky(Vec::new(), 1.0));
-        // (w h² / (2π ε))^⅓ from the middle: 0.34 m for 0.1 m each.
+        // (w h² / (2π ε))^⅓ from the middle: 0.32 m for 0.1 m each.
         let reach = 0.5 * (extent.high - extent.low);
         assert!(reach.min_element() > 0.3 && reach.max_element() < 0.6, "{extent:?}");
     }

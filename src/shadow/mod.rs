@@ -24,6 +24,6 @@ mod shadows;
 mod skin;
 mod sky;
 
-pub use chart::{Chart, Shares};
+pub use chart::{Chart, Part, Shares};
 pub use floor::Floor;
 pub use shadows::Shadows;

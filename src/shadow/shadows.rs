@@ -348,6 +348,28 @@ mod tests {
     }
 
     #[test]
+    fn what_is_shown_holds_all_that_is_worth_it_and_what_is_dark_lies_within() {
+        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+        let shares = only(Shadows::new(&scene).charts(&scene)).shares;
+        let size = glam::DVec2::new(shares.width.into(), shares.height.into());
+        let outside = |part: crate::shadow::Part, least: f32| {
+            shares.taken.iter().enumerate().any(|(i, taken)| {
+                let texel = glam::UVec2::new(i as u32 % shares.width, i as u32 / shares.width).as_dvec2();
+                let is_outside = texel.cmplt(part.low * size).any() || (texel + 1.0).cmpgt(part.high * size).any();
+                is_outside && taken.iter().any(|share| share.abs() > least)
+            })
+        };
+        assert!(!outside(shares.shown, 0.003) && !outside(shares.dark, 0.05));
+        let (shown, dark) = (shares.shown, shares.dark);
+        assert!(
+            shown.low.cmplt(dark.low).all() && dark.high.cmplt(shown.high).all(),
+            "{dark:?} is not within {shown:?}"
+        );
+        assert!((dark.high - dark.low).element_product() < 0.3 * (shown.high - shown.low).element_product());
+    }
+
+    #[test]
     fn a_sun_s_shadow_lies_to_the_other_side() {
         let floor = Floor::new(DVec3::ZERO, DVec3::NEG_Y);
         let towards = (floor.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();

@@ -59,7 +59,9 @@ struct Known {
 impl Shot {
     /// The scene's objects, each with the real surface below it. The recording's depth is read on first use.
     pub(crate) fn objects(&self) -> Vec<Object> {
-        if !self.settings.shadow.cast || self.scene.objects.is_empty() {
+        // Shadows fall on them, and a depth map is as flat as they are.
+        let asked = self.settings.shadow.cast || self.settings.depth.occlusion;
+        if !asked || self.scene.objects.is_empty() {
             return self.scene.objects.clone();
         }
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -3,7 +3,7 @@
 use crate::found;
 use glam::DVec2;
 use locard::compositor::exposure_time_s;
-use locard::depth::{Neighbour, Rays, Repair, Shared, measured_from};
+use locard::depth::{Neighbour, Rays, Repair, Shared, Wanted, measured_from};
 use locard::pixels::Rect;
 use locard::shot::Shot;
 
@@ -44,6 +44,7 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
         shutter: [&pose(at - half_s), &pose(at + half_s)],
         pixels: &frame.pixels,
         response: &camera.response,
+        planes: &[],
         neighbours: &beside.collect::<Vec<_>>(),
     };
     let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
@@ -57,7 +58,7 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
         let codes = frame.pixels.at((i % WIDTH) as u32, (i / WIDTH) as u32);
         codes.iter().map(|code| light[*code as usize]).sum::<f64>() / 3.0
     };
-    let shared = repair.over(whole, whole).shared;
+    let shared = repair.over(whole, whole, whole, &Wanted::all(whole)).shared;
     (shared.iter().map(hidden).collect(), (0..WIDTH * HEIGHT).map(mean).collect())
 }
 

@@ -1,0 +1,173 @@
+//! Points of a depth map as another pose of the camera sees them, many at a time.
+//!
+//! A frame asks this of millions of points. So it is done in single precision, which is exact to a thousandth of a pixel, and
+//! in loops without branches, which become vector instructions. What a lens bends farther than its formula is valid is asked
+//! of the exact camera.
+
+use glam::{DVec3, Mat3, Vec2, Vec3};
+
+use crate::camera::{Distortion, Geometry, LensModel};
+use crate::pose::Pose;
+
+/// So many points at a time.
+pub const LANES: usize = 16;
+
+/// Points in a camera's axes, metres.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Points {
+    x: [f32; LANES],
+    y: [f32; LANES],
+    z: [f32; LANES],
+    known: [bool; LANES],
+}
+
+/// Where points land in the picture, and their depths there.
+#[derive(Clone, Copy, Debug)]
+pub struct Landed {
+    pub x_px: [f32; LANES],
+    pub y_px: [f32; LANES],
+    /// Metres; 0 where a point is not seen.
+    pub depth_m: [f32; LANES],
+}
+
+impl Points {
+    /// Of a piece of a map's row, and the rays through its pixels.
+    pub fn of(depth_m: &[f32], rays: &[[f32; 3]]) -> Self {
+        let mut points = Self::default();
+        for (lane, (z, ray)) in depth_m.iter().zip(rays).take(LANES).enumerate() {
+            points.set(lane, *z, *ray);
+        }
+        points
+    }
+
+    /// Makes one of them what is `depth_m` away along a ray; unknown if that is no distance.
+    pub fn set(&mut self, lane: usize, depth_m: f32, ray: [f32; 3]) {
+        let known = depth_m > 0.0 && ray[2].is_finite();
+        let z = if known { depth_m } else { 0.0 };
+        (self.x[lane], self.y[lane], self.z[lane], self.known[lane]) = (z * ray[0], z * ray[1], z * ray[2], known);
+    }
+
+    fn at(&self, lane: usize) -> Vec3 {
+        Vec3::new(self.x[lane], self.y[lane], self.z[lane])
+    }
+}
+
+/// From one pose of a camera to the picture from another.
+pub struct Carry<'a> {
+    geometry: &'a Geometry,
+    turn: Mat3,
+    shift_m: Vec3,
+    focal_px: Vec2,
+    middle_px: Vec2,
+    radial: [f32; 3],
+    tangential: Vec2,
+    /// Up to this squared radius the formula in single precision is valid. Negative: nowhere.
+    valid2: f32,
+    /// Depths are distances from the camera.
+    around: bool,
+}
+
+impl<'a> Carry<'a> {
+    pub fn new(geometry: &'a Geometry, from: &Pose, to: &Pose) -> Self {
+        let carried = |point: DVec3| to.transform_point(from.inverse_transform_point(point));
+        let origin = carried(DVec3::ZERO);
+        let axis = |axis: DVec3| (carried(axis) - origin).as_vec3();
+        let (i, Distortion { model, k1, k2, k3, p1, p2, .. }) = (&geometry.intrinsics, &geometry.distortion);
+        let valid = if *model == LensModel::Opencv { geometry.valid_radius().min(1e6) as f32 } else { -1.0 };
+        Self {
+            geometry,
+            turn: Mat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z)),
+            shift_m: origin.as_vec3(),
+            focal_px: Vec2::new(i.fx_px as f32, i.fy_px as f32),
+            middle_px: Vec2::new(i.cx_px as f32, i.cy_px as f32),
+            radial: [k1, k2, k3].map(|k| *k as f32),
+            tangential: Vec2::new(*p1 as f32, *p2 as f32),
+            valid2: valid * valid.abs(),
+            around: geometry.sees_around(),
+        }
+    }
+
+    /// Where points land. The lens's formula is that of camera/distortion.rs.
+    pub fn land(&self, points: &Points) -> Landed {
+        let Self { turn, shift_m, focal_px, middle_px, radial: [k1, k2, k3], valid2, .. } = *self;
+        let Vec2 { x: p1, y: p2 } = self.tangential;
+        let mut landed = Landed { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut left = [false; LANES];
+        for (n, left) in left.iter_mut().enumerate() {
+            let (x, y, z) = (points.x[n], points.y[n], points.z[n]);
+            let to_x = turn.x_axis.x * x + turn.y_axis.x * y + turn.z_axis.x * z + shift_m.x;
+            let to_y = turn.x_axis.y * x + turn.y_axis.y * y + turn.z_axis.y * z + shift_m.y;
+            let to_z = turn.x_axis.z * x + turn.y_axis.z * y + turn.z_axis.z * z + shift_m.z;
+            let per = 1.0 / to_z;
+            let (x, y) = (to_x * per, to_y * per);
+            let r2 = x * x + y * y;
+            let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+            let tangential_x = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+            let tangential_y = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+            landed.x_px[n] = (x * radial + tangential_x) * focal_px.x + middle_px.x;
+            landed.y_px[n] = (y * radial + tangential_y) * focal_px.y + middle_px.y;
+            let is_valid = (to_z > 0.0) & (r2 <= valid2);
+            landed.depth_m[n] = if points.known[n] & is_valid { to_z } else { 0.0 };
+            *left = points.known[n] & !is_valid;
+        }
+        for n in (0..LANES).filter(|&n| left[n]) {
+            let point = turn * points.at(n) + shift_m;
+            if let Some(at) = self.geometry.project(point.as_dvec3()) {
+                (landed.x_px[n], landed.y_px[n]) = (at.x as f32, at.y as f32);
+                landed.depth_m[n] = (if self.around { point.length() } else { point.z }).max(0.0);
+            }
+        }
+        landed
+    }
+}
+
+/// The next whole number below: without a call into the mathematics library. Far outside a picture it does not matter.
+pub fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole.saturating_sub(i32::from((whole as f32) > x))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Intrinsics;
+    use glam::{DQuat, DVec2};
+
+    #[test]
+    fn single_precision_is_enough() {
+        let i = Intrinsics { fx_px: 517.3, fy_px: 516.5, cx_px: 319.1, cy_px: 255.8, ..Intrinsics::default() };
+        let k = Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, ..Distortion::default() };
+        let fisheye = Distortion { model: LensModel::OpencvFisheye, k1: 0.02, ..Distortion::default() };
+        let from = Pose::from_camera_in_world(DVec3::new(0.3, 0.1, -0.2), DQuat::from_rotation_y(0.05));
+        let to = Pose::from_camera_in_world(DVec3::new(0.32, 0.08, -0.21), DQuat::from_rotation_x(0.04));
+        for distortion in [k, Distortion::default(), fisheye] {
+            let geometry = Geometry::new(i.clone(), distortion);
+            let carry = Carry::new(&geometry, &from, &to);
+            // A little beyond the corners, too.
+            for y in -6..=6 {
+                let rays: Vec<_> = (-7..=7).map(|x| [0.1 * x as f32, 0.1 * y as f32, 1.0]).collect();
+                let landed = carry.land(&Points::of(&[1.7; 15], &rays));
+                for (n, ray) in rays.iter().enumerate() {
+                    let point = 1.7 * DVec3::from(ray.map(f64::from));
+                    let seen = to.transform_point(from.inverse_transform_point(point));
+                    let exact = geometry.project(seen).unwrap();
+                    let found = DVec2::new(landed.x_px[n].into(), landed.y_px[n].into());
+                    assert!((found - exact).length() < 1e-3, "{ray:?}: {found} is not {exact}");
+                    let depth = if geometry.sees_around() { seen.length() } else { seen.z };
+                    assert!((f64::from(landed.depth_m[n]) - depth).abs() < 1e-5);
+                }
+                assert_eq!(landed.depth_m[15], 0.0);
+            }
+            let nothing = Points::of(
+                &[0.0, -1.0, f32::NAN, 1.0],
+                &[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [f32::NAN; 3]],
+            );
+            assert_eq!(carry.land(&nothing).depth_m, [0.0; LANES]);
+        }
+    }
+
+    #[test]
+    fn floor_by_hand() {
+        assert_eq!([0.0, 0.9, 1.0, -0.1, -1.0, -1.5].map(floor), [0, 0, 1, -1, -1, -2]);
+    }
+}
