@@ -22,10 +22,12 @@ override hidden_by_depth: bool = false;        // the real scene's depth is know
 override suns: u32 = 0u;                       // number of lights
 override points: u32 = 0u;
 override has_map: bool = false;                // the environment is a picture
+override has_lightmap: bool = false;           // it is known how much light reaches each place of the surface
 
 const MAX_KEYS: u32 = 33u;
 const MAX_SUNS: u32 = 4u;
 const MAX_POINTS: u32 = 8u;
+const MAX_LIGHTS: u32 = 14u; // and some that are written and not read
 const ALBEDO_STEPS: f32 = 16.0;
 const PI: f32 = 3.14159265;
 
@@ -74,6 +76,7 @@ struct Light {
     points: array<PointLight, MAX_POINTS>,
     // Rows of the rotation from the world to the environment's axes.
     map_rows: array<vec4<f32>, 3>,
+    strength: vec4<f32>, // x: how much is left out of the light that does not reach a surface
 }
 
 struct Material {
@@ -111,6 +114,9 @@ struct Material {
 @group(1) @binding(9) var emissive_texture: texture_2d<f32>;
 @group(1) @binding(10) var emissive_sampler: sampler;
 
+// render/lightmap.rs has its layers.
+@group(2) @binding(0) var lightmap: texture_2d_array<f32>;
+
 struct Corner {
     @location(0) position: vec3<f32>,
     @location(1) normal: vec3<f32>,
@@ -124,6 +130,7 @@ struct Corner {
     @location(7) row1: vec4<f32>,
     @location(8) row2: vec4<f32>,
     @location(9) mirror_offset: vec3<f32>,
+    @location(10) on_lightmap: vec2<f32>,
 }
 
 struct Fragment {
@@ -133,6 +140,8 @@ struct Fragment {
     @location(2) tangent: vec4<f32>,
     @location(3) uv: vec4<f32>,
     @location(4) color: vec4<f32>,
+    // Within the triangle, for beside it another island lies.
+    @location(5) @interpolate(perspective, centroid) on_lightmap: vec2<f32>,
 }
 
 fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
@@ -264,6 +273,7 @@ fn vertex(corner: Corner) -> Fragment {
     out.tangent = vec4<f32>(t, corner.tangent.w * mirror);
     out.uv = vec4<f32>(corner.uv0, corner.uv1);
     out.color = corner.color;
+    out.on_lightmap = corner.on_lightmap;
     return out;
 }
 
@@ -344,6 +354,39 @@ fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
     return textureSampleLevel(albedo_table, environment_sampler, at, 0.0).xyz;
 }
 
+// What of the light reaches a place: of the surroundings, thrown by other things, and the share of each sun and lamp.
+struct Reaching { open: vec3<f32>, thrown: vec3<f32>, seen: array<f32, MAX_LIGHTS> }
+
+fn reaching(at: vec2<f32>, front: bool) -> Reaching {
+    var found = Reaching(vec3<f32>(1.0), vec3<f32>(0.0), array<f32, MAX_LIGHTS>());
+    for (var i = 0u; i < MAX_LIGHTS; i++) {
+        found.seen[i] = 1.0;
+    }
+    if !has_lightmap {
+        return found;
+    }
+    let own = 2u + (max(suns + points, 2u) + 1u) / 4u;
+    // A single-sided surface has no layers for its back.
+    let first = select(min(own, textureNumLayers(lightmap) - own), 0u, front);
+    let around = textureSampleLevel(lightmap, environment_sampler, at, first, 0.0);
+    let other = textureSampleLevel(lightmap, environment_sampler, at, first + 1u, 0.0);
+    let strength = light.strength.x;
+    found.open = max(1.0 - strength * (1.0 - around.rgb), vec3<f32>(0.0));
+    found.thrown = strength * other.rgb;
+    found.seen[0] = around.a;
+    found.seen[1] = other.a;
+    for (var i = 2u; i < suns + points; i += 4u) {
+        let more = textureSampleLevel(lightmap, environment_sampler, at, first + 2u + (i - 2u) / 4u, 0.0);
+        for (var n = 0u; n < 4u; n++) {
+            found.seen[i + n] = more[n];
+        }
+    }
+    for (var i = 0u; i < suns + points; i++) {
+        found.seen[i] = max(1.0 - strength * (1.0 - found.seen[i]), 0.0);
+    }
+    return found;
+}
+
 fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     var metallic = material.metallic;
     var roughness = material.roughness;
@@ -392,8 +435,9 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
     var sum = vec3<f32>(0.0);
+    let reached = reaching(in.on_lightmap, front);
     for (var i = 0u; i < suns; i++) {
-        sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz);
+        sum += lit(s, light.sun_towards[i].xyz, light.sun_color[i].xyz * reached.seen[i]);
     }
     for (var i = 0u; i < points; i++) {
         let point = light.points[i];
@@ -408,12 +452,18 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
             let ramp = clamp((c - point.spot.w) / max(point.spot_inner.x - point.spot.w, 1e-4), 0.0, 1.0);
             falloff *= ramp * ramp;
         }
-        sum += lit(s, towards, point.color.xyz * falloff);
+        sum += lit(s, towards, point.color.xyz * (falloff * reached.seen[suns + i]));
     }
     // A bump sees its own surface where it does not see the sky.
     let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
     let specular = (f0 * once.x + once.y) * gain;
-    return sum + shadowed * (irradiance_over_pi(n) * sky * matt + radiance(reflect(-towards_eye, n), roughness) * specular);
+    // A model's own picture of its creases and the lightmap tell of the same light: the less counts.
+    let open = min(vec3<f32>(shadowed), reached.open);
+    // How much of a mirror image's light arrives where so much of all light does: Lagarde and de Rousiers 2014, "Moving Frostbite to
+    // Physically Based Rendering", section 4.10.2.
+    let mirrored = clamp(pow(n_v + open, vec3<f32>(exp2(-16.0 * roughness - 1.0))) - 1.0 + open, vec3<f32>(0.0), vec3<f32>(1.0));
+    return sum + (irradiance_over_pi(n) * open + reached.thrown) * sky * matt
+        + radiance(reflect(-towards_eye, n), roughness) * specular * select(vec3<f32>(shadowed), mirrored, has_lightmap);
 }
 
 // Print on evidence must be legible, even at a slant: four taps at four places each way across the pixel, from finer

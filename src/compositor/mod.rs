@@ -24,7 +24,7 @@ use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
-use crate::shadow::Shadows;
+use crate::shadow::{Lightmaps, Shadows};
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
@@ -43,9 +43,11 @@ use plan::{Plan, Sight, moment};
 pub struct Compositor {
     renderer: Renderer,
     shadows: Shadows,
+    lightmaps: Lightmaps,
     recorder: Recorder,
     rays: RayCache,
     readbacks: ReadbackSet,
+    may_be_rough: bool,
 }
 
 /// A frame whose work is on the GPU.
@@ -60,11 +62,17 @@ pub struct Pending {
     /// `None` where nothing had to be drawn.
     last: Option<wgpu::SubmissionIndex>,
     timed: Vec<Timed>,
+    is_rough: bool,
 }
 
 impl Pending {
     pub fn stats(&self) -> &FrameStats {
         &self.stats
+    }
+
+    /// Whether shadows in it are rough, as was allowed ([`Compositor::may_be_rough`]).
+    pub fn is_rough(&self) -> bool {
+        self.is_rough
     }
 
     /// Waits until all of it is drawn, on whatever thread. Of a picture that went into a view nothing else comes.
@@ -101,10 +109,12 @@ impl Compositor {
     pub fn new(gpu: Gpu, scene: Scene) -> Self {
         Self {
             shadows: Shadows::new(&scene),
+            lightmaps: Lightmaps::new(&scene),
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
             rays: RayCache::default(),
             readbacks: ReadbackSet::default(),
+            may_be_rough: false,
         }
     }
 
@@ -114,6 +124,7 @@ impl Compositor {
         let before = self.renderer.scene();
         if !before.is_made_of_the_same(&scene) || before.lighting != scene.lighting {
             self.shadows = Shadows::new(&scene);
+            self.lightmaps = Lightmaps::new(&scene);
         }
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }
@@ -135,6 +146,12 @@ impl Compositor {
         self.recorder.time();
     }
 
+    /// The next picture may come sooner, with shadows that are rough where they are not known yet. All other pictures are what a new
+    /// compositor would make.
+    pub fn may_be_rough(&mut self) {
+        self.may_be_rough = true;
+    }
+
     /// Things that the scene asks for but that are not drawn.
     pub fn warnings(&self) -> Vec<String> {
         self.renderer.warnings()
@@ -148,6 +165,7 @@ impl Compositor {
         settings: &Settings,
         target: Target<'_>,
     ) -> Result<Pending, SubmitError> {
+        let (may_be_rough, mut is_rough) = (std::mem::take(&mut self.may_be_rough), false);
         if let Target::View(view, _) = target {
             let (size, pixels) = (view.texture().size(), &job.frame.pixels);
             let (view_px, picture_px) = ((size.width, size.height), (pixels.width, pixels.height));
@@ -164,10 +182,20 @@ impl Compositor {
         if job.frame.presence <= 0.0 && !job.capture.whole {
             return Ok(self.untouched(job, stats, target));
         }
-        let charts = match settings.shadow.cast && settings.shadow.strength > 0.0 {
-            true => self.shadows.charts(self.renderer.scene()),
-            false => Vec::new(),
-        };
+        let (mut charts, mut lightmaps) = (Vec::new(), Vec::new());
+        if settings.shadow.cast && settings.shadow.strength > 0.0 {
+            let scene = self.renderer.scene();
+            if may_be_rough {
+                let of_things;
+                (charts, is_rough) = self.shadows.sketched(scene);
+                (lightmaps, of_things) = self.lightmaps.sketched(scene);
+                is_rough |= of_things;
+            } else {
+                charts = self.shadows.charts(scene);
+                lightmaps = self.lightmaps.of(scene, self.renderer.unwrapped(), &charts);
+            }
+        }
+        self.renderer.light_by(&self.recorder.gpu, &lightmaps, settings.shadow.strength);
         let sight = Sight::new(&self.renderer, charts, &job, settings);
         let moment = moment(&job, camera, settings, &sight);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight)?;
@@ -280,6 +308,7 @@ impl Compositor {
             parts: self.recorder.parts(),
             last,
             timed,
+            is_rough,
         })
     }
 
@@ -294,7 +323,8 @@ impl Compositor {
             last = Some(self.recorder.submit());
         }
         let timed = self.recorder.timed();
-        Pending { frame: job.frame, stats, want_layer: job.want_layer, work: None, parts: Vec::new(), last, timed }
+        let (frame, want_layer) = (job.frame, job.want_layer);
+        Pending { frame, stats, want_layer, work: None, parts: Vec::new(), last, timed, is_rough: false }
     }
 
     /// Whether [`Compositor::collect`] would return without waiting.

@@ -380,7 +380,7 @@ mod tests {
             piece_px(&Geometry::new(straight.intrinsics, distortion))
         };
         assert_eq!(with(Distortion::default()), 32);
-        assert_eq!(with(Distortion { k1: -0.02, ..Distortion::default() }), 16);
+        assert_eq!(with(Distortion { k1: -0.05, ..Distortion::default() }), 16);
         assert_eq!(with(Distortion { k1: 0.2624, k2: -0.9531, k3: 1.1633, ..Distortion::default() }), 8);
         assert_eq!(with(Distortion { model: LensModel::OpencvFisheye, ..Distortion::default() }), 8);
     }

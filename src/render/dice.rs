@@ -4,9 +4,10 @@
 
 use glam::{DAffine3, DVec2, DVec3};
 
+use super::unwrap::{Corner, Unwrapped};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
-use crate::scene::{Mesh, Vertex};
+use crate::scene::Vertex;
 
 /// How far the true image of an edge may lie from the drawn one, px.
 const TOLERANCE_PX: f64 = 0.05;
@@ -80,8 +81,8 @@ impl Bend {
 }
 
 /// The longest edge of a mesh, in its own units.
-pub fn longest_edge(mesh: &Mesh) -> f64 {
-    let at = |i: u32| DVec3::from(mesh.vertices[i as usize].position.map(f64::from));
+pub fn longest_edge(mesh: &Unwrapped) -> f64 {
+    let at = |i: u32| DVec3::from(mesh.corners[i as usize].vertex.position.map(f64::from));
     mesh.indices
         .chunks_exact(3)
         .flat_map(|t| [at(t[0]).distance(at(t[1])), at(t[1]).distance(at(t[2])), at(t[2]).distance(at(t[0]))])
@@ -90,14 +91,14 @@ pub fn longest_edge(mesh: &Mesh) -> f64 {
 
 /// A mesh cut fine for one view; `None` if it can be drawn as it is.
 pub fn dice(
-    mesh: &Mesh,
+    mesh: &Unwrapped,
     longest: f64,
     corners_in_world: &[DVec3; 8],
     world_from_mesh: &DAffine3,
     geometry: &Geometry,
     keys: &ViewKeys,
     bend: Bend,
-) -> Option<(Vec<Vertex>, Vec<u32>)> {
+) -> Option<(Vec<Corner>, Vec<u32>)> {
     let pose = keys.middle();
     let nearest = keys
         .poses
@@ -110,15 +111,16 @@ pub fn dice(
     if !crosses && longest * stretch * geometry.intrinsics.fx_px / nearest <= bend.safe_px {
         return None;
     }
-    let camera_from_mesh =
-        |v: &Vertex| pose.transform_point(world_from_mesh.transform_point3(DVec3::from(v.position.map(f64::from))));
-    let mut dicer = Dicer { geometry, safe_px: bend.safe_px, vertices: Vec::new() };
+    let camera_from_mesh = |c: &Corner| {
+        pose.transform_point(world_from_mesh.transform_point3(DVec3::from(c.vertex.position.map(f64::from))))
+    };
+    let mut dicer = Dicer { geometry, safe_px: bend.safe_px, corners: Vec::new() };
     for t in mesh.indices.chunks_exact(3) {
         let corners: Vec<_> = t
             .iter()
             .map(|&i| {
-                let v = mesh.vertices[i as usize];
-                (v, camera_from_mesh(&v))
+                let corner = mesh.corners[i as usize];
+                (corner, camera_from_mesh(&corner))
             })
             .collect();
         let clipped = clip(&corners, CUT_M);
@@ -126,16 +128,17 @@ pub fn dice(
             dicer.cut([clipped[0], clipped[i], clipped[i + 1]], 0);
         }
     }
-    let indices = (0..dicer.vertices.len() as u32).collect();
-    Some((dicer.vertices, indices))
+    let indices = (0..dicer.corners.len() as u32).collect();
+    Some((dicer.corners, indices))
 }
 
-type Corner = (Vertex, DVec3);
+/// With its place in the camera's axes.
+type Placed = (Corner, DVec3);
 
-fn blend(a: &Corner, b: &Corner, f: f64) -> Corner {
+fn blend(a: &Placed, b: &Placed, f: f64) -> Placed {
     let g = f as f32;
     let mix = |x: f32, y: f32| x + (y - x) * g;
-    let (v, w) = (&a.0, &b.0);
+    let (v, w) = (&a.0.vertex, &b.0.vertex);
     let vertex = Vertex {
         position: std::array::from_fn(|i| mix(v.position[i], w.position[i])),
         normal: std::array::from_fn(|i| mix(v.normal[i], w.normal[i])),
@@ -144,11 +147,12 @@ fn blend(a: &Corner, b: &Corner, f: f64) -> Corner {
         uv1: std::array::from_fn(|i| mix(v.uv1[i], w.uv1[i])),
         color: std::array::from_fn(|i| mix(v.color[i], w.color[i])),
     };
-    (vertex, a.1.lerp(b.1, f))
+    let at = std::array::from_fn(|i| mix(a.0.at[i], b.0.at[i]));
+    (Corner { vertex, at }, a.1.lerp(b.1, f))
 }
 
 /// The part of a triangle beyond the near plane: none, three or four corners.
-fn clip(corners: &[Corner], near: f64) -> Vec<Corner> {
+fn clip(corners: &[Placed], near: f64) -> Vec<Placed> {
     let mut out = Vec::with_capacity(4);
     for (i, a) in corners.iter().enumerate() {
         let b = &corners[(i + 1) % corners.len()];
@@ -165,13 +169,13 @@ fn clip(corners: &[Corner], near: f64) -> Vec<Corner> {
 struct Dicer<'a> {
     geometry: &'a Geometry,
     safe_px: f64,
-    vertices: Vec<Vertex>,
+    corners: Vec<Corner>,
 }
 
 impl Dicer<'_> {
     /// Whether an edge bends too much. Depends only on its two ends, not on their order, so that both triangles at an
     /// edge cut it alike and no crack opens.
-    fn bends(&self, a: &Corner, b: &Corner) -> bool {
+    fn bends(&self, a: &Placed, b: &Placed) -> bool {
         let undistorted = |p: DVec3| p.truncate() / p.z;
         let (p, q) = (undistorted(a.1), undistorted(b.1));
         let (at_p, at_q) = (self.geometry.distorted_px(p), self.geometry.distorted_px(q));
@@ -195,7 +199,7 @@ impl Dicer<'_> {
         })
     }
 
-    fn cut(&mut self, t: [Corner; 3], depth: u32) {
+    fn cut(&mut self, t: [Placed; 3], depth: u32) {
         let bends = if depth < DEEPEST {
             [self.bends(&t[0], &t[1]), self.bends(&t[1], &t[2]), self.bends(&t[2], &t[0])]
         } else {
@@ -204,10 +208,10 @@ impl Dicer<'_> {
         let middle = |i: usize| {
             let (a, b) = (&t[i], &t[(i + 1) % 3]);
             // The same order from both sides of the edge gives the same bits.
-            if a.0.position < b.0.position { blend(a, b, 0.5) } else { blend(b, a, 0.5) }
+            if a.0.vertex.position < b.0.vertex.position { blend(a, b, 0.5) } else { blend(b, a, 0.5) }
         };
         match bends.iter().filter(|&&b| b).count() {
-            0 => self.vertices.extend(t.map(|c| c.0)),
+            0 => self.corners.extend(t.map(|c| c.0)),
             3 => {
                 let m = [middle(0), middle(1), middle(2)];
                 self.cut([t[0], m[0], m[2]], depth + 1);

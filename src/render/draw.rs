@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -11,20 +12,25 @@ use super::around_bounds::footprint_around;
 use super::bounds::{Bounds, Footprint, footprint, outline};
 use super::dice::{Bend, dice, longest_edge};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
+use super::lightmap::{Lightmap, LitParts};
 use super::material::bind_groups;
 use super::motion::Motion;
 use super::occlusion::Occlusion;
 use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
 use super::plan::{Layer, Sample, SamplePlan};
+use super::unwrap::{Corner, Unwrapped, area_of};
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Stamps, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::scene::{Object, Scene, Vertex};
+use crate::scene::{Object, Part, Scene};
 
 /// If the outlines of all parts have more points than this (a millisecond's work), boxes are used instead.
 const MOST_POINTS: usize = 16384;
+/// Texels along the sides of an object's lightmap, and how small they need not be, metres.
+const LIGHTMAP_SIDE: u32 = 128;
+const FINEST_M: f64 = 0.0015;
 
 /// A mesh on the GPU.
 #[derive(Debug)]
@@ -42,6 +48,9 @@ struct GpuMesh {
 #[derive(Debug)]
 pub struct Renderer {
     scene: Scene,
+    /// The scene's meshes.
+    unwrapped: Vec<Unwrapped>,
+    lightmaps: LitParts,
     vertices: wgpu::Buffer,
     indices: wgpu::Buffer,
     meshes: Vec<GpuMesh>,
@@ -104,20 +113,22 @@ impl Renderer {
     }
 
     fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Pipelines) -> Self {
-        let mut vertices: Vec<Vertex> = Vec::new();
+        let mut vertices: Vec<Corner> = Vec::new();
         let mut indices: Vec<u32> = Vec::new();
+        let unwrapped = all_unwrapped(&scene);
         let meshes = scene
             .meshes
             .iter()
-            .map(|mesh| {
+            .zip(&unwrapped)
+            .map(|(mesh, unwrapped)| {
                 let start = indices.len() as u32;
                 let base_vertex = vertices.len() as i32;
-                vertices.extend_from_slice(&mesh.vertices);
-                indices.extend_from_slice(&mesh.indices);
+                vertices.extend_from_slice(&unwrapped.corners);
+                indices.extend_from_slice(&unwrapped.indices);
                 GpuMesh {
                     base_vertex,
                     indices: start..indices.len() as u32,
-                    longest: longest_edge(mesh),
+                    longest: longest_edge(unwrapped),
                     has_colors: mesh.vertices.iter().any(|v| v.color != [1.0; 4]),
                     bounds: Bounds::of(mesh.vertices.iter().map(|v| v.position)),
                     outline: outline(&mesh.vertices.iter().map(|v| v.position).collect::<Vec<_>>()),
@@ -133,6 +144,8 @@ impl Renderer {
             meshes,
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
+            lightmaps: LitParts::new(gpu, &pipelines.lightmap_layout),
+            unwrapped,
             pipelines,
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
@@ -141,6 +154,17 @@ impl Renderer {
 
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// The scene's meshes with their lightmaps' places.
+    pub fn unwrapped(&self) -> &[Unwrapped] {
+        &self.unwrapped
+    }
+
+    /// What light reaches each part of each object, in turn, from the next drawing on; none: all that there is. `strength` is how
+    /// much of what is lacking is left out.
+    pub fn light_by(&mut self, gpu: &Gpu, lightmaps: &[Option<Arc<Lightmap>>], strength: f32) {
+        self.lightmaps.take(gpu, &self.pipelines.lightmap_layout, lightmaps, strength);
     }
 
     /// Features that the scene asks for but that are not drawn.
@@ -293,7 +317,7 @@ impl Renderer {
         let mut draws = Vec::new();
         for (number, part) in self.scene.objects.iter().flat_map(|o| &o.parts).enumerate() {
             let gpu_mesh = &self.meshes[part.mesh];
-            let mesh = &self.scene.meshes[part.mesh];
+            let (mesh, unwrapped) = (&self.scene.meshes[part.mesh], &self.unwrapped[part.mesh]);
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
             // Most of the views around a camera see nothing of it.
@@ -301,7 +325,8 @@ impl Renderer {
             if view.outer.is_some() && moments.iter().all(out) {
                 continue;
             }
-            let cut = || dice(mesh, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
+            let cut =
+                || dice(unwrapped, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
             // Parallel rays keep straight lines straight, even behind the camera.
             let diced = view.parallel_to_m.map_or_else(cut, |_| None).map(|(v, i)| {
                 let (base, start) = (vertices.len() as i32, indices.len() as u32);
@@ -318,6 +343,7 @@ impl Renderer {
                 around: view.outer.is_some(),
                 parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),
+                lightmap: self.lightmaps.is_of(number),
                 ..Variant::of(&self.scene.materials[mesh.material], &self.scene.lighting)
             };
             draws.push(Draw {
@@ -375,7 +401,8 @@ impl Renderer {
         let uniform = recorder.uniform(bytemuck::bytes_of(&uniform));
         let instances = self.instances(view, sample);
         let instances = gpu.buffer("instances", bytemuck::cast_slice(&instances), wgpu::BufferUsages::VERTEX);
-        let light = LightUniform::new(&self.scene.lighting, &self.environment, view.keys.origin_in_world_m);
+        let (lighting, strength) = (&self.scene.lighting, self.lightmaps.strength);
+        let light = LightUniform::new(lighting, &self.environment, view.keys.origin_in_world_m, strength);
         let light = recorder.uniform(bytemuck::bytes_of(&light));
         let depth_view = view.occlusion.map_or(&self.no_depth.view, |occlusion| &occlusion.depth.view);
         let frame = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -434,6 +461,7 @@ impl Renderer {
                 let Some(pipeline) = self.pipelines.get(draw.variant, writes) else { continue };
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(1, &self.materials[draw.material], &[]);
+                pass.set_bind_group(2, self.lightmaps.of(draw.part as usize), &[]);
                 let (vertices, indices, base, range) = match (&draw.diced, &draws.diced) {
                     (Some((base, range)), Some((v, i))) => (v, i, *base, range.clone()),
                     _ => {
@@ -479,6 +507,27 @@ crate::uniform! {
         near_m: f32,
         far_m: f32,
     }
+}
+
+/// A scene's meshes with places for their lightmaps: an object's parts share the texels that a lightmap may have, by their areas.
+fn all_unwrapped(scene: &Scene) -> Vec<Unwrapped> {
+    let area_m2 = |part: &Part| {
+        let stretch = part.world_from_mesh.matrix3.determinant().abs().powf(1.0 / 3.0);
+        area_of(&scene.meshes[part.mesh]) * stretch * stretch
+    };
+    // Of a mesh that no object has yet nothing is known.
+    let mut sides = vec![LIGHTMAP_SIDE; scene.meshes.len()];
+    for object in &scene.objects {
+        let all: f64 = object.parts.iter().map(area_m2).sum();
+        for part in &object.parts {
+            let area_m2 = area_m2(part);
+            let shared = f64::from(LIGHTMAP_SIDE) * (area_m2 / all.max(1e-30)).sqrt();
+            // About half of the square is filled.
+            let finest = (2.0 * area_m2).sqrt() / FINEST_M;
+            sides[part.mesh] = shared.min(finest).ceil().clamp(16.0, LIGHTMAP_SIDE.into()) as u32;
+        }
+    }
+    scene.meshes.iter().zip(sides).map(|(mesh, side)| Unwrapped::new(mesh, side)).collect()
 }
 
 /// An empty layer to draw into.

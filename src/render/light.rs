@@ -30,6 +30,7 @@ crate::uniform! {
         sun_color: [[f32; 4]; MAX_SUNS],
         points: [PointUniform; MAX_POINTS],
         map_rows: [[f32; 4]; 3],
+        strength: [f32; 4],
     }
 }
 
@@ -54,15 +55,16 @@ fn wide(v: Vec3, w: f32) -> [f32; 4] {
 }
 
 impl LightUniform {
-    /// Lights relative to a camera at `origin_in_world_m`. Lights beyond the limits are left out; [`unsupported`]
+    /// Lights relative to a camera at `origin_in_world_m`; `strength` of what things take of each other's light. Lights beyond the limits are left out; [`unsupported`]
     /// reports that.
-    pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3) -> Self {
+    pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3, strength: f32) -> Self {
         let mut uniform = Self {
             environment: wide(environment.color, environment.levels as f32),
             sun_towards: Default::default(),
             sun_color: Default::default(),
             points: Default::default(),
             map_rows: [0, 1, 2].map(|i| wide(environment.map_from_world.row(i), 0.0)),
+            strength: [strength, 0.0, 0.0, 0.0],
         };
         for (i, sun) in lighting.suns.iter().take(MAX_SUNS).enumerate() {
             uniform.sun_towards[i] = wide(sun.towards_light_in_world, 0.0);

@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
+use super::unwrap::Corner;
 use crate::gpu::{Gpu, Shader};
-use crate::scene::{Alpha, Environment, Lighting, Material, Vertex};
+use crate::scene::{Alpha, Environment, Lighting, Material};
 
 pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// The format of shaders/shared/layer.wgsl.
@@ -39,6 +40,8 @@ pub struct Variant {
     pub parallel: bool,
     /// The real scene's depth is known.
     pub hidden_by_depth: bool,
+    /// It is known how much light reaches each place of the surface.
+    pub lightmap: bool,
 }
 
 impl Variant {
@@ -84,6 +87,7 @@ impl Variant {
             ("blended", self.blended),
             ("hidden_by_depth", self.hidden_by_depth),
             ("has_map", self.environment_map),
+            ("has_lightmap", self.lightmap && !self.unlit),
         ]
         .map(|(name, on)| (name, u8::from(on)));
         let counts = [("suns", self.suns), ("points", self.points)];
@@ -118,12 +122,13 @@ pub struct Pipelines {
     layout: wgpu::PipelineLayout,
     pub frame_layout: wgpu::BindGroupLayout,
     pub material_layout: wgpu::BindGroupLayout,
+    pub lightmap_layout: wgpu::BindGroupLayout,
     made: HashMap<(Variant, Writes), wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
     pub fn new(gpu: &Gpu) -> Self {
-        let (frame_layout, material_layout) = layouts(gpu);
+        let [frame_layout, material_layout, lightmap_layout] = layouts(gpu);
         Self {
             module: gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some("raster"),
@@ -131,11 +136,12 @@ impl Pipelines {
             }),
             layout: gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: Some("raster"),
-                bind_group_layouts: &[Some(&frame_layout), Some(&material_layout)],
+                bind_group_layouts: &[Some(&frame_layout), Some(&material_layout), Some(&lightmap_layout)],
                 immediate_size: 0,
             }),
             frame_layout,
             material_layout,
+            lightmap_layout,
             made: HashMap::new(),
         }
     }
@@ -159,7 +165,7 @@ impl Pipelines {
     }
 
     fn make(&self, gpu: &Gpu, variant: &Variant, writes: Writes) -> wgpu::RenderPipeline {
-        let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2, 4 => Float32x2, 5 => Float32x4];
+        let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2, 4 => Float32x2, 5 => Float32x4, 10 => Float32x2];
         let instance = wgpu::vertex_attr_array![6 => Float32x4, 7 => Float32x4, 8 => Float32x4, 9 => Float32x3];
         let constants = variant.constants();
         let compilation_options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
@@ -178,7 +184,7 @@ impl Pipelines {
                 compilation_options: compilation_options.clone(),
                 buffers: &[
                     Some(wgpu::VertexBufferLayout {
-                        array_stride: size_of::<Vertex>() as u64,
+                        array_stride: size_of::<Corner>() as u64,
                         step_mode: wgpu::VertexStepMode::Vertex,
                         attributes: &corner,
                     }),
@@ -218,7 +224,8 @@ impl Pipelines {
     }
 }
 
-fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
+/// Of what is the same in a frame, of a material, of a part.
+fn layouts(gpu: &Gpu) -> [wgpu::BindGroupLayout; 3] {
     use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, ShaderStages};
     let entry = |binding, visibility, ty| BindGroupLayoutEntry { binding, visibility, ty, count: None };
     let buffer =
@@ -250,7 +257,16 @@ fn layouts(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::BindGroupLayout) {
     let material = gpu
         .device
         .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("material"), entries: &entries });
-    (frame, material)
+    let layers = BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    let lightmap = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("lightmap"),
+        entries: &[entry(0, ShaderStages::FRAGMENT, layers)],
+    });
+    [frame, material, lightmap]
 }
 
 #[cfg(test)]

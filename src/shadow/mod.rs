@@ -1,4 +1,5 @@
-//! What stands in the room takes light from the floor that it stands on: how much, of each colour, at each place.
+//! What stands in the room takes light from the floor that it stands on, from itself and from what stands beside it: how much, of
+//! each colour, at each place.
 //!
 //! Room and objects stand still, so that is worked out once and looked up for every frame. On the floor below a thing, the
 //! light that it takes is a share of the light there without it: D = 1 − E_with / E_without. What the floor is made of
@@ -10,15 +11,23 @@
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
 //! - `shadows`: which things share a chart, and the charts that are known already.
 //!
+//! On things' own surfaces light is asked for by rays:
+//!
+//! - `bvh`: triangles that rays meet. `lightmap`: the light that reaches a part's surface. `lightmaps`: which things take light from
+//!   which, and the lightmaps that are known already.
+//!
 //! All of it is arithmetic of the processor, the same on every graphics driver and for any number of threads.
 //!
-//! Not modelled: light that the thing reflects onto the floor; a floor that is not flat; things that shade each other.
+//! Not modelled: floors that are not flat; real things beside the floor.
 
 mod bounce;
+mod bvh;
 mod casters;
 mod chart;
 mod extent;
 mod floor;
+mod lightmap;
+mod lightmaps;
 mod mask;
 mod shadows;
 mod skin;
@@ -26,4 +35,5 @@ mod sky;
 
 pub use chart::{Chart, Part, Shares};
 pub use floor::Floor;
+pub use lightmaps::Lightmaps;
 pub use shadows::Shadows;

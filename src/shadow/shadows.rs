@@ -32,6 +32,8 @@ pub struct Shadows {
     rays: Vec<(DMat3, Arc<[Ray]>)>,
     extents: Vec<(Key, Extent)>,
     charts: Vec<(Key, Arc<Shares>)>,
+    /// Rough ones.
+    sketches: Vec<(Key, Arc<Shares>)>,
     /// The objects that were asked for last, and theirs.
     last: Option<(Vec<Object>, Vec<Chart>)>,
 }
@@ -58,7 +60,15 @@ impl Shadows {
     pub fn new(scene: &Scene) -> Self {
         let lighting = scene.lighting.clone();
         let around = Around::new(&lighting.environment);
-        Self { around, lighting, rays: Vec::new(), extents: Vec::new(), charts: Vec::new(), last: None }
+        Self {
+            around,
+            lighting,
+            rays: Vec::new(),
+            extents: Vec::new(),
+            charts: Vec::new(),
+            sketches: Vec::new(),
+            last: None,
+        }
     }
 
     /// The charts of the scene's objects as they are placed.
@@ -75,6 +85,50 @@ impl Shadows {
         let charts: Vec<Chart> = charts.collect();
         self.last = Some((scene.objects.clone(), charts.clone()));
         charts
+    }
+
+    /// The same, soon: charts that are not known yet are rough ones of each thing alone. Where two of their shadows meet, light is
+    /// taken twice. The second value is whether any is rough.
+    pub fn sketched(&mut self, scene: &Scene) -> (Vec<Chart>, bool) {
+        if self.last.as_ref().is_some_and(|(objects, _)| *objects == scene.objects) {
+            return (self.charts(scene), false);
+        }
+        let order = by_place(scene);
+        let (mut charts, mut is_rough) = (Vec::new(), false);
+        for group in self.groups(scene) {
+            let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
+            let known = self.keyed(scene, &members).and_then(|(floor, key)| {
+                let shares = found(&mut self.charts, &key)?;
+                Some(Chart { floor, shares })
+            });
+            is_rough |= known.is_none();
+            match known {
+                Some(chart) => charts.push(chart),
+                None => charts.extend(members.iter().filter_map(|index| self.sketch(scene, *index))),
+            }
+        }
+        (charts, is_rough)
+    }
+
+    fn sketch(&mut self, scene: &Scene, object: usize) -> Option<Chart> {
+        let (floor, key) = self.keyed(scene, &[object])?;
+        if let Some(shares) = found(&mut self.charts, &key).or_else(|| found(&mut self.sketches, &key)) {
+            return Some(Chart { floor, shares });
+        }
+        let extent = self.extent(scene, key.clone())?;
+        let shares = Arc::new(Shares::rough(&Casters::of(scene, key.placed()).on_floor(), extent, &key.sky));
+        keep(&mut self.sketches, key, shares.clone());
+        Some(Chart { floor, shares })
+    }
+
+    /// The floor that objects share, and what a chart of them depends on.
+    fn keyed(&mut self, scene: &Scene, objects: &[usize]) -> Option<(Floor, Key)> {
+        let all = objects.iter().map(|i| &scene.objects[*i]);
+        let support = all.clone().next()?.support?;
+        let parts: Parts = all.flat_map(|o| &o.parts).map(|part| (part.mesh, part.world_from_mesh)).collect();
+        let floor = floor_of(&support, &parts)?;
+        let key = self.key(&floor, &parts);
+        Some((floor, key))
     }
 
     /// Objects with a floor, those together whose shadows may meet. In which order a scene lists them changes nothing.
@@ -111,24 +165,20 @@ impl Shadows {
         if let Some(known) = found(&mut self.extents, &key) {
             return Some(known);
         }
-        let (low, high, height) = Casters::of(scene, &key.placed()).bounds()?;
+        let (low, high, height) = Casters::of(scene, key.placed()).on_floor().bounds()?;
         let extent = Extent::of(low, high, height, &key.sky);
         keep(&mut self.extents, key, extent);
         Some(extent)
     }
 
     fn chart(&mut self, scene: &Scene, objects: &[usize]) -> Option<Chart> {
-        let all = objects.iter().map(|i| &scene.objects[*i]);
-        let support = all.clone().next()?.support?;
-        let parts: Parts = all.clone().flat_map(|o| &o.parts).map(|part| (part.mesh, part.world_from_mesh)).collect();
-        let floor = floor_of(&support, &parts)?;
-        let key = self.key(&floor, &parts);
+        let (floor, key) = self.keyed(scene, objects)?;
         if let Some(shares) = found(&mut self.charts, &key) {
             return Some(Chart { floor, shares });
         }
         let mut extent: Option<Extent> = None;
         let mut rest = key.parts.as_slice();
-        for object in all {
+        for object in objects.iter().map(|i| &scene.objects[*i]) {
             let (own, others) = rest.split_at(object.parts.len());
             rest = others;
             let own = self.extent(scene, Key { sky: key.sky.clone(), parts: own.to_vec() });
@@ -137,7 +187,7 @@ impl Shadows {
                 (a, b) => a.or(b),
             };
         }
-        let shares = Arc::new(Shares::new(&Casters::of(scene, &key.placed()), extent?, &key.sky));
+        let shares = Arc::new(Shares::new(&Casters::of(scene, key.placed()).on_floor(), extent?, &key.sky));
         keep(&mut self.charts, key, shares.clone());
         Some(Chart { floor, shares })
     }
@@ -367,6 +417,36 @@ mod tests {
             "{dark:?} is not within {shown:?}"
         );
         assert!((dark.high - dark.low).element_product() < 0.3 * (shown.high - shown.low).element_product());
+    }
+
+    #[test]
+    fn a_sketch_is_nearly_the_chart_and_what_is_known_is_no_sketch() {
+        let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+        let sun =
+            Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
+        let apart = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
+        let mut shadows = Shadows::new(&apart);
+        let (rough, is_rough) = shadows.sketched(&apart);
+        let exact = shadows.charts(&apart);
+        assert!(is_rough && rough.len() == exact.len());
+        let (mut off, mut dark, mut count) = (0.0, 0.0, 0.0);
+        for (x, y) in (-20..=20).flat_map(|x| (-20..=20).map(move |y| (0.01 * f64::from(x), 0.01 * f64::from(y)))) {
+            let at = floor.at(glam::DVec2::new(x, y));
+            let [rough, exact] = [&rough, &exact].map(|all| all.iter().map(|chart| chart.taken_at(at).x).sum::<f32>());
+            (off, dark, count) = (off + (rough - exact).abs(), dark + exact, count + 1.0);
+        }
+        assert!(dark / count > 0.05 && off < 0.15 * dark, "{off} of {dark}");
+        // Now all is known, also where something else has moved that stands apart.
+        assert_eq!(shadows.sketched(&apart), (exact.clone(), false));
+        let mut moved = apart.clone();
+        moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(0.3, 0.1, 0.0)));
+        let (charts, is_rough) = shadows.sketched(&moved);
+        assert!(!is_rough && charts.len() == 2);
+        // Where things come close, each keeps the chart that it has alone.
+        moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
+        let (charts, is_rough) = shadows.sketched(&moved);
+        assert!(is_rough && charts.len() == 2 && shadows.charts(&moved).len() == 1);
+        assert!(charts.iter().all(|chart| exact.iter().any(|known| Arc::ptr_eq(&known.shares, &chart.shares))));
     }
 
     #[test]

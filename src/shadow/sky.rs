@@ -19,6 +19,8 @@ use crate::scene::{Environment, Lighting};
 /// Rays of the surrounding light. For a thing of a marker's size, 256 are within 0.23 codes of 16,384 in 95 % of the
 /// places, 512 within 0.13.
 const AROUND: usize = 512;
+/// Rays of it from everywhere, for things' own surfaces: half of them reach a place.
+const EVERYWHERE: usize = 512;
 /// Rays of a sun, and of a lamp.
 const SUN: usize = 96;
 const LAMP: usize = 64;
@@ -36,6 +38,16 @@ pub struct Ray {
     /// How far a shadow falls for each metre of height, in the floor's x and y.
     pub slope: Vec2,
     pub light: Vec3,
+}
+
+/// Light from far away, from a part of the sphere around.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Far {
+    /// In the world.
+    pub towards: Vec3,
+    /// What a white matt surface shows that faces it.
+    pub light: Vec3,
+    pub solid_sr: f32,
 }
 
 /// Light from a point nearby, in the floor's axes.
@@ -83,37 +95,71 @@ impl Around {
     /// Rays in the floor's axes.
     fn rays(&self, floor_from_world: Mat3) -> Vec<Ray> {
         let floor_from_map = floor_from_world * self.world_from_map;
-        // Brightness and light up to each texel, along the curve.
-        let mut up_to = vec![(0.0f64, DVec3::ZERO, 0, 0)];
-        let (mut sum, mut light) = (0.0, DVec3::ZERO);
+        let weighed = |towards: Vec3, radiance: Vec3, solid_sr: f32| {
+            let light = radiance * ((floor_from_map * towards).z.max(0.0) * solid_sr / PI);
+            (light, light.element_sum())
+        };
+        let strata = self.strata(AROUND, weighed);
+        strata.into_iter().map(|stratum| ray(floor_from_map * stratum.towards, stratum.light)).collect()
+    }
+
+    /// Rays from everywhere, half of them by their brightness and half evenly: what throws light may stand before the dark.
+    pub fn everywhere(&self) -> Vec<Far> {
+        let texels = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+        let bright =
+            |(x, y): (u32, u32)| self.level.2[(y * WIDTH + x) as usize].element_sum() * solid_sr(y, WIDTH, HEIGHT);
+        let all = f64::from(texels().map(bright).sum::<f32>()).max(1e-20) as f32;
+        let weighed = |_: Vec3, radiance: Vec3, solid_sr: f32| {
+            (radiance * (solid_sr / PI), radiance.element_sum() * solid_sr / all + solid_sr / (4.0 * PI))
+        };
+        let strata = self.strata(EVERYWHERE, weighed);
+        let far = |s: Stratum| Far { towards: self.world_from_map * s.towards, light: s.light, solid_sr: s.solid_sr };
+        strata.into_iter().map(far).collect()
+    }
+
+    /// Patches of the sphere of equal weight, along the curve, each with a direction within it, in the map's axes. `weighed` gives
+    /// what light a direction of some radiance and solid angle brings, and its weight; of weight 0, it is left out.
+    fn strata(&self, count: usize, weighed: impl Fn(Vec3, Vec3, f32) -> (Vec3, f32)) -> Vec<Stratum> {
+        // Weight, light and solid angle up to each texel, along the curve.
+        let mut up_to = vec![(0.0f64, DVec3::ZERO, 0.0f64, 0, 0)];
+        let (mut sum, mut light, mut solid) = (0.0, DVec3::ZERO, 0.0);
         for (x, y) in curve() {
-            let towards = floor_from_map * direction(x, y, WIDTH, HEIGHT);
-            if towards.z <= 0.0 {
+            let solid_sr = solid_sr(y, WIDTH, HEIGHT);
+            let radiance = self.level.2[(y * WIDTH + x) as usize];
+            let (texel, weight) = weighed(direction(x, y, WIDTH, HEIGHT), radiance, solid_sr);
+            if weight <= 0.0 {
                 continue;
             }
-            let texel = self.level.2[(y * WIDTH + x) as usize] * (towards.z * solid_sr(y, WIDTH, HEIGHT) / PI);
             light += texel.as_dvec3();
-            sum += f64::from(texel.element_sum());
-            up_to.push((sum, light, x, y));
+            sum += f64::from(weight);
+            solid += f64::from(solid_sr);
+            up_to.push((sum, light, solid, x, y));
         }
         if sum <= 0.0 {
             return Vec::new();
         }
         let within = |share: f64| {
             let next = up_to.partition_point(|(s, ..)| *s < share * sum).clamp(1, up_to.len() - 1);
-            let ((from, below, ..), (to, above, x, y)) = (up_to[next - 1], up_to[next]);
+            let ((from, below, less, ..), (to, above, more, x, y)) = (up_to[next - 1], up_to[next]);
             let part = if to > from { ((share * sum - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
-            (below.lerp(above, part), Vec2::new(x as f32, y as f32))
+            (below.lerp(above, part), less + part * (more - less), Vec2::new(x as f32, y as f32))
         };
-        (0..AROUND)
-            .map(|n| {
-                let at = |part: f64| within((n as f64 + part) / AROUND as f64);
-                let ((from, _), (_, texel), (to, _)) = (at(0.0), at(0.5), at(1.0));
-                let beside = (SPREAD * (n as f32 + 0.5)).fract();
-                ray(floor_from_map * direction_at(texel + beside, WIDTH, HEIGHT), (to - from).as_vec3())
-            })
-            .collect()
+        let stratum = |n: usize| {
+            let at = |part: f64| within((n as f64 + part) / count as f64);
+            let ((from, less, _), (_, _, texel), (to, more, _)) = (at(0.0), at(0.5), at(1.0));
+            let beside = (SPREAD * (n as f32 + 0.5)).fract();
+            let towards = direction_at(texel + beside, WIDTH, HEIGHT);
+            Stratum { towards, light: (to - from).as_vec3(), solid_sr: (more - less) as f32 }
+        };
+        (0..count).map(stratum).collect()
     }
+}
+
+/// A patch of the sphere.
+struct Stratum {
+    towards: Vec3,
+    light: Vec3,
+    solid_sr: f32,
 }
 
 /// The places of all texels along the Morton curve.
@@ -173,6 +219,20 @@ impl Sky {
         Self { rays, lamps: lamps.filter(|lamp| lamp.at_m.z > lamp.radius_m).collect(), light }
     }
 
+    /// One of so many rays, and as few points of lamps, as bright as all.
+    pub fn thinned(&self, fewer: usize) -> Self {
+        let kept: Vec<Ray> = self.rays.iter().skip(fewer / 2).step_by(fewer).copied().collect();
+        let sum: Vec3 = kept.iter().map(|ray| ray.light).sum();
+        let brighter = Vec3::select(sum.cmpgt(Vec3::ZERO), self.light / sum.max(Vec3::splat(1e-20)), Vec3::ONE);
+        let rays: Vec<Ray> = kept.into_iter().map(|ray| Ray { light: ray.light * brighter, ..ray }).collect();
+        let light = rays.iter().map(|ray| ray.light).sum();
+        let thin = |lamp: &Lamp| {
+            let points_m = lamp.points_m.iter().skip(fewer / 2).step_by(fewer).copied().collect();
+            Lamp { points_m, ..lamp.clone() }
+        };
+        Self { rays: rays.into(), lamps: self.lamps.iter().map(thin).collect(), light }
+    }
+
     /// All that comes onto the floor where nothing takes any.
     pub fn light_at(&self, place_m: Vec2) -> Vec3 {
         self.light + self.lamps.iter().map(|lamp| lamp.light_at(place_m)).sum::<Vec3>()
@@ -187,18 +247,23 @@ impl Lamp {
 
     /// The same on a surface of some normal, in the floor's axes.
     pub fn light_on(&self, place_m: Vec3, normal: Vec3) -> Vec3 {
-        let towards = self.at_m - place_m;
-        let distance2 = towards.length_squared().max(1e-12);
-        let unit = towards / distance2.sqrt();
-        let near = (distance2.sqrt() / self.range_m).powi(4);
-        let mut share = (1.0 - near).clamp(0.0, 1.0) / distance2 * unit.dot(normal).max(0.0);
-        if let Some((axis, angles)) = self.spot {
-            let (inner, outer) = (angles.x.cos(), angles.y.cos());
-            let t = ((axis.dot(-unit) - outer) / (inner - outer).max(1e-4)).clamp(0.0, 1.0);
-            share *= t * t;
-        }
-        self.color * share
+        on_surface(self.at_m - place_m, normal, self.color, self.range_m, self.spot)
     }
+}
+
+/// What a white matt surface shows by a lamp that stands `towards` it, metres, in the axes that `normal` and the spot's axis are
+/// in. Range and spot by KHR_lights_punctual.
+pub fn on_surface(towards: Vec3, normal: Vec3, color: Vec3, range_m: f32, spot: Option<(Vec3, Vec2)>) -> Vec3 {
+    let distance2 = towards.length_squared().max(1e-12);
+    let unit = towards / distance2.sqrt();
+    let near = (distance2.sqrt() / range_m).powi(4);
+    let mut share = (1.0 - near).clamp(0.0, 1.0) / distance2 * unit.dot(normal).max(0.0);
+    if let Some((axis, angles)) = spot {
+        let (inner, outer) = (angles.x.cos(), angles.y.cos());
+        let t = ((axis.dot(-unit) - outer) / (inner - outer).max(1e-4)).clamp(0.0, 1.0);
+        share *= t * t;
+    }
+    color * share
 }
 
 #[cfg(test)]
@@ -224,6 +289,32 @@ mod tests {
             let aside: Vec2 = sky.rays.iter().filter(|r| r.slope.length() < 1.0).map(|r| r.slope * r.light.y).sum();
             assert!(aside.length() < 0.02, "{normal}: {aside}");
         }
+    }
+
+    #[test]
+    fn rays_from_everywhere_bring_all_light_and_fill_the_sphere() {
+        // One half of the sky is red and five times as bright as the other, which is blue.
+        let (red, blue) = ([5.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        let rgb = (0..16 * 8).map(|i| if i % 16 < 8 { red } else { blue }).collect::<Vec<_>>();
+        let map = crate::scene::EnvironmentMap {
+            width: 16,
+            height: 8,
+            rgb: rgb.into(),
+            map_from_world: glam::Quat::from_rotation_x(0.3),
+            intensity: 2.0,
+        };
+        let far = Around::new(&Environment::Map(map)).everywhere();
+        let solid: f32 = far.iter().map(|far| far.solid_sr).sum();
+        assert!((solid - 4.0 * PI).abs() < 1e-3, "{solid}");
+        // A surface that faces a half of an even sky shows its radiance.
+        for (normal, wanted) in [(Vec3::NEG_X, Vec3::X * 10.0), (Vec3::X, Vec3::Z * 2.0)] {
+            let shown: Vec3 = far.iter().map(|far| far.light * far.towards.dot(normal).max(0.0)).sum();
+            assert!((shown - wanted).abs().max_element() < 0.03 * wanted.max_element(), "{normal}: {shown}");
+        }
+        let dark = far.iter().filter(|far| far.light.z > 0.0).count();
+        assert!(dark > far.len() / 4, "{dark} of {} for the darker half", far.len());
+        // A black sky is asked all the same: things throw what lamps bring.
+        assert_eq!(Around::new(&Environment::Uniform(Vec3::ZERO)).everywhere().len(), far.len());
     }
 
     #[test]

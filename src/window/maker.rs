@@ -27,12 +27,20 @@ pub struct Made {
     pub is_other: bool,
     /// It is made smaller by this factor, so that it comes soon; 1 for the picture itself.
     pub by: u32,
+    /// Its shadows may be rough, so that it comes soon; once it is finished, whether they are.
+    pub is_rough: bool,
 }
 
 impl Made {
-    /// Whether both show the same, be it at another size.
+    /// Whether both show the same, be it at another size or with rough shadows.
     pub fn shows_as(&self, other: &Self) -> bool {
-        Self { by: 1, ..*self } == Self { by: 1, ..*other }
+        let whole = |made: &Self| Self { by: 1, is_rough: false, ..*made };
+        whole(self) == whole(other)
+    }
+
+    /// Whether it came soon instead of as it is.
+    pub fn is_hasty(&self) -> bool {
+        self.by > 1 || self.is_rough
     }
 }
 
@@ -72,6 +80,7 @@ pub struct Finished {
 #[derive(Debug)]
 pub struct Picture {
     pub stats: FrameStats,
+    pub is_rough: bool,
     /// 8 bits each, as they are shown.
     pub codes: Option<Arc<Pixels>>,
     /// Empty where nobody wanted them, or the device has no clock.
@@ -112,6 +121,9 @@ impl Maker {
                 if order.wants.times {
                     compositor.time_next();
                 }
+                if order.made.is_rough {
+                    compositor.may_be_rough();
+                }
                 if !reader.is_of(&order.shot.recording) {
                     reader = Reader::new(Arc::clone(&order.shot.recording));
                 }
@@ -147,7 +159,8 @@ impl Maker {
                         .and_then(|done| done)
                         .map_err(failed)
                 });
-                let made = order.made;
+                let is_rough = order.made.is_rough && picture.as_ref().is_ok_and(|picture| picture.is_rough);
+                let made = Made { is_rough, ..order.made };
                 let took = taken_up.elapsed();
                 if done.send(Finished { made, frame, picture, took }).is_err() {
                     return;
@@ -211,7 +224,8 @@ fn await_picture(gpu: &Gpu, order: &Order, pending: &Pending) -> Result<Picture,
         }
         false => None,
     };
-    Ok(Picture { stats: pending.stats().clone(), codes, times: pending.times(gpu)? })
+    let is_rough = pending.is_rough();
+    Ok(Picture { stats: pending.stats().clone(), is_rough, codes, times: pending.times(gpu)? })
 }
 
 impl Drop for Maker {

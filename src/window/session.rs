@@ -170,7 +170,7 @@ impl Session {
     }
 
     fn wanted_other(&self) -> Option<Made> {
-        Some(Made { version: self.project.other_version(), is_other: true, ..self.begun? })
+        Some(Made { version: self.project.other_version(), is_other: true, is_rough: false, ..self.begun? })
     }
 
     /// The code values of the picture that is shown, if somebody wanted them.
@@ -241,7 +241,7 @@ impl Session {
     }
 
     fn wanted(&self) -> Made {
-        Made { frame: self.player.frame(), version: self.project.version(), is_other: false, by: 1 }
+        Made { frame: self.player.frame(), version: self.project.version(), is_other: false, by: 1, is_rough: false }
     }
 
     /// By which factor the picture that is shown is smaller than the camera's, because it had to come soon.
@@ -300,7 +300,7 @@ impl Session {
         }
         (self.wants, self.wants_other) = (Wants::default(), false);
         // A picture that is under way wakes the window when it is finished.
-        if self.begun.is_some_and(|begun| begun.by > 1) && !self.player.playing {
+        if self.begun.is_some_and(|begun| begun.is_hasty()) && !self.player.playing {
             ctx.request_repaint_after(QUIET);
         }
         if let Some(due_s) = self.player.due_in_s().filter(|_| self.viewer.under_way() == 0) {
@@ -346,11 +346,21 @@ impl Session {
                     if let Some(live) = &mut self.live {
                         live.shown(frame.timestamp_s);
                     }
+                    let was_rough = self.begun.is_some_and(|begun| begun.is_rough);
+                    // Its shadows may have been known.
+                    let asked = self.begun.filter(|begun| begun.by == made.by && begun.shows_as(&made));
+                    if let Some(begun) = &mut self.begun
+                        && asked.is_some()
+                    {
+                        begun.is_rough &= made.is_rough;
+                    }
+                    // What was not in haste may have waited for shadows that are known from now on.
+                    let was_hasty = asked.is_some() && was_rough;
                     self.now = Some(Now { made, frame, stats, codes });
                     self.finished.push_back(instant);
                     self.pictures += 1;
                     // The first one makes pipelines, too.
-                    if made.by == 1 && self.pictures > 1 {
+                    if made.by == 1 && self.pictures > 1 && (was_hasty || self.player.playing) {
                         let took_s = took.as_secs_f64();
                         self.full_s = if self.full_s == 0.0 { took_s } else { 0.5 * (self.full_s + took_s) };
                     }
@@ -385,8 +395,8 @@ impl Session {
         let lacks_codes = self.wants.codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
         let begun = self.begun.filter(|begun| begun.shows_as(&wanted));
         let is_quiet = !self.player.playing && self.changed.is_none_or(|changed| changed.elapsed() >= QUIET);
-        let lacks_size = begun.is_some_and(|begun| begun.by > 1) && is_quiet && self.viewer.under_way() == 0;
-        if self.ended || self.is_lost || begun.is_some() && !lacks_codes && !lacks_size {
+        let was_hasty = begun.is_some_and(|begun| begun.is_hasty()) && is_quiet && self.viewer.under_way() == 0;
+        if self.ended || self.is_lost || begun.is_some() && !lacks_codes && !was_hasty {
             return false;
         }
         // A camera's first frame is still to come.
@@ -397,7 +407,9 @@ impl Session {
         if begun.is_none() {
             self.changed = Some(Instant::now());
         }
-        let made = Made { by, ..wanted };
+        // What plays has its shadows after its first picture.
+        let is_rough = begun.is_none() && !self.player.playing;
+        let made = Made { by, is_rough, ..wanted };
         self.viewer.begin(made, self.project.shot().clone(), self.newest(), self.wants);
         self.begun = Some(made);
         true

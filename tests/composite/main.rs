@@ -36,6 +36,7 @@ mod golden;
 mod held;
 mod laws;
 mod lens_effects;
+mod lit_by_others;
 mod photo;
 mod photo_focus;
 mod photo_scene;

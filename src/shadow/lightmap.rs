@@ -1,0 +1,351 @@
+//! Light that reaches a thing's own surface: less where it, or what lies beside it, stands in the way, more where those throw light
+//! onto it.
+//!
+//! Things stand still, so that is worked out once, for each texel of a thing's lightmap (render/unwrap.rs):
+//!
+//! - of the surroundings the share a = Σ light·cos θ of the rays that meet nothing, over all rays; a ray that goes down onto a
+//!   floor brings what the things' shadow leaves there (the chart);
+//! - the light b that is thrown back by what the other rays meet: its colour times the light E on it, b = Σ ρ·E·cos θ·Δω/π. E is
+//!   asked once, in the middle of each triangle that is met;
+//! - of each sun and lamp the share of its disc that is seen.
+//!
+//! A white matt surface then shows a·(what it would show alone) + b + the lamps by their shares. Rays below a triangle's own plane
+//! are not asked: a curved surface of flat pieces would shade itself at their edges (the terminator).
+//!
+//! Not modelled: light that is thrown to and fro more than once; mirrors; what is seen through glass; what real things beside the
+//! floor take or throw.
+
+use std::f32::consts::PI;
+use std::sync::OnceLock;
+
+use glam::{DVec3, Mat3, Vec3};
+
+use super::bvh::Bvh;
+use super::casters::Casters;
+use super::chart::Chart;
+use super::sky::{Far, disc, on_surface};
+use crate::render::{Lightmap, Place, Unwrapped};
+use crate::rows::{over_rows, processors};
+use crate::scene::{Lighting, PointLight};
+
+/// Points of a sun's or a lamp's disc.
+const DISC: usize = 16;
+/// Of how many texels in a row one is asked first.
+const FIRST: i32 = 4;
+/// Shares of light that are nearly the same, and normals (cosine of 11°).
+const ALIKE: f32 = 0.04;
+const ONE_WAY: f32 = 0.98;
+/// Texels that a thread takes at a time.
+const AT_A_TIME: usize = 32;
+/// A ray begins this far from its surface, as a share of the things' size: single precision is a hundred times finer.
+const BESIDE: f32 = 2e-5;
+/// A layer's texel where nothing is shown: all the light.
+const OPEN: [f32; 4] = [1.0; 4];
+
+/// The things in which a part stands, around a place of the world.
+pub struct Among<'a> {
+    pub origin_m: DVec3,
+    pub casters: &'a Casters,
+    pub far: &'a [Far],
+    pub lighting: &'a Lighting,
+    pub floors: &'a [Chart],
+    /// So many suns and lamps are drawn.
+    pub most: [usize; 2],
+}
+
+/// A sun or a lamp: where the points of its disc are, and how bright a white matt surface is by it.
+enum Light<'a> {
+    Sun(Vec<Vec3>, Vec3),
+    Lamp(Vec<Vec3>, &'a PointLight, Vec3),
+}
+
+/// A place of a surface.
+struct Spot {
+    at: Vec3,
+    normal: Vec3,
+    /// Of the flat triangle.
+    plane: Vec3,
+}
+
+/// What reaches it.
+#[derive(Clone, Debug)]
+struct Reaching {
+    open: Vec3,
+    thrown: Vec3,
+    seen: Vec<f32>,
+}
+
+/// Everything that rays are asked of.
+struct Room<'a> {
+    among: &'a Among<'a>,
+    bvh: Bvh,
+    lights: Vec<Light<'a>>,
+    beside_m: f32,
+    /// The light on each triangle's front, where it was asked for.
+    lit: Vec<OnceLock<Vec3>>,
+}
+
+/// A part's surface, placed as its casters are.
+pub struct Surface<'a> {
+    pub unwrapped: &'a Unwrapped,
+    /// From the mesh's axes.
+    pub place: glam::DAffine3,
+    pub double_sided: bool,
+}
+
+/// The lightmap of a surface among things.
+pub fn lightmap(surface: &Surface<'_>, among: &Among<'_>) -> Lightmap {
+    let room = Room::new(among);
+    let places = surface.unwrapped.places();
+    let side = surface.unwrapped.side;
+    let mut layers = Vec::new();
+    for turned in if surface.double_sided { &[1.0f32, -1.0][..] } else { &[1.0] } {
+        let mut own = vec![vec![OPEN; (side * side) as usize]; 2 + room.lights.len().saturating_sub(2).div_ceil(4)];
+        let spots: Vec<Spot> = places.iter().map(|place| surface.spot(place, *turned)).collect();
+        for (place, found) in places.iter().zip(Sparsely::new(&room, &places, &spots, side).reaching()) {
+            let texel = place.texel as usize;
+            let seen = |n: usize| found.seen.get(n).copied().unwrap_or(1.0);
+            own[0][texel] = found.open.extend(seen(0)).to_array();
+            own[1][texel] = found.thrown.extend(seen(1)).to_array();
+            for (n, seen) in found.seen.iter().enumerate().skip(2) {
+                own[2 + (n - 2) / 4][texel][(n - 2) % 4] = *seen;
+            }
+        }
+        layers.extend(own);
+    }
+    Lightmap { side, layers }
+}
+
+/// Light changes slowly over most of a surface. So every fourth texel of every fourth row is asked first; between texels that lie
+/// on one surface and get nearly the same, what reaches is interpolated; what is left is asked too.
+struct Sparsely<'a> {
+    room: &'a Room<'a>,
+    places: &'a [Place],
+    spots: &'a [Spot],
+    side: i32,
+    /// Which place each texel is, where it is one.
+    of_texel: Vec<Option<u32>>,
+}
+
+impl<'a> Sparsely<'a> {
+    fn new(room: &'a Room<'a>, places: &'a [Place], spots: &'a [Spot], side: u32) -> Self {
+        let mut of_texel = vec![None; (side * side) as usize];
+        (0..).zip(places).for_each(|(n, place)| of_texel[place.texel as usize] = Some(n));
+        Self { room, places, spots, side: side as i32, of_texel }
+    }
+
+    fn reaching(&self) -> Vec<Reaching> {
+        let mut found: Vec<Option<Reaching>> = vec![None; self.places.len()];
+        for step in [FIRST, FIRST / 2, FIRST / 4] {
+            let is_due = |n: &usize| {
+                let (x, y) = self.texel(*n);
+                found[*n].is_none() && x % step == 0 && y % step == 0
+            };
+            let due: Vec<usize> = (0..self.places.len()).filter(is_due).collect();
+            let mut made: Vec<Option<Reaching>> = vec![None; due.len()];
+            over_rows(&mut made, AT_A_TIME, processors(), |row, made| {
+                for (n, made) in due[row * AT_A_TIME..].iter().zip(made) {
+                    let between = if step < FIRST { self.between(*n, step, &found) } else { None };
+                    *made = Some(between.unwrap_or_else(|| self.room.reaching(&self.spots[*n])));
+                }
+            });
+            due.iter().zip(made).for_each(|(n, made)| found[*n] = made);
+        }
+        found.into_iter().flatten().collect()
+    }
+
+    fn texel(&self, place: usize) -> (i32, i32) {
+        let texel = self.places[place].texel as i32;
+        (texel % self.side, texel / self.side)
+    }
+
+    /// The mean of what is known around a place, if all of it is nearly the same.
+    fn between(&self, n: usize, step: i32, found: &[Option<Reaching>]) -> Option<Reaching> {
+        let (x, y) = self.texel(n);
+        // On the coarser grid are the ends of its row, those of its column, or the corners around.
+        let beside: &[(i32, i32)] = match (x % (2 * step) == 0, y % (2 * step) == 0) {
+            (false, true) => &[(-1, 0), (1, 0)],
+            (true, false) => &[(0, -1), (0, 1)],
+            _ => &[(-1, -1), (1, -1), (-1, 1), (1, 1)],
+        };
+        let own = &self.spots[n];
+        let (mut mean, mut middle, mut widest) = (Reaching::none(self.room.lights.len()), Vec3::ZERO, 0.0f32);
+        let (mut least, mut most) = (mean.clone(), mean.clone());
+        let share = 1.0 / beside.len() as f32;
+        for (n, (dx, dy)) in beside.iter().enumerate() {
+            let (x, y) = (x + dx * step, y + dy * step);
+            let inside = (0..self.side).contains(&x) && (0..self.side).contains(&y);
+            let other = self.of_texel[if inside { (y * self.side + x) as usize } else { return None }]? as usize;
+            let (spot, reaching) = (&self.spots[other], found[other].as_ref()?);
+            if spot.normal.dot(own.normal) < ONE_WAY {
+                return None;
+            }
+            mean.add(reaching, share);
+            middle += share * spot.at;
+            widest = widest.max(spot.at.distance(own.at));
+            (least, most) = match n {
+                0 => (reaching.clone(), reaching.clone()),
+                _ => (least.each(reaching, f32::min), most.each(reaching, f32::max)),
+            };
+        }
+        // What lies beside it on the lightmap may lie elsewhere on the thing.
+        let is_near = middle.distance(own.at) < 0.2 * widest;
+        (is_near && most.differs_at_most(&least, ALIKE)).then_some(mean)
+    }
+}
+
+impl Reaching {
+    fn none(lights: usize) -> Self {
+        Self { open: Vec3::ZERO, thrown: Vec3::ZERO, seen: vec![0.0; lights] }
+    }
+
+    fn add(&mut self, other: &Self, share: f32) {
+        self.open += share * other.open;
+        self.thrown += share * other.thrown;
+        self.seen.iter_mut().zip(&other.seen).for_each(|(sum, seen)| *sum += share * seen);
+    }
+
+    fn each(&self, other: &Self, of: impl Fn(f32, f32) -> f32) -> Self {
+        let both = |a: Vec3, b: Vec3| Vec3::new(of(a.x, b.x), of(a.y, b.y), of(a.z, b.z));
+        let seen = self.seen.iter().zip(&other.seen).map(|(a, b)| of(*a, *b)).collect();
+        Self { open: both(self.open, other.open), thrown: both(self.thrown, other.thrown), seen }
+    }
+
+    /// Whether it is more by no more than a share of all light. What is thrown is judged by its own size.
+    fn differs_at_most(&self, less: &Self, share: f32) -> bool {
+        (self.open - less.open).max_element() <= share
+            && (self.thrown - less.thrown - 2.0 * share * self.thrown).max_element() <= 1e-6
+            && self.seen.iter().zip(&less.seen).all(|(more, less)| more - less <= share)
+    }
+}
+
+impl Surface<'_> {
+    fn spot(&self, place: &Place, turned: f32) -> Spot {
+        let matrix = self.place.matrix3.as_mat3();
+        let own = &self.unwrapped.indices[3 * place.triangle as usize..][..3];
+        let corners = [0, 1, 2].map(|n| &self.unwrapped.corners[own[n] as usize].vertex);
+        let positions = corners.map(|c| self.place.transform_point3(Vec3::from(c.position).as_dvec3()).as_vec3());
+        let weighted = |values: [Vec3; 3]| (0..3).map(|n| place.weights[n] * values[n]).sum::<Vec3>();
+        let plane = (positions[1] - positions[0]).cross(positions[2] - positions[0]);
+        // Counter-clockwise seen from outside, mirrored too.
+        let plane = plane.normalize_or_zero() * matrix.determinant().signum() * turned;
+        let upright = cofactors(matrix) * matrix.determinant().signum();
+        let normal = (upright * weighted(corners.map(|c| Vec3::from(c.normal)))).normalize_or_zero() * turned;
+        Spot { at: weighted(positions), normal: if normal == Vec3::ZERO { plane } else { normal }, plane }
+    }
+}
+
+/// The inverse transpose times the determinant.
+fn cofactors(m: Mat3) -> Mat3 {
+    Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis))
+}
+
+impl<'a> Room<'a> {
+    fn new(among: &'a Among<'a>) -> Self {
+        let (casters, lighting) = (among.casters, among.lighting);
+        let size =
+            casters.corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));
+        let disc_around = |towards: Vec3, radius: f32| -> Vec<Vec3> {
+            let (aside, over) = towards.any_orthonormal_pair();
+            disc(DISC).map(|at| radius * (aside * at.x + over * at.y)).collect()
+        };
+        let sun = |sun: &crate::scene::Sun| {
+            let towards = sun.towards_light_in_world;
+            let points = disc_around(towards, (0.5 * sun.diameter_rad).tan());
+            Light::Sun(points.into_iter().map(|beside| (towards + beside).normalize()).collect(), sun.color)
+        };
+        let lamp = |lamp: &'a PointLight| {
+            let at = (lamp.position_in_world_m - among.origin_m).as_vec3();
+            let points = disc_around(at.try_normalize().unwrap_or(Vec3::Z), 0.5 * lamp.diameter_m);
+            Light::Lamp(points.into_iter().map(|beside| at + beside).collect(), lamp, at)
+        };
+        let suns = lighting.suns.iter().take(among.most[0]).map(sun);
+        let lights: Vec<_> = suns.chain(lighting.points.iter().take(among.most[1]).map(lamp)).collect();
+        Self {
+            among,
+            bvh: Bvh::new(&casters.corners, &casters.triangles),
+            lights,
+            beside_m: BESIDE * (size.1 - size.0).max_element().max(1e-6),
+            lit: casters.triangles.iter().map(|_| OnceLock::new()).collect(),
+        }
+    }
+
+    /// Light that reaches a place.
+    fn reaching(&self, spot: &Spot) -> Reaching {
+        let from = spot.at + self.beside_m * spot.plane;
+        let (mut all, mut open, mut thrown) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        for far in self.among.far {
+            let cosine = far.towards.dot(spot.normal);
+            if cosine <= 0.0 {
+                continue;
+            }
+            let light = far.light * cosine;
+            all += light;
+            let is_above = far.towards.dot(spot.plane) > 0.0;
+            let hit = is_above.then(|| self.bvh.first(from, far.towards, 0.0..f32::INFINITY)).flatten();
+            match hit {
+                Some(hit) => thrown += self.thrown(hit.triangle, far.towards) * (cosine * far.solid_sr / PI),
+                None => open += light * self.left_on_floors(from, far.towards),
+            }
+        }
+        let share = Vec3::select(all.cmpgt(Vec3::splat(1e-9)), open / all.max(Vec3::splat(1e-9)), Vec3::ONE);
+        let seen = self.lights.iter().map(|light| self.seen(light, from, spot));
+        Reaching { open: share, thrown, seen: seen.collect() }
+    }
+
+    /// The share of a light's disc that a place sees.
+    fn seen(&self, light: &Light<'_>, from: Vec3, spot: &Spot) -> f32 {
+        let meets = |towards: Vec3, far: f32| towards.dot(spot.plane) > 0.0 && self.bvh.any(from, towards, 0.0..far);
+        let hidden = match light {
+            Light::Sun(points, _) => points.iter().filter(|towards| meets(**towards, f32::INFINITY)).count(),
+            Light::Lamp(points, ..) => points.iter().filter(|point| meets(**point - from, 1.0)).count(),
+        };
+        1.0 - hidden as f32 / DISC as f32
+    }
+
+    /// What a ray that meets nothing finds of its light where it meets a floor.
+    fn left_on_floors(&self, from: Vec3, towards: Vec3) -> Vec3 {
+        let mut left = Vec3::ONE;
+        for chart in self.among.floors {
+            let normal = chart.floor.normal();
+            let down = -normal.dot(towards.as_dvec3());
+            let at = self.among.origin_m + from.as_dvec3();
+            let height = chart.floor.height_m(at);
+            if down > 1e-6 && height > 0.0 {
+                left *= (Vec3::ONE - chart.taken_at(at + towards.as_dvec3() * (height / down))).max(Vec3::ZERO);
+            }
+        }
+        left
+    }
+
+    /// How bright a triangle is seen along a ray.
+    fn thrown(&self, triangle: u32, towards: Vec3) -> Vec3 {
+        let casters = self.among.casters;
+        let [a, b, c] = casters.triangles[triangle as usize].map(|i| casters.corners[i as usize]);
+        let front = (b - a).cross(c - a).normalize_or_zero();
+        // Inside of things it is dark.
+        if front.dot(towards) >= 0.0 {
+            return Vec3::ZERO;
+        }
+        let light = self.lit[triangle as usize].get_or_init(|| self.light_on((a + b + c) / 3.0, front));
+        casters.colors[triangle as usize] * *light
+    }
+
+    /// All light on a white matt place, but for what things throw.
+    fn light_on(&self, at: Vec3, normal: Vec3) -> Vec3 {
+        let spot = Spot { at, normal, plane: normal };
+        let from = at + self.beside_m * normal;
+        let far = self.among.far.iter().filter(|far| far.towards.dot(normal) > 0.0);
+        let open = far.filter(|far| !self.bvh.any(from, far.towards, 0.0..f32::INFINITY));
+        let around: Vec3 =
+            open.map(|far| far.light * far.towards.dot(normal) * self.left_on_floors(from, far.towards)).sum();
+        let lights = self.lights.iter().map(|light| {
+            let bright = match light {
+                Light::Sun(points, color) => *color * points[0].dot(normal).max(0.0),
+                Light::Lamp(_, lamp, middle) => on_surface(*middle - from, normal, lamp.color, lamp.range_m, lamp.spot),
+            };
+            if bright == Vec3::ZERO { Vec3::ZERO } else { bright * self.seen(light, from, &spot) }
+        });
+        around + lights.sum::<Vec3>()
+    }
+}
