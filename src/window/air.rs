@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Context, Key, Ui};
 
 use super::chooser::{Begin, Chooser, Chosen, Seeks};
+use super::dialogs;
 use super::errand::Errand;
 use super::recent::Opened;
 use crate::live::{Added, Asked, LiveFrom};
@@ -142,7 +143,7 @@ impl Air {
         let mut answer = None;
         // The modal takes the key.
         let escaped = ctx.input(|i| i.key_pressed(Key::Escape));
-        let modal = egui::Modal::new(egui::Id::unique("air")).show(ctx, |ui| {
+        let modal = dialogs::modal(ctx, "air", "Live camera", |ui| {
             ui.set_width(460.0);
             ui.heading("Live camera");
             ui.add_space(4.0);

@@ -242,6 +242,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
         shows(window, "Start");
     };
     ask(&mut window);
+    assert!(window.query_by_role_and_label(Role::Dialog, "Live camera").is_some(), "a screen reader says where one is");
     // As the camera was opened.
     assert_eq!(value(&window, "Board"), site.path("board.toml"));
     assert_eq!(value(&window, "Camera"), site.path("endless.mkv"));
