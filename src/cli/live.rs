@@ -280,7 +280,9 @@ impl std::fmt::Display for Times {
                 sum += n;
                 f64::from(sum) >= share * f64::from(all)
             });
-            fixed(at.unwrap_or_default() as f64, 0)
+            let at_ms = at.unwrap_or_default();
+            let more = if at_ms == bins.len() - 1 { "more than " } else { "" };
+            format!("{more}{}", fixed(at_ms as f64, 0))
         };
         let [taken, came] = [&self.since_taken, &self.since_came];
         write!(

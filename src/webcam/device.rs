@@ -34,14 +34,17 @@ pub struct Running {
     name: String,
     wanted: Wanted,
     delivered: Delivered,
+    /// Pictures a second, if the driver says.
+    rate_hz: Option<f64>,
     /// What pictures were last exposed for, seconds, if that is known at all.
     exposure_s: Option<f64>,
     device: Option<Device>,
 }
 
-/// How a picture is stamped; see [`stamped`].
+/// The number and the time, s, of the picture before; see [`stamped`].
 struct Stamps {
-    sequence: Option<u32>,
+    before: Option<(u32, f64)>,
+    rate_hz: Option<f64>,
 }
 
 impl Running {
@@ -55,7 +58,7 @@ impl Running {
         let name = name_of(number);
         let given = Given { name: name.clone(), delivered, rate_hz, has_exposure: exposure_s.is_some() };
         let device = Some(device);
-        Ok((Self { number, name, wanted: *wanted, delivered, exposure_s, device }, given))
+        Ok((Self { number, name, wanted: *wanted, delivered, rate_hz, exposure_s, device }, given))
     }
 
     /// Delivers until nobody takes pictures any more. A camera that goes is waited for.
@@ -88,12 +91,12 @@ impl Running {
     fn deliver(&mut self, device: &Device, putter: &Putter<Picture>) -> io::Result<()> {
         let mut stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS)?;
         stream.set_timeout(PATIENCE);
-        let mut stamps = Stamps { sequence: None };
+        let mut stamps = Stamps { before: None, rate_hz: self.rate_hz };
         let mut asked_at = None;
         while !putter.is_over() {
             let (bytes, metadata) = stream.next()?;
-            let now_s = monotonic_s();
-            let lost = stamps.lost(metadata.sequence);
+            let time_s = stamped(metadata, monotonic_s());
+            let lost = stamps.lost(metadata.sequence, time_s);
             if self.exposure_s.is_some() && asked_at.is_none_or(|at: Instant| at.elapsed() > AGAIN) {
                 asked_at = Some(Instant::now());
                 self.exposure_s = exposure(device).or(self.exposure_s);
@@ -107,17 +110,20 @@ impl Running {
             // Drivers that do not say it have filled all.
             let length = if metadata.bytesused == 0 { bytes.len() } else { metadata.bytesused as usize };
             let bytes = bytes.get(..length).unwrap_or(bytes).to_vec();
-            putter.put(Picture { delivered: self.delivered, bytes, time_s: stamped(metadata, now_s), exposure_s });
+            putter.put(Picture { delivered: self.delivered, bytes, time_s, exposure_s });
         }
         Ok(())
     }
 }
 
 impl Stamps {
-    /// Pictures lost since the one before, by the driver's count. A count that goes back has begun anew.
-    fn lost(&mut self, sequence: u32) -> u64 {
-        let before = self.sequence.replace(sequence);
-        before.map_or(0, |before| u64::from(sequence.checked_sub(before).unwrap_or(1).saturating_sub(1)))
+    /// Pictures lost since the one before, by the driver's count. A count that goes back has begun anew, and one that leaps
+    /// by more pictures than came in the time says nothing: v4l2loopback's first picture is always its number 0.
+    fn lost(&mut self, sequence: u32, time_s: f64) -> u64 {
+        let Some((before, before_s)) = self.before.replace((sequence, time_s)) else { return 0 };
+        let lost = f64::from(sequence.checked_sub(before).unwrap_or(1).saturating_sub(1));
+        let most = self.rate_hz.map_or(f64::INFINITY, |rate_hz| 2.0 + 1.5 * (time_s - before_s) * rate_hz);
+        if lost > most { 0 } else { lost as u64 }
     }
 }
 
@@ -162,9 +168,14 @@ mod tests {
 
     #[test]
     fn the_drivers_count_tells_what_was_lost() {
-        let mut stamps = Stamps { sequence: None };
-        let lost: Vec<u64> = [5, 6, 9, 10, 0, 1, 3].into_iter().map(|n| stamps.lost(n)).collect();
-        assert_eq!(lost, [0, 0, 2, 0, 0, 0, 1]);
+        let mut stamps = Stamps { before: None, rate_hz: Some(30.0) };
+        let came =
+            [(5, 0.0), (6, 0.03), (9, 0.13), (10, 0.16), (0, 0.2), (1, 0.23), (3, 0.3), (1492, 0.34), (1493, 0.37)];
+        let lost: Vec<u64> = came.into_iter().map(|(n, time_s)| stamps.lost(n, time_s)).collect();
+        assert_eq!(lost, [0, 0, 2, 0, 0, 0, 1, 0, 0]);
+        // Without a rate nothing speaks against it.
+        let mut stamps = Stamps { before: None, rate_hz: None };
+        assert_eq!([(0, 0.0), (1492, 0.04)].map(|(n, time_s)| stamps.lost(n, time_s)), [0, 1491]);
     }
 
     #[test]
