@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered};
+use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
 use super::found_light::{Environment, FoundLight};
 use super::inputs;
 use super::light::RoomLight;
+use super::recorded_way::{RecordedWay, moves_as_recorded};
 use super::registered::{Missed, Registration, Verdict};
 use super::shutter::Exposed;
 use super::spread::PointSpread;
+use super::times;
+use super::tone::Band;
 use super::track::{self, Stop};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
@@ -30,10 +33,10 @@ const FRAMES: &str = "frames.txt";
 const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
 const ENVIRONMENT: &str = "environment.hdr";
-/// All that an analysis consists of.
-pub const FILES: [&str; 5] = [FILE_NAME, FRAMES, POSES, LINKS, ENVIRONMENT];
+/// All that may lie in its folder.
+pub const FILES: [&str; 6] = [FILE_NAME, FRAMES, POSES, LINKS, ENVIRONMENT, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,11 +58,12 @@ pub struct Analysis {
 
 /// What was found besides where the camera was.
 pub struct Found<'a> {
-    pub gain: Option<Gained>,
+    pub gain: Result<Gained, String>,
     /// ln, one per frame, of those that could be compared.
     pub gains: &'a [Option<[f64; 3]>],
     pub exposed: Result<Exposed, String>,
     pub spread: Result<PointSpread, String>,
+    pub tone: Result<Vec<Band>, String>,
     pub light: Result<RoomLight, String>,
 }
 
@@ -93,7 +97,7 @@ pub fn beside(recording: &Path) -> PathBuf {
 
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Found<'_>) -> Self {
-        let Found { gain, gains, exposed, spread, light } = found;
+        let Found { gain, gains, exposed, spread, tone, light } = found;
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
         let moves_alone = registration.motion_px.is_some();
@@ -108,7 +112,11 @@ impl Analysis {
         let lines: Vec<Line> = if registration.verdict == Verdict::Refined || moves_alone {
             let stops: Vec<Stop> = (0..recording.frame_count()).filter_map(stop).collect();
             let usual_s = recording.frame_interval_s;
-            let poses = track::poses(&stops, usual_s, track::MOST_INTERVALS * usual_s);
+            let way = registration.global.filter(|_| !moves_alone && moves_as_recorded(recording)).map(|global| {
+                let later_s = recording.time_offset_s + global.clock_s;
+                RecordedWay { track: &recording.track, later_s, hand_eye: global.hand_eye }
+            });
+            let poses = track::poses(&stops, usual_s, track::MOST_INTERVALS * usual_s, way.as_ref());
             poses.iter().map(|(time_s, pose)| Line::new(*time_s, pose)).collect()
         } else {
             Vec::new()
@@ -118,9 +126,11 @@ impl Analysis {
             recording: inputs::fingerprint(recording),
             frames: recording.frame_count(),
             registration: Registered::of(registration),
-            gain,
+            gain_why: gain.as_ref().err().cloned(),
+            gain: gain.ok(),
             shutter: Some(Shuttered::of(exposed)),
             spread: Some(Sharpness::of(spread)),
+            tone: Some(Tone::of(tone)),
             light: Some(FoundLight::of(&light)),
             camera,
         };
@@ -146,10 +156,7 @@ impl Analysis {
         let version: Version = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
         if version.version != VERSION {
             let found = version.version;
-            return Err(content(
-                &path,
-                format!("version {found}; this program makes and reads version {VERSION}: analyse again"),
-            ));
+            return Err(content(&path, format!("version {found}; this program makes and reads version {VERSION}")));
         }
         let findings: Findings = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
         if let Some(shutter) = &findings.shutter {

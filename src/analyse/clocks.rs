@@ -107,7 +107,10 @@ pub fn first(
             asks_px = median(&mut linked.good.iter().map(|link| link.displaced_px(&link.e)).collect::<Vec<_>>());
         }
         let global = global::global(&linked.good, &states, true).filter(|_| linked.good.len() >= LEAST_LINKS);
-        let Some(global) = global else { return apart(recording).map(Some).map_err(Into::into) };
+        let Some(global) = global else {
+            let tried = linked.good.len() + linked.refused;
+            return apart(recording, linked.good.len(), tried).map(Some).map_err(Into::into);
+        };
         // Small corrections of an already corrected place add up.
         known.hand_eye = twist::log(&(twist::exp(&known.hand_eye) * twist::exp(&global.hand_eye)));
         known.clock_s += global.clock_s;
@@ -157,15 +160,18 @@ fn out_of_place(global: &Global) -> Option<String> {
     let is_far = way_m > MOST_WAY_M && way_m > 3.0 * sigma_m;
     (is_far || turn > MOST_TURN_RAD).then(|| {
         format!(
-            "the camera would stand {:.0} mm away from where the poses say, turned by {:.0}°: poses, focal length or the unit of depth are not this recording's",
+            "the camera would stand {:.0} mm away from where the poses say, turned by {:.0}° (at most {:.0} mm and {:.0}°): poses, focal \
+             length or the unit of depth are not this recording's",
             1e3 * way_m,
-            turn.to_degrees()
+            turn.to_degrees(),
+            1e3 * MOST_WAY_M,
+            MOST_TURN_RAD.to_degrees()
         )
     })
 }
 
 /// Why no frames were linked. Half of a frame's depth tells whether its unit can be right.
-fn apart(recording: &Recording) -> Result<String, RecordingError> {
+fn apart(recording: &Recording, fit: usize, tried: usize) -> Result<String, RecordingError> {
     let middle = recording.frame_count() / 2;
     let depth = recording.frames(middle..middle + 1)?.next().transpose()?.and_then(|frame| frame.depth);
     let mut known: Vec<f64> =
@@ -176,5 +182,8 @@ fn apart(recording: &Recording) -> Result<String, RecordingError> {
         let metres = fixed(median(&mut known), 3);
         format!("half of the middle frame's depth is beyond {metres} m; if that is wrong, so is depth's unit")
     };
-    Ok(format!("the frames' pictures do not overlap where poses and depth say they do, or lack texture; {usual}"))
+    Ok(format!(
+        "of {tried} links between frames {fit} fit, and {LEAST_LINKS} are needed: the pictures do not overlap where poses and depth \
+         say they do, or lack texture; {usual}"
+    ))
 }

@@ -10,6 +10,7 @@ use super::global::Global;
 use super::registered::{Registration, SURE_READOUT_S, Verdict};
 use super::shutter::{Exposed, Run};
 use super::spread::PointSpread;
+use super::tone::Band;
 use crate::camera::Geometry;
 use crate::fit::twist;
 use crate::words::fixed;
@@ -28,10 +29,14 @@ pub struct Findings {
     /// SHA-256 of the recording ([`inputs::fingerprint`]).
     pub recording: String,
     pub frames: usize,
+    /// Why nothing is known of the gain. Above the tables, as TOML has it.
+    pub gain_why: Option<String>,
     pub registration: Registered,
     pub gain: Option<Gained>,
     pub shutter: Option<Shuttered>,
     pub spread: Option<Sharpness>,
+    /// Advice: nothing follows from it.
+    pub tone: Option<Tone>,
     pub light: Option<FoundLight>,
     /// For which it was made. Its readout time is the one that was found.
     pub camera: Geometry,
@@ -99,8 +104,59 @@ pub struct Sharpness {
     pub between_px: Option<[f64; 2]>,
     /// Straight edges that were measured.
     pub edges: Option<usize>,
+    /// So many of them by σ, in steps of [`EDGES_STEP_PX`](super::spread::EDGES_STEP_PX); the last has the wider ones, too.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub edges_by_px: Vec<u32>,
     /// Why it is not known.
     pub why: Option<String>,
+}
+
+/// Whether the response that was assumed is the camera's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tone {
+    /// Why nothing is known.
+    pub why: Option<String>,
+    /// How codes follow light, in order; empty if nothing is known.
+    #[serde(default)]
+    pub bands: Vec<Band>,
+}
+
+impl Tone {
+    pub fn of(found: Result<Vec<Band>, String>) -> Self {
+        match found {
+            Ok(bands) => Self { why: None, bands },
+            Err(why) => Self { why: Some(why), bands: Vec::new() },
+        }
+    }
+
+    /// Whether some codes follow light otherwise than the camera's response says.
+    pub fn differs(&self) -> bool {
+        self.bands.iter().any(Band::differs)
+    }
+}
+
+impl fmt::Display for Tone {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Some(first), Some(last)) = (self.bands.first(), self.bands.last()) else {
+            return write!(f, "unknown: {}", self.why.as_deref().unwrap_or("nothing can be said"));
+        };
+        if !self.differs() {
+            let most = self.bands.iter().map(|band| (band.slope - 1.0).abs()).fold(0.0, f64::max);
+            let (from, to, most) = (first.from, last.to, fixed(100.0 * most, 0));
+            return write!(f, "the response fits from code {from} to {to}, within {most} %");
+        }
+        let told = self.bands.iter().filter(|band| band.differs()).map(|band| {
+            let (from, to, slope, sigma) = (band.from, band.to, fixed(band.slope, 2), fixed(band.sigma, 2));
+            format!("{slope} ± {sigma} times in codes {from} to {to}")
+        });
+        let told = told.collect::<Vec<_>>().join(", ");
+        write!(
+            f,
+            "by the response light changes {told} as much as in middle ones, where it must be alike: the camera has another \
+             (camera.response). Advice, nothing follows from it"
+        )
+    }
 }
 
 impl Shuttered {
@@ -185,10 +241,14 @@ impl Registered {
 impl Sharpness {
     pub fn of(found: Result<PointSpread, String>) -> Self {
         match found {
-            Ok(PointSpread { sigma_px, between_px, edges }) => {
-                Self { sigma_px: Some(sigma_px), between_px: Some(between_px), edges: Some(edges), why: None }
-            }
-            Err(why) => Self { sigma_px: None, between_px: None, edges: None, why: Some(why) },
+            Ok(PointSpread { sigma_px, between_px, edges, by_px }) => Self {
+                sigma_px: Some(sigma_px),
+                between_px: Some(between_px),
+                edges: Some(edges),
+                edges_by_px: by_px,
+                why: None,
+            },
+            Err(why) => Self { sigma_px: None, between_px: None, edges: None, edges_by_px: Vec::new(), why: Some(why) },
         }
     }
 }
@@ -249,6 +309,11 @@ impl Findings {
         (self.registration.is_refined() && is_sure).then_some(self.camera.intrinsics.readout_time_s)
     }
 
+    /// Why nothing is known of how bright frames are.
+    pub fn no_gain(&self) -> &str {
+        self.gain_why.as_deref().unwrap_or("too few surfaces are seen twice")
+    }
+
     /// What was found, a line for each, with the name of what it is about.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let r = &self.registration;
@@ -289,8 +354,9 @@ impl Findings {
             lines.extend(shutter.runs.iter().map(|run| ("exposure", of(run))));
         }
         let gain = self.gain.as_ref().map(Gained::to_string);
-        lines.push(("gain", gain.unwrap_or_else(|| "unknown: too few surfaces are seen twice".to_owned())));
+        lines.push(("gain", gain.unwrap_or_else(|| format!("unknown: {}", self.no_gain()))));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
+        lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
         lines.extend(self.light.iter().flat_map(FoundLight::lines));
         lines
     }

@@ -18,11 +18,13 @@ use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
 use super::robust::{median, scatter};
 use super::state::{State, moved, seen};
+use super::tone::{self, Toned};
 use super::view::scattered;
 use crate::camera::Response;
 use crate::fit::band::Band;
 use crate::frame::Frame;
 use crate::rows::over_rows;
+use crate::words::count;
 
 /// Distances between compared frames.
 pub const GAPS: [usize; 6] = [1, 2, 5, 10, 20, 40];
@@ -57,8 +59,9 @@ struct Seen {
 
 struct Point {
     at: DVec3,
-    /// ln of light.
+    /// ln of light, and codes of 255.
     light: [f64; 3],
+    codes: [f32; 3],
 }
 
 /// The logarithm of light from one frame to another.
@@ -72,6 +75,28 @@ pub struct Pair {
     pub sigma: [f64; 3],
 }
 
+/// What pairs of frames were compared, and how many of them tell nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tried {
+    pub pairs: usize,
+    /// They have too few flat places in common.
+    pub few: usize,
+    /// What lies where the poses say is not alike.
+    pub unlike: usize,
+}
+
+impl Tried {
+    /// Why nothing is known where no pair tells anything.
+    pub fn why(&self) -> String {
+        let Self { pairs, few, unlike } = self;
+        if *pairs == 0 {
+            return "no frames could be compared".to_owned();
+        }
+        let few = format!("{few} have fewer than {LEAST_POINTS} flat places with depth in common");
+        format!("of {} of frames {few}, {unlike} do not match where the poses say", count(*pairs, "pair"))
+    }
+}
+
 /// Compares frames as they come, in order.
 pub struct Gains<'a> {
     eye: &'a Eye,
@@ -81,25 +106,55 @@ pub struct Gains<'a> {
     gaps: &'a [usize],
     window: VecDeque<Seen>,
     pub pairs: Vec<Pair>,
+    /// What they say of the response.
+    pub toned: Vec<Toned>,
+    pub tried: Tried,
+}
+
+type Comparison = Result<(Pair, Vec<Toned>), Unknown>;
+
+/// Why a pair tells nothing.
+enum Unknown {
+    Few,
+    Unlike,
 }
 
 impl<'a> Gains<'a> {
     pub fn new(eye: &'a Eye, response: &Response, gaps: &'a [usize], threads: usize) -> Self {
-        Self { eye, response: response.clone(), threads, gaps, window: VecDeque::new(), pairs: Vec::new() }
+        Self {
+            eye,
+            response: response.clone(),
+            threads,
+            gaps,
+            window: VecDeque::new(),
+            pairs: Vec::new(),
+            toned: Vec::new(),
+            tried: Tried::default(),
+        }
     }
 
     /// `depth`: at the frame's moment, in its picture.
     pub fn add(&mut self, frame: &Frame, state: State, depth: &[f32]) {
         let new = self.seen(frame, state, depth);
         let window = &self.window;
-        let mut found: Vec<(usize, Option<Pair>)> = self
+        let mut found: Vec<(usize, Comparison)> = self
             .gaps
             .iter()
             .filter_map(|gap| window.iter().position(|old| old.index + gap == new.index))
-            .map(|old| (old, None))
+            .map(|old| (old, Err(Unknown::Few)))
             .collect();
         over_rows(&mut found, 1, self.threads, |_, slot| slot[0].1 = self.compared(&window[slot[0].0], &new));
-        self.pairs.extend(found.into_iter().filter_map(|(_, pair)| pair));
+        for (_, compared) in found {
+            self.tried.pairs += 1;
+            match compared {
+                Ok((pair, toned)) => {
+                    self.pairs.push(pair);
+                    self.toned.extend(toned);
+                }
+                Err(Unknown::Few) => self.tried.few += 1,
+                Err(Unknown::Unlike) => self.tried.unlike += 1,
+            }
+        }
         let reach = self.gaps.iter().copied().max().unwrap_or(0);
         self.window.push_back(new);
         while self.window.front().is_some_and(|old| old.index + reach <= frame.index) {
@@ -147,7 +202,8 @@ impl<'a> Gains<'a> {
             let (x, y) = ((i % w) * scale, (i / w) * scale);
             let there = f64::from(small[i]) * DVec3::from(self.eye.rays[y * width + x].map(f64::from));
             let at = moved(there, &state.twist, self.eye.geometry.row_time_s(y as f64 + 0.5));
-            Point { at, light: [0, 1, 2].map(|c| self.light(colours[c].values[i])) }
+            let codes = [0, 1, 2].map(|c| colours[c].values[i]);
+            Point { at, light: codes.map(|code| self.light(code)), codes }
         };
         let points = sound.into_iter().map(point).collect();
         Seen { index: frame.index, state, colours, depth: small, points }
@@ -157,12 +213,12 @@ impl<'a> Gains<'a> {
         self.response.decode(f64::from(code) / 255.0).max(1e-9).ln()
     }
 
-    fn compared(&self, from: &Seen, to: &Seen) -> Option<Pair> {
+    fn compared(&self, from: &Seen, to: &Seen) -> Comparison {
         let motion = to.state.world_from_camera.inverse() * from.state.world_from_camera;
         let (w, h) = (to.colours[0].width, to.colours[0].height);
         let scale = (1usize << self.halvings()) as f64;
         let mut ratios: [Vec<f64>; 3] = Default::default();
-        let mut light = Vec::new();
+        let (mut light, mut codes_of) = (Vec::new(), Vec::new());
         for point in &from.points {
             let there = motion.transform_point3(point.at);
             if there.z <= 0.0 {
@@ -183,24 +239,28 @@ impl<'a> Gains<'a> {
                     ratios[c].push(self.light(codes[c]) - point.light[c]);
                 }
                 light.push(point.light[1]);
+                codes_of.push([0, 1, 2].map(|c| 0.5 * (codes[c] + point.codes[c])));
             }
         }
         let points = ratios[0].len();
         if points < LEAST_POINTS {
-            return None;
+            return Err(Unknown::Few);
         }
         let gap = from.index.abs_diff(to.index) as f64;
         let most = MATCHED.1.max(MATCHED.0 * scatter(&mut light).1);
         let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
+        // The median is sought by moving values about.
+        let of_points: Vec<[f64; 3]> = (0..points).map(|n| [0, 1, 2].map(|c| ratios[c][n])).collect();
         for c in 0..3 {
             let (middle, spread) = scatter(&mut ratios[c]);
             if spread > most {
-                return None;
+                return Err(Unknown::Unlike);
             }
             ratio[c] = middle;
             sigma[c] = (0.003f64.powi(2) + 20.0 * spread * spread / points as f64 + (0.0005 * gap).powi(2)).sqrt();
         }
-        Some(Pair { from: from.index, to: to.index, ratio, sigma })
+        let toned = tone::of_pair(to.index, codes_of.into_iter().zip(of_points), ratio);
+        Ok((Pair { from: from.index, to: to.index, ratio, sigma }, toned))
     }
 }
 

@@ -32,6 +32,7 @@ mod part;
 mod path;
 mod pyramid;
 mod reading;
+mod recorded_way;
 mod registered;
 mod registration;
 mod robust;
@@ -42,6 +43,7 @@ mod state;
 mod sweep;
 mod taken;
 mod times;
+mod tone;
 mod track;
 mod view;
 mod working;
@@ -58,8 +60,10 @@ pub use part::Part;
 pub(crate) use pyramid::{Plane, gaussian};
 pub use registered::{Missed, RegistrationError, Verdict};
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};
+pub use spread::EDGES_STEP_PX;
 pub use taken::Taken;
 pub use times::Times;
+pub use tone::Band as ToneBand;
 pub use written::check_folder;
 
 use glam::DVec3;
@@ -73,6 +77,7 @@ use findings::Gained;
 use gain::{GAPS, Gains, Pair};
 use shutter::{Said, Shutter};
 use state::State;
+use tone::Toned;
 
 /// Distances of pairs by which the gains are judged, frames.
 const HELD_OUT: [usize; 3] = [3, 7, 13];
@@ -127,7 +132,12 @@ pub fn analyse(
         is_followed: recorded > STEADY && left < EXPLAINED * recorded,
     });
     let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
+    let tells_motion = !recorded_way::are_far_apart(recording) || recorded_way::moves_as_recorded(recording);
     let exposed = match (is_placed, recording.kind.has_times()) {
+        (true, true) if !tells_motion => Err(format!(
+            "frames are {:.0} ms apart and hardly a pose lies between them: how the camera moved in each is not known",
+            1e3 * recording.frame_interval_s
+        )),
         (true, true) => compared.said.exposed(frames),
         (true, false) => Err("the recording keeps no times".to_owned()),
         (false, _) => Err("where the camera was is not known".to_owned()),
@@ -155,7 +165,17 @@ pub fn analyse(
         }
         false => Err("where the camera was is not known".to_owned()),
     };
-    let found = artefact::Found { gain: told_of, gains: &gains_of, exposed, spread, light };
+    let tone = match (is_placed, gains_of.is_empty()) {
+        (true, false) => tone::bands(&compared.toned),
+        (true, true) => Err("frames are equally bright".to_owned()),
+        (false, _) => Err("where the camera was is not known".to_owned()),
+    };
+    let no_gain = match is_placed {
+        true => compared.tried.why(),
+        false => "where the camera was is not known".to_owned(),
+    };
+    let told_of = told_of.ok_or(no_gain);
+    let found = artefact::Found { gain: told_of, gains: &gains_of, exposed, spread, tone, light };
     Ok((Analysis::new(recording, camera, &registration, found), times))
 }
 
@@ -170,6 +190,8 @@ fn held_up(states: &[Option<State>]) -> DVec3 {
 struct Compared {
     pairs: Vec<Pair>,
     said: Said,
+    toned: Vec<Toned>,
+    tried: gain::Tried,
 }
 
 /// `states`: one per frame, with what is added to the depth maps' times, s.
@@ -199,7 +221,7 @@ fn compared(
             }
         }
     }
-    Ok(Compared { pairs: gains.pairs, said: shutter.said() })
+    Ok(Compared { pairs: gains.pairs, said: shutter.said(), toned: gains.toned, tried: gains.tried })
 }
 
 /// Of green, the brightest frame by the darkest, stops.

@@ -2,7 +2,8 @@
 //!
 //! Poses that were recorded often have jitter that a slope over an exposure enlarges. Neighbouring pictures say by how much the
 //! camera moved between them: links one and two frames apart, by depth that frames tell of each other, joined in a graph. That
-//! depth errs where the poses do, so that where the camera stands stays as it was recorded, and only its motion is taken.
+//! depth errs where the poses do, so that where the camera stands stays as it was recorded, and only its motion is taken. Frames that are far apart do not
+//! tell it.
 
 use nalgebra::Matrix6;
 
@@ -12,6 +13,7 @@ use super::graph;
 use super::judging::repeated;
 use super::links::Pass;
 use super::path;
+use super::recorded_way::are_far_apart;
 use super::registered::{Registration, RegistrationError, Verdict, recorded};
 use super::state::State;
 use super::sweep::eye_of;
@@ -29,6 +31,9 @@ const MISSING: f64 = 0.25;
 pub fn kept(work: &mut Work<'_>, geometry: &Geometry, why: &str) -> Result<Registration, RegistrationError> {
     let recording = work.recording;
     let found = Registration::as_recorded(recording, geometry, Verdict::Kept(why.to_owned()));
+    if are_far_apart(recording) {
+        return Ok(found);
+    }
     let repeats = work.repeats()?;
     let start = recorded(recording, 0.0);
     let seen: Vec<_> = start.iter().zip(&repeats).map(|(state, repeats)| state.filter(|_| !repeats)).collect();

@@ -17,6 +17,7 @@ use super::links::Pass;
 use super::moving;
 use super::part::Part;
 use super::path;
+use super::recorded_way::moves_as_recorded;
 use super::registered::{Missed, Registration, RegistrationError, Verdict, recorded};
 use super::robust::median;
 use super::state::State;
@@ -97,7 +98,9 @@ pub fn register(
     if linked.refused as f64 > MISSING * (linked.good.len() + linked.refused) as f64 {
         let share = 100.0 * linked.refused as f64 / (linked.good.len() + linked.refused) as f64;
         let why = format!(
-            "{share:.0} % of the links between frames do not fit: the poses, the focal length or the depth are not this recording's"
+            "{share:.0} % of the links between frames do not fit (at most {:.0} %): the poses, the focal length or the depth are not this \
+             recording's",
+            100.0 * MISSING
         );
         return refused(why, found);
     }
@@ -166,6 +169,9 @@ fn solved(
     let recording = work.recording;
     let by = work.times.of(times::GRAPH, || graph::solve(links, states, held_at))?;
     let corrected: Vec<_> = states.iter().zip(&by).map(|(state, by)| state.map(|state| state.corrected(by))).collect();
+    if moves_as_recorded(recording) {
+        return Some(corrected);
+    }
     // Across longer intervals no motion is concluded.
     let gap_s = MOST_INTERVALS * recording.frame_interval_s;
     Some(path::with_motion(&recording.timestamps_s, &corrected, gap_s))

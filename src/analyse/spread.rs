@@ -57,14 +57,20 @@ const WIDEST_PX: f64 = 4.0;
 const GUESS_PX2: f64 = 0.5;
 const CLOSE: f64 = 1e-3;
 
+/// Edges are counted by σ in steps of this, px, so many.
+pub const EDGES_STEP_PX: f64 = 0.05;
+const EDGES_STEPS: usize = 40;
+
 /// The camera's point spread.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PointSpread {
     /// Standard deviation of the Gaussian, px.
     pub sigma_px: f64,
     /// In two cases of three it lies between these.
     pub between_px: [f64; 2],
     pub edges: usize,
+    /// By σ, in steps of [`EDGES_STEP_PX`]; the last has the wider ones, too.
+    pub by_px: Vec<u32>,
 }
 
 /// Gathers edges.
@@ -137,7 +143,11 @@ impl<'a> Spreads<'a> {
             let variance = self.variances[low] + share * (self.variances[high] - self.variances[low]);
             if variance < NONE_PX2 { 0.0 } else { variance.sqrt() }
         };
-        Ok(PointSpread { sigma_px: at(0.0), between_px: [at(-1.0), at(1.0)], edges })
+        let mut by_px = vec![0; EDGES_STEPS];
+        for variance in &self.variances {
+            by_px[((variance.max(0.0).sqrt() / EDGES_STEP_PX) as usize).min(EDGES_STEPS - 1)] += 1;
+        }
+        Ok(PointSpread { sigma_px: at(0.0), between_px: [at(-1.0), at(1.0)], edges, by_px })
     }
 
     fn linear(&self, pixels: &Pixels) -> Plane {

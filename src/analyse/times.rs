@@ -1,6 +1,20 @@
-//! How long the parts of an analysis took: no part of it, since it differs from run to run.
+//! How long the parts of an analysis took: no part of it, since it differs from run to run. It is kept beside it for who looks at it
+//! later.
 
+use std::borrow::Cow;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
 use std::time::{Duration, Instant};
+
+use crate::sink::atomic::write_atomically;
+use crate::source::file;
+
+/// Beside an analysis' other files.
+pub const FILE: &str = "times.txt";
+/// More is not ours, bytes and lines.
+const MOST_TIMES: u64 = 1 << 14;
+const MOST_PARTS: usize = 64;
 
 pub const READING: &str = "waiting for pictures";
 pub const CLOCKS: &str = "clocks, readout and the camera's place";
@@ -17,14 +31,14 @@ pub const LIGHT: &str = "light";
 /// Wall time by part, in the order in which the parts began.
 #[derive(Clone, Debug, Default)]
 pub struct Times {
-    parts: Vec<(&'static str, Duration)>,
+    parts: Vec<(Cow<'static, str>, Duration)>,
 }
 
 impl Times {
     pub fn add(&mut self, part: &'static str, took: Duration) {
         match self.parts.iter_mut().find(|(name, _)| *name == part) {
             Some((_, sum)) => *sum += took,
-            None => self.parts.push((part, took)),
+            None => self.parts.push((part.into(), took)),
         }
     }
 
@@ -37,8 +51,32 @@ impl Times {
     }
 
     /// Each part once.
-    pub fn parts(&self) -> &[(&'static str, Duration)] {
+    pub fn parts(&self) -> &[(Cow<'static, str>, Duration)] {
         &self.parts
+    }
+
+    /// Puts them beside an analysis. Where that cannot be done nothing is lost.
+    pub fn keep(&self, folder: &Path) {
+        let mut text =
+            "# How long the last run took, by part, s. What an interrupted run had done before is not in it.\n"
+                .to_owned();
+        for (part, took) in &self.parts {
+            let _ = writeln!(text, "{:.3} {part}", took.as_secs_f64());
+        }
+        let _ = write_atomically(&folder.join(FILE), true, |out| out.write_all(text.as_bytes()));
+    }
+
+    /// Those that were kept; `None` where there are none, or none that are ours.
+    pub fn kept(folder: &Path) -> Option<Self> {
+        let text = file::read_text(&folder.join(FILE), MOST_TIMES).ok()?;
+        let part = |line: &str| {
+            let (seconds, part) = line.split_once(' ')?;
+            let took = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
+            Some((Cow::Owned(part.to_owned()), took))
+        };
+        let lines = text.lines().filter(|line| !line.starts_with('#')).take(MOST_PARTS);
+        let parts = lines.map(part).collect::<Option<Vec<_>>>()?;
+        (!parts.is_empty()).then_some(Self { parts })
     }
 }
 
@@ -53,7 +91,23 @@ mod tests {
             times.add(part, Duration::from_millis(ms));
         }
         assert_eq!(times.of(GRAPH, || 7), 7);
-        assert_eq!(times.parts()[..2], [(LINKS, Duration::from_millis(42)), (READING, Duration::from_millis(5))]);
+        let expected = [(LINKS.into(), Duration::from_millis(42)), (READING.into(), Duration::from_millis(5))];
+        assert_eq!(times.parts()[..2], expected);
         assert_eq!(times.parts()[2].0, GRAPH);
+    }
+
+    #[test]
+    fn what_was_kept_comes_back_and_what_is_not_ours_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(Times::kept(folder.path()).is_none());
+        let mut times = Times::default();
+        times.add(LINKS, Duration::from_millis(1500));
+        times.add(READING, Duration::from_millis(20));
+        times.keep(folder.path());
+        assert_eq!(Times::kept(folder.path()).unwrap().parts(), times.parts());
+        for wrong in ["", "nonsense\n", "-1 a part\n", "1e999 a part\n"] {
+            std::fs::write(folder.path().join(FILE), wrong).unwrap();
+            assert!(Times::kept(folder.path()).is_none(), "{wrong}");
+        }
     }
 }

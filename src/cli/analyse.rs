@@ -143,8 +143,8 @@ fn write_report(path: &Path, shot: &Shot, analysis: &Analysis, times: Option<&Ti
     Ok(())
 }
 
-/// Analyses a recording that was opened without its analysis, unless the one that is there fits: then nothing is known of how
-/// long it took.
+/// Analyses a recording that was opened without its analysis, unless the one that is there fits: then it is told how long that
+/// took.
 pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Analysis, Option<Times>)> {
     check_folder(folder)?;
     if !force
@@ -152,7 +152,7 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Ana
         && there.fits(&shot.recording, &shot.geometry_at(0)?).is_ok()
     {
         tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
-        return Ok((there, None));
+        return Ok((there, Times::kept(folder)));
     }
     let bar = progress(quiet, 0);
     let made = shot.analyse(folder, &mut |done, of| {

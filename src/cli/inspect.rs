@@ -19,7 +19,7 @@ use crate::document;
 use crate::params::{Params, Value};
 use crate::profile::Rig;
 use crate::recording::{OpenOptions, Recording, Registration, Repeats};
-use crate::shot::{Given, Shot, ShotError};
+use crate::shot::{AnalysisState, Given, Shot, ShotError};
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::stream::Protocol;
 use crate::words::{count, fixed, reason, short, shown, shown_unit};
@@ -235,6 +235,17 @@ fn recording(args: &Args) -> Result<()> {
             fixed(g.intrinsics.cy_px, 2)
         )?,
         None => writeln!(out, "camera     unknown: give a --profile")?,
+    }
+    match &shot.analysis {
+        AnalysisState::Used(folder, findings) => {
+            let folder = shown(&folder.display().to_string());
+            writeln!(out, "analysis   {folder}: poses {}", findings.registration)?;
+        }
+        AnalysisState::Unfit(folder, problem) => {
+            let folder = shown(&folder.display().to_string());
+            writeln!(out, "analysis   {folder} is not used: {}", shown(problem))?;
+        }
+        AnalysisState::Absent | AnalysisState::Left => {}
     }
     if args.clock {
         writeln!(out, "{}", clock::line(&shot)?)?;

@@ -8,8 +8,10 @@ use anyhow::{Result, bail};
 use super::analysis::Analysis;
 use super::skip::Skip;
 use super::{progress, warn};
+use crate::analyse;
 use crate::gpu::Gpu;
 use crate::recording::OpenOptions;
+use crate::report::{self, Slid};
 use crate::shot::{Analysed, AnalysisState, Given, Shot};
 use crate::verify::{Plan, Verified, real_px, verify};
 use crate::words::{count, fixed};
@@ -45,6 +47,11 @@ const MOST_PX: f64 = 0.7;
 const MOST_CODES: f64 = 1.5;
 const BLUR: (f64, f64) = (0.8, 1.25);
 const SPREAD_PX: f64 = 0.15;
+/// The median slide over so many frames, px; pairs that get worse by the refinement, and by how much one may.
+const SLIDE: usize = 20;
+const MOST_SLIDE_PX: f64 = 1.0;
+const WORSE: f64 = 0.05;
+const MOST_WORSE_PX: f64 = 0.5;
 
 pub fn run(args: &Args) -> Result<()> {
     if args.every == 0 || args.gap == 0 {
@@ -75,11 +82,28 @@ pub fn run(args: &Args) -> Result<()> {
     let by_record = judged(&recorded)?;
     let by_findings = matches!(found.analysis, AnalysisState::Used(..)).then(|| judged(&found)).transpose()?;
     let real_px = real_px(&found)?;
+    let slid = slid(&recorded, &found)?;
     bar.finish_and_clear();
-    say(args, &by_record, by_findings.as_ref(), &real_px)
+    say(args, &by_record, by_findings.as_ref(), &real_px, slid.as_deref())
 }
 
-fn say(args: &Args, recorded: &Verified, found: Option<&Verified>, real_px: &Result<f64, String>) -> Result<()> {
+/// Slides by recorded and by refined poses; `None` where nothing is analysed or nothing slides.
+fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<Slid>>> {
+    let AnalysisState::Used(folder, _) = &found.analysis else { return Ok(None) };
+    let analysis = analyse::Analysis::read(folder)?;
+    let (camera, response) = (recorded.geometry_at(0)?, recorded.camera().response);
+    let recording = &recorded.recording;
+    let source = report::Source { recording, camera: &camera, response: &response, analysis: &analysis, times: None };
+    Ok(report::slides(&source)?.ok())
+}
+
+fn say(
+    args: &Args,
+    recorded: &Verified,
+    found: Option<&Verified>,
+    real_px: &Result<f64, String>,
+    slid: Option<&[Slid]>,
+) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let now = found.unwrap_or(recorded);
     writeln!(out, "pairs        {}, {} frames apart", count(now.pairs, "pair"), args.gap)?;
@@ -135,5 +159,41 @@ fn say(args: &Args, recorded: &Verified, found: Option<&Verified>, real_px: &Res
     };
     let passes = now.sharpness_px.zip(real_px.as_ref().ok()).map(|(drawn, real)| (drawn - real).abs() <= SPREAD_PX);
     line("sharpness", passes, &spread, &real)?;
+    for (name, passes, told) in slid.map(slide_lines).unwrap_or_default() {
+        let verdict = if passes { "pass" } else { "FAIL" };
+        writeln!(out, "{name:<12} {told}: {verdict}")?;
+        if !passes {
+            failed.push(name.to_owned());
+        }
+    }
     if failed.is_empty() { Ok(()) } else { bail!("{}: {} fail", args.recording.display(), failed.join(" and ")) }
+}
+
+/// What slides over twenty frames, and what got worse.
+fn slide_lines(slid: &[Slid]) -> Vec<(&'static str, bool, String)> {
+    let pooled = |px: &dyn Fn(&Slid) -> Vec<f64>| {
+        let all: Vec<f64> = slid.iter().filter(|pair| pair.later == SLIDE).flat_map(px).collect();
+        report::median_px(&all)
+    };
+    let mut lines = Vec::new();
+    let recorded = pooled(&|pair| pair.recorded_px.clone());
+    let refined = pooled(&|pair| pair.refined_px.clone().unwrap_or_default());
+    if let Some(was) = recorded {
+        let now = refined.map_or(String::new(), |px| format!(", as analysed {} px", fixed(px, 2)));
+        let passes = refined.unwrap_or(was) <= MOST_SLIDE_PX;
+        let was = fixed(was, 2);
+        let told = format!("over {SLIDE} frames, recorded {was} px{now}; at most {MOST_SLIDE_PX} px");
+        lines.push(("slide", passes, told));
+    }
+    if let Some((worse, of, most_px)) = report::worse(slid) {
+        let passes = worse as f64 <= WORSE * of as f64 && most_px <= MOST_WORSE_PX;
+        let most = fixed(most_px, 2);
+        let told = format!(
+            "{worse} of {} by more than 0.1 px, {most} px at most; at most {:.0} %, none by {MOST_WORSE_PX} px",
+            count(of, "pair"),
+            100.0 * WORSE
+        );
+        lines.push(("worse", passes, told));
+    }
+    lines
 }

@@ -57,6 +57,8 @@ pub enum Shape {
     /// A value per frame; where frames are missing the line is interrupted.
     Line(Vec<(f64, f64)>),
     Dots(Vec<(f64, f64)>),
+    /// From one place to another, from 0 up to a value.
+    Bars(Vec<(f64, f64, f64)>),
     /// From one frame to another a value, and how far it may be off to either side.
     Level {
         from: f64,
@@ -66,14 +68,22 @@ pub enum Shape {
     },
 }
 
-/// Over the frames of a recording.
+/// What a plot is over.
+#[derive(Clone, Debug)]
+pub enum Across {
+    /// The frames of a recording, so many.
+    Frames(usize),
+    /// Something else, with its unit, from one value to another.
+    Values(&'static str, Range<f64>),
+}
+
 #[derive(Clone, Debug)]
 pub struct Chart {
-    pub frames: usize,
+    pub across: Across,
     /// With its unit.
     pub y: String,
-    /// Whether the frames' axis is named: below the last of several.
-    pub names_frames: bool,
+    /// Whether that axis is named: below the last of several.
+    pub names_across: bool,
     pub is_logarithmic: bool,
     /// Whether 0 belongs to the range.
     pub from_zero: bool,
@@ -86,12 +96,15 @@ impl Chart {
     pub fn svg(&self) -> Result<String, ReportError> {
         let mut text = String::new();
         let range = self.range();
-        let across = 0.0..(self.frames.max(2) - 1) as f64;
+        let across = match &self.across {
+            Across::Frames(frames) => 0.0..(frames.max(&2) - 1) as f64,
+            Across::Values(_, range) => range.clone(),
+        };
         let area = SVGBackend::with_string(&mut text, (WIDTH, self.height)).into_drawing_area();
         let failed = |error: &dyn std::fmt::Display| ReportError::Plot(error.to_string());
         let mut chart = ChartBuilder::on(&area);
         chart.margin_top(14).margin_right(20).y_label_area_size(120);
-        chart.x_label_area_size(if self.names_frames { 84 } else { 20 });
+        chart.x_label_area_size(if self.names_across { 84 } else { 20 });
         if self.is_logarithmic {
             let built = chart.build_cartesian_2d(across, range.log_scale());
             self.draw(&mut built.map_err(|error| failed(&error))?)?;
@@ -109,6 +122,7 @@ impl Chart {
     fn range(&self) -> Range<f64> {
         let values = self.shapes.iter().flat_map(|(_, shape)| match shape {
             Shape::Line(points) | Shape::Dots(points) => points.iter().map(|point| point.1).collect(),
+            Shape::Bars(bars) => bars.iter().map(|bar| bar.2).collect(),
             Shape::Level { value, sigma, .. } => vec![value - sigma, value + sigma],
         });
         let zero = self.from_zero.then_some(0.0);
@@ -151,12 +165,13 @@ impl Chart {
         mesh.y_desc(self.y.as_str()).y_labels(5).y_label_formatter(&label);
         let number = |frame: &f64| if frame.fract() == 0.0 { format!("{frame}") } else { String::new() };
         let none = |_: &f64| String::new();
+        let plain = |value: &f64| short(*value).replace('-', "−");
         mesh.x_labels(10);
-        if self.names_frames {
-            mesh.x_desc("frame").x_label_formatter(&number);
-        } else {
-            mesh.x_label_formatter(&none);
-        }
+        match &self.across {
+            _ if !self.names_across => mesh.x_label_formatter(&none),
+            Across::Frames(_) => mesh.x_desc("frame").x_label_formatter(&number),
+            Across::Values(name, _) => mesh.x_desc(*name).x_label_formatter(&plain),
+        };
         mesh.draw().map_err(|error| failed(&error))?;
         for (ink, shape) in &self.shapes {
             let colour = ink.colour();
@@ -171,6 +186,13 @@ impl Chart {
                     let points = thinned(points);
                     let dots = points.into_iter().map(|at| Circle::new(at, 6, colour.mix(0.7).filled()));
                     chart.draw_series(dots).map_err(|error| failed(&error))?;
+                }
+                Shape::Bars(bars) => {
+                    let bar = |(from, to, value): &(f64, f64, f64)| {
+                        let corners = vec![(*from, 0.0), (*to, 0.0), (*to, *value), (*from, *value)];
+                        Polygon::new(corners, colour.mix(0.7).filled())
+                    };
+                    chart.draw_series(bars.iter().map(bar)).map_err(|error| failed(&error))?;
                 }
                 Shape::Level { from, to, value, sigma } => {
                     let band =
@@ -205,7 +227,15 @@ mod tests {
 
     fn chart(shapes: Vec<(Ink, Shape)>) -> Chart {
         let y = "turn, °".to_owned();
-        Chart { frames: 11, y, names_frames: true, is_logarithmic: false, from_zero: false, height: 300, shapes }
+        Chart {
+            across: Across::Frames(11),
+            y,
+            names_across: true,
+            is_logarithmic: false,
+            from_zero: false,
+            height: 300,
+            shapes,
+        }
     }
 
     #[test]
@@ -236,6 +266,24 @@ mod tests {
     }
 
     #[test]
+    fn a_bar_stands_on_nothing_between_its_ends() {
+        let bars = Shape::Bars(vec![(0.0, 1.0, 4.0), (1.0, 2.0, 2.0)]);
+        let across = Across::Values("σ, px", 0.0..2.0);
+        let svg = Chart { across, from_zero: true, ..chart(vec![(Ink::Found, bars)]) }.svg().unwrap();
+        let corners = |n: usize| -> Vec<Vec<f64>> {
+            let text = svg.split("<polygon").nth(n + 1).unwrap().split("points=\"").nth(1).unwrap();
+            let pairs = text.split('"').next().unwrap().split_whitespace();
+            pairs.map(|pair| pair.split(',').map(|v| v.parse().unwrap()).collect()).collect()
+        };
+        let (first, second) = (corners(0), corners(1));
+        assert_eq!((first[0][0], first[1][0], second[0][0]), (120.0, second[0][0], first[1][0]));
+        // Twice as high above the same floor.
+        let high = |bar: &[Vec<f64>]| bar[0][1] - bar[2][1];
+        assert!((high(&first) / high(&second) - 2.0).abs() < 0.03 && first[0][1] == second[0][1], "{svg}");
+        assert!(svg.contains("σ, px"));
+    }
+
+    #[test]
     fn nothing_and_what_is_no_number_is_no_panic() {
         for values in [vec![], vec![(0.0, f64::NAN)], vec![(3.0, 5.0)], vec![(0.0, 1e300), (1.0, -1e300)]] {
             for is_logarithmic in [false, true] {
@@ -243,6 +291,6 @@ mod tests {
                 Chart { is_logarithmic, ..chart(shapes) }.svg().unwrap();
             }
         }
-        Chart { frames: 0, ..chart(Vec::new()) }.svg().unwrap();
+        Chart { across: Across::Frames(0), ..chart(Vec::new()) }.svg().unwrap();
     }
 }

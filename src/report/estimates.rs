@@ -33,7 +33,14 @@ pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
     let of_poses = [poses(findings), clock(findings), readout(findings, given_readout_s), depth(findings)];
     of_poses
         .into_iter()
-        .chain([gain(findings), exposure(findings), sharpness(findings), light(findings), lamps(findings)])
+        .chain([
+            gain(findings),
+            exposure(findings),
+            sharpness(findings),
+            tone(findings),
+            light(findings),
+            lamps(findings),
+        ])
         .collect()
 }
 
@@ -139,7 +146,7 @@ fn gain(findings: &Findings) -> Estimate {
             let value = format!("± {} stops", fixed(g.recorded / std::f64::consts::LN_2, 3));
             estimate("light", Mark::Kept, "steady", value, "frames are equally bright")
         }
-        None => estimate("light", Mark::Refused, "refused", String::new(), "too few surfaces are seen twice"),
+        None => estimate("light", Mark::Refused, "refused", String::new(), findings.no_gain()),
     }
 }
 
@@ -172,6 +179,16 @@ fn sharpness(findings: &Findings) -> Estimate {
             let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not looked for");
             estimate("sharpness", Mark::Refused, "refused", String::new(), why)
         }
+    }
+}
+
+fn tone(findings: &Findings) -> Estimate {
+    let refused = |why: &str| estimate("response", Mark::Refused, "unknown", String::new(), why);
+    let Some(tone) = &findings.tone else { return refused("it was not looked for") };
+    match &tone.why {
+        Some(why) => refused(why),
+        None if tone.differs() => estimate("response", Mark::Refused, "differs", String::new(), tone.to_string()),
+        None => estimate("response", Mark::Kept, "fits", String::new(), tone.to_string()),
     }
 }
 
@@ -221,6 +238,7 @@ mod tests {
                 "light followed 1.25 stops",
                 "exposure found 19.41 ± 0.42 ms",
                 "sharpness found 0.44 px (0.43 to 0.45)",
+                "response unknown ",
                 "room's light unknown ",
                 "lamps none claimed "
             ]

@@ -5,21 +5,25 @@
 
 mod chart;
 mod correction;
+mod edges;
 mod estimates;
 mod followed;
 mod page;
 mod places;
 mod plots;
 mod sight;
+mod slide;
 mod source;
 mod strips;
 mod tile;
 
+pub use slide::{LATER, Slid, median_px, slides, worse};
 pub use source::{MADE_BY, ReportError, Source};
 
 /// The page. The same analysis and recording give the same bytes, but for [`Source::times`].
 pub fn html(source: &Source<'_>) -> Result<String, ReportError> {
-    let mut figures = vec![plots::correction(source)?, plots::links(source)?, strips::point(source)?];
-    figures.extend([plots::gain(source)?, strips::brightness(source)?, plots::exposure(source)?]);
+    let mut figures = vec![plots::correction(source)?, plots::links(source)?, plots::slide(source)?];
+    figures.extend([edges::edges(source)?, strips::point(source)?, plots::gain(source)?, strips::brightness(source)?]);
+    figures.extend([plots::exposure(source)?, plots::sharpness(source)?, plots::tone(source)?]);
     page::page(source, figures)
 }

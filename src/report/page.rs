@@ -1,5 +1,6 @@
 //! The page around plots and pictures (page.html).
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use minijinja::value::Serde;
@@ -55,7 +56,7 @@ impl Figure {
 /// A part of the work: its share of the whole, per cent.
 #[derive(Serialize)]
 struct Part {
-    name: &'static str,
+    name: String,
     took: String,
     share: String,
 }
@@ -116,10 +117,10 @@ fn reasons(estimates: &[Estimate]) -> Vec<(String, &'static str, String)> {
 }
 
 /// How long it took, and each part of it.
-fn parts(times: &[(&'static str, Duration)]) -> (String, Vec<Part>) {
+fn parts(times: &[(Cow<'static, str>, Duration)]) -> (String, Vec<Part>) {
     let whole_s: f64 = times.iter().map(|(_, took)| took.as_secs_f64()).sum();
-    let part = |(name, took): &(&'static str, Duration)| Part {
-        name,
+    let part = |(name, took): &(Cow<'static, str>, Duration)| Part {
+        name: shown(name),
         took: format!("{} s", fixed(took.as_secs_f64(), 1)),
         share: fixed(100.0 * took.as_secs_f64() / whole_s.max(1e-9), 1),
     };

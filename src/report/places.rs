@@ -74,7 +74,8 @@ fn best(frame: &Frame, score: impl Fn(usize, usize) -> Option<f64>) -> Vec<Place
     found
 }
 
-fn smooth(depth: &DepthMap, x: usize, y: usize) -> Option<f64> {
+/// The depth of a surface that reaches a little about a place.
+pub fn smooth(depth: &DepthMap, x: usize, y: usize) -> Option<f64> {
     let (width, height) = (i64::from(depth.width), i64::from(depth.height));
     let at = |dx: i64, dy: i64| {
         let (x, y) = (x as i64 + dx, y as i64 + dy);

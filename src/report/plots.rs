@@ -1,10 +1,11 @@
 //! What is plotted over the frames, or why it is not.
 
-use super::chart::{Chart, Ink, Shape};
+use super::chart::{Across, Chart, Ink, Shape};
 use super::correction::{Correction, corrections, usual_depth_m};
 use super::page::{Body, Figure};
+use super::slide::{LATER, Slid, median_px, slides, worse};
 use super::{ReportError, Source};
-use crate::analyse::Missed;
+use crate::analyse::{EDGES_STEP_PX, Missed, ToneBand};
 use crate::words::{count, fixed, short};
 
 /// Heights of plots, units of a drawing that is 1840 wide.
@@ -34,9 +35,9 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
         inks.iter().enumerate().map(|(k, ink)| (*ink, of(&move |c| vector(c)[k]))).collect::<Vec<_>>()
     };
     let plot = |y: &str, shapes, is_last: bool| Chart {
-        frames: source.recording.frame_count(),
+        across: Across::Frames(source.recording.frame_count()),
         y: y.to_owned(),
-        names_frames: is_last,
+        names_across: is_last,
         is_logarithmic: false,
         from_zero: is_last,
         height: if is_last { LOW + AXIS } else { LOW },
@@ -78,9 +79,9 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     let median_and_most = |px: fn(&Missed) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
     let chart = Chart {
-        frames: source.recording.frame_count(),
+        across: Across::Frames(source.recording.frame_count()),
         y: "missed by, px".to_owned(),
-        names_frames: true,
+        names_across: true,
         is_logarithmic: true,
         from_zero: false,
         height: TALL,
@@ -101,21 +102,132 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     })
 }
 
+pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "What slides";
+    let slid = match slides(source)? {
+        Ok(slid) => slid,
+        Err(why) => return Ok(Figure::left_out(title, why.to_owned())),
+    };
+    let is_refined = slid.iter().any(|pair| pair.refined_px.is_some());
+    let of = |px: &dyn Fn(&Slid) -> Option<f64>, by: f64| {
+        let at = |pair: &Slid| Some((pair.later as f64 + by, px(pair)?.max(0.01)));
+        Shape::Dots(slid.iter().filter_map(at).collect())
+    };
+    let recorded = |pair: &Slid| median_px(&pair.recorded_px);
+    let refined = |pair: &Slid| median_px(pair.refined_px.as_ref()?);
+    let mut shapes = vec![(Ink::Recorded, of(&recorded, -0.4))];
+    let mut legend = vec![RECORDED];
+    if is_refined {
+        shapes.push((Ink::Found, of(&refined, 0.4)));
+        legend.push((Ink::Found, "refined"));
+    }
+    let chart = Chart {
+        across: Across::Values("frames later", 0.0..45.0),
+        y: "slid by, px".to_owned(),
+        names_across: true,
+        is_logarithmic: true,
+        from_zero: false,
+        height: TALL,
+        shapes,
+    };
+    let whole = |px: &dyn Fn(&Slid) -> Vec<f64>| {
+        let of = |later: usize| {
+            let all: Vec<f64> = slid.iter().filter(|pair| pair.later == later).flat_map(px).collect();
+            median_px(&all).map_or("–".to_owned(), |px| fixed(px, 2))
+        };
+        LATER.map(of).join(", ")
+    };
+    let mut caption = format!(
+        "A frame's picture on its own depth, as poses put it into later frames, against what these show: each dot is a pair, the \
+         median of its patches. Over all, {} frames later: {} px as recorded",
+        LATER.map(|later| later.to_string()).join(", "),
+        whole(&|pair| pair.recorded_px.clone())
+    );
+    if let Some((got_worse, of, most_px)) = worse(&slid) {
+        let refined = whole(&|pair| pair.refined_px.clone().unwrap_or_default());
+        caption +=
+            &format!(", {refined} px refined. Of {} {got_worse} got worse by more than 0.1 px", count(of, "pair"));
+        caption += &if got_worse > 0 { format!(", by {} px at most", fixed(most_px, 2)) } else { String::new() };
+    }
+    Ok(Figure { title, caption: caption + ".", legend, body: Body::Plots { plots: vec![chart.svg()?] } })
+}
+
+pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "How sharp edges are";
+    let spread = source.analysis.findings.spread.as_ref();
+    let Some((sigma_px, spread)) = spread.and_then(|spread| Some((spread.sigma_px?, spread))) else {
+        let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not looked for");
+        return Ok(Figure::left_out(title, why.to_owned()));
+    };
+    let bar = |(n, edges): (usize, &u32)| (n as f64 * EDGES_STEP_PX, (n + 1) as f64 * EDGES_STEP_PX, f64::from(*edges));
+    let (own, others): (Vec<_>, Vec<_>) =
+        (spread.edges_by_px.iter().enumerate().map(bar)).partition(|(from, to, _)| (*from..*to).contains(&sigma_px));
+    let chart = Chart {
+        across: Across::Values("σ, px", 0.0..EDGES_STEP_PX * spread.edges_by_px.len().max(1) as f64),
+        y: "edges".to_owned(),
+        names_across: true,
+        is_logarithmic: false,
+        from_zero: true,
+        height: LOW + AXIS,
+        shapes: vec![(Ink::Recorded, Shape::Bars(others)), (Ink::Found, Shape::Bars(own))],
+    };
+    Ok(Figure {
+        title,
+        caption: format!(
+            "Straight edges that stand alone, by the Gaussian that blurred each. What is round or out of focus is softer than the \
+             camera, nothing is sharper, so the 30th percentile counts: {} px. The last bar has the wider ones, too.",
+            fixed(sigma_px, 2)
+        ),
+        legend: vec![(Ink::Found, "here lies the camera's")],
+        body: Body::Plots { plots: vec![chart.svg()?] },
+    })
+}
+
+pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "How codes follow light";
+    let Some(tone) = source.analysis.findings.tone.as_ref().filter(|tone| !tone.bands.is_empty()) else {
+        let why = source.analysis.findings.tone.as_ref().and_then(|tone| tone.why.as_deref());
+        return Ok(Figure::left_out(title, why.unwrap_or("it was not looked for").to_owned()));
+    };
+    let level = |band: &ToneBand| {
+        let (from, to) = (band.from.into(), band.to.into());
+        (Ink::Found, Shape::Level { from, to, value: band.slope, sigma: band.sigma })
+    };
+    let right = (Ink::Recorded, Shape::Level { from: 0.0, to: 255.0, value: 1.0, sigma: 0.0 });
+    let chart = Chart {
+        across: Across::Values("code", 0.0..255.0),
+        y: "by middle codes".to_owned(),
+        names_across: true,
+        is_logarithmic: false,
+        from_zero: false,
+        height: LOW + AXIS,
+        shapes: std::iter::once(right).chain(tone.bands.iter().map(level)).collect(),
+    };
+    Ok(Figure {
+        title,
+        caption: "Where light changes, surfaces of all codes must tell one change by the camera's response, with ± 1 σ. An exponent \
+                  of the whole is not seen. This is advice: nothing follows from it."
+            .to_owned(),
+        legend: vec![(Ink::Found, "told by codes"), (Ink::Recorded, "by the right response")],
+        body: Body::Plots { plots: vec![chart.svg()?] },
+    })
+}
+
 pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
     let title = "How bright each frame is";
     let gains = &source.analysis.gains;
     if gains.is_empty() {
         let why = match &source.analysis.findings.gain {
             Some(gain) => format!("frames are equally bright, {gain}"),
-            None => "too few surfaces are seen twice".to_owned(),
+            None => source.analysis.findings.no_gain().to_owned(),
         };
         return Ok(Figure::left_out(title, why));
     }
     let of = |c: usize| Shape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
     let chart = Chart {
-        frames: gains.len(),
+        across: Across::Frames(gains.len()),
         y: "stops".to_owned(),
-        names_frames: true,
+        names_across: true,
         is_logarithmic: false,
         from_zero: false,
         height: TALL,
@@ -152,9 +264,9 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
     let heard = shutter.heard.iter().map(|(frame, s)| (*frame as f64, 1e3 * s)).collect();
     shapes.push((Ink::Found, Shape::Dots(heard)));
     let chart = Chart {
-        frames: source.recording.frame_count(),
+        across: Across::Frames(source.recording.frame_count()),
         y: "exposure, ms".to_owned(),
-        names_frames: true,
+        names_across: true,
         is_logarithmic: false,
         from_zero: true,
         height: LOW + AXIS,

@@ -28,6 +28,23 @@ impl Sight<'_> {
         self.pose(time_s + self.camera.row_time_s(row_px))
     }
 
+    /// One for each of a frame's rows, at its middle; `None` without one of them.
+    pub fn rows(&self, time_s: f64) -> Option<Vec<Pose>> {
+        (0..self.camera.intrinsics.height_px).map(|row| self.of_row(time_s, f64::from(row) + 0.5)).collect()
+    }
+
+    /// As [`Sight::seen`], by the poses of a frame's rows, to the nearest row.
+    pub fn seen_by_rows(&self, rows: &[Pose], point: DVec3) -> Option<(DVec2, f64)> {
+        let mut row = rows.len() / 2;
+        let mut found = None;
+        for _ in 0..3 {
+            let there = rows.get(row)?.transform_point(point);
+            let at = self.camera.project(there).filter(|_| there.z > 0.0)?;
+            (row, found) = ((at.y.max(0.0) as usize).min(rows.len() - 1), Some((at, there.z)));
+        }
+        found
+    }
+
     /// The world's point that a frame shows at a place, `depth_m` away along the optical axis.
     pub fn point(&self, time_s: f64, at_px: DVec2, depth_m: f64) -> Option<DVec3> {
         let pose = self.of_row(time_s, at_px.y)?;
@@ -68,6 +85,11 @@ mod tests {
         assert!((px - DVec2::new(320.0, 360.0)).length() < 1e-9 && (depth_m - 2.0).abs() < 1e-12);
         // 100 ms later it is 100 mm on: 25 px to the left.
         assert!((sight.seen(0.6, point).unwrap().0 - DVec2::new(295.0, 360.0)).length() < 1e-6);
+        // By the middle of row 360, 0.02 ms later, to a hundredth of a pixel.
+        let rows = sight.rows(0.6).unwrap();
+        assert_eq!(rows.len(), 480);
+        assert!((sight.seen_by_rows(&rows, point).unwrap().0 - DVec2::new(295.0, 360.0)).length() < 0.01);
+        assert_eq!(sight.seen_by_rows(&rows, DVec3::new(0.0, 0.0, -1.0)), None);
         assert_eq!(sight.seen(0.5, DVec3::new(0.0, 0.0, -1.0)), None);
         assert_eq!(sight.seen(9.0, point), None);
     }

@@ -2,6 +2,7 @@
 
 use crate::analyse::{Analysis, Times};
 use crate::camera::{Geometry, Response};
+use crate::measure::MeasureError;
 use crate::recording::{Recording, RecordingError};
 
 /// What a page is made of.
@@ -14,7 +15,7 @@ pub struct Source<'a> {
     pub response: &'a Response,
     /// Of this recording and camera ([`Analysis::fits`]).
     pub analysis: &'a Analysis,
-    /// How long it took, if it was made just now.
+    /// How long it took, if that is known.
     pub times: Option<&'a Times>,
 }
 
@@ -26,6 +27,8 @@ pub const MADE_BY: &str = "<meta name=\"generator\" content=\"locard analyse\" /
 pub enum ReportError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    #[error("a slide cannot be measured: {0}")]
+    Slide(#[from] MeasureError),
     #[error("a picture cannot be encoded: {0}")]
     Picture(#[from] image::ImageError),
     #[error("a plot cannot be drawn: {0}")]

@@ -16,7 +16,7 @@ const SIDE: usize = 64;
 const CODES: (f64, f64) = (8.0, 247.0);
 
 /// Why a recording has no places to follow.
-fn lacking(source: &Source<'_>) -> Option<&'static str> {
+pub fn lacking(source: &Source<'_>) -> Option<&'static str> {
     let sight = refined(source).unwrap_or(recorded(source));
     let posed = source.recording.timestamps_s.iter().filter(|t| sight.pose(**t).is_some()).count();
     match () {

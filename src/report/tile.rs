@@ -16,6 +16,7 @@ const OUTSIDE: [u8; 3] = [128; 3];
 const CROSS: std::ops::Range<i64> = 7..26;
 const CROSS_COLOUR: [u8; 3] = [255, 214, 10];
 const CROSS_RIM: [u8; 3] = [20, 20, 20];
+const DOT_COLOUR: [u8; 3] = [255, 40, 160];
 
 /// A square of 8-bit pixels.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +69,17 @@ impl Tile {
                 large.put(x + along, y + beside, colour);
                 large.put(x + beside, y + along, colour);
             }
+        }
+        large.uri()
+    }
+
+    /// Enlarged, with a dot at each of these places of the picture.
+    pub fn dotted(&self, about: DVec2, places: &[DVec2]) -> Result<String, ImageError> {
+        let start = start(about, self.side);
+        let mut large = self.enlarged();
+        for place in places {
+            let at = (*place - DVec2::new(start[0] as f64, start[1] as f64)) * ENLARGED as f64;
+            large.put(at.x.floor() as i64, at.y.floor() as i64, DOT_COLOUR);
         }
         large.uri()
     }
@@ -130,6 +142,8 @@ mod tests {
         assert_eq!((picture[(64 + 7, 63)].0, picture[(64 + 25, 63)].0), (CROSS_COLOUR, CROSS_COLOUR));
         assert_eq!((picture[(64, 63 - 7)].0, picture[(64, 63)].0), (CROSS_COLOUR, [0; 3]));
         assert_eq!(picture[(64 + 26, 63)].0, [0; 3]);
+        let dots = decoded(&tile.dotted(about, &[about, DVec2::new(0.0, 0.0)]).unwrap());
+        assert_eq!((dots[(64, 63)].0, dots[(65, 63)].0, dots[(0, 0)].0), (DOT_COLOUR, [0; 3], [0; 3]));
         let plain = decoded(&Tile::cut(&ramp(), DVec2::new(2.0, 2.0), 4).plain().unwrap());
         assert_eq!((plain.dimensions(), plain[(3, 4)].0, plain[(2, 5)].0), ((8, 8), [1, 2, 9], [1, 2, 9]));
     }

@@ -57,6 +57,7 @@ impl Shot {
         let failed = |source| AnalyseError::Footage { recording: self.recording.path.clone(), source };
         let (made, times) = made.map_err(failed)?;
         made.write(folder, &self.recording)?;
+        times.keep(folder);
         part.finish();
         Ok((made, times))
     }

@@ -81,17 +81,26 @@ fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
     // Poses and links; the strip is above and below. Light is steady there.
     assert!(seen.elements.iter().filter(|name| *name == "svg").count() >= 4, "{:?}", seen.elements);
     assert!(seen.pictures.len() >= 8 && seen.pictures.len().is_multiple_of(2), "{}", seen.pictures.len());
-    assert!(seen.pictures.iter().all(|picture| picture.dimensions() == (128, 128)));
+    // Edges are shown larger than the place that is followed, and above and below too.
+    let [followed, edges] =
+        [128, 320].map(|side| seen.pictures.iter().filter(|p| p.dimensions() == (side, side)).count());
+    assert!(edges >= 4 && edges.is_multiple_of(2) && followed + edges == seen.pictures.len(), "{followed} {edges}");
+    for title in ["Edges of the room", "What slides", "How sharp edges are", "How codes follow light"] {
+        assert!(seen.text.contains(title), "{title}");
+    }
     assert!(seen.text.contains("Left out: ") && seen.text.contains("Time by part"));
 
-    // Of one that is there, again and again the same; only a run knows how long it took.
+    // Of one that is there, again and again the same, with what it took then; without, if that was deleted.
     assert_eq!(said(&["analyse", site, "--report", page_at]), found);
     let again = std::fs::read_to_string(&page).unwrap();
-    assert!(!again.contains("Time by part"));
+    let whole = html.split("<section>\n<h2>Time by part").next().unwrap();
+    assert!(again.starts_with(whole) && again.contains("Time by part"), "all is the same but for rounded times");
     said(&["analyse", site, "--report", page_at]);
     assert_eq!(std::fs::read_to_string(&page).unwrap(), again);
-    let whole = html.split("<section>\n<h2>Time by part").next().unwrap();
-    assert!(again.starts_with(whole), "the rest is the same");
+    std::fs::remove_file(folder.path().join("a<b>&\"c.analysis/times.txt")).unwrap();
+    said(&["analyse", site, "--report", page_at]);
+    let without = std::fs::read_to_string(&page).unwrap();
+    assert!(without.starts_with(whole) && !without.contains("Time by part"));
 
     // What the footage says of the readout is the demo's own, which is 15 ms.
     assert!(accepted.contains("camera.readout_time_s: 0.03 -> 0.015"), "{accepted}");

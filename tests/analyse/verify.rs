@@ -1,5 +1,7 @@
 //! Virtual things beside real ones, judged by the program: as they should be, and with something wrong for each line.
 
+use std::path::Path;
+
 use crate::program::locard;
 use crate::{common, found};
 
@@ -12,7 +14,9 @@ fn verdicts(arguments: &[&str]) -> Vec<(String, String)> {
     let found: Vec<(String, String)> = lines
         .map(|line| (line.split(' ').next().unwrap().to_owned(), line.rsplit(": ").next().unwrap().to_owned()))
         .collect();
-    assert_eq!(found.len(), 4, "{text}");
+    // What slides and what got worse is judged of an analysis.
+    let lines = if arguments.contains(&"--no-analysis") { 4 } else { 6 };
+    assert_eq!(found.len(), lines, "{text}");
     let is_well = found.iter().all(|(_, verdict)| verdict != "FAIL");
     assert_eq!(output.status.success(), is_well, "{text}");
     found
@@ -41,4 +45,16 @@ fn a_kinects_footage_passes_and_something_wrong_fails_its_own_line() {
     let wrong = ["exposure.ev=0.5", "camera.exposure.time_s=0.033", "point_spread.sigma_px=1.1"];
     let sets: Vec<&str> = wrong.iter().flat_map(|set| ["--set", set]).collect();
     assert_eq!(failed(&verified(&[&by[..], &sets].concat())), ["gain", "blur", "sharpness"]);
+    // Refined poses that sway by 3 cm and 5 times a second.
+    let path = Path::new(&analysis).join("poses.txt");
+    let swayed = |line: &str| {
+        let mut numbers: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
+        numbers[1] += 0.03 * (10.0 * std::f64::consts::PI * numbers[0]).sin();
+        numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
+    };
+    let text = std::fs::read_to_string(&path).unwrap();
+    let line = |line: &str| if line.starts_with('#') { line.to_owned() } else { swayed(line) };
+    std::fs::write(&path, text.lines().map(|text| line(text) + "\n").collect::<String>()).unwrap();
+    let failing = verified(&by);
+    assert!(["registration", "slide", "worse"].iter().all(|name| failed(&failing).contains(name)), "{failing:?}");
 }

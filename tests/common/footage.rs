@@ -54,6 +54,12 @@ pub fn opened(folder: &tempfile::TempDir) -> Shot {
     Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given::default()).unwrap()
 }
 
+/// The recording `site` in a folder, with one parameter set.
+pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
+    let given = Given { sets: vec![set.to_owned()], ..Given::default() };
+    Shot::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap()
+}
+
 pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
