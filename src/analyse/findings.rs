@@ -148,13 +148,13 @@ impl fmt::Display for Tone {
         }
         let told = self.bands.iter().filter(|band| band.differs()).map(|band| {
             let (from, to, slope, sigma) = (band.from, band.to, fixed(band.slope, 2), fixed(band.sigma, 2));
-            format!("{slope} ± {sigma} times in codes {from} to {to}")
+            format!("{slope} ± {sigma} times as much in codes {from} to {to}")
         });
         let told = told.collect::<Vec<_>>().join(", ");
         write!(
             f,
-            "by the response light changes {told} as much as in middle ones, where it must be alike: the camera has another \
-             (camera.response). Advice, nothing follows from it"
+            "by this response light changes {told} as in middle codes, and it must change alike: the camera has another one \
+             (camera.response). This is advice: nothing follows from it"
         )
     }
 }

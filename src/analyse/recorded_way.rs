@@ -2,7 +2,8 @@
 //!
 //! Refined poses stand at the frames. A curve through them knows no swing that is faster than half their rate, and a hand has 8
 //! to 12 swings a second. Where frames are far apart and poses were recorded far more often, the recorded way is kept, and it is
-//! the corrections that are joined: in the camera's own axes, linear in time.
+//! the corrections that are joined: in the camera's own axes, linear in time. Poses within 7.5 ms are averaged: that halves white
+//! jitter of 200 poses a second, and takes 5 % of a swing of 10 a second.
 
 use glam::DAffine3;
 
@@ -15,6 +16,9 @@ use crate::tracking::{PoseTrack, median_interval_s};
 const APART_S: f64 = 0.09;
 /// Poses of a way lie at least so many times as close together.
 const OFTEN: f64 = 3.0;
+/// Poses are averaged over so many each way, so far apart, s.
+const AVERAGED: i32 = 2;
+const AVERAGED_S: f64 = 0.00375;
 /// Of what is written, the shortest step, s.
 const LEAST_STEP_S: f64 = 0.004;
 
@@ -45,7 +49,13 @@ pub struct RecordedWay<'a> {
 
 impl RecordedWay<'_> {
     fn at(&self, time_s: f64) -> Option<DAffine3> {
-        Some(world_from_camera(&self.track.at(time_s + self.later_s).ok()?) * twist::exp(&self.hand_eye))
+        let of = |by_s: f64| Some(world_from_camera(&self.track.at(time_s + self.later_s + by_s).ok()?));
+        let here = of(0.0)?;
+        let off = |k: i32| Some(twist::log(&(here.inverse() * of(AVERAGED_S * f64::from(k))?)));
+        // At the track's ends there is only what is there.
+        let all = (-AVERAGED..=AVERAGED).map(off).collect::<Option<Vec<Twist>>>();
+        let mean = all.map_or(Twist::zeros(), |all| all.iter().sum::<Twist>() / all.len() as f64);
+        Some(here * twist::exp(&mean) * twist::exp(&self.hand_eye))
     }
 
     /// What it lacks at a frame, in the camera's axes.
