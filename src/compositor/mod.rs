@@ -188,11 +188,15 @@ impl Compositor {
             if may_be_rough {
                 let of_things;
                 (charts, is_rough) = self.shadows.sketched(scene);
-                (lightmaps, of_things) = self.lightmaps.sketched(scene);
-                is_rough |= of_things;
+                if settings.shadow.on_things {
+                    (lightmaps, of_things) = self.lightmaps.sketched(scene);
+                    is_rough |= of_things;
+                }
             } else {
                 charts = self.shadows.charts(scene);
-                lightmaps = self.lightmaps.of(scene, self.renderer.unwrapped(), &charts);
+                if settings.shadow.on_things {
+                    lightmaps = self.lightmaps.of(scene, self.renderer.unwrapped(), &charts);
+                }
             }
         }
         self.renderer.light_by(&self.recorder.gpu, &lightmaps, settings.shadow.strength);

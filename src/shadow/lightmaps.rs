@@ -299,9 +299,10 @@ mod tests {
             let (map, places) = first(&scene(&[plate(), wall()], reflectance, even_sky()));
             for (at, place) in places {
                 let distance = 0.1 - at.x;
-                // The wall's outline crosses some 45 of the 512 patches of the sky, each half right: 0.017 rms.
+                // The wall's outline crosses some 45 of the 512 patches of the sky, each half right: 0.017 rms, and three times that
+                // at the worst of many places.
                 let (open, thrown) = (map.layers[0][place.texel as usize], map.layers[1][place.texel as usize]);
-                assert!((open[0] - (1.0 - filled(distance))).abs() < 0.035, "{at}: {} {}", open[0], filled(distance));
+                assert!((open[0] - (1.0 - filled(distance))).abs() < 0.05, "{at}: {} {}", open[0], filled(distance));
                 assert!(
                     (open[0] - open[1]).abs() < 1e-5 && (open[0] - open[2]).abs() < 1e-5 && open[3] == 1.0,
                     "{open:?}"
@@ -310,7 +311,7 @@ mod tests {
                 let wanted = reflectance * filled(distance);
                 for (c, sky) in [1.0, 2.0, 3.0].into_iter().enumerate() {
                     let off = (thrown[c] / sky - wanted).abs();
-                    assert!(off < 0.15 * wanted + 0.01, "{at}: {} for {wanted}", thrown[c] / sky);
+                    assert!(off < 0.15 * wanted + 0.015, "{at}: {} for {wanted}", thrown[c] / sky);
                 }
             }
         }

@@ -74,8 +74,8 @@ fn plate(lighting: Lighting, shadow: Shade) -> Vec<(f64, [f32; 3])> {
     places.collect()
 }
 
-fn cast(cast: bool, strength: f32) -> Shade {
-    Shade { cast, strength }
+fn cast(on_things: bool, strength: f32) -> Shade {
+    Shade { cast: true, on_things, strength }
 }
 
 #[test]
