@@ -24,7 +24,7 @@ use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
-use crate::shadow::{Lightmaps, Shadows};
+use crate::shadow::{Chart, Lightmaps, Shadows};
 
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
@@ -165,7 +165,7 @@ impl Compositor {
         settings: &Settings,
         target: Target<'_>,
     ) -> Result<Pending, SubmitError> {
-        let (may_be_rough, mut is_rough) = (std::mem::take(&mut self.may_be_rough), false);
+        let may_be_rough = std::mem::take(&mut self.may_be_rough);
         if let Target::View(view, _) = target {
             let (size, pixels) = (view.texture().size(), &job.frame.pixels);
             let (view_px, picture_px) = ((size.width, size.height), (pixels.width, pixels.height));
@@ -182,24 +182,7 @@ impl Compositor {
         if job.frame.presence <= 0.0 && !job.capture.whole {
             return Ok(self.untouched(job, stats, target));
         }
-        let (mut charts, mut lightmaps) = (Vec::new(), Vec::new());
-        if settings.shadow.cast && settings.shadow.strength > 0.0 {
-            let scene = self.renderer.scene();
-            if may_be_rough {
-                let of_things;
-                (charts, is_rough) = self.shadows.sketched(scene);
-                if settings.shadow.on_things {
-                    (lightmaps, of_things) = self.lightmaps.sketched(scene);
-                    is_rough |= of_things;
-                }
-            } else {
-                charts = self.shadows.charts(scene);
-                if settings.shadow.on_things {
-                    lightmaps = self.lightmaps.of(scene, self.renderer.unwrapped(), &charts);
-                }
-            }
-        }
-        self.renderer.light_by(&self.recorder.gpu, &lightmaps, settings.shadow.strength);
+        let (charts, is_rough) = self.shaded(&settings.shadow, may_be_rough);
         let sight = Sight::new(&self.renderer, charts, &job, settings);
         let moment = moment(&job, camera, settings, &sight);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight)?;
@@ -314,6 +297,33 @@ impl Compositor {
             timed,
             is_rough,
         })
+    }
+
+    /// What things take of the floors' light, and whether any of it is rough. The renderer is told what they take of each other's.
+    fn shaded(&mut self, settings: &Shade, may_be_rough: bool) -> (Vec<Chart>, bool) {
+        let (gpu, strength) = (&self.recorder.gpu, settings.strength);
+        if !settings.cast || strength <= 0.0 {
+            self.renderer.light_by(gpu, &[], strength);
+            return (Vec::new(), false);
+        }
+        let (charts, mut is_rough) = match may_be_rough {
+            true => self.shadows.sketched(self.renderer.scene()),
+            false => (self.shadows.charts(self.renderer.scene()), false),
+        };
+        let lightmaps = match (settings.on_things, may_be_rough) {
+            (false, _) => Vec::new(),
+            (true, true) => {
+                let (known, is_other) = self.lightmaps.sketched(self.renderer.scene());
+                is_rough |= is_other;
+                known
+            }
+            (true, false) => {
+                self.renderer.unwrap(gpu);
+                self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &charts)
+            }
+        };
+        self.renderer.light_by(gpu, &lightmaps, strength);
+        (charts, is_rough)
     }
 
     /// Passes a frame through to which nothing is added.

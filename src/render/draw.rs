@@ -9,51 +9,33 @@ use glam::DVec3;
 use super::accumulate::Sum;
 use super::around::{SideView, gather, out_of_view};
 use super::around_bounds::footprint_around;
-use super::bounds::{Bounds, Footprint, footprint, outline};
-use super::dice::{Bend, dice, longest_edge};
+use super::bounds::{Footprint, footprint};
+use super::dice::{Bend, dice};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
 use super::lightmap::{Lightmap, LitParts};
 use super::material::bind_groups;
+use super::meshes::Meshes;
 use super::motion::Motion;
 use super::occlusion::Occlusion;
 use super::pipeline::{COLOR, DEPTH, GEOMETRY, Instance, Pipelines, SAMPLES, Variant, Writes};
 use super::plan::{Layer, Sample, SamplePlan};
-use super::unwrap::{Corner, Unwrapped, area_of};
+use super::unwrap::Unwrapped;
 use super::view::{NEAR_M, Shutter, View, ViewKeys, ViewUniform};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Stamps, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::scene::{Object, Part, Scene};
+use crate::scene::{Object, Scene};
 
 /// If the outlines of all parts have more points than this (a millisecond's work), boxes are used instead.
 const MOST_POINTS: usize = 16384;
-/// Texels along the sides of an object's lightmap, and how small they need not be, metres.
-const LIGHTMAP_SIDE: u32 = 128;
-const FINEST_M: f64 = 0.0015;
-
-/// A mesh on the GPU.
-#[derive(Debug)]
-struct GpuMesh {
-    base_vertex: i32,
-    indices: Range<u32>,
-    longest: f64,
-    has_colors: bool,
-    bounds: Option<Bounds>,
-    /// The mesh lies in its convex hull.
-    outline: Vec<DVec3>,
-}
 
 /// A scene ready to be drawn.
 #[derive(Debug)]
 pub struct Renderer {
     scene: Scene,
-    /// The scene's meshes.
-    unwrapped: Vec<Unwrapped>,
+    meshes: Meshes,
     lightmaps: LitParts,
-    vertices: wgpu::Buffer,
-    indices: wgpu::Buffer,
-    meshes: Vec<GpuMesh>,
     materials: Vec<wgpu::BindGroup>,
     environment: EnvironmentLight,
     pipelines: Pipelines,
@@ -105,7 +87,7 @@ impl Renderer {
     /// If a part's mesh is not one of the scene's.
     pub fn place(&mut self, objects: &[Object]) {
         if self.scene.objects != objects {
-            let meshes = self.meshes.len();
+            let meshes = self.scene.meshes.len();
             let known = objects.iter().flat_map(|object| &object.parts).all(|part| part.mesh < meshes);
             assert!(known, "objects of meshes that the scene does not have: it has {meshes}");
             self.scene.objects = objects.to_vec();
@@ -113,39 +95,11 @@ impl Renderer {
     }
 
     fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Pipelines) -> Self {
-        let mut vertices: Vec<Corner> = Vec::new();
-        let mut indices: Vec<u32> = Vec::new();
-        let unwrapped = all_unwrapped(&scene);
-        let meshes = scene
-            .meshes
-            .iter()
-            .zip(&unwrapped)
-            .map(|(mesh, unwrapped)| {
-                let start = indices.len() as u32;
-                let base_vertex = vertices.len() as i32;
-                vertices.extend_from_slice(&unwrapped.corners);
-                indices.extend_from_slice(&unwrapped.indices);
-                GpuMesh {
-                    base_vertex,
-                    indices: start..indices.len() as u32,
-                    longest: longest_edge(unwrapped),
-                    has_colors: mesh.vertices.iter().any(|v| v.color != [1.0; 4]),
-                    bounds: Bounds::of(mesh.vertices.iter().map(|v| v.position)),
-                    outline: outline(&mesh.vertices.iter().map(|v| v.position).collect::<Vec<_>>()),
-                }
-            })
-            .collect();
-        // A buffer must not be empty.
-        vertices.resize(vertices.len().max(1), bytemuck::Zeroable::zeroed());
-        indices.resize(indices.len().max(3), 0);
         Self {
-            vertices: gpu.buffer("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
-            indices: gpu.buffer("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
-            meshes,
+            meshes: Meshes::new(gpu, &scene),
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
             lightmaps: LitParts::new(gpu, &pipelines.lightmap_layout),
-            unwrapped,
             pipelines,
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
@@ -156,9 +110,14 @@ impl Renderer {
         &self.scene
     }
 
-    /// The scene's meshes with their lightmaps' places.
+    /// Gives the scene's meshes places for lightmaps, if they have none yet.
+    pub fn unwrap(&mut self, gpu: &Gpu) {
+        self.meshes.unwrap(gpu, &self.scene);
+    }
+
+    /// The scene's meshes as they are drawn.
     pub fn unwrapped(&self) -> &[Unwrapped] {
-        &self.unwrapped
+        &self.meshes.surfaces
     }
 
     /// What light reaches each part of each object, in turn, from the next drawing on; none: all that there is. `strength` is how
@@ -180,13 +139,14 @@ impl Renderer {
     /// The same for a part of an exposure with this pose in its middle.
     fn footprint_within(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter, middle: &Pose) -> Footprint {
         if geometry.sees_around() {
-            let bounds: Vec<_> = self.meshes.iter().map(|m| m.bounds).collect();
+            let bounds: Vec<_> = self.meshes.all.iter().map(|m| m.bounds).collect();
             return footprint_around(&self.scene, &bounds, geometry, keys, shutter);
         }
         let points: usize =
-            self.scene.objects.iter().flat_map(|o| &o.parts).map(|p| self.meshes[p.mesh].outline.len()).sum();
+            self.scene.objects.iter().flat_map(|o| &o.parts).map(|p| self.meshes.all[p.mesh].outline.len()).sum();
         let outlines: Vec<Cow<'_, [DVec3]>> = self
             .meshes
+            .all
             .iter()
             .map(|m| match m.bounds {
                 Some(bounds) if points > MOST_POINTS => bounds.corners().to_vec().into(),
@@ -199,7 +159,7 @@ impl Renderer {
     /// The box of each part, corners in the world; empty parts are skipped.
     fn boxes(&self) -> impl Iterator<Item = [DVec3; 8]> {
         self.scene.objects.iter().flat_map(|o| &o.parts).filter_map(|part| {
-            let bounds = self.meshes[part.mesh].bounds?;
+            let bounds = self.meshes.all[part.mesh].bounds?;
             Some(bounds.corners().map(|c| part.world_from_mesh.transform_point3(c)))
         })
     }
@@ -217,7 +177,7 @@ impl Renderer {
             .iter()
             .map(|object| {
                 let corners = object.parts.iter().filter_map(|part| {
-                    let b = self.meshes[part.mesh].bounds?;
+                    let b = self.meshes.all[part.mesh].bounds?;
                     Some(b.corners().map(|c| part.world_from_mesh.transform_point3(c)))
                 });
                 let (low, high) =
@@ -316,8 +276,8 @@ impl Renderer {
         let (mut vertices, mut indices) = (Vec::new(), Vec::new());
         let mut draws = Vec::new();
         for (number, part) in self.scene.objects.iter().flat_map(|o| &o.parts).enumerate() {
-            let gpu_mesh = &self.meshes[part.mesh];
-            let (mesh, unwrapped) = (&self.scene.meshes[part.mesh], &self.unwrapped[part.mesh]);
+            let gpu_mesh = &self.meshes.all[part.mesh];
+            let (mesh, unwrapped) = (&self.scene.meshes[part.mesh], &self.meshes.surfaces[part.mesh]);
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
             // Most of the views around a camera see nothing of it.
@@ -465,8 +425,8 @@ impl Renderer {
                 let (vertices, indices, base, range) = match (&draw.diced, &draws.diced) {
                     (Some((base, range)), Some((v, i))) => (v, i, *base, range.clone()),
                     _ => {
-                        let mesh = &self.meshes[draw.mesh];
-                        (&self.vertices, &self.indices, mesh.base_vertex, mesh.indices.clone())
+                        let mesh = &self.meshes.all[draw.mesh];
+                        (&self.meshes.vertices, &self.meshes.indices, mesh.base_vertex, mesh.indices.clone())
                     }
                 };
                 pass.set_vertex_buffer(0, vertices.slice(..));
@@ -507,27 +467,6 @@ crate::uniform! {
         near_m: f32,
         far_m: f32,
     }
-}
-
-/// A scene's meshes with places for their lightmaps: an object's parts share the texels that a lightmap may have, by their areas.
-fn all_unwrapped(scene: &Scene) -> Vec<Unwrapped> {
-    let area_m2 = |part: &Part| {
-        let stretch = part.world_from_mesh.matrix3.determinant().abs().powf(1.0 / 3.0);
-        area_of(&scene.meshes[part.mesh]) * stretch * stretch
-    };
-    // Of a mesh that no object has yet nothing is known.
-    let mut sides = vec![LIGHTMAP_SIDE; scene.meshes.len()];
-    for object in &scene.objects {
-        let all: f64 = object.parts.iter().map(area_m2).sum();
-        for part in &object.parts {
-            let area_m2 = area_m2(part);
-            let shared = f64::from(LIGHTMAP_SIDE) * (area_m2 / all.max(1e-30)).sqrt();
-            // About half of the square is filled.
-            let finest = (2.0 * area_m2).sqrt() / FINEST_M;
-            sides[part.mesh] = shared.min(finest).ceil().clamp(16.0, LIGHTMAP_SIDE.into()) as u32;
-        }
-    }
-    scene.meshes.iter().zip(sides).map(|(mesh, side)| Unwrapped::new(mesh, side)).collect()
 }
 
 /// An empty layer to draw into.

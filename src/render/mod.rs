@@ -12,6 +12,7 @@ mod irradiance;
 mod light;
 mod lightmap;
 mod material;
+mod meshes;
 mod motion;
 mod occlusion;
 pub(crate) mod panorama;

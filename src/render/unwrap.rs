@@ -19,6 +19,8 @@ const LARGER: f32 = 1.1;
 const TRIES: usize = 40;
 /// Texels around an island that belong to it.
 const RIM: i32 = 1;
+/// Of the smallest island with its rim.
+const LEAST_TEXELS: usize = 9;
 /// A texel shows what lies this near to its middle, texels: half its diagonal and what is interpolated with it.
 const NEAR: f32 = 1.5;
 
@@ -72,12 +74,21 @@ impl Unwrapped {
             let beside = beside(mesh);
             for _ in 0..TRIES {
                 let islands = islands(&faces, &beside, texel);
+                // With larger texels there are hardly fewer.
+                if islands.len() * LEAST_TEXELS > (side * side) as usize {
+                    break;
+                }
                 if let Some(places) = packed(&islands, texel, side) {
                     return Self::laid_out(mesh, side, &faces, &islands, &places, texel);
                 }
                 texel *= LARGER;
             }
         }
+        Self::none(mesh)
+    }
+
+    /// Without a lightmap.
+    pub fn none(mesh: &Mesh) -> Self {
         let corners = mesh.vertices.iter().map(|vertex| Corner { vertex: *vertex, at: [0.0; 2] });
         Self { corners: corners.collect(), indices: mesh.indices.clone(), side: 0 }
     }

@@ -76,7 +76,7 @@ struct Reaching {
 }
 
 /// Everything that rays are asked of.
-struct Room<'a> {
+pub struct Room<'a> {
     among: &'a Among<'a>,
     bvh: Bvh,
     lights: Vec<Light<'a>>,
@@ -93,16 +93,15 @@ pub struct Surface<'a> {
     pub double_sided: bool,
 }
 
-/// The lightmap of a surface among things.
-pub fn lightmap(surface: &Surface<'_>, among: &Among<'_>) -> Lightmap {
-    let room = Room::new(among);
+/// The lightmap of a surface in a room.
+pub fn lightmap(surface: &Surface<'_>, room: &Room<'_>) -> Lightmap {
     let places = surface.unwrapped.places();
     let side = surface.unwrapped.side;
     let mut layers = Vec::new();
     for turned in if surface.double_sided { &[1.0f32, -1.0][..] } else { &[1.0] } {
         let mut own = vec![vec![OPEN; (side * side) as usize]; 2 + room.lights.len().saturating_sub(2).div_ceil(4)];
         let spots: Vec<Spot> = places.iter().map(|place| surface.spot(place, *turned)).collect();
-        for (place, found) in places.iter().zip(Sparsely::new(&room, &places, &spots, side).reaching()) {
+        for (place, found) in places.iter().zip(Sparsely::new(room, &places, &spots, side).reaching()) {
             let texel = place.texel as usize;
             let seen = |n: usize| found.seen.get(n).copied().unwrap_or(1.0);
             own[0][texel] = found.open.extend(seen(0)).to_array();
@@ -241,7 +240,7 @@ fn cofactors(m: Mat3) -> Mat3 {
 }
 
 impl<'a> Room<'a> {
-    fn new(among: &'a Among<'a>) -> Self {
+    pub fn new(among: &'a Among<'a>) -> Self {
         let (casters, lighting) = (among.casters, among.lighting);
         let size =
             casters.corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));

@@ -9,15 +9,14 @@ use glam::{DAffine3, DVec3};
 
 use super::casters::Casters;
 use super::chart::{Chart, Shares};
-use super::lightmap::{Among, Surface, lightmap};
+use super::kept::{Kept, Steps, from_steps, step, steps};
+use super::lightmap::{Among, Room, Surface, lightmap};
 use super::sky::{Around, Far};
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, Unwrapped};
-use crate::scene::{Lighting, Object, Scene};
+use crate::scene::{Lighting, Object, Part, PointLight, Scene};
 
 /// A thing takes light from others as far away as this, times its own longest side.
 const REACH: f64 = 4.0;
-/// Places are told apart to a micrometre, directions to a millionth.
-const STEPS_PER_UNIT: f64 = 1e6;
 /// So many lightmaps are kept, the ones used last.
 const KEPT: usize = 256;
 
@@ -25,8 +24,9 @@ const KEPT: usize = 256;
 #[derive(Debug)]
 pub struct Lightmaps {
     lighting: Lighting,
-    far: Vec<Far>,
-    kept: Vec<(Key, Arc<Lightmap>)>,
+    /// Made when it is first asked for.
+    far: Option<Vec<Far>>,
+    kept: Kept<Key, Arc<Lightmap>>,
     /// What was asked for last.
     last: Option<(Vec<Object>, Vec<Chart>, Vec<Option<Arc<Lightmap>>>)>,
 }
@@ -34,16 +34,15 @@ pub struct Lightmaps {
 /// All that a part's lightmap depends on but the scene's meshes and far light. Places are told from the object's.
 #[derive(Clone, Debug)]
 struct Key {
-    part: (usize, [i64; 12]),
-    casters: Vec<(usize, [i64; 12])>,
-    floors: Vec<([i64; 12], Arc<Shares>)>,
+    part: (usize, Steps),
+    casters: Vec<(usize, Steps)>,
+    floors: Vec<(Steps, Arc<Shares>)>,
     lamps: Vec<[i64; 3]>,
 }
 
 impl PartialEq for Key {
     fn eq(&self, other: &Self) -> bool {
-        let same =
-            |(a, b): (&([i64; 12], Arc<Shares>), &([i64; 12], Arc<Shares>))| a.0 == b.0 && Arc::ptr_eq(&a.1, &b.1);
+        let same = |(a, b): (&(Steps, Arc<Shares>), &(Steps, Arc<Shares>))| a.0 == b.0 && Arc::ptr_eq(&a.1, &b.1);
         self.part == other.part
             && self.casters == other.casters
             && self.lamps == other.lamps
@@ -62,9 +61,7 @@ struct Thing<'a> {
 impl Lightmaps {
     /// For scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
-        let lighting = scene.lighting.clone();
-        let far = Around::new(&lighting.environment).everywhere();
-        Self { lighting, far, kept: Vec::new(), last: None }
+        Self { lighting: scene.lighting.clone(), far: None, kept: Kept::new(KEPT), last: None }
     }
 
     /// One for each part of each object, in turn, as they are placed; `None` where nothing takes any light. `unwrapped` are the
@@ -116,50 +113,38 @@ impl Lightmaps {
             (steps(&around(origin_m, &place)), chart.shares.clone())
         };
         let floors: Vec<_> = charts.iter().map(floor).collect();
-        let step = |p: &crate::scene::PointLight| {
-            ((p.position_in_world_m - origin_m) * STEPS_PER_UNIT).round().to_array().map(|v| v as i64)
+        let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(step);
+        let lamps: Vec<_> = self.lighting.points.iter().map(lamp).collect();
+        let key = |part: &Part| Key {
+            part: (part.mesh, steps(&around(origin_m, &part.world_from_mesh))),
+            casters: casters.clone(),
+            floors: floors.clone(),
+            lamps: lamps.clone(),
         };
-        let lamps: Vec<_> = self.lighting.points.iter().map(step).collect();
-        let mut placed: Option<Casters> = None;
-        let map = |part: &crate::scene::Part| {
-            let surface = unwrapped.get(part.mesh).filter(|surface| surface.side > 0)?;
-            let place = steps(&around(origin_m, &part.world_from_mesh));
-            let key = Key {
-                part: (part.mesh, place),
-                casters: casters.clone(),
-                floors: floors.clone(),
-                lamps: lamps.clone(),
-            };
-            if let Some(known) = self.found(&key) {
-                return Some(known);
-            }
-            let parts = || casters.iter().map(|(mesh, steps)| (*mesh, from_steps(steps)));
-            let casters = placed.get_or_insert_with(|| Casters::of(scene, parts()));
-            let (far, lighting, most) = (&self.far, &self.lighting, [MAX_SUNS, MAX_POINTS]);
-            let among = Among { origin_m, casters, far, lighting, floors: charts, most };
-            let material = scene.materials.get(scene.meshes.get(part.mesh)?.material);
-            let double_sided = material.is_some_and(|material| material.double_sided);
-            let surface = Surface { unwrapped: surface, place: from_steps(&place), double_sided };
-            let map = Arc::new(lightmap(&surface, &among));
-            self.keep(key, map.clone());
-            Some(map)
-        };
-        own.object.parts.iter().map(map).collect()
-    }
-
-    /// What is kept for a key; it then counts as used last.
-    fn found(&mut self, key: &Key) -> Option<Arc<Lightmap>> {
-        let at = self.kept.iter().position(|(kept, _)| kept == key)?;
-        let known = self.kept.remove(at);
-        self.kept.push(known);
-        self.kept.last().map(|(_, map)| map.clone())
-    }
-
-    fn keep(&mut self, key: Key, map: Arc<Lightmap>) {
-        if self.kept.len() == KEPT {
-            self.kept.remove(0);
+        let parts = own.object.parts.iter();
+        let asked: Vec<_> = parts.map(|part| (unwrapped.get(part.mesh).filter(|u| u.side > 0), key(part))).collect();
+        let mut maps: Vec<_> = asked.iter().map(|(surface, key)| surface.and_then(|_| self.kept.found(key))).collect();
+        let lacks = |(map, (surface, _)): (&Option<_>, &(Option<_>, Key))| map.is_none() && surface.is_some();
+        if !maps.iter().zip(&asked).any(lacks) {
+            return maps;
         }
-        self.kept.push((key, map));
+        // All parts of a thing stand in one room.
+        let casters = Casters::of(scene, casters.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))));
+        let far = self.far.get_or_insert_with(|| Around::new(&self.lighting.environment).everywhere());
+        let (lighting, most) = (&self.lighting, [MAX_SUNS, MAX_POINTS]);
+        let among = Among { origin_m, casters: &casters, far, lighting, floors: charts, most };
+        let room = Room::new(&among);
+        for (map, (unwrapped, key)) in maps.iter_mut().zip(asked) {
+            let (None, Some(unwrapped)) = (&map, unwrapped) else { continue };
+            let (mesh, place) = &key.part;
+            let material = scene.materials.get(scene.meshes[*mesh].material);
+            let double_sided = material.is_some_and(|material| material.double_sided);
+            let surface = Surface { unwrapped, place: from_steps(place), double_sided };
+            let made = Arc::new(lightmap(&surface, &room));
+            self.kept.keep(key, made.clone());
+            *map = Some(made);
+        }
+        maps
     }
 }
 
@@ -182,20 +167,11 @@ fn around(origin_m: DVec3, place: &DAffine3) -> DAffine3 {
     DAffine3 { matrix3: place.matrix3, translation: place.translation - origin_m }
 }
 
-/// A place in whole steps, so that a lightmap is of exactly what it is kept for.
-fn steps(place: &DAffine3) -> [i64; 12] {
-    place.to_cols_array().map(|v| (v * STEPS_PER_UNIT).round() as i64)
-}
-
-fn from_steps(steps: &[i64; 12]) -> DAffine3 {
-    DAffine3::from_cols_array(&steps.map(|step| step as f64 / STEPS_PER_UNIT))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::render::Place;
-    use crate::scene::{Environment, Material, Mesh, Part, PointLight, Sun, Vertex};
+    use crate::scene::{Environment, Material, Mesh, Sun, Vertex};
     use glam::{DQuat, Vec3};
 
     /// A flat rectangle in x and y, or a box, with normals that stand upright.

@@ -9,7 +9,7 @@
 //! - `floor`: a plane with axes of its own. `sky`: the light that comes onto it, as a few hundred rays and the lamps nearby.
 //! - `casters`: the triangles that stand on it. `mask`: where 32 rays at a time are stopped.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
-//! - `shadows`: which things share a chart, and the charts that are known already.
+//! - `shadows`: which things share a chart, and the charts that are known already. `kept`: how they are found again.
 //!
 //! On things' own surfaces light is asked for by rays:
 //!
@@ -26,6 +26,7 @@ mod casters;
 mod chart;
 mod extent;
 mod floor;
+mod kept;
 mod lightmap;
 mod lightmaps;
 mod mask;

@@ -12,14 +12,13 @@ use super::casters::Casters;
 use super::chart::{Chart, Shares};
 use super::extent::Extent;
 use super::floor::Floor;
+use super::kept::{Kept, Steps, from_steps, steps};
 use super::sky::{Around, Ray, Sky, rays};
 use crate::scene::{Lighting, Object, Scene, Support};
 
 /// Planes that differ less are one: cosine of their tilt (2°), and metres.
 const ONE_TILT: f64 = 0.9994;
 const ONE_HEIGHT_M: f64 = 0.005;
-/// Places are told apart to a micrometre, directions to a millionth.
-const STEPS_PER_UNIT: f64 = 1e6;
 /// So many charts are kept, the ones used last.
 const KEPT: usize = 64;
 
@@ -29,11 +28,11 @@ pub struct Shadows {
     lighting: Lighting,
     around: Around,
     /// Far light by the floor's axes.
-    rays: Vec<(DMat3, Arc<[Ray]>)>,
-    extents: Vec<(Key, Extent)>,
-    charts: Vec<(Key, Arc<Shares>)>,
+    rays: Kept<DMat3, Arc<[Ray]>>,
+    extents: Kept<Key, Extent>,
+    charts: Kept<Key, Arc<Shares>>,
     /// Rough ones.
-    sketches: Vec<(Key, Arc<Shares>)>,
+    sketches: Kept<Key, Arc<Shares>>,
     /// The objects that were asked for last, and theirs.
     last: Option<(Vec<Object>, Vec<Chart>)>,
 }
@@ -42,7 +41,7 @@ pub struct Shadows {
 #[derive(Clone, Debug, PartialEq)]
 struct Key {
     sky: Arc<Sky>,
-    parts: Vec<(usize, [i64; 12])>,
+    parts: Vec<(usize, Steps)>,
 }
 
 /// Things that share a floor.
@@ -60,15 +59,9 @@ impl Shadows {
     pub fn new(scene: &Scene) -> Self {
         let lighting = scene.lighting.clone();
         let around = Around::new(&lighting.environment);
-        Self {
-            around,
-            lighting,
-            rays: Vec::new(),
-            extents: Vec::new(),
-            charts: Vec::new(),
-            sketches: Vec::new(),
-            last: None,
-        }
+        let charts = Kept::new(KEPT);
+        let (rays, extents, sketches) = (Kept::new(KEPT), Kept::new(KEPT), Kept::new(KEPT));
+        Self { around, lighting, rays, extents, charts, sketches, last: None }
     }
 
     /// The charts of the scene's objects as they are placed.
@@ -98,7 +91,7 @@ impl Shadows {
         for group in self.groups(scene) {
             let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             let known = self.keyed(scene, &members).and_then(|(floor, key)| {
-                let shares = found(&mut self.charts, &key)?;
+                let shares = self.charts.found(&key)?;
                 Some(Chart { floor, shares })
             });
             is_rough |= known.is_none();
@@ -112,12 +105,12 @@ impl Shadows {
 
     fn sketch(&mut self, scene: &Scene, object: usize) -> Option<Chart> {
         let (floor, key) = self.keyed(scene, &[object])?;
-        if let Some(shares) = found(&mut self.charts, &key).or_else(|| found(&mut self.sketches, &key)) {
+        if let Some(shares) = self.charts.found(&key).or_else(|| self.sketches.found(&key)) {
             return Some(Chart { floor, shares });
         }
         let extent = self.extent(scene, key.clone())?;
         let shares = Arc::new(Shares::rough(&Casters::of(scene, key.placed()).on_floor(), extent, &key.sky));
-        keep(&mut self.sketches, key, shares.clone());
+        self.sketches.keep(key, shares.clone());
         Some(Chart { floor, shares })
     }
 
@@ -162,18 +155,18 @@ impl Shadows {
     }
 
     fn extent(&mut self, scene: &Scene, key: Key) -> Option<Extent> {
-        if let Some(known) = found(&mut self.extents, &key) {
+        if let Some(known) = self.extents.found(&key) {
             return Some(known);
         }
         let (low, high, height) = Casters::of(scene, key.placed()).on_floor().bounds()?;
         let extent = Extent::of(low, high, height, &key.sky);
-        keep(&mut self.extents, key, extent);
+        self.extents.keep(key, extent);
         Some(extent)
     }
 
     fn chart(&mut self, scene: &Scene, objects: &[usize]) -> Option<Chart> {
         let (floor, key) = self.keyed(scene, objects)?;
-        if let Some(shares) = found(&mut self.charts, &key) {
+        if let Some(shares) = self.charts.found(&key) {
             return Some(Chart { floor, shares });
         }
         let mut extent: Option<Extent> = None;
@@ -188,22 +181,21 @@ impl Shadows {
             };
         }
         let shares = Arc::new(Shares::new(&Casters::of(scene, key.placed()).on_floor(), extent?, &key.sky));
-        keep(&mut self.charts, key, shares.clone());
+        self.charts.keep(key, shares.clone());
         Some(Chart { floor, shares })
     }
 
     fn key(&mut self, floor: &Floor, parts: &Parts) -> Key {
-        let known = self.rays.iter().find(|(axes, _)| *axes == floor.axes).map(|(_, rays)| rays.clone());
-        let rays = known.unwrap_or_else(|| {
+        let rays = self.rays.found(&floor.axes).unwrap_or_else(|| {
             let rays = rays(&self.lighting, &self.around, floor);
-            if self.rays.len() == KEPT {
-                self.rays.remove(0);
-            }
-            self.rays.push((floor.axes, rays.clone()));
+            self.rays.keep(floor.axes, rays.clone());
             rays
         });
         let sky = Arc::new(Sky::new(&self.lighting, rays, floor));
-        Key { sky, parts: parts.iter().map(|(mesh, from)| (*mesh, steps(floor, from))).collect() }
+        Key {
+            sky,
+            parts: parts.iter().map(|(mesh, from)| (*mesh, steps(&(floor.floor_from_world() * *from)))).collect(),
+        }
     }
 }
 
@@ -212,21 +204,6 @@ impl Key {
     fn placed(&self) -> Parts {
         self.parts.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))).collect()
     }
-}
-
-/// What is kept for a key; it then counts as used last.
-fn found<T: Clone>(kept: &mut Vec<(Key, T)>, key: &Key) -> Option<T> {
-    let at = kept.iter().position(|(k, _)| k == key)?;
-    let known = kept.remove(at);
-    kept.push(known);
-    kept.last().map(|(_, value)| value.clone())
-}
-
-fn keep<T>(kept: &mut Vec<(Key, T)>, key: Key, value: T) {
-    if kept.len() == KEPT {
-        kept.remove(0);
-    }
-    kept.push((key, value));
 }
 
 /// The objects with parts, by where the first one stands.
@@ -247,15 +224,6 @@ fn floor_of(support: &Support, parts: &[(usize, DAffine3)]) -> Option<Floor> {
     let (_, first) = parts.first()?;
     let below = first.translation - through.height_m(first.translation) * through.normal();
     Some(Floor { origin_m: below, ..through })
-}
-
-/// A part's place on its floor in whole steps, so that a chart is of exactly what it is kept for.
-fn steps(floor: &Floor, world_from_mesh: &DAffine3) -> [i64; 12] {
-    (floor.floor_from_world() * *world_from_mesh).to_cols_array().map(|v| (v * STEPS_PER_UNIT).round() as i64)
-}
-
-fn from_steps(steps: &[i64; 12]) -> DAffine3 {
-    DAffine3::from_cols_array(&steps.map(|step| step as f64 / STEPS_PER_UNIT))
 }
 
 fn is_one_floor(a: &Floor, b: &Floor) -> bool {

@@ -27,7 +27,7 @@ pub struct Made {
     pub is_other: bool,
     /// It is made smaller by this factor, so that it comes soon; 1 for the picture itself.
     pub by: u32,
-    /// Its shadows may be rough, so that it comes soon; once it is finished, whether they are.
+    /// Its shadows may be rough, so that it comes soon; of one that is shown, whether they are.
     pub is_rough: bool,
 }
 
@@ -80,6 +80,7 @@ pub struct Finished {
 #[derive(Debug)]
 pub struct Picture {
     pub stats: FrameStats,
+    /// Whether its shadows are.
     pub is_rough: bool,
     /// 8 bits each, as they are shown.
     pub codes: Option<Arc<Pixels>>,
@@ -159,8 +160,7 @@ impl Maker {
                         .and_then(|done| done)
                         .map_err(failed)
                 });
-                let is_rough = order.made.is_rough && picture.as_ref().is_ok_and(|picture| picture.is_rough);
-                let made = Made { is_rough, ..order.made };
+                let made = order.made;
                 let took = taken_up.elapsed();
                 if done.send(Finished { made, frame, picture, took }).is_err() {
                     return;

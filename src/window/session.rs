@@ -313,13 +313,13 @@ impl Session {
         loop {
             match self.viewer.take() {
                 Ok(Some(Finished { made, frame, picture, took })) => {
-                    let (stats, codes) = match picture {
+                    let (stats, codes, is_rough) = match picture {
                         Ok(picture) => {
                             if !made.is_other {
                                 (self.picture_problem, self.lacks_camera) = (None, false);
                                 self.times.add(made.by, picture.times);
                             }
-                            (Some(picture.stats), picture.codes)
+                            (Some(picture.stats), picture.codes, picture.is_rough)
                         }
                         Err(error) => {
                             self.is_lost |= matches!(&error, ShotError::Gpu { source, .. } if source.is_lost());
@@ -333,7 +333,7 @@ impl Session {
                             }
                             // What the window's own thread did wrong is over with this picture.
                             self.is_lost |= self.viewer.gpu().take_failure().is_some_and(|failure| failure.is_lost());
-                            (None, None)
+                            (None, None, false)
                         }
                     };
                     let Some(frame) = frame else {
@@ -346,21 +346,16 @@ impl Session {
                     if let Some(live) = &mut self.live {
                         live.shown(frame.timestamp_s);
                     }
-                    let was_rough = self.begun.is_some_and(|begun| begun.is_rough);
-                    // Its shadows may have been known.
-                    let asked = self.begun.filter(|begun| begun.by == made.by && begun.shows_as(&made));
-                    if let Some(begun) = &mut self.begun
-                        && asked.is_some()
-                    {
-                        begun.is_rough &= made.is_rough;
+                    // Shadows that were known already are not rough.
+                    let shown = Made { is_rough, ..made };
+                    if self.begun == Some(made) {
+                        self.begun = Some(shown);
                     }
-                    // What was not in haste may have waited for shadows that are known from now on.
-                    let was_hasty = asked.is_some() && was_rough;
-                    self.now = Some(Now { made, frame, stats, codes });
+                    self.now = Some(Now { made: shown, frame, stats, codes });
                     self.finished.push_back(instant);
                     self.pictures += 1;
-                    // The first one makes pipelines, too.
-                    if made.by == 1 && self.pictures > 1 && (was_hasty || self.player.playing) {
+                    // The first one makes pipelines, too, and one that stands waits for its shadows.
+                    if made.by == 1 && self.pictures > 1 && (made.is_rough || self.player.playing) {
                         let took_s = took.as_secs_f64();
                         self.full_s = if self.full_s == 0.0 { took_s } else { 0.5 * (self.full_s + took_s) };
                     }

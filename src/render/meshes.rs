@@ -1,0 +1,104 @@
+//! A scene's meshes on the GPU.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::bounds::{Bounds, outline};
+use super::dice::longest_edge;
+use super::unwrap::{Corner, Unwrapped, area_of};
+use crate::gpu::Gpu;
+use crate::scene::{Mesh, Part, Scene};
+
+/// Texels along the sides of an object's lightmap, and how small they need not be, metres.
+const LIGHTMAP_SIDE: u32 = 128;
+const FINEST_M: f64 = 0.0015;
+
+/// A mesh on the GPU.
+#[derive(Debug)]
+pub struct GpuMesh {
+    pub base_vertex: i32,
+    pub indices: Range<u32>,
+    pub longest: f64,
+    pub has_colors: bool,
+    pub bounds: Option<Bounds>,
+    /// The mesh lies in its convex hull.
+    pub outline: Vec<DVec3>,
+}
+
+/// All of them in two buffers.
+#[derive(Debug)]
+pub struct Meshes {
+    pub all: Vec<GpuMesh>,
+    /// What is in the buffers.
+    pub surfaces: Vec<Unwrapped>,
+    pub vertices: wgpu::Buffer,
+    pub indices: wgpu::Buffer,
+    has_places: bool,
+}
+
+impl Meshes {
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Self {
+        let surfaces: Vec<_> = scene.meshes.iter().map(|mesh| Unwrapped::none(mesh)).collect();
+        let mesh = |(mesh, surface): (&std::sync::Arc<Mesh>, &Unwrapped)| GpuMesh {
+            base_vertex: 0,
+            indices: 0..0,
+            longest: longest_edge(surface),
+            has_colors: mesh.vertices.iter().any(|v| v.color != [1.0; 4]),
+            bounds: Bounds::of(mesh.vertices.iter().map(|v| v.position)),
+            outline: outline(&mesh.vertices.iter().map(|v| v.position).collect::<Vec<_>>()),
+        };
+        let mut all: Vec<GpuMesh> = scene.meshes.iter().zip(&surfaces).map(mesh).collect();
+        let [vertices, indices] = uploaded(gpu, &surfaces, &mut all);
+        Self { all, surfaces, vertices, indices, has_places: false }
+    }
+
+    /// Gives them places for lightmaps, if they have none yet. It takes time that only lightmaps are worth.
+    pub fn unwrap(&mut self, gpu: &Gpu, scene: &Scene) {
+        if !self.has_places {
+            self.surfaces = all_unwrapped(scene);
+            [self.vertices, self.indices] = uploaded(gpu, &self.surfaces, &mut self.all);
+            self.has_places = true;
+        }
+    }
+}
+
+/// Vertices and indices; each mesh is told where it begins.
+fn uploaded(gpu: &Gpu, surfaces: &[Unwrapped], all: &mut [GpuMesh]) -> [wgpu::Buffer; 2] {
+    let (mut vertices, mut indices): (Vec<Corner>, Vec<u32>) = (Vec::new(), Vec::new());
+    for (surface, mesh) in surfaces.iter().zip(all) {
+        let first = indices.len() as u32;
+        mesh.base_vertex = vertices.len() as i32;
+        vertices.extend_from_slice(&surface.corners);
+        indices.extend_from_slice(&surface.indices);
+        mesh.indices = first..indices.len() as u32;
+    }
+    // A buffer must not be empty.
+    vertices.resize(vertices.len().max(1), bytemuck::Zeroable::zeroed());
+    indices.resize(indices.len().max(3), 0);
+    [
+        gpu.buffer("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
+        gpu.buffer("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
+    ]
+}
+
+/// A scene's meshes with places for their lightmaps: an object's parts share the texels that a lightmap may have, by their areas.
+fn all_unwrapped(scene: &Scene) -> Vec<Unwrapped> {
+    let area_m2 = |part: &Part| {
+        let stretch = part.world_from_mesh.matrix3.determinant().abs().powf(1.0 / 3.0);
+        area_of(&scene.meshes[part.mesh]) * stretch * stretch
+    };
+    // Of a mesh that no object has yet nothing is known.
+    let mut sides = vec![LIGHTMAP_SIDE; scene.meshes.len()];
+    for object in &scene.objects {
+        let all: f64 = object.parts.iter().map(area_m2).sum();
+        for part in &object.parts {
+            let area_m2 = area_m2(part);
+            let shared = f64::from(LIGHTMAP_SIDE) * (area_m2 / all.max(1e-30)).sqrt();
+            // About half of the square is filled.
+            let finest = (2.0 * area_m2).sqrt() / FINEST_M;
+            sides[part.mesh] = shared.min(finest).ceil().clamp(16.0, LIGHTMAP_SIDE.into()) as u32;
+        }
+    }
+    scene.meshes.iter().zip(sides).map(|(mesh, side)| Unwrapped::new(mesh, side)).collect()
+}
