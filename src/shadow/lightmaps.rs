@@ -27,27 +27,36 @@ pub struct Lightmaps {
     /// Made when it is first asked for.
     far: Option<Vec<Far>>,
     kept: Kept<Key, Arc<Lightmap>>,
-    /// What was asked for last.
-    last: Option<(Vec<Object>, Vec<Chart>, Vec<Option<Arc<Lightmap>>>)>,
+    last: Option<Last>,
+}
+
+/// What was asked for last, and what was answered.
+#[derive(Debug)]
+struct Last {
+    objects: Vec<Object>,
+    charts: Vec<Chart>,
+    found: Vec<Option<Arc<Lightmap>>>,
 }
 
 /// All that a part's lightmap depends on but the scene's meshes and far light. Places are told from the object's.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 struct Key {
     part: (usize, Steps),
     casters: Vec<(usize, Steps)>,
-    floors: Vec<(Steps, Arc<Shares>)>,
+    floors: Vec<Floor>,
     lamps: Vec<[i64; 3]>,
 }
 
-impl PartialEq for Key {
+/// Where a floor lies, and what reaches it. Two are the same where the shares are the very same.
+#[derive(Clone, Debug)]
+struct Floor {
+    place: Steps,
+    shares: Arc<Shares>,
+}
+
+impl PartialEq for Floor {
     fn eq(&self, other: &Self) -> bool {
-        let same = |(a, b): (&(Steps, Arc<Shares>), &(Steps, Arc<Shares>))| a.0 == b.0 && Arc::ptr_eq(&a.1, &b.1);
-        self.part == other.part
-            && self.casters == other.casters
-            && self.lamps == other.lamps
-            && self.floors.len() == other.floors.len()
-            && self.floors.iter().zip(&other.floors).all(same)
+        self.place == other.place && Arc::ptr_eq(&self.shares, &other.shares)
     }
 }
 
@@ -67,8 +76,8 @@ impl Lightmaps {
     /// One for each part of each object, in turn, as they are placed; `None` where nothing takes any light. `unwrapped` are the
     /// scene's meshes, `charts` what its objects take of the floors' light.
     pub fn of(&mut self, scene: &Scene, unwrapped: &[Unwrapped], charts: &[Chart]) -> Vec<Option<Arc<Lightmap>>> {
-        if let Some((_, _, found)) = self.last.as_ref().filter(|(o, c, _)| *o == scene.objects && *c == charts) {
-            return found.clone();
+        if let Some(last) = self.last.as_ref().filter(|last| last.objects == scene.objects && last.charts == charts) {
+            return last.found.clone();
         }
         let things: Vec<Thing<'_>> = scene.objects.iter().filter_map(|object| Thing::of(scene, object)).collect();
         let mut found = Vec::new();
@@ -77,7 +86,7 @@ impl Lightmaps {
             let maps = own.map(|own| self.of_thing(scene, unwrapped, charts, own, &things));
             found.extend(maps.unwrap_or_else(|| vec![None; object.parts.len()]));
         }
-        self.last = Some((scene.objects.clone(), charts.to_vec(), found.clone()));
+        self.last = Some(Last { objects: scene.objects.clone(), charts: charts.to_vec(), found: found.clone() });
         found
     }
 
@@ -87,8 +96,8 @@ impl Lightmaps {
         let meshes =
             |objects: &[Object]| objects.iter().flat_map(|o| &o.parts).map(|part| part.mesh).collect::<Vec<_>>();
         match &self.last {
-            Some((objects, _, found)) if meshes(objects) == meshes(&scene.objects) => {
-                (found.clone(), *objects != scene.objects)
+            Some(last) if meshes(&last.objects) == meshes(&scene.objects) => {
+                (last.found.clone(), last.objects != scene.objects)
             }
             _ => (Vec::new(), !scene.objects.is_empty()),
         }
@@ -110,7 +119,7 @@ impl Lightmaps {
             .collect();
         let floor = |chart: &Chart| {
             let place = DAffine3 { matrix3: chart.floor.axes, translation: chart.floor.origin_m };
-            (steps(&around(origin_m, &place)), chart.shares.clone())
+            Floor { place: steps(&around(origin_m, &place)), shares: chart.shares.clone() }
         };
         let floors: Vec<_> = charts.iter().map(floor).collect();
         let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(step);
