@@ -3,14 +3,24 @@
 //! A frame asks this of millions of points. So it is done in single precision, which is exact to a thousandth of a pixel, and
 //! in loops without branches, which become vector instructions. What a lens bends farther than its formula is valid is asked
 //! of the exact camera.
+//!
+//! Where a whole tile of a map is carried, only its corners are, at the nearest and the farthest of its depths, and what lies
+//! between is interpolated: at one depth a place in one picture is a smooth function of that in the other, and along a ray it
+//! is nearly linear in inverse depth. The tile's middle says whether both hold.
 
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::camera::{Distortion, Geometry, LensModel};
+use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 
 /// So many points at a time.
 pub const LANES: usize = 16;
+
+/// Interpolated places are off by less at a tile's middle, px.
+const STRAIGHT_PX: f32 = 0.1;
+/// A tile's probes: its four corners and its middle, each at the nearest and at the farthest depth, and the middle between.
+const PROBES: usize = 11;
 
 /// Points in a camera's axes, metres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -116,6 +126,171 @@ impl<'a> Carry<'a> {
                 (landed.x_px[n], landed.y_px[n]) = (at.x as f32, at.y as f32);
                 landed.depth_m[n] = (if self.around { point.length() } else { point.z }).max(0.0);
             }
+        }
+        landed
+    }
+}
+
+/// A rectangle of a depth map, of at most [`LANES`] points a side.
+pub struct Tile {
+    rect: Rect,
+    /// The nearest of its depths, metres.
+    nearest_m: f32,
+    /// One over it, and one over the range of inverse depths; 0 if there is none.
+    per_nearest: f32,
+    per_range: f32,
+    probes: Points,
+}
+
+impl Tile {
+    /// `None` if it has no depth, or no ray at a corner. `ray` gives a pixel's.
+    pub fn of(rect: Rect, map: &DepthMap, ray: impl Fn(i32, i32) -> Option<[f32; 3]>) -> Option<Self> {
+        let (nearest, farthest) = range_of(map, rect)?;
+        let [per_nearest, per_farthest] = [nearest, farthest].map(f32::recip);
+        let range = per_farthest - per_nearest;
+        let (last, (x, y)) = ((rect.x1 - 1, rect.y1 - 1), Self::middle(rect));
+        let places = [(rect.x0, rect.y0), (last.0, rect.y0), (rect.x0, last.1), last, (rect.x0 + x, rect.y0 + y)];
+        let mut probes = Points::default();
+        for (n, (x, y)) in places.into_iter().enumerate() {
+            let ray = ray(x, y).filter(|ray| ray[2].is_finite())?;
+            probes.set(2 * n, nearest, ray);
+            probes.set(2 * n + 1, farthest, ray);
+            if n == 4 {
+                probes.set(PROBES - 1, 2.0 / (per_nearest + per_farthest), ray);
+            }
+        }
+        let per_range = if range < 0.0 { range.recip() } else { 0.0 };
+        Some(Self { rect, nearest_m: nearest, per_nearest, per_range, probes })
+    }
+
+    /// A pixel near its middle, from its corner.
+    fn middle(rect: Rect) -> (i32, i32) {
+        ((rect.width() as i32 - 1) / 2, (rect.height() as i32 - 1) / 2)
+    }
+}
+
+/// The nearest and the farthest depth in a rectangle of a map, metres; `None` if it has none.
+fn range_of(map: &DepthMap, rect: Rect) -> Option<(f32, f32)> {
+    // A lane for each column: many at a time.
+    let (mut nearest, mut farthest) = ([f32::INFINITY; LANES], [0.0f32; LANES]);
+    for y in rect.y0..rect.y1 {
+        let mut row = [0.0; LANES];
+        let depth_m = row_of(map, rect, y);
+        row[..depth_m.len()].copy_from_slice(depth_m);
+        for (z, (nearest, farthest)) in row.iter().zip(nearest.iter_mut().zip(&mut farthest)) {
+            *nearest = if (*z > 0.0) & (*z < *nearest) { *z } else { *nearest };
+            *farthest = if *z > *farthest { *z } else { *farthest };
+        }
+    }
+    let all = |of: [f32; LANES], which: fn(f32, f32) -> f32| of.into_iter().reduce(which).unwrap_or_default();
+    let farthest = all(farthest, f32::max);
+    (farthest > 0.0).then(|| (all(nearest, f32::min), farthest))
+}
+
+/// A rectangle's part of a row of a map.
+fn row_of(map: &DepthMap, rect: Rect, y: i32) -> &[f32] {
+    &map.depth_m[y as usize * map.width as usize..][rect.x0 as usize..rect.x1 as usize]
+}
+
+/// A value at each pixel of a tile, from its corners': v + a·x + b·y + c·x·y.
+#[derive(Clone, Copy)]
+struct Bilinear<V>([V; 4]);
+
+impl<V> Bilinear<V>
+where
+    V: Copy + std::ops::Add<Output = V> + std::ops::Sub<Output = V> + std::ops::Mul<f32, Output = V>,
+{
+    fn of([v00, v10, v01, v11]: [V; 4], across: f32, down: f32) -> Self {
+        let (a, b) = (v10 - v00, v01 - v00);
+        Self([v00, a * across, b * down, (v11 - v10 - b) * (across * down)])
+    }
+
+    /// What a row begins with, and what it grows by from pixel to pixel.
+    fn row(&self, y: f32) -> (V, V) {
+        let Self([v, a, b, c]) = *self;
+        (v + b * y, a + c * y)
+    }
+}
+
+/// Where a tile's points land.
+pub struct Over<'a> {
+    carry: &'a Carry<'a>,
+    tile: &'a Tile,
+    landed: Landed,
+    straight: Option<Straight>,
+}
+
+struct Straight {
+    /// At the nearest depth, and by how much they differ at the farthest.
+    near: Bilinear<Vec2>,
+    farther: Bilinear<Vec2>,
+    /// Depth there for each metre here.
+    stretch: Bilinear<f32>,
+}
+
+impl<'a> Over<'a> {
+    pub fn new(tile: &'a Tile, carry: &'a Carry<'a>) -> Self {
+        let landed = carry.land(&tile.probes);
+        let mut over = Self { carry, tile, landed, straight: None };
+        over.straight = over.straight();
+        over
+    }
+
+    fn straight(&self) -> Option<Straight> {
+        let Self { carry, tile, landed, .. } = self;
+        if carry.around || landed.depth_m[..PROBES].contains(&0.0) {
+            return None;
+        }
+        let place = |n: usize| Vec2::new(landed.x_px[n], landed.y_px[n]);
+        let [across, down] = [tile.rect.width(), tile.rect.height()].map(|side| (side.max(2) as f32 - 1.0).recip());
+        let near = Bilinear::of([0, 2, 4, 6].map(place), across, down);
+        let farther = Bilinear::of([1, 3, 5, 7].map(|n| place(n) - place(n - 1)), across, down);
+        let stretch = [0, 2, 4, 6].map(|n| (landed.depth_m[n] - carry.shift_m.z) / tile.nearest_m);
+        let (x, y) = Tile::middle(tile.rect);
+        let at = |of: &Bilinear<Vec2>| {
+            let (first, step) = of.row(y as f32);
+            first + step * x as f32
+        };
+        let is_straight = [(8, 0.0), (9, 1.0), (10, 0.5)]
+            .into_iter()
+            .all(|(n, share)| (at(&near) + at(&farther) * share).distance(place(n)) <= STRAIGHT_PX);
+        is_straight.then(|| Straight { near, farther, stretch: Bilinear::of(stretch, across, down) })
+    }
+
+    /// The rectangle in which all land, if it is known.
+    pub fn around(&self, bent_px: i32) -> Option<Rect> {
+        let corners = 0..8;
+        if self.landed.depth_m[corners.clone()].contains(&0.0) {
+            return None;
+        }
+        let range = |at: &[f32; LANES]| {
+            let low = at[corners.clone()].iter().fold(f32::INFINITY, |low, at| low.min(*at));
+            (floor(low), floor(at[corners.clone()].iter().fold(f32::NEG_INFINITY, |high, at| high.max(*at))))
+        };
+        let ((x0, x1), (y0, y1)) = (range(&self.landed.x_px), range(&self.landed.y_px));
+        Some(Rect::new(x0, y0, x1 + 1, y1 + 1).grown(bent_px))
+    }
+
+    /// Where a row of the tile lands. `rays` are those through the row's pixels.
+    pub fn land(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> Landed {
+        let Tile { rect, per_nearest, per_range, .. } = *self.tile;
+        let depth_m = row_of(map, rect, y);
+        let Some(Straight { near, farther, stretch }) = &self.straight else {
+            return self.carry.land(&Points::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));
+        };
+        let mut here_m = [0.0f32; LANES];
+        here_m.iter_mut().zip(depth_m).for_each(|(here, z)| *here = if *z > 0.0 { *z } else { 0.0 });
+        let down = (y - rect.y0) as f32;
+        let ((near, near_step), (more, more_step), (stretch, stretch_step)) =
+            (near.row(down), farther.row(down), stretch.row(down));
+        let mut landed = Landed { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        for (n, z) in here_m.iter().enumerate() {
+            let x = n as f32;
+            let share = (1.0 / z - per_nearest) * per_range;
+            landed.x_px[n] = near.x + near_step.x * x + (more.x + more_step.x * x) * share;
+            landed.y_px[n] = near.y + near_step.y * x + (more.y + more_step.y * x) * share;
+            let there_m = z * (stretch + stretch_step * x) + self.carry.shift_m.z;
+            landed.depth_m[n] = if *z > 0.0 { there_m.max(0.0) } else { 0.0 };
         }
         landed
     }

@@ -15,7 +15,7 @@ use std::sync::Mutex;
 
 use super::Rays;
 use super::apart::JUMP;
-use super::carry::{Carry, LANES, Landed, Points, floor};
+use super::carry::{Carry, LANES, Landed, Over, Points, Tile, floor};
 use super::looks::Looks;
 use super::moment::BEYOND_PX;
 use crate::pixels::{DepthMap, Rect};
@@ -77,7 +77,8 @@ impl Own<'_> {
         if source.is_empty() {
             return;
         }
-        self.rays.prepare(source.y0..source.y1);
+        let rows = tiles(source, self.rays.full()).fold(source, |all, tile| all.union(&tile));
+        self.rays.prepare(rows.y0..rows.y1);
         let asked = Asked::new(doubtful, self.looks, width);
         let mut told: Vec<Vec<f32>> = vec![Vec::new(); voters.len()];
         let work = Mutex::new(told.iter_mut().zip(voters));
@@ -118,18 +119,23 @@ impl Own<'_> {
         }
         let [here, there] = [&self.pose, &voter.taken].map(|pose| Carry::new(geometry, &voter.measured, pose));
         let gain = gain(&self.compared(voter, source, &here, &there));
-        let width = full.width() as usize;
-        for tile in tiles(source) {
-            if !self.is_asked(voter, tile, &here, asked) {
+        for rect in tiles(source, full) {
+            let ray = |x: i32, y: i32| Some(self.rays.row(y as usize)?[x as usize]);
+            let Some(tile) = Tile::of(rect, voter.depth, ray) else { continue };
+            // Whether its points may land where the frame is doubtful.
+            let here = Over::new(&tile, &here);
+            let is_asked = here
+                .around(BENT_PX)
+                .is_none_or(|around| asked.within(around.intersection(&self.part).moved(-self.part.x0, -self.part.y0)));
+            if !is_asked {
                 continue;
             }
-            for y in tile.y0..tile.y1 {
+            let there = Over::new(&tile, &there);
+            for y in rect.y0..rect.y1 {
                 let Some(rays) = self.rays.row(y as usize) else { continue };
-                let (from, to) = (tile.x0 as usize, tile.x1 as usize);
-                let points = Points::of(&voter.depth.depth_m[y as usize * width..][from..to], &rays[from..to]);
-                let landed = here.land(&points);
+                let landed = here.land(voter.depth, y, rays);
                 let mut at = [usize::MAX; LANES];
-                for lane in (0..to - from).filter(|&lane| landed.depth_m[lane] > 0.0) {
+                for lane in (0..LANES).filter(|&lane| landed.depth_m[lane] > 0.0) {
                     // The pixel in which it lies, and no more: points that covered the pixels around would widen what is near.
                     // What one voter leaves open others fill.
                     let place = self.place(&landed, lane).filter(|&i| asked.doubtful[i]);
@@ -138,7 +144,7 @@ impl Own<'_> {
                 if at == [usize::MAX; LANES] {
                     continue;
                 }
-                let shown = there.land(&points);
+                let shown = there.land(voter.depth, y, rays);
                 for lane in (0..LANES).filter(|&lane| at[lane] < usize::MAX) {
                     let (i, z) = (at[lane], landed.depth_m[lane]);
                     // Of several points at a pixel the nearest stays.
@@ -158,41 +164,6 @@ impl Own<'_> {
         let (column, row) = (floor(landed.x_px[lane]), floor(landed.y_px[lane]));
         let place = || (row - self.part.y0) as usize * self.part.width() as usize + (column - self.part.x0) as usize;
         self.part.contains(column, row).then(place)
-    }
-
-    /// Whether points of a tile of a voter's map may land where the frame is doubtful: in the rectangle around the tile's
-    /// corners at its nearest and its farthest depth.
-    fn is_asked(&self, voter: &Voter<'_>, tile: Rect, here: &Carry<'_>, asked: &Asked) -> bool {
-        let width = voter.depth.width as usize;
-        let rows =
-            (tile.y0..tile.y1).map(|y| &voter.depth.depth_m[y as usize * width..][tile.x0 as usize..tile.x1 as usize]);
-        let (mut nearest, mut farthest) = (f32::INFINITY, 0.0f32);
-        for z in rows.flatten().filter(|z| **z > 0.0) {
-            (nearest, farthest) = (nearest.min(*z), farthest.max(*z));
-        }
-        if farthest == 0.0 {
-            return false;
-        }
-        let mut corners = Points::default();
-        let mut lane = 0;
-        for y in [tile.y0, tile.y1 - 1] {
-            let Some(rays) = self.rays.row(y as usize) else { return true };
-            for (x, z) in [tile.x0, tile.x1 - 1].into_iter().flat_map(|x| [(x, nearest), (x, farthest)]) {
-                corners.set(lane, z, rays[x as usize]);
-                lane += 1;
-            }
-        }
-        let landed = here.land(&corners);
-        if landed.depth_m[..lane].contains(&0.0) {
-            return true;
-        }
-        let range = |at: &[f32]| {
-            let low = at[..lane].iter().fold(f32::INFINITY, |low, at| low.min(*at));
-            (floor(low), floor(at[..lane].iter().fold(f32::NEG_INFINITY, |high, at| high.max(*at))))
-        };
-        let ((x0, x1), (y0, y1)) = (range(&landed.x_px), range(&landed.y_px));
-        let around = Rect::new(x0, y0, x1 + 1, y1 + 1).grown(BENT_PX).intersection(&self.part);
-        asked.within(around.moved(-self.part.x0, -self.part.y0))
     }
 
     /// Colours of the frame and of a voter that show the same, at places spread over the picture.
@@ -230,12 +201,12 @@ fn looks_of(voter: &Voter<'_>, shown: &Landed, lane: usize, full: Rect) -> Optio
     is_seen.then(|| voter.looks.at(column as u32, row as u32))
 }
 
-/// A part of the picture, in pieces as wide as points are carried at a time. They lie at the same places whichever part it is.
-fn tiles(part: Rect) -> impl Iterator<Item = Rect> {
+/// The tiles of the picture that a part of it touches. They are the same ones whichever part it is.
+fn tiles(part: Rect, full: Rect) -> impl Iterator<Item = Rect> {
     let side = LANES as i32;
     let first = move |edge: i32| edge.div_euclid(side) * side;
     (first(part.y0)..part.y1).step_by(LANES).flat_map(move |y| {
-        (first(part.x0)..part.x1).step_by(LANES).map(move |x| Rect::new(x, y, x + side, y + side).intersection(&part))
+        (first(part.x0)..part.x1).step_by(LANES).map(move |x| Rect::new(x, y, x + side, y + side).intersection(&full))
     })
 }
 
