@@ -26,6 +26,7 @@ struct Composite {
     camera_size: vec2<i32>,
     layer_size: vec2<i32>,
     shade_size: vec2<i32>,
+    made_size: vec2<i32>,    // of the rectangle
     max_code: f32,
     gain: f32,               // on the real light
     noise_left: f32,         // share of the variance of the real pixels' noise
@@ -43,6 +44,16 @@ struct Composite {
 @group(0) @binding(6) var shade: texture_2d<f32>;
 // By how much the light of a pixel at the edge of a nearer real thing differs from what lies behind the thing.
 @group(0) @binding(7) var fringes: texture_2d<f32>;
+
+// The parts of the rectangle that are made: x0, y0, x1, y1. Elsewhere the camera's integers stand already.
+@group(0) @binding(8) var<storage, read> parts: array<vec4<i32>>;
+
+@vertex
+fn part(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> @builtin(position) vec4<f32> {
+    let rect = parts[instance];
+    let at = select(rect.xy, rect.zw, vec2<bool>((vertex & 1u) == 1u, (vertex >> 1u) == 1u));
+    return vec4<f32>(vec2<f32>(at) / vec2<f32>(composite.made_size) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+}
 
 // σ at a code value (0..1), in 8-bit codes.
 fn sigma_at(code: vec3<f32>) -> vec3<f32> {

@@ -2,16 +2,22 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 use super::behind_real::{Before, deep_within};
 use super::places::Places;
 use super::plan::{Plan, Sight};
 use super::shade::dark;
 use super::{Job, RealDepth, Settings};
-use crate::depth::{Neighbour, RayCache, Rays, Repair, Shared, Wanted, measured_from};
+use crate::camera::Geometry;
+use crate::depth::{
+    LastRepair, Neighbour, Places as Asked, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from,
+};
 use crate::effects::{Effect, Moment};
 use crate::frame::Beside;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
+use crate::pose::Pose;
 use crate::render::real_depth;
 
 /// The real scene's depth (metres, 0 unknown), over the drawn rectangle where nothing else is said.
@@ -26,12 +32,25 @@ pub struct Hidden {
     pub real: Option<(Texture, Rect)>,
     /// Why the frame's depth hides nothing although it exists and is asked for.
     pub nothing_because: Option<String>,
+    /// Whether edges are torn because the neighbours were not asked.
+    pub is_rough: bool,
+}
+
+/// What is known from picture to picture.
+#[derive(Debug, Default)]
+pub struct Known {
+    rays: RayCache,
+    last: LastRepair,
+    /// Models that stand in for real things.
+    pub proxies: Proxies,
+    /// Whether the next picture may do without the neighbours.
+    pub may_be_rough: bool,
 }
 
 impl Hidden {
     pub fn new(
         recorder: &mut Recorder,
-        rays: &mut RayCache,
+        Known { rays, last, proxies, may_be_rough }: &mut Known,
         job: &Job<'_>,
         settings: &Settings,
         sight: &Sight,
@@ -44,23 +63,32 @@ impl Hidden {
         let depth = job.frame.depth.as_ref();
         let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
         let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
-        let mut shared = None;
+        let (mut shared, mut is_rough) = (None, false);
         let texels = match job.real {
-            RealDepth::OfFrame => depth.zip(measured.and_then(Result::ok)).map(|(depth, measured)| {
-                let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
-                let half_s = 0.5 * sight.shutter.exposure_time_s;
-                let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
-                let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
-                let neighbours = neighbours(job);
-                let (measured, frame, neighbours, planes) = (&measured, &frame, &neighbours, &sight.planes);
-                let repair = Repair { rays, depth, measured, frame, shutter, pixels, response, planes, neighbours };
-                // Where a shadow is faint, what it lies on is judged by what was measured.
-                let dark = dark(&sight.shades).intersection(&places.shaded);
-                let asked = wanted(sight, places, dark, rays);
-                let repaired = repair.over(around, drawn.union(&dark), drawn, &asked);
-                shared = Some(repaired.shared);
-                repaired.depth_m
-            }),
+            RealDepth::OfFrame => {
+                let measured = measured.and_then(Result::ok);
+                let measured = depth.zip(measured.as_ref());
+                (measured.is_some() || !proxies.is_empty()).then(|| {
+                    let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
+                    let half_s = 0.5 * sight.shutter.exposure_time_s;
+                    let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
+                    let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
+                    let neighbours = neighbours(job);
+                    let (frame, neighbours, planes) = (&frame, &neighbours, &sight.planes);
+                    let seen = |point: DVec3| seen_by_row(job.picture, |time_s| sight.keys.pose_at(time_s), point);
+                    let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
+                    let repair =
+                        Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours };
+                    // Where a shadow is faint, what it lies on is judged by what was measured.
+                    let dark = dark(&sight.shades).intersection(&places.shaded);
+                    let asked = wanted(sight, places, dark, rays);
+                    let places = Asked { around, near: drawn.union(&dark), drawn };
+                    let repaired;
+                    (repaired, is_rough) = last.over(&job.frame, &repair, places, &asked, *may_be_rough);
+                    shared = Some(repaired.shared.clone());
+                    repaired.depth_m.clone()
+                })
+            }
             RealDepth::Known { moments, grid, .. } if plan.hides_itself() && moments.is_empty() => {
                 let real = grid.filter(|_| !sight.shades.is_empty());
                 let real = real.map(|grid| (real_depth(recorder, &grid.over(around), around), around));
@@ -79,7 +107,13 @@ impl Hidden {
         let after = plan.active.iter().rposition(blurs).map(|last| last + 1);
         let beneath = around.part(&texels, drawn);
         let Some(after) = after.or(shared.as_ref().map(|_| 0)) else {
-            return Self { first: Some(real_depth(recorder, &beneath, drawn)), real, then: None, nothing_because };
+            return Self {
+                first: Some(real_depth(recorder, &beneath, drawn)),
+                real,
+                then: None,
+                nothing_because,
+                is_rough,
+            };
         };
         let look_px = plan.active[..after].iter().map(|effect| effect.reach(moment));
         let reach_px = look_px.map(|reach| reach.look_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
@@ -92,8 +126,17 @@ impl Hidden {
             Some(shared) => Before::soft(recorder, &shared, drawn),
             None => Before::hard(recorder, &beneath, drawn),
         };
-        Self { first: Some(real_depth(recorder, &deep, drawn)), real, then: Some((after, before)), nothing_because }
+        let first = Some(real_depth(recorder, &deep, drawn));
+        Self { first, real, then: Some((after, before)), nothing_because, is_rough }
     }
+}
+
+/// Where a point is seen by the pose of the row in which it is, at a time from the frame's, seconds.
+pub fn seen_by_row(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point: DVec3) -> Seen {
+    let about = geometry.project(pose_at(0.0).transform_point(point))?;
+    let in_camera = pose_at(geometry.row_time_s(about.y)).transform_point(point);
+    let depth_m = if geometry.sees_around() { in_camera.length() } else { in_camera.z };
+    Some((geometry.project(in_camera)?, depth_m))
 }
 
 /// Where real depth matters to a picture: nearer than an object, and before what a shadow is dark on.

@@ -2,6 +2,7 @@
 
 use super::job::Job;
 use super::rgba::rgba;
+use super::touched::touched;
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, NoiseProfile};
 use crate::effects::{MixedPart, curve_choice};
@@ -43,6 +44,14 @@ impl Sent {
         Self { texture, rect, max_code: pixels.max_code() as f32 }
     }
 
+    /// Records copying a rectangle of the picture into a texture.
+    fn copy(&self, recorder: &mut Recorder, rect: Rect, to: &Texture) {
+        let origin = wgpu::Origin3d { x: (rect.x0 - self.rect.x0) as u32, y: (rect.y0 - self.rect.y0) as u32, z: 0 };
+        let from = wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() };
+        let size = wgpu::Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 };
+        recorder.encoder().copy_texture_to_texture(from, to.texture.as_image_copy(), size);
+    }
+
     /// Records copying a composited piece into this picture.
     pub fn put(&self, recorder: &mut Recorder, made: &Texture, shown: Rect) {
         let origin = wgpu::Origin3d { x: (shown.x0 - self.rect.x0) as u32, y: (shown.y0 - self.rect.y0) as u32, z: 0 };
@@ -75,6 +84,7 @@ crate::uniform! {
         camera_size: [i32; 2],
         layer_size: [i32; 2],
         shade_size: [i32; 2],
+        made_size: [i32; 2],
         max_code: f32,
         gain: f32,
         noise_left: f32,
@@ -110,14 +120,15 @@ pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, St
     (shaders, tail)
 }
 
-/// Records the composite of a piece. `shade` is the share of the real light that is taken.
+/// Records the composite of a piece. `shade` is the share of the real light that is taken. Beyond `changed`, parts of the picture,
+/// layer and shade are empty.
 pub fn mix(
     recorder: &mut Recorder,
     camera: &Camera,
     job: &Job<'_>,
     sent: &Sent,
     (layer, shade): (&Layer, Option<&Texture>),
-    piece: &Piece,
+    (piece, changed): (&Piece, &[Rect]),
     parts: Vec<MixedPart>,
 ) -> Texture {
     let (Piece { shown, drawn, shaded }, capture) = (*piece, &job.capture);
@@ -130,6 +141,7 @@ pub fn mix(
         camera_size: [sent.rect.width() as i32, sent.rect.height() as i32],
         layer_size: [drawn.width() as i32, drawn.height() as i32],
         shade_size: [shaded.width() as i32, shaded.height() as i32],
+        made_size: [size.0 as i32, size.1 as i32],
         max_code: sent.max_code,
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
@@ -137,7 +149,18 @@ pub fn mix(
         presence: job.frame.presence as f32,
     };
     let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
-    let entry = Entry::from("main")
+    let changed = touched(shown, changed);
+    let out = recorder.pool.lend(&recorder.gpu, size, sent.texture.format);
+    if changed != [shown] {
+        sent.copy(recorder, shown, &out);
+    }
+    let in_piece = |rect: &Rect| [rect.x0 - shown.x0, rect.y0 - shown.y0, rect.x1 - shown.x0, rect.y1 - shown.y0];
+    let quads: Vec<[i32; 4]> = changed.iter().map(in_piece).collect();
+    if quads.is_empty() {
+        return out;
+    }
+    let list = recorder.storage(bytemuck::cast_slice(&quads));
+    let entry = Entry::over("part", "main")
         .choose("curve", curve_choice(&camera.response))
         .choose("whole", capture.whole)
         .choose("parted", layer.coverage.is_some())
@@ -150,6 +173,7 @@ pub fn mix(
         .pass_of(&shaders, || tail, entry)
         .uniform("composite", &uniform)
         .buffer("sigma_table", sigma)
+        .buffer("parts", list)
         .texture("camera", &sent.texture)
         .texture("layer", &layer.color)
         .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color))
@@ -164,6 +188,6 @@ pub fn mix(
     if let Some(real) = &layer.real {
         pass = pass.texture("real_light", &real.light);
     }
-    let [out] = pass.draw([sent.texture.format], size);
+    pass.tiles(quads.len() as u32).over().draw_into(&[&out], size);
     out
 }

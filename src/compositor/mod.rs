@@ -15,9 +15,12 @@ mod rgba;
 mod run;
 mod settings;
 mod shade;
+mod touched;
+
+use glam::DVec3;
 
 use crate::camera::Camera;
-use crate::depth::RayCache;
+use crate::depth::Proxies;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed};
@@ -26,6 +29,7 @@ use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
 use crate::shadow::{Chart, Lightmaps, Shadows};
 
+pub use hide::seen_by_row;
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
 pub use plan::poses_within_s;
@@ -45,7 +49,7 @@ pub struct Compositor {
     shadows: Shadows,
     lightmaps: Lightmaps,
     recorder: Recorder,
-    rays: RayCache,
+    depth: hide::Known,
     readbacks: ReadbackSet,
     may_be_rough: bool,
 }
@@ -70,7 +74,7 @@ impl Pending {
         &self.stats
     }
 
-    /// Whether shadows in it are rough, as was allowed ([`Compositor::may_be_rough`]).
+    /// Whether shadows in it are rough or real edges torn, as was allowed ([`Compositor::may_be_rough`]).
     pub fn is_rough(&self) -> bool {
         self.is_rough
     }
@@ -112,7 +116,7 @@ impl Compositor {
             lightmaps: Lightmaps::new(&scene),
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
-            rays: RayCache::default(),
+            depth: hide::Known::default(),
             readbacks: ReadbackSet::default(),
             may_be_rough: false,
         }
@@ -141,13 +145,27 @@ impl Compositor {
         &self.recorder.gpu
     }
 
+    /// What stands in for real things, as it is placed.
+    pub fn proxies(&self) -> Proxies {
+        let scene = self.renderer.scene();
+        let triangles = scene.objects.iter().flat_map(|object| &object.hides).flat_map(|part| {
+            let mesh = &scene.meshes[part.mesh];
+            let corner = |i: u32| {
+                let position = mesh.vertices[i as usize].position.map(f64::from);
+                part.world_from_mesh.transform_point3(DVec3::from(position))
+            };
+            mesh.indices.as_chunks::<3>().0.iter().map(move |corners| corners.map(corner))
+        });
+        Proxies { triangles: triangles.collect() }
+    }
+
     /// Has the next frame's parts timed by the GPU, if it has a clock ([`Pending::times`]).
     pub fn time_next(&mut self) {
         self.recorder.time();
     }
 
-    /// The next picture may come sooner, with shadows that are rough where they are not known yet. All other pictures are what a new
-    /// compositor would make.
+    /// The next picture may come sooner: with shadows that are rough where they are not known yet, and hidden by the frame's own
+    /// depth alone where its neighbours were not asked yet. All other pictures are what a new compositor would make.
     pub fn may_be_rough(&mut self) {
         self.may_be_rough = true;
     }
@@ -182,7 +200,7 @@ impl Compositor {
         if job.frame.presence <= 0.0 && !job.capture.whole {
             return Ok(self.untouched(job, stats, target));
         }
-        let (charts, is_rough) = self.shaded(&settings.shadow, may_be_rough);
+        let (charts, mut is_rough) = self.shaded(&settings.shadow, may_be_rough);
         let sight = Sight::new(&self.renderer, charts, &job, settings);
         let moment = moment(&job, camera, settings, &sight);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight)?;
@@ -194,8 +212,11 @@ impl Compositor {
         stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
 
         self.recorder.part("depth");
-        let hidden = Hidden::new(&mut self.recorder, &mut self.rays, &job, settings, &sight, &plan, &moment);
+        self.depth.may_be_rough = may_be_rough;
+        self.depth.proxies = self.proxies();
+        let hidden = Hidden::new(&mut self.recorder, &mut self.depth, &job, settings, &sight, &plan, &moment);
         stats.no_occlusion = hidden.nothing_because.clone();
+        is_rough |= hidden.is_rough;
         let tolerance_m = settings.depth.tolerance_m;
         let view = View {
             geometry: job.picture,
@@ -217,7 +238,8 @@ impl Compositor {
             settings: &settings.shadow,
             presence: job.frame.presence,
         };
-        let shade = shade::shade(&mut self.recorder, &sight.shades, &asked);
+        let shaded = shade::shade(&mut self.recorder, &sight.shades, &asked);
+        let shade = shaded.as_ref().map(|shaded| &shaded.texture);
         self.recorder.part("objects");
         let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);
         layer.real = plan.surfaces.map(|surfaces| {
@@ -225,15 +247,7 @@ impl Compositor {
             let hides = settings.depth.occlusion && job.real.moments().is_empty();
             let tolerance_m = hides.then_some(tolerance_m);
             let pixels = &job.frame.pixels;
-            real::real_layer(
-                &mut self.recorder,
-                pixels,
-                surfaces,
-                places.drawn,
-                tolerance_m,
-                &camera.response,
-                shade.as_ref(),
-            )
+            real::real_layer(&mut self.recorder, pixels, surfaces, places.drawn, tolerance_m, &camera.response, shade)
         });
         let mut run = LayerRun {
             recorder: &mut self.recorder,
@@ -250,11 +264,17 @@ impl Compositor {
             Target::View(..) => whole(&job.frame),
         };
         let sent: Vec<_> = sent.into_iter().map(|rect| Sent::new(run.recorder, &job.frame.pixels, rect)).collect();
+        // What acts on real pixels, and what lies across a seam, changes the picture anywhere.
+        let parts = sight.footprint.parts.iter().map(|(rect, _)| rect.grown(places.spread_px));
+        let parts = parts.chain(shaded.iter().flat_map(|shaded| shaded.pieces.iter().copied()));
+        let is_whole = job.capture.whole || layer.real.is_some() || job.picture.is_round() || places.pieces.len() > 1;
         let mut work = Work::default();
+        let changed: Vec<Rect> =
+            if is_whole { places.pieces.iter().map(|piece| piece.shown).collect() } else { parts.collect() };
         for (i, piece) in places.pieces.iter().enumerate() {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
             let sent = sent.get(i).unwrap_or(&sent[0]);
-            let made = mix(run.recorder, camera, &job, sent, (&layer, shade.as_ref()), piece, parts);
+            let made = mix(run.recorder, camera, &job, sent, (&layer, shade), (piece, &changed), parts);
             match target {
                 Target::Pixels => {
                     let size = (piece.shown.width(), piece.shown.height());
@@ -274,7 +294,7 @@ impl Compositor {
             presence: job.frame.presence as f32,
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
             shaded: first.shaded,
-            shade: shade.as_ref().map(|t| {
+            shade: shade.map(|t| {
                 let size = (places.shaded.width(), places.shaded.height());
                 run.recorder.read_back(&mut self.readbacks, t, size)
             }),

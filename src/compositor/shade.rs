@@ -12,7 +12,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::settings::Shade;
 use crate::camera::Geometry;
@@ -207,6 +207,8 @@ impl Atlas {
 #[derive(Clone, Debug)]
 struct Rays {
     texture: Texture,
+    /// The same, 1 in the last place where there is one.
+    nodes: Arc<[[f32; 4]]>,
     size: [u32; 2],
     piece_px: i32,
 }
@@ -226,8 +228,40 @@ impl Rays {
         });
         let texture = Texture::new(gpu, "rays", size[0], size[1], wgpu::TextureFormat::Rgba32Float, 1);
         texture.write(gpu, size[0], size[1], &texels);
-        Self { texture, size, piece_px: piece_px(geometry) }
+        Self { texture, nodes: texels.into(), size, piece_px: piece_px(geometry) }
     }
+
+    /// The ray through a corner of the grid's cells, if there is one.
+    fn at(&self, x_px: i32, y_px: i32) -> Option<Vec3> {
+        let [column, row] = [(x_px, 0), (y_px, 1)].map(|(at, axis)| {
+            let node = at / STEP_PX as i32;
+            usize::try_from(node).ok().filter(|node| *node < self.size[axis] as usize)
+        });
+        let [x, y, z, known] = self.nodes[row? * self.size[0] as usize + column?];
+        (known > 0.0).then(|| Vec3::new(x, y, z))
+    }
+}
+
+/// Whether a piece of the picture shows none of a chart's shadow. `turns` are those of its upper and its lower line.
+fn is_bare(shares: &Shares, rays: &Rays, at_px: [i32; 2], turns: &[[[f32; 4]; 3]]) -> bool {
+    let side = rays.piece_px;
+    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for (turns, y) in turns.chunks(MOMENTS).zip([at_px[1], at_px[1] + side]) {
+        for x in [at_px[0], at_px[0] + side] {
+            let Some(ray) = rays.at(x, y) else { return false };
+            for turn in turns {
+                let [x, y, z] = turn.map(|[x, y, z, _]| f64::from(Vec3::new(x, y, z).dot(ray)));
+                if z < 1e-6 {
+                    return false;
+                }
+                let texel = DVec2::new(x, y) / z;
+                (low, high) = (low.min(texel), high.max(texel));
+            }
+        }
+    }
+    // Within a pixel each moment has a place of its own.
+    let beside = (high - low) / f64::from(side);
+    shares.is_none_between(low - beside, high + beside)
 }
 
 /// The side of pieces in which this camera's rays are straight.
@@ -269,8 +303,16 @@ pub struct Asked<'a> {
     pub presence: f64,
 }
 
-/// Records the pass: the share of the real light that is taken, over `part`. `None` where no chart is in it.
-pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Option<Texture> {
+/// The share of the real light that is taken, over a part of the picture.
+#[derive(Debug)]
+pub struct Shaded {
+    pub texture: Texture,
+    /// Beyond these pieces of the picture it is 0.
+    pub pieces: Vec<Rect>,
+}
+
+/// Records the pass, over `part`. `None` where no chart is in it.
+pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Option<Shaded> {
     if seen.is_empty() || asked.part.is_empty() {
         return None;
     }
@@ -285,15 +327,22 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         if !rect.is_empty() {
             // Pieces lie at the same places of the picture whichever part of it is asked for.
             let first = rect.y0.div_euclid(piece_px) * piece_px;
+            let mut lines = Vec::new();
             for y in (first..rect.y1).step_by(piece_px as usize) {
+                let first = turns.len();
                 turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, y, moment)));
-                let [chart, turn] = [charts.len(), turns.len() - MOMENTS].map(|index| index as u32);
-                let x0 = rect.x0.div_euclid(piece_px) * piece_px;
-                let along = (x0..rect.x1).step_by(piece_px as usize);
-                pieces.extend(along.map(|x| PieceUniform { at_px: [x, y], chart, turn }));
+                lines.push((y, first));
             }
             let last = rect.y1 + (piece_px - rect.y1.rem_euclid(piece_px)) % piece_px;
             turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, last, moment)));
+            let x0 = rect.x0.div_euclid(piece_px) * piece_px;
+            for (y, first) in lines {
+                let [chart, turn] = [charts.len(), first].map(|index| index as u32);
+                let both = &turns[first..first + 2 * MOMENTS];
+                let along = (x0..rect.x1).step_by(piece_px as usize).map(|x| [x, y]);
+                let shown = along.filter(|at_px| !is_bare(shares, &rays, *at_px, both));
+                pieces.extend(shown.map(|at_px| PieceUniform { at_px, chart, turn }));
+            }
         }
         let all = seen.rect;
         charts.push(ChartUniform {
@@ -324,6 +373,8 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         piece_px,
     };
     let count = pieces.len() as u32;
+    let rect = |[x, y]: [i32; 2]| Rect::new(x, y, x + piece_px, y + piece_px);
+    let drawn = pieces.iter().map(|piece| rect(piece.at_px)).collect();
     let [charts, pieces, turns] =
         [bytemuck::cast_slice(&charts), bytemuck::cast_slice(&pieces), bytemuck::cast_slice(&turns)]
             .map(|bytes| recorder.storage(bytes));
@@ -333,8 +384,8 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
     let pass = pass.buffer("pieces", pieces).buffer("turns", turns);
     let pass = pass.texture("real_depth", asked.depth.map_or(&rays.texture, |(depth, _)| depth));
     let pass = pass.tiles(count).blend(OF_WHAT_IS_LEFT);
-    let [taken] = pass.draw([COLOR], (part.width(), part.height()));
-    Some(taken)
+    let [texture] = pass.draw([COLOR], (part.width(), part.height()));
+    Some(Shaded { texture, pieces: drawn })
 }
 
 /// From a ray in the camera's axes to the chart, for the line above a row of the picture at a moment of its exposure.
@@ -388,15 +439,7 @@ mod tests {
     #[test]
     fn a_ray_meets_the_chart_where_the_point_is() {
         let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
-        let shares = Shares {
-            low_m: Vec2::new(-0.3, -0.2),
-            texel_m: 0.002,
-            width: 400,
-            height: 300,
-            taken: Vec::new(),
-            shown: Part::WHOLE,
-            dark: Part::NONE,
-        };
+        let shares = Shares::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
         let chart = Chart { floor, shares: Arc::new(shares) };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),

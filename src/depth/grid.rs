@@ -1,5 +1,6 @@
 //! The recorded depth on a grid over a photograph, with its gaps filled and its edges moved to the picture's.
 
+use super::proxies::known_m;
 use glam::DVec2;
 
 use super::{edges, mended};
@@ -107,6 +108,6 @@ impl DepthGrid {
     pub fn over(&self, rect: Rect) -> Vec<f32> {
         let columns = rect.x0..rect.x1;
         let places = (rect.y0..rect.y1).flat_map(|y| columns.clone().map(move |x| (x, y)));
-        places.map(|(x, y)| self.depth_m[self.index(x, y)]).collect()
+        places.map(|(x, y)| known_m(self.depth_m[self.index(x, y)])).collect()
     }
 }

@@ -6,9 +6,9 @@
 //! - `vote`: what several frames' maps say of one's.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's. `behind`: what is behind
 //!   them. `mended`: holes filled and edges moved.
-//! - `contact`: what things stand on, as flat as it is.
+//! - `contact`: what things stand on, as flat as it is. `proxies`: models that stand in for real things.
 //! - `matte`: how much of a pixel at an edge is the nearer surface's. `smear`: how far it moves while the shutter is open.
-//! - `repaired`: filled and with the picture's edges, where a recording's frame shows objects. `grid`: the same over a
+//! - `repaired`: filled and with the picture's edges, where a recording's frame shows objects; `last_repair`: not twice. `grid`: the same over a
 //!   photograph. `surfaces`: with what is behind too, for a photograph's real part.
 
 mod apart;
@@ -18,11 +18,13 @@ mod contact;
 mod edges;
 mod grid;
 mod holes;
+mod last_repair;
 mod looks;
 mod matte;
 mod mended;
 mod moment;
 mod nearest_edge;
+mod proxies;
 mod registered;
 mod repaired;
 mod smear;
@@ -32,8 +34,10 @@ mod vote;
 
 pub use contact::Plane;
 pub use grid::DepthGrid;
+pub use last_repair::{LastRepair, Places};
 pub use matte::Shared;
 pub use moment::{RayCache, Rays, measured_from, seen_at_frame};
+pub use proxies::{FAR_M, Proxies, Seen, known_m};
 pub use registered::{DepthCamera, enlarged, holes, is_same_view};
 pub use repaired::{Neighbour, Repair, Repaired, Wanted};
 pub use surfaces::Surfaces;

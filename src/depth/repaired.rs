@@ -6,9 +6,12 @@
 //!
 //! Not modelled: gaps depend only on what was measured within a twentieth of the picture's width around the objects.
 
+use glam::DVec3;
+
 use super::contact::{self, Plane};
 use super::looks::Looks;
 use super::matte::{self, Shared};
+use super::proxies::{FAR_M, Proxies, Seen, known_m};
 use super::smear::Smear;
 use super::{Rays, mended, smooth, vote};
 use crate::camera::Response;
@@ -24,12 +27,12 @@ const AROUND: f64 = 1.0 / 20.0;
 const SEEN_PX: i32 = matte::FARTHEST_PX;
 
 /// The inputs for repairing a frame's depth.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Repair<'a> {
     pub rays: &'a Rays,
-    pub depth: &'a DepthMap,
-    /// The poses at which the map was measured and the frame was taken.
-    pub measured: &'a Pose,
+    /// The map, and the pose at which it was measured; `None` without a sensor.
+    pub measured: Option<(&'a DepthMap, &'a Pose)>,
+    /// At which the frame was taken.
     pub frame: &'a Pose,
     /// The poses when the shutter opened and when it closed.
     pub shutter: [&'a Pose; 2],
@@ -37,6 +40,8 @@ pub struct Repair<'a> {
     pub response: &'a Response,
     /// What objects stand on.
     pub planes: &'a [Plane],
+    /// Models that stand in for real things, and where the camera sees a point.
+    pub proxies: Option<(&'a Proxies, &'a dyn Fn(DVec3) -> Seen)>,
     /// Frames that help where the map is doubtful.
     pub neighbours: &'a [Neighbour<'a>],
 }
@@ -50,7 +55,7 @@ pub struct Neighbour<'a> {
 }
 
 /// Where real depth is asked for, and up to where.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Wanted {
     /// Rectangles, and the depth beyond which real things hide nothing in them, metres.
     pub objects: Vec<(Rect, f32)>,
@@ -105,11 +110,20 @@ impl<'a> Repair<'a> {
     pub fn over(&self, around: Rect, near: Rect, drawn: Rect, wanted: &Wanted) -> Repaired {
         let region = self.region(near);
         let all = region.union(&around);
-        let measured_m = self.rays.reproject(self.depth, self.measured, self.frame, all);
+        let measured_m = match self.measured {
+            Some((depth, measured)) => self.rays.reproject(depth, measured, self.frame, all),
+            None => vec![0.0; all.width() as usize * all.height() as usize],
+        };
         let looks = self.looks(region);
         let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
         let before_m = wanted.before_m(region, SEEN_PX);
         self.agree(&mut depth_m, &looks, region, &before_m);
+        if let Some((proxies, seen)) = self.proxies {
+            proxies.put(&mut depth_m, region, seen);
+        }
+        if self.measured.is_none() {
+            depth_m.iter_mut().filter(|z| **z == 0.0).for_each(|z| *z = FAR_M);
+        }
         // Where nothing was measured, nothing hides.
         let recorded = &self.rays.geometry().intrinsics;
         if mended::complete(&mut depth_m, &looks, width, recorded, 1.0) == Some(true) {
@@ -120,6 +134,7 @@ impl<'a> Repair<'a> {
         let within = drawn.moved(-region.x0, -region.y0);
         let shared = matte::shares(&depth_m, &looks, width, &smear, within, &wanted.objects_only().before_m(drawn, 0));
         let mut out = all.part(&measured_m, around);
+        depth_m.iter_mut().for_each(|z| *z = known_m(*z));
         put(&mut out, around, &depth_m, region);
         Repaired { depth_m: out, shared }
     }
@@ -214,8 +229,8 @@ mod tests {
         let (rays, pose) = (camera(), Pose::IDENTITY);
         let response = Response { curve: Curve::Srgb, ..Default::default() };
         let shutter = [&pose; 2];
-        let (measured, frame, response) = (&pose, &pose, &response);
-        Repair { rays: &rays, depth, measured, frame, shutter, pixels, response, neighbours: &[], planes: &[] }
+        let (measured, frame, response) = (Some((depth, &pose)), &pose, &response);
+        Repair { rays: &rays, measured, frame, shutter, pixels, response, proxies: None, neighbours: &[], planes: &[] }
             .over(rect, rect, rect, wanted)
     }
 

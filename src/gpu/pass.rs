@@ -51,6 +51,7 @@ pub struct Pass<'a> {
     layouts: Vec<Layout>,
     blend: Option<wgpu::BlendState>,
     shape: Shape,
+    load: wgpu::LoadOp<wgpu::Color>,
 }
 
 impl Recorder {
@@ -78,6 +79,7 @@ impl<'a> Pass<'a> {
             layouts: Vec::new(),
             blend: None,
             shape: Shape::Whole,
+            load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
         }
     }
 
@@ -132,11 +134,17 @@ impl<'a> Pass<'a> {
         self
     }
 
+    /// Draws over what the targets already contain.
+    pub fn over(mut self) -> Self {
+        self.load = wgpu::LoadOp::Load;
+        self
+    }
+
     /// Draws quads over what the targets already contain. Their number is in a buffer that the GPU wrote: four
     /// vertices, the number of quads, two zeros.
     pub fn listed(mut self, list: &wgpu::Buffer) -> Self {
         self.shape = Shape::Listed(list.clone());
-        self
+        self.over()
     }
 
     /// Draws into the upper left `size` of lent textures, which are transparent beyond it.
@@ -163,10 +171,7 @@ impl<'a> Pass<'a> {
             let groups = self.groups(&gpu, &made);
             ready.push((made, groups));
         }
-        let load = match self.shape {
-            Shape::Listed(_) => wgpu::LoadOp::Load,
-            Shape::Whole | Shape::Tiles(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-        };
+        let load = self.load;
         let attachments: Vec<_> = targets
             .iter()
             .map(|(view, _)| {

@@ -9,9 +9,12 @@
 //! of all frames stands for it), and that a blurred thing is cut off sharply by a real one in focus: here it is cut off
 //! first and blurred then.
 
+use glam::DVec3;
+
 use super::Framing;
 use crate::camera::{Geometry, Response};
-use crate::depth::{DepthGrid, Rays};
+use crate::compositor::seen_by_row;
+use crate::depth::{DepthGrid, Proxies, Rays, Seen};
 use crate::frame::Frame;
 use crate::pixels::{DepthMap, Rect};
 use crate::tracking::PoseTrack;
@@ -27,6 +30,13 @@ pub struct Hiding<'a> {
     response: &'a Response,
     /// Stands for that of a frame without one.
     depth: &'a DepthMap,
+    proxies: &'a Proxies,
+}
+
+/// Where a recording's camera sees a point at a time on the poses' clock; nowhere where it has no poses.
+pub fn seen_in(recorded: &Geometry, (track, time_s): (&PoseTrack, f64), point: DVec3) -> Seen {
+    let about = track.at(time_s).ok()?;
+    seen_by_row(recorded, |later_s| track.at(time_s + later_s).unwrap_or(about), point)
 }
 
 impl<'a> Hiding<'a> {
@@ -35,9 +45,9 @@ impl<'a> Hiding<'a> {
         (track, time_offset_s): (&'a PoseTrack, f64),
         framing: &'a Framing,
         response: &'a Response,
-        depth: &'a DepthMap,
+        (depth, proxies): (&'a DepthMap, &'a Proxies),
     ) -> Self {
-        Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth }
+        Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth, proxies }
     }
 
     /// A frame's depth over the photograph; `None` if it is not known when it was measured from where.
@@ -46,7 +56,9 @@ impl<'a> Hiding<'a> {
         let depth = frame.depth.as_ref().unwrap_or(self.depth);
         let [measured, taken] = [depth.timestamp_s, frame.timestamp_s].map(|t| self.track.at(t + self.time_offset_s));
         let whole = Rect::full(intrinsics.width_px, intrinsics.height_px);
-        let depth_m = self.rays.reproject(depth, &measured.ok()?, &taken.ok()?, whole);
+        let mut depth_m = self.rays.reproject(depth, &measured.ok()?, &taken.ok()?, whole);
+        let from = (self.track, self.time_offset_s + frame.timestamp_s);
+        self.proxies.put(&mut depth_m, whole, |point| seen_in(self.recorded, from, point));
         DepthGrid::of_frame(
             &frame.pixels,
             intrinsics,

@@ -98,7 +98,9 @@ impl Shoot<'_> {
         } else {
             let by_depth = self.frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
             let from = (&recording.track, recording.time_offset_s);
-            let by_depth = by_depth.map(|depth| Hiding::new(&self.whole, from, framing, &self.camera.response, depth));
+            let proxies = self.compositor.proxies();
+            let by_depth =
+                by_depth.map(|depth| Hiding::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies)));
             for (frame, weight) in recording.frames(range)?.zip(weights) {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;

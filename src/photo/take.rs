@@ -2,13 +2,14 @@
 
 use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
-use crate::depth::{DepthGrid, Surfaces, seen_at_frame};
+use crate::depth::{DepthGrid, FAR_M, Proxies, Surfaces, seen_at_frame};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
 use crate::pixels::{Codes, DepthMap, Pixels, Rect, eight_bits};
 use crate::tracking::PoseTrack;
 
+use super::hiding::seen_in;
 use super::{Framing, RealPart};
 
 /// Side of a tile, px: multisampled colour and depth take 48 bytes per pixel, 113 MB.
@@ -113,13 +114,16 @@ pub fn take(
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
         circle(f64::from(least_m)).max(circle(f64::INFINITY))
     });
+    let proxies = compositor.proxies();
+    let is_measured = depth_m.is_some();
+    let depth_m = if proxies.is_empty() { depth_m } else { Some(with(&proxies, depth_m, standpoint)) };
     let grid =
         depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {
             let recorded = &standpoint.recorded.intrinsics;
             DepthGrid::new(&pixels, recorded, depth_m, &framing.framed, &standpoint.camera.response)
         });
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
-    let surfaces = grid.as_ref().filter(|_| circles_px > 0.0).map(|grid| Surfaces::new(grid, reach_px));
+    let surfaces = grid.as_ref().filter(|_| circles_px > 0.0 && is_measured).map(|grid| Surfaces::new(grid, reach_px));
     let tile_px = match &surfaces {
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
         None => TILE_PX,
@@ -164,6 +168,16 @@ pub fn take(
         develop(&mut pixels, before, region, &mut out);
     }
     Ok(Taken { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
+}
+
+/// A recorded picture's depth with what stands in for real things. Where there was no sensor it is far away.
+fn with(proxies: &Proxies, depth_m: Option<Vec<f32>>, standpoint: &Standpoint<'_>) -> Vec<f32> {
+    let i = &standpoint.recorded.intrinsics;
+    let whole = Rect::full(i.width_px, i.height_px);
+    let mut depth_m = depth_m.unwrap_or_else(|| vec![FAR_M; i.width_px as usize * i.height_px as usize]);
+    let from = (standpoint.track, standpoint.timestamp_s + standpoint.time_offset_s);
+    proxies.put(&mut depth_m, whole, |point| seen_in(standpoint.recorded, from, point));
+    depth_m
 }
 
 /// The ranges of the rows in a picture's codes.

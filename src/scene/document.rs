@@ -101,6 +101,9 @@ pub struct PlacedModel {
     /// Throws no shadow on the real surface below it.
     #[serde(default, skip_serializing_if = "is_default")]
     pub shadowless: bool,
+    /// Stands in for something real: it is not drawn, and hides what is behind it.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub occluder: bool,
     pub up: Option<Up>,
     /// Whether the position is that of the model's lowest point.
     #[serde(default, skip_serializing_if = "is_default")]

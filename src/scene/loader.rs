@@ -61,7 +61,8 @@ impl Loader {
         }
     }
 
-    /// Puts a model into the world as an object, with its lights. `object` has everything but its parts; a hidden one gets none.
+    /// Puts a model into the world as an object, with its lights. `object` has everything but its parts; a hidden one gets none,
+    /// and one that stands in for something real throws no light.
     pub fn place(&mut self, file: &Path, model: &Model, object: Object, white_lx: f64) -> Result<(), SceneError> {
         let world_from_model = object.world_from_model;
         if object.hidden {
@@ -77,6 +78,10 @@ impl Loader {
         let parts: Vec<_> = model.parts.iter().map(place).collect();
         if !parts.iter().all(|part| part.world_from_mesh.is_finite()) {
             return Err(SceneError::bad(file, &object.name, "a place that is not finite", "finite numbers"));
+        }
+        if object.occluder {
+            self.scene.objects.push(Object { hides: parts, ..object });
+            return Ok(());
         }
         self.scene.objects.push(Object { parts, ..object });
         for light in &model.lights {

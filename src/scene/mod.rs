@@ -115,8 +115,12 @@ pub struct Object {
     pub world_from_model: DAffine3,
     /// The place that it was given, world axes, metres: the model's origin, or, put on the ground, the place below it.
     pub position_m: DVec3,
+    /// What stands in for something real: not drawn, it hides what is behind it. An object has these or `parts`.
+    pub hides: Vec<Part>,
     /// Left out by its scene file; it has no parts then.
     pub hidden: bool,
+    /// Stands in for something real by its scene file.
+    pub occluder: bool,
     /// Takes no light from what it stands on.
     pub shadowless: bool,
     /// The real surface below it, on which its shadow falls; `None` if unknown.

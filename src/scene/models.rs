@@ -196,4 +196,16 @@ mod tests {
         file.hide(marker, false);
         assert_eq!(hidden(&file), [false, true, false]);
     }
+
+    #[test]
+    fn what_stands_in_for_something_real_is_not_drawn_and_gives_no_light() {
+        let path = Path::new("scenes/any.toml");
+        let mut file = placed(&["marker-1.glb", "l-scale.glb"]);
+        let drawn = load_file(&file, path, Some(DVec3::Z)).unwrap();
+        file.objects[1].occluder = true;
+        let scene = load_file(&file, path, Some(DVec3::Z)).unwrap();
+        let [marker, scale] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
+        assert!(!marker.parts.is_empty() && marker.hides.is_empty());
+        assert!(scale.parts.is_empty() && scale.occluder && scale.hides == drawn.objects[1].parts);
+    }
 }

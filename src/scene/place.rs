@@ -87,7 +87,8 @@ impl Object {
     pub fn move_by(&mut self, by: DAffine3) {
         self.world_from_model = by * self.world_from_model;
         self.position_m = by.transform_point3(self.position_m);
-        self.parts.iter_mut().for_each(|part| part.world_from_mesh = by * part.world_from_mesh);
+        let parts = self.parts.iter_mut().chain(&mut self.hides);
+        parts.for_each(|part| part.world_from_mesh = by * part.world_from_mesh);
     }
 }
 

@@ -109,7 +109,8 @@ fn place(
             SceneError::bad(file, what, found, "a place, a rotation and a size that fit the model")
         })?;
         let position_m = placement.position_m;
-        Ok(Object { name, world_from_model, position_m, hidden, shadowless, ..Object::default() })
+        let occluder = object.occluder;
+        Ok(Object { name, world_from_model, position_m, hidden, occluder, shadowless, ..Object::default() })
     };
     let name = object.name.clone().unwrap_or_else(|| {
         Path::new(&object.model).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())

@@ -21,11 +21,12 @@ const ACROSS: f32 = 160.0;
 const FINEST_M: f32 = 0.00025;
 /// The rim over which a shadow ends, as a share of the chart's sides.
 const RIM: f32 = 0.08;
-/// A smaller share is none.
-const NOTHING: f32 = 0.0008;
-/// What is worth drawing: a quarter of a code of a bright floor. What is dark enough to show what it lies on.
-const WORTH: f32 = 0.003;
+/// A smaller share is none: a third of a code of a bright floor. From twice that on it is what it is.
+const NOTHING: f32 = 0.003;
+/// What is dark enough to show what it lies on.
 const DARK: f32 = 0.05;
+/// Side of the blocks of texels in which it is known whether there is any shadow.
+const BLOCK: usize = 16;
 /// Rays that one mask holds.
 const AT_A_TIME: usize = 32;
 /// A rough chart has texels as much larger, and one of so many rays.
@@ -41,9 +42,11 @@ pub struct Shares {
     pub height: u32,
     /// 1 where all of the light is taken, 0 where none is, below 0 where things throw back more than they take. Row by row.
     pub taken: Vec<[f32; 3]>,
-    /// Where they are worth drawing, and where they are dark.
+    /// Where there are any, and where they are dark.
     pub shown: Part,
     pub dark: Part,
+    /// Whether there are any in each block, row by row.
+    blocks: Vec<bool>,
 }
 
 /// A part of a chart, in shares of its sides; without any size if it is empty.
@@ -54,12 +57,16 @@ pub struct Part {
 }
 
 impl Part {
-    pub const WHOLE: Self = Self { low: DVec2::ZERO, high: DVec2::ONE };
     pub const NONE: Self = Self { low: DVec2::ZERO, high: DVec2::ZERO };
 
     pub fn is_empty(&self) -> bool {
         self.low.cmpge(self.high).any()
     }
+}
+
+/// A share that is worth drawing.
+fn worth(share: f32) -> f32 {
+    share * (share.abs() / NOTHING - 1.0).clamp(0.0, 1.0)
 }
 
 /// Shares on a floor in the world.
@@ -92,9 +99,8 @@ impl Shares {
         let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
-        let mut shares =
-            Self { low_m: extent.low, texel_m, width, height, taken: Vec::new(), shown: Part::NONE, dark: Part::NONE };
         let mut taken = vec![[0.0f32; 3]; width as usize * height as usize];
+        let mut shares = Self::empty(extent.low, texel_m, width, height);
         // A band of rows for each thread; what is in it depends on nothing else.
         let rows = (height as usize).div_ceil(processors()).max(1);
         over_rows(&mut taken, width as usize * rows, processors(), |band, taken| {
@@ -111,12 +117,44 @@ impl Shares {
                 let given =
                     bounce.at(x, y) / sky.light_at(shares.place_m(x, y)).max(Vec3::splat(1e-12)) * shares.rim(x, y);
                 let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
-                *taken = share.to_array().map(|share| if share.abs() < NOTHING { 0.0 } else { share });
+                *taken = share.to_array().map(worth);
             }
         });
         shares.taken = taken;
-        [shares.shown, shares.dark] = [WORTH, DARK].map(|least| shares.beyond(least));
+        [shares.shown, shares.dark] = [0.0, DARK].map(|least| shares.beyond(least));
+        shares.blocks = shares.blocks();
         shares
+    }
+
+    /// Without any shadow.
+    pub fn empty(low_m: Vec2, texel_m: f32, width: u32, height: u32) -> Self {
+        let (shown, dark) = (Part::NONE, Part::NONE);
+        Self { low_m, texel_m, width, height, taken: Vec::new(), shown, dark, blocks: Vec::new() }
+    }
+
+    fn blocks(&self) -> Vec<bool> {
+        let width = self.width as usize;
+        let in_row = width.div_ceil(BLOCK);
+        let mut blocks = vec![false; in_row * (self.height as usize).div_ceil(BLOCK)];
+        for (y, row) in self.taken.chunks_exact(width).enumerate() {
+            for (x, texels) in row.chunks(BLOCK).enumerate() {
+                blocks[y / BLOCK * in_row + x] |= texels.iter().any(|taken| *taken != [0.0; 3]);
+            }
+        }
+        blocks
+    }
+
+    /// Whether there is no shadow between two places, in texels, also where it is interpolated.
+    pub fn is_none_between(&self, low: DVec2, high: DVec2) -> bool {
+        let block = |at: f64| (at.max(0.0) / BLOCK as f64) as usize;
+        let last = |side: u32| (side as usize).div_ceil(BLOCK).saturating_sub(1);
+        let range = |low: f64, high: f64, side: u32| {
+            let (first, end) = (block(low - 1.0), block(high + 1.0).min(last(side)));
+            if high + 1.0 < 0.0 || low - 1.0 > f64::from(side) { 0..0 } else { first..end + 1 }
+        };
+        let (columns, rows) = (range(low.x, high.x, self.width), range(low.y, high.y, self.height));
+        let in_row = (self.width as usize).div_ceil(BLOCK);
+        !rows.into_iter().any(|y| self.blocks[y * in_row..][columns.clone()].contains(&true))
     }
 
     /// Where more than a share of the light is taken or given, and a texel around.

@@ -27,12 +27,12 @@ pub struct Made {
     pub is_other: bool,
     /// It is made smaller by this factor, so that it comes soon; 1 for the picture itself.
     pub by: u32,
-    /// Its shadows may be rough, so that it comes soon; of one that is shown, whether they are.
+    /// Its shadows and real edges may be rough, so that it comes soon; of one that is shown, whether they are.
     pub is_rough: bool,
 }
 
 impl Made {
-    /// Whether both show the same, be it at another size or with rough shadows.
+    /// Whether both show the same, be it at another size or rough.
     pub fn shows_as(&self, other: &Self) -> bool {
         let whole = |made: &Self| Self { by: 1, is_rough: false, ..*made };
         whole(self) == whole(other)
@@ -80,7 +80,7 @@ pub struct Finished {
 #[derive(Debug)]
 pub struct Picture {
     pub stats: FrameStats,
-    /// Whether its shadows are.
+    /// Whether its shadows or real edges are.
     pub is_rough: bool,
     /// 8 bits each, as they are shown.
     pub codes: Option<Arc<Pixels>>,
@@ -128,7 +128,7 @@ impl Maker {
                 if !reader.is_of(&order.shot.recording) {
                     reader = Reader::new(Arc::clone(&order.shot.recording));
                 }
-                let frame = order.given.clone().map_or_else(|| reader.frame(order.made.frame), Ok);
+                let frame = order.given.clone().map_or_else(|| reader.frame(order.made.frame, order.made.is_rough), Ok);
                 let (frame, pending) = match frame {
                     Ok(frame) => {
                         let submit = || {

@@ -38,13 +38,13 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let at = frame.timestamp_s;
     let repair = Repair {
         rays: &Rays::new(&geometry),
-        depth,
-        measured: &measured(depth).unwrap(),
+        measured: Some((depth, &measured(depth).unwrap())),
         frame: &pose(at),
         shutter: [&pose(at - half_s), &pose(at + half_s)],
         pixels: &frame.pixels,
         response: &camera.response,
         planes: &[],
+        proxies: None,
         neighbours: &beside.collect::<Vec<_>>(),
     };
     let whole = Rect::full(WIDTH as u32, HEIGHT as u32);

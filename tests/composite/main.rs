@@ -48,3 +48,4 @@ mod shading;
 mod shadow;
 mod shots;
 mod slr;
+mod stand_in;

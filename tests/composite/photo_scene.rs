@@ -4,7 +4,7 @@ use crate::board::{DEPTH_M, FOCAL_PX, board, sideways};
 use crate::gpu;
 use locard::camera::{Camera, Opening, Summed};
 use locard::compositor::{Compositor, Settings};
-use locard::depth::DepthGrid;
+use locard::depth::{DepthGrid, Proxies};
 use locard::frame::Frame;
 use locard::params::Value;
 use locard::photo::{Exposed, Framing, Hiding, RealPart, Standpoint, take};
@@ -121,7 +121,8 @@ fn behind_a_moving_edge_a_thing_is_seen_for_a_share_of_the_time() {
         };
         let response = &of.camera.response;
         let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
-        let hiding = Hiding::new(&geometry, (&track, 0.0), &framing, response, depth);
+        let none = Proxies::default();
+        let hiding = Hiding::new(&geometry, (&track, 0.0), &framing, response, (depth, &none));
         let hiding: Vec<_> = frames.iter().map(|frame| (frame.timestamp_s, hiding.of(frame).unwrap())).collect();
         let pixels = frames.each_ref().map(|frame| (1.0 / 3.0, frame.pixels.clone()));
         let (taken, _) = of.photo_of(board([70.0, 20.0], 0.5), &pixels, &hiding);
