@@ -19,6 +19,7 @@ use glam::{Vec2, Vec3};
 use super::casters::Casters;
 use super::mask::{jitter, spans};
 use super::sky::{Sky, disc};
+use super::spread::spread;
 use crate::rows::{over_rows, processors};
 
 /// Directions in which the floor looks.
@@ -38,6 +39,8 @@ pub struct Ground<'a> {
     pub height: u32,
     /// The share of the light that the same things take at a place.
     pub taken: &'a (dyn Fn(Vec2) -> Vec3 + Sync),
+    /// Whether things stand over each texel, row by row; empty if nobody knows.
+    pub stands_on: &'a [bool],
 }
 
 /// Light that comes back onto a chart's floor, as a white matt surface shows it; coarser than the chart.
@@ -59,6 +62,8 @@ impl Bounce {
             let lit = Lit { ground, casters, sky, faces: &faces, width };
             lit.fill(light, first..first + light.len() / width);
         });
+        // Each direction stands for a patch: of a disc of radius 1 the share of one.
+        spread(&mut light, width, &ground.stands_on_coarse(width, height), (DIRECTIONS as f32).sqrt().recip());
         Self { width, height, light }
     }
 
@@ -70,6 +75,18 @@ impl Bounce {
         let texel = |x: usize, y: usize| self.light[y.min(self.height - 1) * self.width + x.min(self.width - 1)];
         let row = |y: usize| texel(left, y).lerp(texel(left + 1, y), across - left as f32);
         row(above).lerp(row(above + 1), down - above as f32)
+    }
+}
+
+impl Ground<'_> {
+    fn stands_on_coarse(&self, width: usize, height: usize) -> Vec<bool> {
+        let mut coarse = vec![false; width * height];
+        for (y, row) in self.stands_on.chunks(self.width.max(1) as usize).enumerate() {
+            for (x, _) in row.iter().enumerate().filter(|(_, stands)| **stands) {
+                coarse[y / COARSER as usize * width + x / COARSER as usize] = true;
+            }
+        }
+        coarse
     }
 }
 

@@ -10,7 +10,8 @@ use super::casters::Casters;
 use super::extent::Extent;
 use super::floor::Floor;
 use super::mask::{Mask, Sums, jitter};
-use super::sky::{Lamp, Sky};
+use super::sky::{CLASSES, Lamp, Ray, Sky, class};
+use super::spread::spread;
 use crate::rows::{over_rows, processors};
 
 /// The most texels along a side.
@@ -69,6 +70,17 @@ fn worth(share: f32) -> f32 {
     share * (share.abs() / NOTHING - 1.0).clamp(0.0, 1.0)
 }
 
+/// The light that a texel lacks.
+#[derive(Clone, Debug, Default)]
+struct Gone {
+    /// By the class of the rays.
+    of_class: [Vec3; CLASSES],
+    /// All that there would be.
+    all: Vec3,
+    /// Whether something stands over it.
+    from_above: bool,
+}
+
 /// Shares on a floor in the world.
 #[derive(Clone, Debug)]
 pub struct Chart {
@@ -99,18 +111,33 @@ impl Shares {
         let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
-        let mut taken = vec![[0.0f32; 3]; width as usize * height as usize];
+        let mut gone = vec![Gone::default(); width as usize * height as usize];
         let mut shares = Self::empty(extent.low, texel_m, width, height);
         // A band of rows for each thread; what is in it depends on nothing else.
         let rows = (height as usize).div_ceil(processors()).max(1);
-        over_rows(&mut taken, width as usize * rows, processors(), |band, taken| {
+        over_rows(&mut gone, width as usize * rows, processors(), |band, gone| {
             let first = band * rows;
-            shares.fill(taken, first..first + taken.len() / width as usize, casters, sky);
+            shares.fill(gone, first..first + gone.len() / width as usize, casters, sky);
         });
-        shares.taken = taken;
+        let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
+        let mut lacks = vec![Vec3::ZERO; gone.len()];
+        for (class, angle_rad) in sky.angles_rad().into_iter().enumerate() {
+            let mut of_class: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[class]).collect();
+            if angle_rad > 0.0 {
+                spread(&mut of_class, width as usize, &stands_on, angle_rad);
+            }
+            lacks.iter_mut().zip(of_class).for_each(|(lacks, gone)| *lacks += gone);
+        }
+        let share = |(i, (gone, lacks)): (usize, (&Gone, &Vec3))| {
+            let share = *lacks / gone.all.max(Vec3::splat(1e-12));
+            let rim = shares.rim(i % width as usize, i / width as usize);
+            (share.clamp(Vec3::ZERO, Vec3::ONE) * rim).to_array()
+        };
+        shares.taken = gone.iter().zip(&lacks).enumerate().map(share).collect();
         let at = |place_m: Vec2| shares.at_texel(shares.texel_of(place_m).as_dvec2());
         let Self { low_m, texel_m, width, height, .. } = shares;
-        let bounce = Bounce::new(&Ground { low_m, texel_m, width, height, taken: &at }, casters, sky);
+        let bounce =
+            Bounce::new(&Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on }, casters, sky);
         let mut taken = std::mem::take(&mut shares.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
@@ -180,12 +207,13 @@ impl Shares {
         (place_m - self.low_m) / self.texel_m
     }
 
-    fn fill(&self, taken: &mut [[f32; 3]], rows: Range<usize>, casters: &Casters, sky: &Sky) {
+    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, casters: &Casters, sky: &Sky) {
         let width = self.width as usize;
-        let mut gone = vec![Vec3::ZERO; taken.len()];
-        let mut all = vec![sky.light; taken.len()];
+        gone.iter_mut().for_each(|gone| gone.all = sky.light);
         let mut mask = Mask::new(width, rows.clone());
         let mut places = Vec::new();
+        mask.stop(0, &casters.corners, &casters.triangles, &mut places, |c| Some(self.texel_of(c.truncate())));
+        gone.iter_mut().zip(&mask.bits).for_each(|(gone, word)| gone.from_above = *word != 0);
         for (n, rays) in sky.rays.chunks(AT_A_TIME).enumerate() {
             mask.clear();
             for (bit, ray) in (0..).zip(rays) {
@@ -194,23 +222,21 @@ impl Shares {
                     Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter)
                 });
             }
-            let sums = Sums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
-            for (gone, word) in gone.iter_mut().zip(&mask.bits).filter(|(_, word)| **word != 0) {
-                *gone += sums.sum(*word);
+            for of in (0..CLASSES).filter(|of| rays.iter().any(|ray| class(ray.angle_rad) == *of)) {
+                let light = |ray: &Ray| if class(ray.angle_rad) == of { ray.light } else { Vec3::ZERO };
+                let sums = Sums::of(&rays.iter().map(light).collect::<Vec<_>>());
+                for (gone, word) in gone.iter_mut().zip(&mask.bits).filter(|(_, word)| **word != 0) {
+                    gone.of_class[of] += sums.sum(*word);
+                }
             }
         }
         for lamp in &sky.lamps {
             let stopped = self.stopped(lamp, &mut mask, casters);
             for (i, stopped) in stopped.into_iter().enumerate() {
                 let light = lamp.light_at(self.place_m(i % width, rows.start + i / width));
-                all[i] += light;
-                gone[i] += light * stopped;
+                gone[i].all += light;
+                gone[i].of_class[class(lamp.angle_rad())] += light * stopped;
             }
-        }
-        for (i, taken) in taken.iter_mut().enumerate() {
-            let rim = self.rim(i % width, rows.start + i / width);
-            let share = (gone[i] / all[i].max(Vec3::splat(1e-12))).clamp(Vec3::ZERO, Vec3::ONE) * rim;
-            *taken = share.to_array();
         }
     }
 

@@ -33,6 +33,7 @@ mod mask;
 mod shadows;
 mod skin;
 mod sky;
+mod spread;
 
 pub use chart::{Chart, Part, Shares};
 pub use floor::Floor;

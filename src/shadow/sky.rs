@@ -29,6 +29,9 @@ const WIDTH: u32 = 256;
 const HEIGHT: u32 = WIDTH / 2;
 /// Flatter light than this leaves no shadow that is worth it: metres along the floor for each of height.
 const FLATTEST: f32 = 20.0;
+/// Angles from which on patches of the sky are of the next class, from their middle to their edge: from half a degree on.
+const CLASSES_RAD: [f32; 3] = [0.008, 0.016, 0.032];
+pub const CLASSES: usize = CLASSES_RAD.len() + 1;
 /// The golden angle.
 const TURN: f32 = 2.399_963_2;
 
@@ -38,6 +41,8 @@ pub struct Ray {
     /// How far a shadow falls for each metre of height, in the floor's x and y.
     pub slope: Vec2,
     pub light: Vec3,
+    /// The angle of the patch of sky that it stands for, from its middle, radians.
+    pub angle_rad: f32,
 }
 
 /// Light from far away, from a part of the sphere around.
@@ -100,7 +105,9 @@ impl Around {
             (light, light.element_sum())
         };
         let strata = self.strata(AROUND, weighed);
-        strata.into_iter().map(|stratum| ray(floor_from_map * stratum.towards, stratum.light)).collect()
+        let angle_rad = |solid_sr: f32| (solid_sr / PI).sqrt();
+        let of = |s: Stratum| ray(floor_from_map * s.towards, s.light, angle_rad(s.solid_sr));
+        strata.into_iter().map(of).collect()
     }
 
     /// Rays from everywhere, half of them by their brightness and half evenly: what throws light may stand before the dark.
@@ -168,9 +175,9 @@ fn curve() -> impl Iterator<Item = (u32, u32)> {
     (0..WIDTH * HEIGHT).map(move |n| (every_other(n), every_other(n >> 1)))
 }
 
-fn ray(towards: Vec3, light: Vec3) -> Ray {
+fn ray(towards: Vec3, light: Vec3, angle_rad: f32) -> Ray {
     let slope = towards.truncate() / towards.z.max(1e-6);
-    Ray { slope: slope.clamp_length_max(FLATTEST), light }
+    Ray { slope: slope.clamp_length_max(FLATTEST), light, angle_rad }
 }
 
 /// Evenly over a disc of radius 1.
@@ -192,8 +199,9 @@ pub fn rays(lighting: &Lighting, around: &Around, floor: &Floor) -> Arc<[Ray]> {
         let points = disc(SUN).map(|at| towards + radius * (aside * at.x + over * at.y));
         // A part of a wide one is below the horizon.
         let seen: Vec<_> = points.filter(|point| point.z > 0.0).collect();
+        let angle_rad = radius / (SUN as f32).sqrt();
         let light = sun.color * towards.z.max(0.0) / seen.len().max(1) as f32;
-        rays.extend(seen.into_iter().filter(|_| towards.z > 0.0).map(|point| ray(point, light)));
+        rays.extend(seen.into_iter().filter(|_| towards.z > 0.0).map(|point| ray(point, light, angle_rad)));
     }
     rays.into()
 }
@@ -224,7 +232,10 @@ impl Sky {
         let kept: Vec<Ray> = self.rays.iter().skip(fewer / 2).step_by(fewer).copied().collect();
         let sum: Vec3 = kept.iter().map(|ray| ray.light).sum();
         let brighter = Vec3::select(sum.cmpgt(Vec3::ZERO), self.light / sum.max(Vec3::splat(1e-20)), Vec3::ONE);
-        let rays: Vec<Ray> = kept.into_iter().map(|ray| Ray { light: ray.light * brighter, ..ray }).collect();
+        // Each stands for a patch as much larger.
+        let of =
+            |ray: Ray| Ray { light: ray.light * brighter, angle_rad: ray.angle_rad * (fewer as f32).sqrt(), ..ray };
+        let rays: Vec<Ray> = kept.into_iter().map(of).collect();
         let light = rays.iter().map(|ray| ray.light).sum();
         let thin = |lamp: &Lamp| {
             let points_m = lamp.points_m.iter().skip(fewer / 2).step_by(fewer).copied().collect();
@@ -233,13 +244,37 @@ impl Sky {
         Self { rays: rays.into(), lamps: self.lamps.iter().map(thin).collect(), light }
     }
 
+    /// The angle of the patches that rays of each class stand for, their mean by their light, radians; 0 for none, and for those of
+    /// the first class, which are points.
+    pub fn angles_rad(&self) -> [f32; CLASSES] {
+        let rays = self.rays.iter().map(|ray| (ray.angle_rad, ray.light.element_sum()));
+        let lamps = self.lamps.iter().map(|lamp| (lamp.angle_rad(), lamp.light_at(Vec2::ZERO).element_sum()));
+        let mut sums = [(0.0f32, 0.0f32); CLASSES];
+        for (angle_rad, light) in rays.chain(lamps) {
+            let (sum, all) = &mut sums[class(angle_rad)];
+            (*sum, *all) = (*sum + angle_rad * light, *all + light);
+        }
+        sums[0].0 = 0.0;
+        sums.map(|(sum, all)| sum / all.max(1e-20))
+    }
+
     /// All that comes onto the floor where nothing takes any.
     pub fn light_at(&self, place_m: Vec2) -> Vec3 {
         self.light + self.lamps.iter().map(|lamp| lamp.light_at(place_m)).sum::<Vec3>()
     }
 }
 
+/// The class of rays that stand for patches of some angle.
+pub fn class(angle_rad: f32) -> usize {
+    CLASSES_RAD.iter().take_while(|least| angle_rad >= **least).count()
+}
+
 impl Lamp {
+    /// The angle of the patch that one of its points stands for, seen from the floor below the things.
+    pub fn angle_rad(&self) -> f32 {
+        self.radius_m / (self.points_m.len().max(1) as f32).sqrt() / self.at_m.length().max(1e-6)
+    }
+
     /// Its light on the floor, as shaders/raster.wgsl counts it: range and spot by KHR_lights_punctual.
     pub fn light_at(&self, place_m: Vec2) -> Vec3 {
         self.light_on(place_m.extend(0.0), Vec3::Z)
