@@ -207,5 +207,8 @@ mod tests {
         let [marker, scale] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
         assert!(!marker.parts.is_empty() && marker.hides.is_empty());
         assert!(scale.parts.is_empty() && scale.occluder && scale.hides == drawn.objects[1].parts);
+        // It can be seen and taken hold of where it stands.
+        assert_eq!(scale.corners_m(&scene), drawn.objects[1].corners_m(&drawn));
+        assert!(scale.points_m(&scene).eq(drawn.objects[1].points_m(&drawn)));
     }
 }

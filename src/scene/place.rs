@@ -70,7 +70,8 @@ impl Object {
     /// The corners of the box around the object along its model's own axes, in the world, metres: bit 0 of an index is x, bit 1
     /// y, bit 2 z; 0 low, 1 high. `None` without parts.
     pub fn corners_m(&self, scene: &Scene) -> Option<[DVec3; 8]> {
-        let (low, high) = bounds(scene, &self.parts, self.world_from_model.inverse())?;
+        let parts: Vec<Part> = self.placed().copied().collect();
+        let (low, high) = bounds(scene, &parts, self.world_from_model.inverse())?;
         let sides = [low, high];
         Some(std::array::from_fn(|i| {
             let corner = DVec3::new(sides[i & 1].x, sides[i >> 1 & 1].y, sides[i >> 2 & 1].z);
@@ -80,7 +81,12 @@ impl Object {
 
     /// The corners of its triangles in the world, metres.
     pub fn points_m<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = DVec3> + 'a {
-        points(scene, &self.parts)
+        points(scene, self.placed())
+    }
+
+    /// Its parts, drawn or not.
+    pub fn placed(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().chain(&self.hides)
     }
 
     /// Moves it in the world; its meshes stay.
@@ -93,8 +99,8 @@ impl Object {
 }
 
 /// The corners of all triangles, transformed by their parts.
-fn points<'a>(scene: &'a Scene, parts: &'a [Part]) -> impl Iterator<Item = DVec3> + 'a {
-    parts.iter().flat_map(|part| {
+fn points<'a>(scene: &'a Scene, parts: impl IntoIterator<Item = &'a Part> + 'a) -> impl Iterator<Item = DVec3> + 'a {
+    parts.into_iter().flat_map(|part| {
         let mesh = &scene.meshes[part.mesh];
         mesh.indices
             .iter()

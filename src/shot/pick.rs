@@ -38,7 +38,7 @@ pub fn nearest_of(scene: &Scene, ray: &Ray, which: impl Fn(usize) -> bool) -> Op
 }
 
 fn of_object(scene: &Scene, object: usize, of: &Object, ray: &Ray) -> Option<Hit> {
-    let hits = of.parts.iter().filter_map(|part| of_part(scene, part, ray));
+    let hits = of.placed().filter_map(|part| of_part(scene, part, ray));
     let (distance_m, normal) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = if normal.dot(ray.direction) > 0.0 { -normal } else { normal };
     Some(Hit { object, point_m: ray.at(distance_m), normal, distance_m })

@@ -57,7 +57,7 @@ impl Eye {
         // Closed beyond the picture, so that its rim is no side of the object.
         let area = Rect::full(i.width_px, i.height_px).grown(4);
         let mut triangles = Vec::new();
-        of.parts.iter().for_each(|part| self.project_part(scene, part, &area, &mut triangles));
+        of.placed().for_each(|part| self.project_part(scene, part, &area, &mut triangles));
         outline(&triangles, &area)
     }
 

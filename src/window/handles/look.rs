@@ -14,7 +14,7 @@ const MOST_TRIANGLES: usize = 60_000;
 
 /// The border of an object of the scene's meshes.
 pub fn border(eye: &Eye, scene: &Scene, object: &Object) -> Border {
-    let triangles: usize = object.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
+    let triangles: usize = object.placed().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
     if triangles <= MOST_TRIANGLES {
         return eye.outline_px(scene, object);
     }
@@ -26,9 +26,8 @@ pub fn border(eye: &Eye, scene: &Scene, object: &Object) -> Border {
 pub fn footprint(eye: &Eye, scene: &Scene, object: &Object, plane: &Plane, up: DVec3) -> Border {
     let Some(flat) = onto(plane, up) else { return Vec::new() };
     let mut below = object.clone();
-    below.parts.iter_mut().for_each(|part| part.world_from_mesh = flat * part.world_from_mesh);
-    below.world_from_model = flat * below.world_from_model;
-    let triangles: usize = below.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
+    below.move_by(flat);
+    let triangles: usize = below.placed().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
     if triangles <= MOST_TRIANGLES {
         return eye.outline_px(scene, &below);
     }
@@ -46,11 +45,11 @@ fn onto(plane: &Plane, up: DVec3) -> Option<DAffine3> {
 
 /// Points that an object's lowest one is among, from a place, metres: the points of its meshes, or of its box.
 pub fn feet(scene: &Scene, object: &Object, from_m: DVec3) -> Vec<DVec3> {
-    let count: usize = object.parts.iter().map(|part| scene.meshes[part.mesh].vertices.len()).sum();
+    let count: usize = object.placed().map(|part| scene.meshes[part.mesh].vertices.len()).sum();
     if count > MOST_TRIANGLES {
         return object.corners_m(scene).into_iter().flatten().map(|corner| corner - from_m).collect();
     }
-    let points = object.parts.iter().flat_map(|part| {
+    let points = object.placed().flat_map(|part| {
         let world = move |v: &crate::scene::Vertex| {
             part.world_from_mesh.transform_point3(DVec3::from(v.position.map(f64::from))) - from_m
         };
