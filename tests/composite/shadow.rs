@@ -119,8 +119,9 @@ fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_c
         if (-2..=2).any(|dy| (-2..=2).any(|dx| touched(dx, dy))) {
             continue;
         }
-        let taken =
-            on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| chart.taken_at(place))).sum::<Vec3>() / 4.0;
+        let places: Vec<Vec3> =
+            on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| chart.taken_at(place))).collect();
+        let taken = places.iter().sum::<Vec3>() / 4.0;
         if layer.left[i] == [1.0; 3] {
             free += 1;
             assert_eq!(out, [GREY; 3], "{x} {y}");
@@ -129,15 +130,20 @@ fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_c
         }
         shaded += 1;
         for c in 0..3 {
-            let wanted = encode(decode(f64::from(GREY)) * (1.0 - f64::from(taken[c])));
-            worst = worst.max((wanted - f64::from(out[c])).abs());
+            let code = |taken: f32| encode(decode(f64::from(GREY)) * (1.0 - f64::from(taken)));
+            let off = (code(taken[c]) - f64::from(out[c])).abs();
+            // The four places are three quarters of a pixel apart. Rays between the nodes of their grid, and a texture's weights,
+            // are exact to a thirtieth of a pixel.
+            let of_place = |which: fn(f32, f32) -> f32| places.iter().map(|taken| taken[c]).reduce(which).unwrap();
+            let per_px = (code(of_place(f32::min)) - code(of_place(f32::max))) / 0.75;
+            worst = worst.max(off - per_px / 30.0);
             darkest = darkest.min(f64::from(out[c]));
         }
     }
     assert!(shaded > 4000 && free > 8000, "{shaded} {free}");
     assert!(darkest < 120.0, "the sun's shadow is there: {darkest}");
-    // Half a code of rounding; shares are 16-bit floats; rays between the nodes of their grid.
-    assert!(worst <= 0.75, "{worst} codes");
+    // Half a code of rounding, and shares are 16-bit floats.
+    assert!(worst <= 0.6, "{worst} codes");
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn mistakes_are_named_with_their_place() {
         ("version = 1\nobject = []", ["line 2", "unknown field `object`"]),
         (
             "version = 1\n\n[[objects]]\nmodel = 'a.glb'\nscalle = 2",
-            ["line 5", "`model`, `name`, `hidden`, `shadowless`, `up`, `ground`"],
+            ["line 5", "`model`, `name`, `hidden`, `shadowless`, `occluder`, `up`, `ground`"],
         ),
         ("version = 1\n[light]\nsky = 1", ["line 3", "`environment`, `environment_intensity`"]),
         ("version = 1\n[[light.sun]]\ncolour = 1", ["line 3", "`towards`, `color`, `intensity`"]),
