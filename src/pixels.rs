@@ -41,6 +41,13 @@ pub fn eight_bits(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }
 
+/// The next whole number below, without a call into the mathematics library: the pixel in which a place lies. What is too large for
+/// it becomes the largest there is.
+pub fn floor(at: f32) -> i32 {
+    let whole = at as i32;
+    whole.saturating_sub(i32::from((whole as f32) > at))
+}
+
 impl Pixels {
     /// 8-bit pixels. `None` if the length is not `3 * width * height`.
     pub fn from_u8(width: u32, height: u32, codes: Vec<u8>) -> Option<Self> {
@@ -236,6 +243,12 @@ impl Rect {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn floor_by_hand() {
+        assert_eq!([0.0, 0.9, 1.0, -0.1, -1.0, -1.5].map(floor), [0, 0, 1, -1, -1, -2]);
+        assert_eq!([f32::NEG_INFINITY, 1e20].map(floor), [i32::MIN, i32::MAX]);
+    }
 
     #[test]
     fn sixteen_bits_become_the_nearest_of_eight() {

@@ -20,6 +20,9 @@ crate::params! {
     }
 }
 
+/// A row's time depends on the place, the place on the row's time: each step contracts by readout · speed / height.
+const ROW_STEPS: usize = 4;
+
 /// Intrinsics and distortion: always applied, not an effect. Raster axes: x right, y down, the upper left corner at (0,
 /// 0), pixel centres at +0.5.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -175,6 +178,22 @@ impl Geometry {
     /// exposure), seconds. Rows outside the picture continue at the same rate.
     pub fn row_time_s(&self, y_px: f64) -> f64 {
         (y_px / f64::from(self.intrinsics.height_px) - 0.5) * self.intrinsics.readout_time_s
+    }
+
+    /// Where a point is seen, px, and the point in the camera's axes, metres, at the moment of the row in which it is seen.
+    /// `in_camera_at` is the latter at a time from the middle row's, seconds. `None` where nothing is seen of it.
+    pub fn seen_by_row(&self, in_camera_at: impl Fn(f64) -> DVec3) -> Option<(DVec2, DVec3)> {
+        let readout_s = self.intrinsics.readout_time_s;
+        let mut point = in_camera_at(0.0);
+        let mut at = self.project(point)?;
+        if readout_s > 0.0 {
+            for _ in 0..ROW_STEPS {
+                // Rows far outside the picture are never read; their time is kept close to it.
+                point = in_camera_at(self.row_time_s(at.y).clamp(-readout_s, readout_s));
+                at = self.project(point)?;
+            }
+        }
+        Some((at, point))
     }
 }
 

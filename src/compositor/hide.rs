@@ -1,5 +1,6 @@
 //! The second phase: what real things hide, and when it is cut off.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -10,9 +11,7 @@ use super::plan::{Plan, Sight};
 use super::shade::dark;
 use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
-use crate::depth::{
-    LastRepair, Neighbour, Places as Asked, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from,
-};
+use crate::depth::{LastRepair, Neighbour, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from};
 use crate::effects::{Effect, Moment};
 use crate::frame::Beside;
 use crate::gpu::{Recorder, Texture};
@@ -63,12 +62,12 @@ impl Hidden {
         let depth = job.frame.depth.as_ref();
         let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
         let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
-        let (mut shared, mut is_rough) = (None, false);
-        let texels = match job.real {
+        let repaired;
+        let texels: Option<Cow<'_, [f32]>> = match job.real {
             RealDepth::OfFrame => {
                 let measured = measured.and_then(Result::ok);
                 let measured = depth.zip(measured.as_ref());
-                (measured.is_some() || !proxies.is_empty()).then(|| {
+                repaired = (measured.is_some() || !proxies.is_empty()).then(|| {
                     let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
                     let half_s = 0.5 * sight.shutter.exposure_time_s;
                     let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
@@ -82,20 +81,23 @@ impl Hidden {
                     // Where a shadow is faint, what it lies on is judged by what was measured.
                     let dark = dark(&sight.shades).intersection(&places.shaded);
                     let asked = wanted(sight, places, dark, rays);
-                    let places = Asked { around, near: drawn.union(&dark), drawn };
-                    let repaired;
-                    (repaired, is_rough) = last.over(&job.frame, &repair, places, &asked, *may_be_rough);
-                    shared = Some(repaired.shared.clone());
-                    repaired.depth_m.clone()
-                })
+                    let rects = [around, drawn.union(&dark), drawn];
+                    last.over(&job.frame, &repair, rects, &asked, *may_be_rough)
+                });
+                repaired.as_ref().map(|(repaired, _)| Cow::from(&repaired.depth_m))
             }
             RealDepth::Known { moments, grid, .. } if plan.hides_itself() && moments.is_empty() => {
                 let real = grid.filter(|_| !sight.shades.is_empty());
                 let real = real.map(|grid| (real_depth(recorder, &grid.over(around), around), around));
                 return Self { real, nothing_because, ..Self::default() };
             }
-            RealDepth::Known { grid, .. } => grid.map(|grid| grid.over(around)),
+            RealDepth::Known { grid, .. } => {
+                repaired = None;
+                grid.map(|grid| Cow::from(grid.over(around)))
+            }
         };
+        let shared = repaired.as_ref().map(|(repaired, _)| repaired.shared.as_slice());
+        let is_rough = repaired.as_ref().is_some_and(|(_, is_rough)| *is_rough);
         let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
         // Nothing else asks for it.
         let real = (!sight.shades.is_empty()).then(|| (real_depth(recorder, &texels, around), around));
@@ -106,7 +108,7 @@ impl Hidden {
         };
         let after = plan.active.iter().rposition(blurs).map(|last| last + 1);
         let beneath = around.part(&texels, drawn);
-        let Some(after) = after.or(shared.as_ref().map(|_| 0)) else {
+        let Some(after) = after.or(shared.map(|_| 0)) else {
             return Self {
                 first: Some(real_depth(recorder, &beneath, drawn)),
                 real,
@@ -117,13 +119,13 @@ impl Hidden {
         };
         let look_px = plan.active[..after].iter().map(|effect| effect.reach(moment));
         let reach_px = look_px.map(|reach| reach.look_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
-        let farthest: Vec<f32> = match &shared {
+        let farthest: Vec<f32> = match shared {
             Some(shared) => shared.iter().map(|shared: &Shared| shared.far_m).collect(),
             None => beneath.clone(),
         };
         let deep = deep_within(&farthest, drawn.width() as usize, reach_px);
         let before = match shared {
-            Some(shared) => Before::soft(recorder, &shared, drawn),
+            Some(shared) => Before::soft(recorder, shared, drawn),
             None => Before::hard(recorder, &beneath, drawn),
         };
         let first = Some(real_depth(recorder, &deep, drawn));
@@ -131,12 +133,10 @@ impl Hidden {
     }
 }
 
-/// Where a point is seen by the pose of the row in which it is, at a time from the frame's, seconds.
+/// Where a point of the world is seen by the pose of its row, and its depth.
 pub fn seen_by_row(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point: DVec3) -> Seen {
-    let about = geometry.project(pose_at(0.0).transform_point(point))?;
-    let in_camera = pose_at(geometry.row_time_s(about.y)).transform_point(point);
-    let depth_m = if geometry.sees_around() { in_camera.length() } else { in_camera.z };
-    Some((geometry.project(in_camera)?, depth_m))
+    let (at, in_camera) = geometry.seen_by_row(|time_s| pose_at(time_s).transform_point(point))?;
+    Some((at, if geometry.sees_around() { in_camera.length() } else { in_camera.z }))
 }
 
 /// Where real depth matters to a picture: nearer than an object, and before what a shadow is dark on.

@@ -46,17 +46,19 @@ impl Sent {
 
     /// Records copying a rectangle of the picture into a texture.
     fn copy(&self, recorder: &mut Recorder, rect: Rect, to: &Texture) {
-        let origin = wgpu::Origin3d { x: (rect.x0 - self.rect.x0) as u32, y: (rect.y0 - self.rect.y0) as u32, z: 0 };
-        let from = wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() };
-        let size = wgpu::Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 };
+        let (from, size) = self.part(rect);
         recorder.encoder().copy_texture_to_texture(from, to.texture.as_image_copy(), size);
+    }
+
+    fn part(&self, rect: Rect) -> (wgpu::TexelCopyTextureInfo<'_>, wgpu::Extent3d) {
+        let origin = wgpu::Origin3d { x: (rect.x0 - self.rect.x0) as u32, y: (rect.y0 - self.rect.y0) as u32, z: 0 };
+        let size = wgpu::Extent3d { width: rect.width(), height: rect.height(), depth_or_array_layers: 1 };
+        (wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() }, size)
     }
 
     /// Records copying a composited piece into this picture.
     pub fn put(&self, recorder: &mut Recorder, made: &Texture, shown: Rect) {
-        let origin = wgpu::Origin3d { x: (shown.x0 - self.rect.x0) as u32, y: (shown.y0 - self.rect.y0) as u32, z: 0 };
-        let to = wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() };
-        let size = wgpu::Extent3d { width: shown.width(), height: shown.height(), depth_or_array_layers: 1 };
+        let (to, size) = self.part(shown);
         recorder.encoder().copy_texture_to_texture(made.texture.as_image_copy(), to, size);
     }
 

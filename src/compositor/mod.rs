@@ -148,15 +148,9 @@ impl Compositor {
     /// What stands in for real things, as it is placed.
     pub fn proxies(&self) -> Proxies {
         let scene = self.renderer.scene();
-        let triangles = scene.objects.iter().flat_map(|object| &object.hides).flat_map(|part| {
-            let mesh = &scene.meshes[part.mesh];
-            let corner = |i: u32| {
-                let position = mesh.vertices[i as usize].position.map(f64::from);
-                part.world_from_mesh.transform_point3(DVec3::from(position))
-            };
-            mesh.indices.as_chunks::<3>().0.iter().map(move |corners| corners.map(corner))
-        });
-        Proxies { triangles: triangles.collect() }
+        let real = scene.objects.iter().filter(|object| object.occluder);
+        let corners: Vec<DVec3> = real.flat_map(|object| object.points_m(scene)).collect();
+        Proxies { triangles: corners.as_chunks().0.to_vec() }
     }
 
     /// Has the next frame's parts timed by the GPU, if it has a clock ([`Pending::times`]).

@@ -11,7 +11,7 @@
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::camera::{Distortion, Geometry, LensModel};
-use crate::pixels::{DepthMap, Rect};
+use crate::pixels::{DepthMap, Rect, floor};
 use crate::pose::Pose;
 
 /// So many points at a time.
@@ -296,12 +296,6 @@ impl<'a> Over<'a> {
     }
 }
 
-/// The next whole number below: without a call into the mathematics library. Far outside a picture it does not matter.
-pub fn floor(x: f32) -> i32 {
-    let whole = x as i32;
-    whole.saturating_sub(i32::from((whole as f32) > x))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -339,10 +333,5 @@ mod tests {
             );
             assert_eq!(carry.land(&nothing).depth_m, [0.0; LANES]);
         }
-    }
-
-    #[test]
-    fn floor_by_hand() {
-        assert_eq!([0.0, 0.9, 1.0, -0.1, -1.0, -1.5].map(floor), [0, 0, 1, -1, -1, -2]);
     }
 }

@@ -14,14 +14,6 @@ use crate::pose::Pose;
 #[derive(Debug, Default)]
 pub struct LastRepair(Option<(Key, Arc<Repaired>)>);
 
-/// Where a repair is asked for, as in [`Repair::over`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Places {
-    pub around: Rect,
-    pub near: Rect,
-    pub drawn: Rect,
-}
-
 /// All that a repair depends on.
 #[derive(Debug)]
 struct Key {
@@ -33,26 +25,26 @@ struct Key {
     poses: Vec<Pose>,
     planes: Vec<Plane>,
     proxies: Option<Proxies>,
-    places: Places,
+    rects: [Rect; 3],
     wanted: Wanted,
 }
 
 impl LastRepair {
-    /// What [`Repair::over`] gives for a frame. Where it may be rough and is not known, no neighbour is asked. The second value is
+    /// What [`Repair::over`] gives for a frame; its rectangles are `around`, `near` and `drawn`. Where it may be rough and is not known, no neighbour is asked. The second value is
     /// whether it is rough.
     pub fn over(
         &mut self,
         frame: &Frame,
         repair: &Repair<'_>,
-        places: Places,
+        rects: [Rect; 3],
         wanted: &Wanted,
         may_be_rough: bool,
     ) -> (Arc<Repaired>, bool) {
-        let key = Key::new(frame, repair, places, wanted);
+        let key = Key::new(frame, repair, rects, wanted);
         if let Some((_, known)) = self.0.as_ref().filter(|(of, _)| *of == key) {
             return (known.clone(), false);
         }
-        let Places { around, near, drawn } = places;
+        let [around, near, drawn] = rects;
         if may_be_rough && repair.measured.is_some() {
             let alone = Repair { neighbours: &[], ..*repair };
             return (Arc::new(alone.over(around, near, drawn, wanted)), true);
@@ -64,7 +56,7 @@ impl LastRepair {
 }
 
 impl Key {
-    fn new(frame: &Frame, repair: &Repair<'_>, places: Places, wanted: &Wanted) -> Self {
+    fn new(frame: &Frame, repair: &Repair<'_>, rects: [Rect; 3], wanted: &Wanted) -> Self {
         let measured = repair.measured.map(|(_, pose)| *pose);
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
         let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.measured, neighbour.taken]);
@@ -76,7 +68,7 @@ impl Key {
             poses: own.into_iter().chain(measured).chain(theirs).collect(),
             planes: repair.planes.to_vec(),
             proxies: repair.proxies.map(|(proxies, _)| proxies.clone()),
-            places,
+            rects,
             wanted: wanted.clone(),
         }
     }
@@ -84,7 +76,7 @@ impl Key {
 
 impl PartialEq for Key {
     fn eq(&self, other: &Self) -> bool {
-        let Self { index, beside, geometry, response, poses, planes, proxies, places, wanted } = self;
+        let Self { index, beside, geometry, response, poses, planes, proxies, rects, wanted } = self;
         *index == other.index
             && beside.len() == other.beside.len()
             && beside.iter().zip(&other.beside).all(|(a, b)| Arc::ptr_eq(a, b))
@@ -93,7 +85,7 @@ impl PartialEq for Key {
             && *poses == other.poses
             && *planes == other.planes
             && *proxies == other.proxies
-            && *places == other.places
+            && *rects == other.rects
             && *wanted == other.wanted
     }
 }
@@ -124,7 +116,7 @@ mod tests {
         };
         let whole = Rect::full(96, 64);
         let wanted = Wanted { objects: vec![(whole, farthest_m)], all_of: whole };
-        last.over(frame, &repair, Places { around: whole, near: whole, drawn: whole }, &wanted, may_be_rough)
+        last.over(frame, &repair, [whole; 3], &wanted, may_be_rough)
     }
 
     fn frame() -> Frame {

@@ -34,7 +34,7 @@ mod vote;
 
 pub use contact::Plane;
 pub use grid::DepthGrid;
-pub use last_repair::{LastRepair, Places};
+pub use last_repair::LastRepair;
 pub use matte::Shared;
 pub use moment::{RayCache, Rays, measured_from, seen_at_frame};
 pub use proxies::{FAR_M, Proxies, Seen, known_m};

@@ -9,9 +9,9 @@ use std::sync::OnceLock;
 
 use glam::DVec2;
 
-use super::carry::{Carry, LANES, Points, floor};
+use super::carry::{Carry, LANES, Points};
 use crate::camera::{Geometry, Intrinsics};
-use crate::pixels::{DepthMap, Rect};
+use crate::pixels::{DepthMap, Rect, floor};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
 use crate::tracking::PoseTrack;

@@ -15,10 +15,10 @@ use std::sync::Mutex;
 
 use super::Rays;
 use super::apart::JUMP;
-use super::carry::{Carry, LANES, Landed, Over, Points, Tile, floor};
+use super::carry::{Carry, LANES, Landed, Over, Points, Tile};
 use super::looks::Looks;
 use super::moment::BEYOND_PX;
-use crate::pixels::{DepthMap, Rect};
+use crate::pixels::{DepthMap, Rect, floor};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
 

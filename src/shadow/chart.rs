@@ -120,12 +120,10 @@ impl Shares {
             shares.fill(gone, first..first + gone.len() / width as usize, casters, sky);
         });
         let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
-        let mut lacks = vec![Vec3::ZERO; gone.len()];
-        for (class, angle_rad) in sky.angles_rad().into_iter().enumerate() {
+        let mut lacks: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[0]).collect();
+        for (class, angle_rad) in sky.angles_rad().into_iter().enumerate().filter(|(_, angle_rad)| *angle_rad > 0.0) {
             let mut of_class: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[class]).collect();
-            if angle_rad > 0.0 {
-                spread(&mut of_class, width as usize, &stands_on, angle_rad);
-            }
+            spread(&mut of_class, width as usize, &stands_on, angle_rad);
             lacks.iter_mut().zip(of_class).for_each(|(lacks, gone)| *lacks += gone);
         }
         let share = |(i, (gone, lacks)): (usize, (&Gone, &Vec3))| {

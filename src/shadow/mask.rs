@@ -6,6 +6,8 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
+use crate::pixels::floor;
+
 /// How successive numbers are spread evenly (Roberts 2018, R₂): each ray looks at another place within the texels, so that edges
 /// are smooth.
 pub const SPREAD: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
@@ -60,8 +62,8 @@ pub fn spans(corners: [Vec2; 3], width: usize, rows: &Range<usize>, mut each: im
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     // Middles lie at halves.
     let inside = |low: f32, high: f32, range: &Range<usize>| {
-        let first = (-floor(0.5 - low)).max(range.start as i32) as usize;
-        let after = (floor(high - 0.5) + 1).clamp(0, range.end as i32) as usize;
+        let first = floor(0.5 - low).saturating_neg().max(range.start as i32) as usize;
+        let after = floor(high - 0.5).saturating_add(1).clamp(0, range.end as i32) as usize;
         first..after
     };
     if inside(low.x, high.x, &(0..width)).is_empty() {
@@ -82,12 +84,6 @@ pub fn spans(corners: [Vec2; 3], width: usize, rows: &Range<usize>, mut each: im
             each(start + columns.start..start + columns.end);
         }
     }
-}
-
-/// The next whole number below, without a call into the mathematics library; far outside a chart it does not matter which.
-fn floor(at: f32) -> i32 {
-    let whole = at as i32;
-    whole.saturating_sub(i32::from((whole as f32) > at)).clamp(-(1 << 30), 1 << 30)
 }
 
 /// Sums of values by the bits of a word, a byte at a time.

@@ -32,9 +32,6 @@ impl Ray {
     }
 }
 
-/// A row's time depends on the place, the place on the row's time: each step contracts by readout · speed / height.
-const STEPS: usize = 4;
-
 impl Shot {
     /// The camera of a frame.
     pub fn eye(&self, frame: usize) -> Result<Eye, SurfaceError> {
@@ -85,26 +82,21 @@ impl Eye {
     /// Where a point of the world is seen, px from the picture's upper left; it may lie outside. `None` behind the camera,
     /// and where the lens sees nothing.
     pub fn project(&self, point_m: DVec3) -> Option<DVec2> {
-        self.geometry.project(self.in_camera(point_m)?)
+        Some(self.at_and_point(point_m)?.0)
     }
 
     /// A point of the world in the camera's axes (metres) at the moment of the row in which it is seen.
     pub fn in_camera(&self, point_m: DVec3) -> Option<DVec3> {
-        let readout_s = self.geometry.intrinsics.readout_time_s;
+        Some(self.at_and_point(point_m)?.1)
+    }
+
+    /// Both: the place, px, and the point in the camera's axes.
+    fn at_and_point(&self, point_m: DVec3) -> Option<(DVec2, DVec3)> {
         let from_origin = point_m - self.keys.origin_in_world_m;
-        let at = |time_s: f64| {
+        self.geometry.seen_by_row(|time_s| {
             let (rotation, position_m) = self.keys.at(time_s);
             rotation * (from_origin - position_m)
-        };
-        let mut point = at(0.0);
-        if readout_s > 0.0 {
-            for _ in 0..STEPS {
-                let row_s = self.geometry.row_time_s(self.geometry.project(point)?.y);
-                // Rows far outside the picture are never read; their time is kept close to it.
-                point = at(row_s.clamp(-readout_s, readout_s));
-            }
-        }
-        self.geometry.project(point).map(|_| point)
+        })
     }
 
     /// The ray of a place in the picture, px from its upper left. `None` where the lens sees nothing.
