@@ -10,6 +10,7 @@ use super::casters::Casters;
 use super::extent::Extent;
 use super::floor::Floor;
 use super::mask::{Mask, Sums, jitter};
+use super::outline::Outline;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
 use crate::rows::{over_rows, processors};
@@ -112,12 +113,13 @@ impl Shares {
         let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
         let mut gone = vec![Gone::default(); width as usize * height as usize];
+        let outline = Outline::of(casters);
         let mut shares = Self::empty(extent.low, texel_m, width, height);
         // A band of rows for each thread; what is in it depends on nothing else.
         let rows = (height as usize).div_ceil(processors()).max(1);
         over_rows(&mut gone, width as usize * rows, processors(), |band, gone| {
             let first = band * rows;
-            shares.fill(gone, first..first + gone.len() / width as usize, casters, sky);
+            shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky);
         });
         let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
         let mut lacks: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[0]).collect();
@@ -205,20 +207,17 @@ impl Shares {
         (place_m - self.low_m) / self.texel_m
     }
 
-    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, casters: &Casters, sky: &Sky) {
+    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, outline: &Outline, sky: &Sky) {
         let width = self.width as usize;
         gone.iter_mut().for_each(|gone| gone.all = sky.light);
         let mut mask = Mask::new(width, rows.clone());
-        let mut places = Vec::new();
-        mask.stop(0, &casters.corners, &casters.triangles, &mut places, |c| Some(self.texel_of(c.truncate())));
+        mask.stop(0, outline, |c| Some(self.texel_of(c.truncate())));
         gone.iter_mut().zip(&mask.bits).for_each(|(gone, word)| gone.from_above = *word != 0);
         for (n, rays) in sky.rays.chunks(AT_A_TIME).enumerate() {
             mask.clear();
             for (bit, ray) in (0..).zip(rays) {
                 let jitter = jitter(n * AT_A_TIME + bit as usize);
-                mask.stop(bit, &casters.corners, &casters.triangles, &mut places, |c| {
-                    Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter)
-                });
+                mask.stop(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
             for of in (0..CLASSES).filter(|of| rays.iter().any(|ray| class(ray.angle_rad) == *of)) {
                 let light = |ray: &Ray| if class(ray.angle_rad) == of { ray.light } else { Vec3::ZERO };
@@ -229,7 +228,7 @@ impl Shares {
             }
         }
         for lamp in &sky.lamps {
-            let stopped = self.stopped(lamp, &mut mask, casters);
+            let stopped = self.stopped(lamp, &mut mask, outline);
             for (i, stopped) in stopped.into_iter().enumerate() {
                 let light = lamp.light_at(self.place_m(i % width, rows.start + i / width));
                 gone[i].all += light;
@@ -239,14 +238,13 @@ impl Shares {
     }
 
     /// The share of a lamp that each texel of the mask's rows does not see.
-    fn stopped(&self, lamp: &Lamp, mask: &mut Mask, casters: &Casters) -> Vec<f32> {
+    fn stopped(&self, lamp: &Lamp, mask: &mut Mask, outline: &Outline) -> Vec<f32> {
         let mut counts = vec![0u32; mask.bits.len()];
-        let mut places = Vec::new();
         for (n, points) in lamp.points_m.chunks(AT_A_TIME).enumerate() {
             mask.clear();
             for (bit, point) in (0..).zip(points) {
                 let jitter = jitter(n * AT_A_TIME + bit as usize);
-                mask.stop(bit, &casters.corners, &casters.triangles, &mut places, |c| {
+                mask.stop(bit, outline, |c| {
                     let below = point.z - c.z;
                     let along = c.z / below;
                     (below > 0.02 * point.z)

@@ -6,11 +6,15 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
+use super::outline::{Cast, Outline};
 use crate::pixels::floor;
 
 /// How successive numbers are spread evenly (Roberts 2018, R₂): each ray looks at another place within the texels, so that edges
 /// are smooth.
 pub const SPREAD: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
+
+/// The reach of a row without steps.
+const NO_STEPS: (usize, usize) = (usize::MAX, 0);
 
 /// Rows of a chart, as bits.
 #[derive(Debug)]
@@ -18,37 +22,61 @@ pub struct Mask {
     pub bits: Vec<u32>,
     width: usize,
     rows: Range<usize>,
+    cast: Cast,
+    /// By how many layers there are more from a texel on than before it, a texel longer than the rows; 0 but while a bit is set.
+    steps: Vec<i32>,
+    /// Of each row, the first texel with a step and the last.
+    reach: Vec<(usize, usize)>,
 }
 
 impl Mask {
     pub fn new(width: usize, rows: Range<usize>) -> Self {
-        Self { bits: vec![0; width * rows.len()], width, rows }
+        let (bits, steps) = (vec![0; width * rows.len()], vec![0; (width + 1) * rows.len()]);
+        Self { bits, width, reach: vec![NO_STEPS; rows.len()], rows, cast: Cast::default(), steps }
     }
 
     pub fn clear(&mut self) {
         self.bits.fill(0);
     }
 
-    /// Sets a bit wherever one of the triangles lies. `place_of`: where a corner's shadow falls, in texels; what has none
-    /// stands above the light.
-    pub fn stop(
-        &mut self,
-        bit: u32,
-        corners: &[Vec3],
-        triangles: &[[u32; 3]],
-        places: &mut Vec<Vec2>,
-        place_of: impl Fn(Vec3) -> Option<Vec2>,
-    ) {
-        places.clear();
-        places.extend(corners.iter().map(|corner| place_of(*corner).unwrap_or(Vec2::NAN)));
-        for [a, b, c] in triangles {
-            let all = [a, b, c].map(|i| places[*i as usize]);
-            if all.iter().all(|place| place.is_finite()) {
-                let (bits, bit) = (&mut self.bits, 1 << bit);
-                spans(all, self.width, &self.rows, |texels| bits[texels].iter_mut().for_each(|word| *word |= bit));
+    /// Sets a bit wherever a thing's shadow lies. `place_of`: where a corner's shadow falls, in texels; what has none stands above
+    /// the light.
+    pub fn stop(&mut self, bit: u32, outline: &Outline, place_of: impl Fn(Vec3) -> Option<Vec2>) {
+        let Self { bits, width, rows, cast, steps, reach } = self;
+        outline.cast(cast, place_of, |from, to, layers| {
+            let (high, low, layers) = if from.y < to.y { (from, to, -layers) } else { (to, from, layers) };
+            let columns_per_row = (low.x - high.x) / (low.y - high.y);
+            for row in middles(high.y, low.y, rows) {
+                let x = high.x + columns_per_row * (row as f32 + 0.5 - high.y);
+                let column = first_middle(x).clamp(0, *width as i32) as usize;
+                let row = row - rows.start;
+                steps[row * (*width + 1) + column] += layers;
+                let reach = &mut reach[row];
+                *reach = (reach.0.min(column), reach.1.max(column));
             }
+        });
+        let of_rows = bits.chunks_exact_mut((*width).max(1)).zip(steps.chunks_exact_mut(*width + 1)).zip(reach);
+        for ((bits, steps), reach) in of_rows.filter(|(_, reach)| **reach != NO_STEPS) {
+            let (first, last) = std::mem::replace(reach, NO_STEPS);
+            let mut layers = 0;
+            for (word, step) in bits[first..last].iter_mut().zip(&mut steps[first..last]) {
+                layers += std::mem::take(step);
+                *word |= u32::from(layers != 0) << bit;
+            }
+            steps[last] = 0;
         }
     }
+}
+
+/// The first texel whose middle is not before a place.
+fn first_middle(at: f32) -> i32 {
+    floor(0.5 - at).saturating_neg()
+}
+
+/// Rows whose middles lie between two heights, the upper one included.
+fn middles(high: f32, low: f32, rows: &Range<usize>) -> Range<usize> {
+    let row = |at: f32| first_middle(at).clamp(rows.start as i32, rows.end as i32) as usize;
+    row(high)..row(low)
 }
 
 /// Where ray `n` looks within a texel, from its middle, texels.
@@ -108,28 +136,40 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shadow::casters::Casters;
+
+    fn outline(corners: &[Vec3], triangles: &[[u32; 3]]) -> Outline {
+        Outline::of(&Casters { corners: corners.to_vec(), triangles: triangles.to_vec(), colors: Vec::new() })
+    }
+
+    /// Whether a place lies in one of the triangles, as they lie on the floor.
+    fn is_under(at: Vec2, corners: &[Vec3], triangles: &[[u32; 3]]) -> bool {
+        triangles.iter().any(|triangle| {
+            let corner = |i: usize| corners[triangle[i % 3] as usize].truncate();
+            let side = |i: usize| (corner(i + 1) - corner(i)).perp_dot(at - corner(i));
+            (0..3).all(|i| side(i) >= 0.0) || (0..3).all(|i| side(i) <= 0.0)
+        })
+    }
 
     #[test]
-    fn the_middles_within_a_triangle_and_no_others() {
-        let corners = [Vec3::new(0.2, 0.3, 0.0), Vec3::new(6.9, 1.1, 0.0), Vec3::new(2.2, 7.4, 0.0)];
-        let inside = |at: Vec2| {
-            let side = |i: usize| {
-                let (p, q) = (corners[i].truncate(), corners[(i + 1) % 3].truncate());
-                (q - p).perp_dot(at - p)
-            };
-            (0..3).all(|i| side(i) >= 0.0) || (0..3).all(|i| side(i) <= 0.0)
-        };
-        // All rows at once, and in two bands.
-        for between in [8, 3] {
-            let mut found = Vec::new();
-            for rows in [0..between, between..8] {
-                let mut mask = Mask::new(8, rows);
-                mask.stop(5, &corners, &[[0, 1, 2]], &mut Vec::new(), |c| Some(c.truncate()));
-                found.extend(mask.bits);
-            }
-            for (i, word) in found.iter().enumerate() {
-                let at = Vec2::new((i % 8) as f32 + 0.5, (i / 8) as f32 + 0.5);
-                assert_eq!(*word, u32::from(inside(at)) << 5, "{at}");
+    fn the_middles_under_triangles_and_no_others() {
+        let one = [Vec3::new(0.2, 0.3, 0.0), Vec3::new(6.9, 1.1, 0.0), Vec3::new(2.2, 7.4, 0.0)];
+        // Of numbers that are spread: open, folded over itself, three triangles on one edge, some of them turned over.
+        let spread: Vec<Vec3> = (0..9).map(|n| (8.0 * (SPREAD * (n as f32 + 0.3)).fract()).extend(0.0)).collect();
+        let tangle = [[0, 1, 2], [1, 2, 3], [2, 1, 4], [5, 6, 7], [7, 8, 0], [3, 3, 5]];
+        for (corners, triangles) in [(one.as_slice(), [[0, 1, 2]].as_slice()), (&spread, &tangle)] {
+            // All rows at once, and in two bands.
+            for between in [8, 3] {
+                let mut found = Vec::new();
+                for rows in [0..between, between..8] {
+                    let mut mask = Mask::new(8, rows);
+                    mask.stop(5, &outline(corners, triangles), |c| Some(c.truncate()));
+                    found.extend(mask.bits);
+                }
+                for (i, word) in found.iter().enumerate() {
+                    let at = Vec2::new((i % 8) as f32 + 0.5, (i / 8) as f32 + 0.5);
+                    assert_eq!(*word, u32::from(is_under(at, corners, triangles)) << 5, "{at}");
+                }
             }
         }
     }
@@ -137,11 +177,12 @@ mod tests {
     #[test]
     fn what_reaches_beyond_the_chart_or_has_no_shadow_harms_nothing() {
         let corners = [Vec3::new(-1e9, -5.0, 0.0), Vec3::new(1e9, -5.0, 0.0), Vec3::new(0.0, 1e9, 0.0)];
+        let outline = outline(&corners, &[[0, 1, 2]]);
         let mut mask = Mask::new(4, 0..4);
-        mask.stop(0, &corners, &[[0, 1, 2]], &mut Vec::new(), |c| Some(c.truncate()));
+        mask.stop(0, &outline, |c| Some(c.truncate()));
         assert!(mask.bits.iter().all(|word| *word == 1));
         mask.clear();
-        mask.stop(0, &corners, &[[0, 1, 2]], &mut Vec::new(), |c| (c.x < 1.0).then_some(Vec2::ZERO));
+        mask.stop(0, &outline, |c| (c.x < 1.0).then_some(Vec2::ZERO));
         assert!(mask.bits.iter().all(|word| *word == 0));
     }
 

@@ -6,7 +6,7 @@
 //!
 //! Where depth says nothing, it is the floor that the recording knows, or else the level plane through the foot.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DVec2, DVec3};
 
@@ -14,7 +14,7 @@ use super::Shot;
 use super::points::{FittedPlane, plane_through};
 use crate::camera::Geometry;
 use crate::depth::SENSOR_ERROR;
-use crate::scene::{Object, Scene, Support};
+use crate::scene::{Mesh, Object, Scene, Support};
 use crate::source::ahead::Ahead;
 
 /// Frames whose depth is looked at, and points across each.
@@ -36,15 +36,20 @@ const SNAP_M: f64 = 0.015;
 const LEVEL: f64 = 0.766;
 /// Planes that are tried, and the fewest points of one.
 const TRIES: usize = 240;
+/// Tried planes are compared by so many points; the best is then fitted to all.
+const COMPARED: usize = 2048;
 const FEWEST: usize = 40;
 /// Points this near are on a plane: metres, and times z² (twice a structured-light sensor's error).
 const ON_M: f64 = 0.004;
 const ON_PER_DEPTH2: f64 = 2.0 * SENSOR_ERROR;
+/// Normals are told apart in steps of this, which is less than they are known to: where a thing is moved over a desk, its floor is
+/// tilted as before, and what was worked out of its shadow holds.
+const NORMAL_STEP: f64 = 1.0 / 512.0;
 
 /// A measured point of the room, and how far it may be off, metres.
 type Point = (DVec3, f64);
 
-/// What is known of the room, made when it is first asked for, and the objects that were last asked for.
+/// What is known of the room, made when it is first asked for, and of the objects that were last asked for.
 #[derive(Debug, Default)]
 pub struct Floors(Mutex<Option<Known>>);
 
@@ -53,7 +58,29 @@ struct Known {
     /// The first frame's camera, by which points were seen.
     camera: Option<Geometry>,
     points: Vec<Point>,
-    last: Option<(Vec<Object>, Vec<Object>)>,
+    last: Last,
+}
+
+/// What was found for the objects that were last asked for.
+#[derive(Debug, Default)]
+struct Last {
+    meshes: Vec<Arc<Mesh>>,
+    up: Option<DVec3>,
+    asked: Vec<Object>,
+    found: Vec<Object>,
+}
+
+impl Last {
+    fn is_of(&self, scene: &Scene) -> bool {
+        let meshes = scene.meshes.len() == self.meshes.len()
+            && scene.meshes.iter().zip(&self.meshes).all(|(a, b)| Arc::ptr_eq(a, b));
+        meshes && scene.up_in_world == self.up
+    }
+
+    fn found(&self, object: &Object) -> Option<Object> {
+        let at = self.asked.iter().position(|asked| asked == object)?;
+        self.found.get(at).cloned()
+    }
 }
 
 impl Shot {
@@ -69,13 +96,18 @@ impl Shot {
         if known.as_ref().is_some_and(|known| known.camera != camera) {
             *known = None;
         }
-        let known = known.get_or_insert_with(|| Known { camera, points: self.measured(), last: None });
-        if let Some((_, found)) = known.last.as_ref().filter(|(asked, _)| *asked == self.scene.objects) {
-            return found.clone();
+        let known = known.get_or_insert_with(|| Known { camera, points: self.measured(), last: Last::default() });
+        if !known.last.is_of(&self.scene) {
+            known.last = Last::default();
         }
-        let with_floor = |object: &Object| Object { support: self.support_of(object, &known.points), ..object.clone() };
+        // While one thing is moved, the others' floors are known.
+        let with_floor = |object: &Object| {
+            let new = || Object { support: self.support_of(object, &known.points), ..object.clone() };
+            known.last.found(object).unwrap_or_else(new)
+        };
         let found: Vec<_> = self.scene.objects.iter().map(with_floor).collect();
-        known.last = Some((self.scene.objects.clone(), found.clone()));
+        let Scene { meshes, up_in_world, objects, .. } = &*self.scene;
+        known.last = Last { meshes: meshes.clone(), up: *up_in_world, asked: objects.clone(), found: found.clone() };
         found
     }
 
@@ -171,8 +203,11 @@ impl Foot {
 
     /// The plane below it, moved to its lowest point where that is near.
     fn on(&self, plane: &FittedPlane) -> Support {
-        let height_m = self.height_m(plane);
         let off = plane.normal.dot(self.middle) - plane.d_m;
+        let normal = ((plane.normal / NORMAL_STEP).round() * NORMAL_STEP).normalize();
+        // Tilted about the place below the foot.
+        let plane = FittedPlane { normal, d_m: normal.dot(self.middle) - off, ..*plane };
+        let height_m = self.height_m(&plane);
         let moved_m = if height_m.abs() <= SNAP_M { height_m } else { 0.0 };
         Support { point_m: self.middle + (moved_m - off) * plane.normal, normal: plane.normal }
     }
@@ -192,8 +227,10 @@ impl Foot {
         if near.len() < FEWEST {
             return None;
         }
-        let on = |normal: DVec3, d: f64| near.iter().filter(move |(p, off)| (normal.dot(*p) - d).abs() < *off);
-        let (mut best, mut most) = (None, FEWEST - 1);
+        let is_on = |normal: DVec3, d: f64| move |(p, off): &&Point| (normal.dot(*p) - d).abs() < *off;
+        let step = near.len().div_ceil(COMPARED);
+        let compared: Vec<Point> = near.iter().step_by(step).copied().collect();
+        let (mut best, mut most) = (None, (FEWEST - 1).div_ceil(step));
         for n in 0..TRIES {
             let [a, b, c] = [0, 1, 2].map(|k| near[pick(3 * n + k, near.len())].0);
             let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
@@ -201,7 +238,7 @@ impl Foot {
             if normal.dot(self.up) < LEVEL {
                 continue;
             }
-            let count = on(normal, normal.dot(a)).count();
+            let count = compared.iter().filter(is_on(normal, normal.dot(a))).count();
             if count > most {
                 (best, most) = (Some((normal, normal.dot(a))), count);
             }
@@ -209,7 +246,7 @@ impl Foot {
         let (mut normal, mut d) = best?;
         let mut found = None;
         for _ in 0..3 {
-            let members: Vec<DVec3> = on(normal, d).map(|(p, _)| *p).collect();
+            let members: Vec<DVec3> = near.iter().filter(is_on(normal, d)).map(|(p, _)| *p).collect();
             let plane = plane_through(&members).ok()?.facing(self.up);
             (normal, d, found) = (plane.normal, plane.d_m, Some(plane));
         }
@@ -255,6 +292,20 @@ mod tests {
         // Three centimetres over it, it floats.
         let support = foot(0.03).on(&plane);
         assert!(support.point_m.z.abs() < 0.002, "{support:?}");
+    }
+
+    #[test]
+    fn floors_that_differ_by_less_than_is_known_are_one_below_the_foot() {
+        let tilted = |by: f64| {
+            let normal = DVec3::new(by, 0.0, 1.0).normalize();
+            FittedPlane { normal, d_m: normal.dot(DVec3::new(3.0, -2.0, 0.0)), off_m: 0.0, most_m: 0.0 }
+        };
+        let foot = Foot { middle: DVec3::new(3.0, -2.0, 0.03), ..foot(0.03) };
+        let [a, b] = [0.0021, 0.0022].map(|by| foot.on(&tilted(by)));
+        assert_eq!(a.normal, b.normal);
+        assert!(foot.on(&tilted(0.01)).normal != a.normal);
+        // Tilted about the world's origin it would be half a millimetre off.
+        assert!(a.point_m.z.abs() < 1e-4, "{a:?}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! What the window costs, measured in the window itself: the first picture, painting, playing, dragging, and the time from
-//! a changed parameter to the picture that shows it.
+//! a changed parameter to the picture that shows it. A picture may be rough first (`Made::is_rough`).
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -58,6 +58,7 @@ pub struct Measure {
     without_per_s: f64,
     steps: VecDeque<Step>,
     begun: Option<(Instant, u64)>,
+    first_s: Option<f64>,
     /// When a value was set; and whether its picture has been drawn into the window.
     set: Option<(Instant, bool)>,
     changes: Vec<Change>,
@@ -96,7 +97,7 @@ impl Measure {
             }
         }
         let started = started + begun.elapsed();
-        Ok(Self { started, without_per_s, steps, begun: None, set: None, changes: Vec::new() })
+        Ok(Self { started, without_per_s, steps, begun: None, first_s: None, set: None, changes: Vec::new() })
     }
 
     /// Goes on; says whether all is done. To be called in each frame of the window.
@@ -107,8 +108,12 @@ impl Measure {
         };
         match step {
             Step::First => {
-                if session.is_settled() {
-                    println!("first picture          {:.2} s", self.started.elapsed().as_secs_f64());
+                let now_s = self.started.elapsed().as_secs_f64();
+                if self.first_s.is_none() && session.is_shown() {
+                    self.first_s = Some(now_s);
+                }
+                if let Some(first_s) = self.first_s.filter(|_| session.is_settled()) {
+                    println!("first picture          {first_s:.2} s; whole after {now_s:.2} s");
                     self.steps.pop_front();
                     ctx.request_repaint();
                 }
@@ -219,7 +224,7 @@ impl Measure {
                     }
                     self.set = None;
                     ctx.request_repaint();
-                } else if session.is_settled() {
+                } else if session.is_shown() {
                     // It is on the screen when the next frame of the window begins.
                     self.set = Some((set, true));
                     ctx.request_repaint();

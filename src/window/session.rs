@@ -264,7 +264,12 @@ impl Session {
         is_other && self.picture_problem.is_some() && self.viewer.under_way() == 0
     }
 
-    /// Whether the picture that is shown is that of all that is set now, and nothing is under way.
+    /// Whether the picture that is shown is that of all that is set now, be it rough.
+    pub fn is_shown(&self) -> bool {
+        self.now.as_ref().is_some_and(|now| now.made.shows_as(&self.wanted()))
+    }
+
+    /// Whether the picture that is shown is that of all that is set now, is whole, and nothing is under way.
     pub fn is_settled(&self) -> bool {
         let is_shown = self.now.as_ref().is_some_and(|now| now.made == self.wanted());
         is_shown && self.viewer.under_way() == 0
