@@ -30,8 +30,8 @@ struct Key {
 }
 
 impl LastRepair {
-    /// What [`Repair::over`] gives for a frame; its rectangles are `around`, `near` and `drawn`. Where it may be rough and is not known, no neighbour is asked. The second value is
-    /// whether it is rough.
+    /// What [`Repair::over`] gives for a frame; its rectangles are `around`, `near` and `drawn`. Where it may be rough and is not
+    /// known, no neighbour is asked. The second value is whether it is rough.
     pub fn over(
         &mut self,
         frame: &Frame,

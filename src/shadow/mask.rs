@@ -1,6 +1,6 @@
 //! Where on a floor 32 rays at a time are stopped: a bit for each, at the middle of each texel.
 //!
-//! A thing's shadow in one direction is its triangles, laid along the ray onto the floor; where two overlap it is not darker.
+//! A thing's shadow in one direction is the thing, laid along the ray onto the floor; where two of its layers overlap it is not darker.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ pub struct Mask {
     width: usize,
     rows: Range<usize>,
     cast: Cast,
-    /// By how many layers there are more from a texel on than before it, a texel longer than the rows; 0 but while a bit is set.
+    /// How many more layers begin than end at each texel. Rows are a texel longer than the chart's. All are 0 between calls of `stop`.
     steps: Vec<i32>,
     /// Of each row, the first texel with a step and the last.
     reach: Vec<(usize, usize)>,

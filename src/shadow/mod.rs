@@ -7,8 +7,8 @@
 //! Herf (1996), "Fast shadow generation with projective textures", sum hard shadows of many points of a light alike.
 //!
 //! - `floor`: a plane with axes of its own. `sky`: the light that comes onto it, as a few hundred rays and the lamps nearby.
-//! - `casters`: the triangles that stand on it. `outline`: the edges of
-//!   their shadows. `mask`: where 32 rays at a time are stopped. `spread`: how blurred a ray's shadow is.
+//! - `casters`: the triangles that stand on it. `outline`: the edges of their shadows. `mask`: where 32 rays at
+//!   a time are stopped. `spread`: how blurred a ray's shadow is.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
 //! - `shadows`: which things share a chart, and the charts that are known already. `kept`: how they are found again.
 //!

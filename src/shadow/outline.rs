@@ -1,8 +1,9 @@
 //! The triangles of what stands on a floor, and the edges between them: where the edge of a shadow may lie.
 //!
-//! A shadow's edge is the shadow of edges between a triangle that faces the light and one that does not. Count such an edge by
-//! which way it runs, and a line across the floor is within as many layers of the thing as it has crossed edges one way more than
-//! the other. So a fine mesh costs no more filling than a coarse one, and a mesh need not be closed.
+//! A shadow's edge is the shadow of an edge with a triangle that faces the light on one side, and on the other one that does not
+//! or none (Crow 1977, "Shadow algorithms for computer graphics"). Each begins a layer of the
+//! shadow or ends one. A place on the floor lies under as many layers as have begun to its left and not ended. So a fine mesh costs
+//! little more filling than a coarse one, and a mesh need not be closed.
 
 use std::collections::HashMap;
 
@@ -51,8 +52,8 @@ impl Outline {
         Self { corners, triangles, edges }
     }
 
-    /// Each edge of the shadow as it lies between the first place and the second, and what is to be added beyond it; `place_of`
-    /// says where a corner's shadow falls. What has a corner without a shadow has none.
+    /// Gives `each` edge of the shadow: from which place to which it runs, and by how many layers its two sides differ. `place_of`
+    /// says where a corner's shadow falls; a triangle with a corner that has none is left out.
     pub fn cast(
         &self,
         cast: &mut Cast,
