@@ -19,6 +19,9 @@ use crate::scene::{Lighting, Object, Scene, Support};
 /// Planes that differ less are one: cosine of their tilt (2°), and metres.
 const ONE_TILT: f64 = 0.9994;
 const ONE_HEIGHT_M: f64 = 0.005;
+/// A sketch's chart may be of another floor that differs less: cosine of its tilt (10°), and metres.
+const NEAR_TILT: f64 = 0.985;
+const NEAR_HEIGHT_M: f64 = 0.03;
 /// So many charts are kept, the ones used last.
 const KEPT: usize = 64;
 
@@ -33,8 +36,15 @@ pub struct Shadows {
     charts: Kept<Key, Arc<Shares>>,
     /// Rough ones.
     sketches: Kept<Key, Arc<Shares>>,
-    /// The objects that were asked for last, and theirs.
-    last: Option<(Vec<Object>, Vec<Chart>)>,
+    last: Option<Last>,
+}
+
+/// The objects that were asked for last, their charts, and which objects share each.
+#[derive(Debug)]
+struct Last {
+    objects: Vec<Object>,
+    charts: Vec<Chart>,
+    members: Vec<Vec<usize>>,
 }
 
 /// All that an extent or a chart depends on but the scene's meshes.
@@ -66,25 +76,34 @@ impl Shadows {
 
     /// The charts of the scene's objects as they are placed.
     pub fn charts(&mut self, scene: &Scene) -> Vec<Chart> {
-        if let Some((_, charts)) = self.last.as_ref().filter(|(objects, _)| *objects == scene.objects) {
-            return charts.clone();
+        if let Some(last) = self.last.as_ref().filter(|last| last.objects == scene.objects) {
+            return last.charts.clone();
         }
         let groups = self.groups(scene);
         let order = by_place(scene);
-        let charts = groups.into_iter().filter_map(|group| {
-            let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
-            self.chart(scene, &members)
-        });
-        let charts: Vec<Chart> = charts.collect();
-        self.last = Some((scene.objects.clone(), charts.clone()));
+        let (mut charts, mut members) = (Vec::new(), Vec::new());
+        for group in groups {
+            let shared: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
+            if let Some(chart) = self.chart(scene, &shared) {
+                charts.push(chart);
+                members.push(shared);
+            }
+        }
+        self.last = Some(Last { objects: scene.objects.clone(), charts: charts.clone(), members });
         charts
     }
 
-    /// The same, soon: charts that are not known yet are rough ones of each thing alone. Where two of their shadows meet, light is
-    /// taken twice. The second value is whether any is rough.
+    /// The same, soon: charts that are not known yet are the last ones, where only floors have moved and not far, as when a lens is
+    /// changed; or else rough ones of each thing alone. Where two of their shadows meet, light is taken twice. The second value is
+    /// whether any is rough.
     pub fn sketched(&mut self, scene: &Scene) -> (Vec<Chart>, bool) {
-        if self.last.as_ref().is_some_and(|(objects, _)| *objects == scene.objects) {
-            return (self.charts(scene), false);
+        if let Some(last) = &self.last {
+            if last.objects == scene.objects {
+                return (last.charts.clone(), false);
+            }
+            if let Some(charts) = last.on_floors_of(scene) {
+                return (charts, true);
+            }
         }
         let order = by_place(scene);
         let (mut charts, mut is_rough) = (Vec::new(), false);
@@ -119,7 +138,7 @@ impl Shadows {
         let all = objects.iter().map(|i| &scene.objects[*i]);
         let support = all.clone().next()?.support?;
         let parts: Parts = all.flat_map(|o| &o.parts).map(|part| (part.mesh, part.world_from_mesh)).collect();
-        let floor = floor_of(&support, &parts)?;
+        let floor = floor_of(&support, &parts.first()?.1)?;
         let key = self.key(&floor, &parts);
         Some((floor, key))
     }
@@ -149,7 +168,7 @@ impl Shadows {
     fn alone(&mut self, scene: &Scene, object: &Object) -> Option<(Floor, Extent)> {
         let support = object.support.filter(|_| !object.shadowless)?;
         let parts: Parts = object.parts.iter().map(|part| (part.mesh, part.world_from_mesh)).collect();
-        let floor = floor_of(&support, &parts)?;
+        let floor = floor_of(&support, &parts.first()?.1)?;
         let key = self.key(&floor, &parts);
         Some((floor, self.extent(scene, key)?))
     }
@@ -199,6 +218,24 @@ impl Shadows {
     }
 }
 
+impl Last {
+    /// The charts moved to floors that are a little different, with nothing else changed.
+    fn on_floors_of(&self, scene: &Scene) -> Option<Vec<Chart>> {
+        let is_same = |(a, b): (&Object, &Object)| Object { support: b.support, ..a.clone() } == *b;
+        if self.objects.len() != scene.objects.len() || !self.objects.iter().zip(&scene.objects).all(is_same) {
+            return None;
+        }
+        let on_floor = |(chart, members): (&Chart, &Vec<usize>)| {
+            let first = &scene.objects[*members.first()?];
+            let floor = floor_of(&first.support?, &first.parts.first()?.world_from_mesh)?;
+            let tilt = chart.floor.normal().dot(floor.normal());
+            let is_near = tilt > NEAR_TILT && chart.floor.height_m(floor.origin_m).abs() < NEAR_HEIGHT_M;
+            is_near.then(|| Chart { floor, shares: chart.shares.clone() })
+        };
+        self.charts.iter().zip(&self.members).map(on_floor).collect()
+    }
+}
+
 impl Key {
     /// Each mesh with its place on the floor.
     fn placed(&self) -> Parts {
@@ -218,10 +255,9 @@ fn by_place(scene: &Scene) -> Vec<usize> {
     order
 }
 
-/// With its origin below the first part.
-fn floor_of(support: &Support, parts: &[(usize, DAffine3)]) -> Option<Floor> {
+/// With its origin below a part.
+fn floor_of(support: &Support, first: &DAffine3) -> Option<Floor> {
     let through = Floor::new(support.point_m, support.normal.try_normalize()?);
-    let (_, first) = parts.first()?;
     let below = first.translation - through.height_m(first.translation) * through.normal();
     Some(Floor { origin_m: below, ..through })
 }
@@ -415,6 +451,33 @@ mod tests {
         let (charts, is_rough) = shadows.sketched(&moved);
         assert!(is_rough && charts.len() == 2 && shadows.charts(&moved).len() == 1);
         assert!(charts.iter().all(|chart| exact.iter().any(|known| Arc::ptr_eq(&known.shares, &chart.shares))));
+    }
+
+    #[test]
+    fn a_sketch_of_a_floor_that_moves_a_little_is_the_last_chart_on_it() {
+        let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+        let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+        let mut shadows = Shadows::new(&scene);
+        let exact = only(shadows.charts(&scene));
+        let moved = |tilt: f64, up_m: f64| {
+            let mut moved = scene.clone();
+            let (point_m, normal) = (floor.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
+            moved.objects[0].support = Some(Support { point_m, normal });
+            moved
+        };
+        let (sketch, is_rough) = shadows.sketched(&moved(0.1, -0.02));
+        let sketch = only(sketch);
+        assert!(is_rough && Arc::ptr_eq(&sketch.shares, &exact.shares));
+        assert!(sketch.floor.normal().x > 0.09 && (sketch.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", sketch.floor);
+        for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
+            let (sketch, is_rough) = shadows.sketched(&moved(tilt, up_m));
+            assert!(is_rough && !Arc::ptr_eq(&only(sketch).shares, &exact.shares), "{tilt} {up_m}");
+        }
+        let mut bare = moved(0.1, 0.0);
+        bare.objects[0].shadowless = true;
+        assert_eq!(shadows.sketched(&bare).0, []);
+        // A whole one is of the floor as it is.
+        assert!(!Arc::ptr_eq(&only(shadows.charts(&moved(0.1, 0.0))).shares, &exact.shares));
     }
 
     #[test]

@@ -14,6 +14,8 @@ use super::Shot;
 use super::points::{FittedPlane, plane_through};
 use crate::camera::Geometry;
 use crate::depth::SENSOR_ERROR;
+use crate::pixels::DepthMap;
+use crate::pose::Pose;
 use crate::scene::{Mesh, Object, Scene, Support};
 use crate::source::ahead::Ahead;
 
@@ -55,10 +57,23 @@ pub struct Floors(Mutex<Option<Known>>);
 
 #[derive(Debug)]
 struct Known {
-    /// The first frame's camera, by which points were seen.
+    looks: Vec<Look>,
+    /// The first frame's camera, by which `points` were seen.
     camera: Option<Geometry>,
     points: Vec<Point>,
     last: Last,
+}
+
+/// What a frame's depth map says at the places of a grid ([`grid`]): all that is read for it. A lens that is changed looks through
+/// the same places.
+#[derive(Debug)]
+struct Look {
+    frame: usize,
+    pose: Pose,
+    width: u32,
+    height: u32,
+    /// Metres; 0 where nothing was measured.
+    depth_m: Vec<f32>,
 }
 
 /// What was found for the objects that were last asked for.
@@ -93,10 +108,13 @@ impl Shot {
         }
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
         let camera = self.given_geometry_at(0);
-        if known.as_ref().is_some_and(|known| known.camera != camera) {
-            *known = None;
+        let known = known.get_or_insert_with(|| {
+            let looks = self.looks();
+            Known { points: self.seen(&looks), looks, camera: camera.clone(), last: Last::default() }
+        });
+        if known.camera != camera {
+            (known.points, known.camera, known.last) = (self.seen(&known.looks), camera, Last::default());
         }
-        let known = known.get_or_insert_with(|| Known { camera, points: self.measured(), last: Last::default() });
         if !known.last.is_of(&self.scene) {
             known.last = Last::default();
         }
@@ -130,9 +148,9 @@ impl Shot {
 }
 
 impl Shot {
-    /// Points of the room by the recording's depth. None where it has no depth, or none that can be read: what is wrong with a
+    /// Depth of frames spread over the recording. None where it has no depth, or none that can be read: what is wrong with a
     /// file is told when its frame is.
-    fn measured(&self) -> Vec<Point> {
+    fn looks(&self) -> Vec<Look> {
         let recording = &self.recording;
         let count = recording.frame_count();
         if !recording.has_depth() || count == 0 {
@@ -142,27 +160,50 @@ impl Shot {
         let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
         let of = recording.clone();
         let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
+        let look = |(n, map)| {
+            let Ok(Ok(Some(map))) = map else { return None };
+            let DepthMap { width, height, timestamp_s, depth_m } = map;
+            let pose = recording.track.at(timestamp_s + recording.time_offset_s).ok()?;
+            let depth_m = grid(width, height).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
+            Some(Look { frame: number(n), pose, width, height, depth_m })
+        };
+        maps.enumerate().filter_map(look).collect()
+    }
+
+    /// Points of the room, as the camera saw them.
+    fn seen(&self, looks: &[Look]) -> Vec<Point> {
         let mut points = Vec::new();
-        for (n, map) in maps.enumerate() {
-            let Ok(Ok(Some(map))) = map else { continue };
-            let Some(geometry) = self.given_geometry_at(number(n)) else { continue };
-            let Ok(pose) = recording.track.at(map.timestamp_s + recording.time_offset_s) else { continue };
+        // Mostly one lens saw all.
+        let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
+        for Look { frame, pose, width, height, depth_m } in looks {
+            let Some(geometry) = self.given_geometry_at(*frame) else { continue };
             let i = &geometry.intrinsics;
-            if (map.width, map.height) != (i.width_px, i.height_px) {
+            if (*width, *height) != (i.width_px, i.height_px) {
                 continue;
             }
-            let step = (map.width / ACROSS).max(1);
-            let places = (step / 2..map.height).step_by(step as usize);
-            for (x, y) in places.flat_map(|y| (step / 2..map.width).step_by(step as usize).map(move |x| (x, y))) {
-                let z = f64::from(map.depth_m[(y * map.width + x) as usize]);
-                let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                if let (true, Some(ray)) = (z > 0.0 && z.is_finite(), geometry.depth_ray(at)) {
-                    points.push((pose.inverse_transform_point(z * ray), ON_M + ON_PER_DEPTH2 * z * z));
+            let (_, rays) = match rays.take().filter(|(of, _)| *of == geometry) {
+                Some(same) => rays.insert(same),
+                None => {
+                    let middle = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                    let through = grid(*width, *height).map(|at| geometry.depth_ray(middle(at))).collect();
+                    rays.insert((geometry, through))
+                }
+            };
+            for (z, ray) in depth_m.iter().map(|z| f64::from(*z)).zip(rays.iter()) {
+                if let (true, Some(ray)) = (z > 0.0 && z.is_finite(), ray) {
+                    points.push((pose.inverse_transform_point(z * *ray), ON_M + ON_PER_DEPTH2 * z * z));
                 }
             }
         }
         points
     }
+}
+
+/// The pixels of a depth map that are looked at, row by row.
+fn grid(width: u32, height: u32) -> impl Iterator<Item = (u32, u32)> {
+    let step = (width / ACROSS).max(1);
+    let columns = move || (step / 2..width).step_by(step as usize);
+    (step / 2..height).step_by(step as usize).flat_map(move |y| columns().map(move |x| (x, y)))
 }
 
 /// The lowest part of an object.
