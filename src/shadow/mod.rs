@@ -10,7 +10,7 @@
 //! - `casters`: the triangles that stand on it. `outline`: the edges of their shadows. `mask`: where 32 rays at
 //!   a time are stopped. `spread`: how blurred a ray's shadow is.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
-//! - `shadows`: which things share a chart, and the charts that are known already. `kept`: how they are found again.
+//! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again.
 //!
 //! On things' own surfaces light is asked for by rays:
 //!
@@ -27,6 +27,7 @@ mod casters;
 mod chart;
 mod extent;
 mod floor;
+mod group;
 mod kept;
 mod lightmap;
 mod lightmaps;

@@ -1,24 +1,21 @@
-//! Which things share a chart, and the charts that are known already.
+//! The charts of a scene's things, and those that are known already.
 //!
-//! Things on one plane whose shadows may meet are one group: where two shadows fall together, light that is gone is not taken
-//! twice. A chart depends on how the group's things stand to each other and to the light. So it is the same one wherever a
-//! thing is moved to on a plane, as long as all light comes from far away.
+//! A chart depends on how a group's things stand to each other and to the light. So it is the same one wherever a thing is moved to
+//! on a plane, as long as all light comes from far away.
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DMat3, Mat3, Vec3};
+use glam::{DAffine3, DMat3};
 
 use super::casters::Casters;
 use super::chart::{Chart, Shares};
 use super::extent::Extent;
 use super::floor::Floor;
+use super::group::Group;
 use super::kept::{Kept, Steps, from_steps, steps};
 use super::sky::{Around, Ray, Sky, rays};
 use crate::scene::{Lighting, Object, Scene, Support};
 
-/// Planes that differ less are one: cosine of their tilt (2°), and metres.
-const ONE_TILT: f64 = 0.9994;
-const ONE_HEIGHT_M: f64 = 0.005;
 /// A sketch's chart may be of another floor that differs less: cosine of its tilt (10°), and metres.
 const NEAR_TILT: f64 = 0.985;
 const NEAR_HEIGHT_M: f64 = 0.03;
@@ -54,13 +51,6 @@ struct Key {
     parts: Vec<(usize, Steps)>,
 }
 
-/// Things that share a floor.
-struct Group {
-    floor: Floor,
-    extent: Extent,
-    objects: Vec<usize>,
-}
-
 /// A thing's or a group's parts, placed in the world.
 type Parts = Vec<(usize, DAffine3)>;
 
@@ -93,9 +83,9 @@ impl Shadows {
         charts
     }
 
-    /// The same, soon: charts that are not known yet are the last ones, where only floors have moved and not far, as when a lens is
-    /// changed; or else rough ones of each thing alone. Where two of their shadows meet, light is taken twice. The second value is
-    /// whether any is rough.
+    /// The same, soon. Where only floors have moved, and not far, as when a lens is changed, the last charts go with them. Otherwise
+    /// those that are not known yet are rough ones of each thing alone, and light is taken twice where two of their shadows meet. The
+    /// second value is whether any is rough.
     pub fn sketched(&mut self, scene: &Scene) -> (Vec<Chart>, bool) {
         if let Some(last) = &self.last {
             if last.objects == scene.objects {
@@ -153,8 +143,8 @@ impl Shadows {
             // It may join groups that were apart.
             let mut apart = Vec::new();
             for group in groups {
-                match is_one_floor(&own.floor, &group.floor) && meet(&own, &group) {
-                    true => own = join(group, own),
+                match own.meets(&group) {
+                    true => own = group.joined(own),
                     false => apart.push(group),
                 }
             }
@@ -262,38 +252,11 @@ fn floor_of(support: &Support, first: &DAffine3) -> Option<Floor> {
     Some(Floor { origin_m: below, ..through })
 }
 
-fn is_one_floor(a: &Floor, b: &Floor) -> bool {
-    a.normal().dot(b.normal()) > ONE_TILT
-        && a.height_m(b.origin_m).abs() < ONE_HEIGHT_M
-        && b.height_m(a.origin_m).abs() < ONE_HEIGHT_M
-}
-
-/// Another group's extent in the axes of one: a rectangle around it, turned.
-fn seen_from(floor: &Floor, other: &Group) -> Extent {
-    let turn: Mat3 = (floor.axes.transpose() * other.floor.axes).as_mat3();
-    let offset = floor.floor_from_world().transform_point3(other.floor.origin_m).as_vec3().truncate();
-    let Extent { low, high } = other.extent;
-    let corners = [(low.x, low.y), (high.x, low.y), (low.x, high.y), (high.x, high.y)]
-        .map(|(x, y)| (turn * Vec3::new(x, y, 0.0)).truncate() + offset);
-    let [a, b, c, d] = corners;
-    Extent { low: a.min(b).min(c).min(d), high: a.max(b).max(c).max(d) }
-}
-
-fn meet(a: &Group, b: &Group) -> bool {
-    a.extent.meets(&seen_from(&a.floor, b))
-}
-
-fn join(mut into: Group, other: Group) -> Group {
-    into.extent = into.extent.union(seen_from(&into.floor, &other));
-    into.objects.extend(other.objects);
-    into
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::{Environment, Material, Mesh, Part, PointLight, Sun, Vertex};
-    use glam::{DQuat, DVec3, Vec2};
+    use glam::{DQuat, DVec3, Vec2, Vec3};
 
     /// A box around its middle.
     fn cube(half: Vec3) -> Mesh {
