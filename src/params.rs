@@ -101,6 +101,26 @@ pub struct Spec {
     pub help: &'static str,
     /// Whether it is felt by its ratio: a slider of it goes by decades.
     pub by_ratio: bool,
+    /// When it does something at all; `None`: always.
+    pub acts_if: Option<ActsIf>,
+}
+
+/// What another parameter of the same table must be, or must not be, so that one does something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActsIf {
+    pub other: &'static str,
+    /// It must have the value, or else any other one.
+    pub is: bool,
+    /// As it is typed.
+    pub value: &'static str,
+}
+
+impl fmt::Display for ActsIf {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { other, is, value } = self;
+        let word = if *is { "only where" } else { "not where" };
+        write!(f, "{word} {other} is {value}")
+    }
 }
 
 /// The ends of names that say a unit.
@@ -113,6 +133,17 @@ impl Spec {
         let end = UNITS.iter().find(|(unit, _)| *unit == self.unit).map_or("", |(_, end)| end);
         let stem = self.name.strip_suffix(end).filter(|stem| !stem.is_empty()).unwrap_or(self.name);
         self.called.map_or_else(|| sentence(&stem.replace('_', " ")), str::to_owned)
+    }
+
+    /// Why it does nothing now in its table, if another parameter makes it idle.
+    pub fn idle(&self, params: &dyn Params) -> Option<String> {
+        let acts_if = self.acts_if?;
+        if (params.get(acts_if.other)? == Value::parse(acts_if.value)) == acts_if.is {
+            return None;
+        }
+        let spec = params.specs().into_iter().find(|spec| spec.name == acts_if.other)?;
+        let (word, value) = (if acts_if.is { "only where" } else { "not where" }, acts_if.value);
+        Some(format!("{word} “{}” is {value}", spec.words()))
     }
 }
 
@@ -264,7 +295,8 @@ macro_rules! choices {
     };
 }
 
-/// Declares a table of parameters. `as` gives a name that people read where the field's own words read badly.
+/// Declares a table of parameters. `as` gives a name that people read where the field's own words read badly; `=> other is`
+/// or `=> other isnt` says by another one's value when a parameter does something.
 ///
 /// ```
 /// locard::params! {
@@ -274,6 +306,8 @@ macro_rules! choices {
 ///         thickness_mm: f32 = 0.5, "mm", 0.0..=3.0;
 ///         "whether to varnish"
 ///         varnish: bool = true;
+///         "how much the varnish shines"
+///         shine: f32 = 0.5, "1", 0.0..=1.0 => varnish is "true";
 ///     }
 /// }
 /// use locard::params::{Params, Value};
@@ -285,7 +319,8 @@ macro_rules! choices {
 #[macro_export]
 macro_rules! params {
     ($(#[$meta:meta])* pub struct $name:ident in $table:literal {
-        $($help:literal $field:ident $(as $called:literal)? : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)? ;)*
+        $($help:literal $field:ident $(as $called:literal)? : $type:ty = $default:expr $(, $unit:literal, $range:expr $(, $scale:ident)?)?
+            $(=> $other:ident $relation:ident $value:literal)? ;)*
     }) => {
         $(#[$meta])*
         #[derive(Clone, Debug, PartialEq)]
@@ -316,7 +351,12 @@ macro_rules! params {
                     let mut by_ratio = false;
                     #[allow(unused_mut, unused_assignments)]
                     let mut called = None;
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut acts_if = None;
                     $(called = Some($called);)?
+                    $(acts_if = Some($crate::params::ActsIf {
+                        other: stringify!($other), is: $crate::is_or_isnt!($relation), value: $value,
+                    });)?
                     $($(by_ratio = $crate::by_ratio!($scale);)?)?
                     $(range = Some({ let r: std::ops::RangeInclusive<f64> = $range; (*r.start(), *r.end()) }); unit = $unit;)?
                     $crate::params::Spec {
@@ -328,6 +368,7 @@ macro_rules! params {
                         optional: <$type as $crate::params::Field>::OPTIONAL,
                         help: $help,
                         by_ratio,
+                        acts_if,
                     }
                 },)*]
             }
@@ -357,6 +398,18 @@ macro_rules! params {
 macro_rules! by_ratio {
     (by_ratio) => {
         true
+    };
+}
+
+/// The words that may follow another parameter in [`params!`](crate::params!).
+#[doc(hidden)]
+#[macro_export]
+macro_rules! is_or_isnt {
+    (is) => {
+        true
+    };
+    (isnt) => {
+        false
     };
 }
 
@@ -393,7 +446,8 @@ mod tests {
             "how much" amount as "How much": f32 = 0.5, "px", 0.0..=2.0;
             "how many" count: u32 = 3, "1", 1.0..=9.0;
             "which way" method: Method = Method::Good;
-            "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0, by_ratio;
+            "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0, by_ratio => method isnt "off";
+            "how good" grade: u32 = 1, "1", 1.0..=9.0 => method is "good";
         }
     }
 
@@ -403,14 +457,14 @@ mod tests {
         demo.set("amount", &Value::parse("1.5")).unwrap();
         demo.set("method", &Value::parse("fast")).unwrap();
         demo.set("maybe", &Value::parse("0.25")).unwrap();
-        assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25) });
+        assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25), grade: 1 });
         let error = demo.set("amount", &Value::Number(2.5)).unwrap_err().to_string();
         assert_eq!(error, "demo.amount = 2.5 is refused: accepted is 0 to 2 (px)");
         assert!(demo.set("count", &Value::Number(1.5)).is_err());
         assert!(demo.set("amount", &Value::Number(f64::NAN)).is_err());
         assert!(demo.set("amount", &Value::None).is_err());
         let error = demo.set("amont", &Value::Number(1.0)).unwrap_err().to_string();
-        assert!(error.contains("amount, count, method, maybe"), "{error}");
+        assert!(error.contains("amount, count, method, maybe, grade"), "{error}");
         assert_eq!(demo.amount, 1.5);
     }
 
@@ -448,7 +502,20 @@ mod tests {
 
     #[test]
     fn what_is_felt_by_its_ratio_is_declared() {
-        assert_eq!(Demo::default().specs().iter().map(|s| s.by_ratio).collect::<Vec<_>>(), [false, false, false, true]);
+        assert_eq!(
+            Demo::default().specs().iter().map(|s| s.by_ratio).collect::<Vec<_>>(),
+            [false, false, false, true, false]
+        );
+    }
+
+    #[test]
+    fn what_another_parameter_makes_idle_says_so() {
+        let idle = |demo: &Demo| demo.specs().iter().map(|spec| spec.idle(demo)).collect::<Vec<_>>();
+        assert_eq!(idle(&Demo::default()), [const { None }; 5]);
+        let off = idle(&Demo { method: Method::Off, ..Demo::default() });
+        assert_eq!(off[3].as_deref(), Some("not where “Method” is off"));
+        assert_eq!(off[4].as_deref(), Some("only where “Method” is good"));
+        assert_eq!(off[..3], [const { None }; 3]);
     }
 
     #[test]

@@ -26,12 +26,12 @@ crate::params! {
     /// Coefficients of OpenCV's models, on normalised image coordinates.
     pub struct Distortion in "camera.distortion" {
         "how the lens takes rays to places" model: LensModel = LensModel::Opencv;
-        "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio;
-        "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio;
-        "tangential; not of a fisheye" p1 as "p1": f64 = 0.0, "1", -10.0..=10.0, by_ratio;
-        "tangential; not of a fisheye" p2 as "p2": f64 = 0.0, "1", -10.0..=10.0, by_ratio;
-        "radial, r⁶ (θ⁶)" k3 as "k3": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio;
-        "radial, θ⁸ of a fisheye alone" k4 as "k4": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio;
+        "radial, r² (θ² of a fisheye)" k1 as "k1": f64 = 0.0, "1", -100.0..=100.0, by_ratio => model isnt "equirectangular";
+        "radial, r⁴ (θ⁴)" k2 as "k2": f64 = 0.0, "1", -1000.0..=1000.0, by_ratio => model isnt "equirectangular";
+        "tangential; not of a fisheye" p1 as "p1": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv";
+        "tangential; not of a fisheye" p2 as "p2": f64 = 0.0, "1", -10.0..=10.0, by_ratio => model is "opencv";
+        "radial, r⁶ (θ⁶)" k3 as "k3": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model isnt "equirectangular";
+        "radial, θ⁸ of a fisheye alone" k4 as "k4": f64 = 0.0, "1", -10000.0..=10000.0, by_ratio => model is "opencv_fisheye";
     }
 }
 

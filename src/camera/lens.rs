@@ -16,7 +16,7 @@ crate::params! {
         "number of aperture blades: 0 for a circle, or 3 to 32"
         blades: u32 = 0, "1", 0.0..=32.0;
         "turns the blades: 0 has the middle of a side to the right, positive turns it downwards"
-        blade_rotation_deg: f64 = 0.0, "deg", -360.0..=360.0;
+        blade_rotation_deg: f64 = 0.0, "deg", -360.0..=360.0 => blades isnt "0";
     }
 }
 

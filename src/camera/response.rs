@@ -16,7 +16,7 @@ crate::params! {
     /// How linear light becomes code values.
     pub struct Response in "camera.response" {
         "the curve" curve: Curve = Curve::Srgb;
-        "exponent of the curve gamma: code = light^(1/gamma)" gamma: f64 = 2.2, "1", 0.2..=5.0, by_ratio;
+        "exponent of the curve gamma: code = light^(1/gamma)" gamma: f64 = 2.2, "1", 0.2..=5.0, by_ratio => curve is "gamma";
     }
 }
 

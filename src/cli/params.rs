@@ -35,6 +35,7 @@ pub fn run(args: &Args) -> Result<()> {
                 json!({
                     "table": table, "name": s.name, "unit": s.unit, "accepts": s.kind.to_string(),
                     "optional": s.optional, "default": default, "help": s.help,
+                    "acts": s.acts_if.map(|acts_if| acts_if.to_string()),
                 })
             })
             .collect();
@@ -56,6 +57,9 @@ pub fn run(args: &Args) -> Result<()> {
             let or_none = if s.optional { ", or none" } else { "" };
             writeln!(out, "  {} = {}{unit}    ({}{of_range}{or_none})", s.name, s.default, s.kind)?;
             writeln!(out, "      {}", s.help)?;
+            if let Some(acts_if) = s.acts_if {
+                writeln!(out, "      (acts {acts_if})")?;
+            }
         }
         writeln!(out)?;
     }

@@ -174,8 +174,11 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
         }
         points.push(picked.point_m);
     }
-    for (i, pair) in points.windows(2).enumerate() {
-        writeln!(out, "distance   {} {unit}, {} to {}", fixed(pair[0].distance(pair[1]), 4), i + 1, i + 2)?;
+    // From one to the next, and the last side of a triangle.
+    let pairs = (1..points.len()).map(|i| (i - 1, i)).chain((points.len() == 3).then_some((0, 2)));
+    for (from, to) in pairs {
+        let apart = points[from].distance(points[to]);
+        writeln!(out, "distance   {} {unit}, {} to {}", fixed(apart, 4), from + 1, to + 1)?;
     }
     if points.len() > 2 {
         let eye = shot.recording.pose_at_frame(picker.frame)?.position_in_world_m();

@@ -40,6 +40,9 @@ pub struct Args {
     /// It stands upright, whatever the surface does (the default)
     #[arg(long)]
     upright: bool,
+    /// Its largest extent, of a model that is not in metres
+    #[arg(long, value_name = "M", allow_hyphen_values = true)]
+    size: Option<f64>,
     /// What it is called; its file's name otherwise
     #[arg(long)]
     name: Option<String>,
@@ -57,6 +60,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
         bail!("--heading {}: accepted is -360 to 360 degrees", number(odd));
+    }
+    if let Some(odd) = args.size.filter(|size| !(1e-4..=1e3).contains(size)) {
+        bail!("--size {}: accepted is 0.0001 to 1000 metres", number(odd));
     }
     if args.name.as_deref().is_some_and(|name| name.trim().is_empty()) {
         bail!("--name: a name of nothing tells nothing; leave it out, and the model's file names it");
@@ -90,7 +96,7 @@ pub fn run(args: &Args) -> Result<()> {
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
     let facing = || shot.facing(args.frame, support.point_m, up, 0.0);
     let heading = args.heading.map_or_else(facing, Heading::Deg);
-    let mut placed = scene::lay(&model, &args.scene, &support, posture, heading, up)?;
+    let mut placed = scene::lay(&model, &args.scene, &support, posture, heading, up, args.size)?;
     placed.name.clone_from(&args.name);
     let position = placed.position_m.unwrap_or_default();
     if file.gauge.is_none() {

@@ -13,7 +13,7 @@ crate::params! {
     /// How the recording's depth is used.
     pub struct Depth in "depth" {
         "hide objects behind what the recording's depth shows nearer" occlusion: bool = true;
-        "how much nearer the real surface must be to hide an object" tolerance_m: f32 = 0.02, "m", 0.0..=100.0;
+        "how much nearer the real surface must be to hide an object" tolerance_m: f32 = 0.02, "m", 0.0..=100.0 => occlusion is "true";
     }
 }
 
@@ -21,8 +21,8 @@ crate::params! {
     /// How things shade the real surface that they stand on, and each other.
     pub struct Shade in "shadow" {
         "things take light from the real surface that they stand on" cast: bool = true;
-        "things take light from each other and from themselves; a scene's first picture waits seconds for it" on_things: bool = false;
-        "how much of a shadow's darkness is drawn; 1 is what the light says" strength: f32 = 1.0, "", 0.0..=2.0;
+        "things take light from each other and from themselves; a scene's first picture waits seconds for it" on_things: bool = false => cast is "true";
+        "how much of a shadow's darkness is drawn; 1 is what the light says" strength: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
     }
 }
 

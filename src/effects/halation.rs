@@ -18,7 +18,7 @@ crate::params! {
         "share of an object's light that comes back from the film's base; 0 is off"
         share: f64 = 0.0, "1", 0.0..=1.0;
         "standard deviation of where it comes back"
-        sigma_px as "Blur σ": f64 = 12.0, "px", 1.0..=64.0;
+        sigma_px as "Blur σ": f64 = 12.0, "px", 1.0..=64.0 => share isnt "0";
     }
 }
 

@@ -36,9 +36,9 @@ crate::params! {
         "shortest blur that is drawn"
         threshold_px as "Shortest blur": f32 = 0.5, "px", 0.0..=64.0;
         "number of copies of the method copies"
-        copies: u32 = 8, "1", 2.0..=64.0;
+        copies: u32 = 8, "1", 2.0..=64.0 => method is "copies";
         "rate at which the method accumulation draws within the exposure"
-        frames_per_s as "Rate": f64 = 80.0, "1/s", 1.0..=10000.0, by_ratio;
+        frames_per_s as "Rate": f64 = 80.0, "1/s", 1.0..=10000.0, by_ratio => method is "accumulation";
     }
 }
 

@@ -37,13 +37,13 @@ crate::params! {
         "factor on the calibrated standard deviation; 0 is off"
         scale: f32 = 1.0, "1", 0.0..=8.0;
         "size of a noise patch; 1 is as measured"
-        magnification: f32 = 1.0, "px", 1.0..=16.0;
+        magnification: f32 = 1.0, "px", 1.0..=16.0 => scale isnt "0";
         "for how many frames a pattern stays"
-        animation_delay: u32 = 1, "frames", 1.0..=1000.0, by_ratio;
+        animation_delay: u32 = 1, "frames", 1.0..=1000.0, by_ratio => scale isnt "0";
         "film speed of the grain; needs camera.exposure.iso, at which the noise was measured; none: as recorded"
-        iso as "ISO": Option<f64> = None, "1", 100.0..=25600.0, by_ratio;
+        iso as "ISO": Option<f64> = None, "1", 100.0..=25600.0, by_ratio => scale isnt "0";
         "film width for the grain's size; none: the camera's"
-        film_width_mm: Option<f64> = None, "mm", 0.1..=1000.0, by_ratio;
+        film_width_mm: Option<f64> = None, "mm", 0.1..=1000.0, by_ratio => scale isnt "0";
     }
 }
 

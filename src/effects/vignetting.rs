@@ -25,7 +25,7 @@ crate::params! {
         "mechanical: how far before the lens's opening a rim stands; 0 is off"
         rim_distance_mm: f64 = 0.0, "mm", 0.0..=1000.0, by_ratio;
         "mechanical: radius of that rim; at least that of the widest opening"
-        rim_radius_mm: f64 = 20.0, "mm", 0.1..=1000.0, by_ratio;
+        rim_radius_mm: f64 = 20.0, "mm", 0.1..=1000.0, by_ratio => rim_distance_mm isnt "0";
         "diameter of the circle around the principal point that holds the picture, as of a circular fisheye; none: all is picture"
         image_circle_px: Option<f64> = None, "px", 1.0..=131072.0, by_ratio;
     }

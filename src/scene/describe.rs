@@ -89,13 +89,7 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     match bounds.map(|(low, high)| (high - low).max_element()) {
         None if object.hidden => {}
         None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
-        Some(extent) if extent > LARGE_M => {
-            warnings.push(format!("{}: {} m large; is it in metres? (scale, size_m)", object.name, fixed(extent, 1)));
-        }
-        Some(extent) if extent < SMALL_M => {
-            warnings.push(format!("{}: {:.4} mm large; is it in metres? (scale, size_m)", object.name, extent * 1e3));
-        }
-        Some(_) => {}
+        Some(extent_m) => warnings.extend(oddly_sized(object, extent_m)),
     }
     ObjectDescription {
         name: object.name.clone(),
@@ -103,6 +97,21 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
         triangles: object.parts.iter().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum(),
         bounds_in_world_m: bounds.map(|(low, high)| [low.to_array(), high.to_array()]),
     }
+}
+
+/// Says so where an object is so large or so small that its model is hardly in metres.
+pub fn odd_size(scene: &Scene, object: &Object) -> Option<String> {
+    let (low, high) = place::bounds(scene, &object.parts, DAffine3::IDENTITY)?;
+    oddly_sized(object, (high - low).max_element())
+}
+
+fn oddly_sized(object: &Object, extent_m: f64) -> Option<String> {
+    let size = match extent_m {
+        large if large > LARGE_M => format!("{} m", fixed(large, 1)),
+        small if small < SMALL_M => format!("{:.4} mm", small * 1e3),
+        _ => return None,
+    };
+    Some(format!("{}: {size} large; is it in metres? (scale, size_m)", object.name))
 }
 
 /// To the millimetre.

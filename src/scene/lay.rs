@@ -32,7 +32,8 @@ const LEVEL_DEG: f64 = 2.0;
 const DIGITS: f64 = 1e4;
 
 /// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it.
-/// It is turned about the world's up; flat on a slope about the slope's normal.
+/// It is turned about the world's up; flat on a slope about the slope's normal. `size_m` is its largest extent, where it is not
+/// as large as the model.
 pub fn lay(
     model: &str,
     file: &Path,
@@ -40,6 +41,7 @@ pub fn lay(
     posture: Posture,
     heading: Heading,
     world_up: DVec3,
+    size_m: Option<f64>,
 ) -> Result<PlacedModel, SceneError> {
     let scene = load(&file.parent().unwrap_or(Path::new("")).join(model), None)?;
     let up = match posture {
@@ -60,6 +62,7 @@ pub fn lay(
         ground: true,
         position_m: Some(support.point_m.to_array().map(round)),
         heading_deg: (heading_deg != 0.0).then_some(heading_deg),
+        size_m,
         ..PlacedModel::default()
     };
     let is_level = support.normal.dot(world_up) > LEVEL_DEG.to_radians().cos();
@@ -71,7 +74,9 @@ pub fn lay(
     let linear = DMat3::from_quat(turn * turn_up(axis, world_up));
     let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
     let below = lowest(&scene, parts, linear.transpose() * support.normal).unwrap_or(0.0);
-    let position = support.point_m - below * support.normal;
+    let extent_m = bounds(&scene, parts, DAffine3::IDENTITY).map(|(low, high)| (high - low).max_element());
+    let factor = size_m.zip(extent_m).map_or(1.0, |(size_m, extent_m)| size_m / extent_m);
+    let position = support.point_m - factor * below * support.normal;
     let quaternion = turn.to_array().map(|n| (n * 1e6).round() / 1e6);
     Ok(PlacedModel {
         ground: false,
@@ -133,9 +138,13 @@ mod tests {
     /// The corners of the box of what was laid, and its transform.
     fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
-        let placed = lay(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z).unwrap();
+        let placed = lay(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z, None).unwrap();
+        loaded(placed, &file)
+    }
+
+    fn loaded(placed: PlacedModel, file: &Path) -> (DVec3, DVec3, Scene, PlacedModel) {
         let scene = SceneFile { objects: vec![placed.clone()], ..SceneFile::default() };
-        let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
+        let scene = load_file(&scene, file, Some(DVec3::Z)).unwrap();
         let (low, high) = bounds(&scene, &scene.objects[0].parts, DAffine3::IDENTITY).unwrap();
         (low, high, scene, placed)
     }
@@ -175,7 +184,7 @@ mod tests {
             ("cartridge-case-9mm.glb", Posture::Flat, DVec3::NEG_Y),
         ] {
             let heading = Heading::Towards { direction: looks, turned_deg: 0.0 };
-            let placed = lay(model, &file, &level, posture, heading, DVec3::Z).unwrap();
+            let placed = lay(model, &file, &level, posture, heading, DVec3::Z, None).unwrap();
             let scene = SceneFile { objects: vec![placed], ..SceneFile::default() };
             let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
             let front = scene.objects[0].world_from_model.transform_vector3(front).normalize();
@@ -200,12 +209,18 @@ mod tests {
     fn on_a_slope_flat_things_lie_on_it_and_markers_stand() {
         let normal = DVec3::new(0.0, -0.6, 0.8);
         let slope = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
-        let (.., scene, _) = laid("l-scale.glb", &slope, Posture::Flat, 45.0);
-        let parts = &scene.objects[0].parts;
-        let along = |direction: DVec3| lowest(&scene, parts, direction).unwrap();
-        let [below, above] = [along(normal), -along(-normal)];
-        // It lies on the plane, and is as thin there as a scale is.
-        assert!((below - normal.dot(slope.point_m)).abs() < 2e-4 && above - below < 0.005, "{below} {above}");
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
+        let heading = || Heading::Deg(45.0);
+        let sized = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, Some(1.0)).unwrap();
+        let as_it_is = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
+        for (placed, most_m) in [(as_it_is, 0.005), (sized, 0.02)] {
+            let (.., scene, _) = loaded(placed, &file);
+            let along = |direction: DVec3| lowest(&scene, &scene.objects[0].parts, direction).unwrap();
+            let [below, above] = [along(normal), -along(-normal)];
+            // It lies on the plane, and is as thin there as a scale is.
+            let off_m = below - normal.dot(slope.point_m);
+            assert!(off_m.abs() < 2e-4 && above - below < most_m, "{below} {above}");
+        }
         let (_, _, scene, placed) = laid("marker-1.glb", &slope, Posture::Upright, 0.0);
         assert_eq!(placed.heading_deg, None);
         let up = scene.objects[0].parts[0].world_from_mesh.transform_vector3(DVec3::Y);

@@ -58,8 +58,8 @@ impl Shot {
 }
 
 impl Eye {
-    /// The level direction from a point to whoever looks, unit length.
-    fn level_to_viewer(&self, point_m: DVec3, up: DVec3) -> Option<DVec3> {
+    /// The level direction from a point to whoever looks, unit length; `None` where nothing tells it.
+    pub fn level_to_viewer(&self, point_m: DVec3, up: DVec3) -> Option<DVec3> {
         let to_camera = (self.position_m() - point_m).normalize_or_zero();
         let level = to_camera.reject_from_normalized(up);
         if level.length() > STEEP_DEG.to_radians().sin() {

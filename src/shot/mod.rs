@@ -177,6 +177,11 @@ impl Shot {
         Compositor::new(gpu, self.scene_on_floors())
     }
 
+    /// The profiles that were read, the recording's own first.
+    pub fn profiles(&self) -> &[PathBuf] {
+        &self.profiles
+    }
+
     /// Every file that was read, or will be.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let given = self.profiles.iter().chain(&self.scene.files).map(PathBuf::as_path);

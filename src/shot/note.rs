@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use super::{AnalysisState, Shot, Standing};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
-use crate::scene::overlaps;
+use crate::scene::{odd_size, overlaps};
 use crate::words::{count, millimetres, number, shown};
 
 /// Something odd or unknown. Displays as a line for a person.
@@ -42,6 +42,8 @@ pub enum Note {
     },
     /// No object was in any picture.
     NothingSeen,
+    /// An object whose model is hardly in metres.
+    OddSize(String),
     /// Two objects share volume.
     Overlap(String),
     /// There are more of these.
@@ -69,6 +71,7 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Recording(text) | Self::Scene(text) | Self::MissingPoses(text) | Self::Overlap(text) => f.write_str(text),
+            Self::OddSize(text) => f.write_str(text),
             Self::Idle(text) => f.write_str(text),
             Self::Analysis(folder, problem) => {
                 write!(f, "{} is not used: {problem}; analyse the recording again", folder.display())
@@ -196,11 +199,15 @@ impl Shot {
         let overlaps = overlaps(&self.scene).into_iter();
         let overlaps =
             overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: Note::Overlap(o.told(&self.scene)) });
+        let sizes = self.scene.objects.iter().enumerate().filter_map(|(object, of)| {
+            let note = Note::OddSize(odd_size(&self.scene, of)?);
+            Some(Wrong { objects: vec![object], note })
+        });
         let gaps = self.standing(frame).into_iter().filter_map(|Standing { object, gap_m }| {
             let (name, gap_m, frame) = (self.scene.objects[object].name.clone(), gap_m?, frame.index);
             Some(Wrong { objects: vec![object], note: Note::Gap { name, gap_m, frame } })
         });
-        overlaps.chain(gaps).collect()
+        sizes.chain(overlaps).chain(gaps).collect()
     }
 
     /// Notes on objects that hover or are sunk wherever they are seen: in the first frame of a range, the middle one and the

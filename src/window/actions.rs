@@ -105,7 +105,7 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::T, Action::Theme, "light or dark"),
     bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
     bind(NONE, Key::F1, Action::Keys, "these keys"),
-    bind(NONE, Key::Escape, Action::Leave, "end what was begun, or close what is open"),
+    bind(NONE, Key::Escape, Action::Leave, "end what was begun, close what is open, select nothing"),
 ];
 
 /// What is done by the pointer, or as long as a key is held.

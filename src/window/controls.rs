@@ -4,7 +4,7 @@ use eframe::egui::containers::menu::MenuButton;
 use eframe::egui::{self, Color32, RichText, Ui};
 
 use super::Project;
-use super::fields::{rounded, short, typed};
+use super::fields::{has_just_opened, rounded, short, typed};
 use super::project::{Origin, tables};
 use super::slider::{self, Rail, meant};
 use crate::camera::stops::{self, Step, Stop};
@@ -75,7 +75,7 @@ impl Controls {
         is_idle: bool,
     ) -> Option<Option<String>> {
         let title = title(table);
-        let specs: Vec<(Spec, Value, Origin)> = {
+        let specs: Vec<(Spec, Value, Origin, Option<String>)> = {
             let edit = project.edit();
             let all = tables(&edit.rig, &edit.settings);
             let params = all.into_iter().find(|params| params.table() == table)?;
@@ -85,10 +85,11 @@ impl Controls {
             };
             let with_value = |spec: Spec| {
                 let (value, origin) = (params.get(spec.name)?, project.origin(table, spec.name));
-                Some((spec, value, origin))
+                let idle = spec.idle(params);
+                Some((spec, value, origin, idle))
             };
             let all = params.specs().into_iter().filter(wanted).filter_map(with_value);
-            all.filter(|(_, _, origin)| !self.changed_only || *origin == Origin::Person).collect()
+            all.filter(|(_, _, origin, _)| !self.changed_only || *origin == Origin::Person).collect()
         };
         if specs.is_empty() {
             return None;
@@ -130,8 +131,9 @@ impl Controls {
                 if let Some(note) = unknown {
                     unknown_exposure(ui, &note);
                 }
-                for (spec, value, origin) in specs {
-                    let asked = control(ui, table, &spec, &value, origin, project.opened(table, spec.name));
+                for (spec, value, origin, idle) in specs {
+                    let opened = project.opened(table, spec.name);
+                    let asked = control(ui, table, &spec, &value, origin, idle.as_deref(), opened);
                     let Some(Asked { to, is_done }) = asked else { continue };
                     if let Some(value) = to {
                         refused = project.set(table, spec.name, &value).err().map(|error| error.to_string());
@@ -181,6 +183,7 @@ fn control(
     spec: &Spec,
     value: &Value,
     origin: Origin,
+    idle: Option<&str>,
     opened: Option<Value>,
 ) -> Option<Asked> {
     let full = format!("{table}.{}", spec.name);
@@ -190,13 +193,22 @@ fn control(
         mark(ui, origin);
         let text = RichText::new(spec.words());
         let text = if origin == Origin::Person { text.strong() } else { text };
+        let text = if idle.is_some() { text.weak() } else { text };
         let left = egui::Layout::left_to_right(egui::Align::Center);
         let label = ui.allocate_ui_with_layout(egui::vec2(NAME, 18.0), left, |ui| {
             ui.set_min_width(NAME);
-            ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()))
+            if idle.is_none() {
+                return ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()));
+            }
+            // The word keeps its place where the name is long.
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                ui.label(RichText::new("idle").weak().small());
+                ui.with_layout(left, |ui| ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()))).inner
+            })
+            .inner
         });
         let label = label.inner;
-        let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, opened.as_ref()));
+        let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
         if label.double_clicked() {
             asked = Some(Asked::set(spec.default.clone()));
         }
@@ -269,10 +281,15 @@ impl Dial {
         let text = if now > 0.0 { (self.format)(now) } else { "stops".to_owned() };
         let button = egui::Button::new(text).min_size(egui::vec2(STOPS, 0.0));
         let (button, _) = MenuButton::from_button(button).ui(ui, |ui| {
+            let opens = has_just_opened(ui);
             egui::ScrollArea::vertical().max_height(360.0).show(ui, |ui| {
                 for stop in &self.stops {
                     let is_now = (stop.exact / now).log2().abs() < 1.0 / 12.0;
-                    if ui.selectable_label(is_now, (self.format)(stop.exact)).clicked() {
+                    let label = ui.selectable_label(is_now, (self.format)(stop.exact));
+                    if is_now && opens {
+                        label.scroll_to_me(Some(egui::Align::Center));
+                    }
+                    if label.clicked() {
                         chosen = Some(rounded(stop.exact));
                         ui.close();
                     }
@@ -335,16 +352,17 @@ const WIDEST_SLIDER: f64 = 1e4;
 fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 2], whole: bool) -> Option<Asked> {
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     let rail = Rail { min, max, by_ratio: spec.by_ratio, whole };
-    let response = if max - min <= WIDEST_SLIDER || spec.by_ratio {
+    let (response, is_twice) = if max - min <= WIDEST_SLIDER || spec.by_ratio {
         slider::show(ui, called, n, rail, &unit)
     } else {
         let speed = if whole { 1.0 } else { (0.002 * n.abs()).max(1e-4) };
         let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
         let response = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false));
         response.widget_info(|| egui::WidgetInfo::slider(true, *n, called));
-        response
+        let is_twice = response.double_clicked();
+        (response, is_twice)
     };
-    if response.double_clicked() {
+    if is_twice {
         return Some(Asked::set(spec.default.clone()));
     }
     let to = response.changed().then(|| Value::Number(meant(*n, rail)));
@@ -373,10 +391,13 @@ fn mark(ui: &mut Ui, origin: Origin) {
     response.on_hover_text(says);
 }
 
-fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, opened: Option<&Value>) {
+fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, opened: Option<&Value>) {
     ui.set_max_width(320.0);
     ui.strong(called);
     ui.label(spec.help);
+    if let Some(idle) = idle {
+        ui.label(RichText::new(format!("Idle: it acts {idle}.")).color(ui.visuals().warn_fg_color));
+    }
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));
     if let Some(opened) = opened {

@@ -91,7 +91,10 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
                 ui.label(RECORDED);
             }
             if is_busy {
-                ui.label("What is being exported or analysed is cancelled, and what is not finished of it is removed.");
+                ui.label(
+                    "What is being exported or analysed is cancelled. Pictures that are whole stay; what is not finished is \
+                     removed.",
+                );
             }
         });
     }
@@ -224,23 +227,38 @@ pub enum Start {
     Leave,
 }
 
-/// The page of a start without a recording. The demonstration is behind it, or lacking: then it says where it was looked for.
-pub fn start<'a>(
-    ctx: &Context,
-    recent: impl Iterator<Item = (&'a Opened, bool)>,
-    lacking: Option<&Path>,
-) -> Option<Start> {
+/// What is behind the start page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Behind<'a> {
+    Demonstration,
+    /// A recording of that name.
+    Recording(&'a str),
+    /// Nothing: no demonstration lies there.
+    Nothing(&'a Path),
+}
+
+/// The page of a start without a recording.
+pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>, behind: Behind<'_>) -> Option<Start> {
     let (mut chosen, mut is_open) = (None, true);
     let page = egui::Window::new("Welcome").collapsible(false).resizable(false).default_width(420.0);
-    let page = match lacking {
-        Some(_) => page.anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO),
-        None => page.open(&mut is_open).default_pos([250.0, 90.0]),
+    let page = match behind {
+        Behind::Nothing(_) => page.anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO),
+        _ => page.open(&mut is_open).default_pos([250.0, 90.0]),
     };
     let page = page.show(ctx, |ui| {
-        ui.label(match lacking {
-            None => "This is the demonstration. Move a slider, drag the picture, press ? for the keys.",
-            Some(_) => "Open a recording: the frames of a camera with its poses. Press ? for the keys.",
-        });
+        let (text, stay) = match behind {
+            Behind::Demonstration => (
+                "This is the demonstration. Move a slider, drag the picture, press ? for the keys.".to_owned(),
+                Some("Stay with the demonstration".to_owned()),
+            ),
+            Behind::Recording(name) => {
+                (format!("{name} is open. Open another one, or press ? for the keys."), Some(format!("Stay with {name}")))
+            }
+            Behind::Nothing(_) => {
+                ("Open a recording: the frames of a camera with its poses. Press ? for the keys.".to_owned(), None)
+            }
+        };
+        ui.add(egui::Label::new(text).wrap());
         ui.add_space(6.0);
         ui.horizontal(|ui| {
             if ui.button("Open a recording…").clicked() {
@@ -249,13 +267,13 @@ pub fn start<'a>(
             if ui.button("Live camera…").clicked() {
                 chosen = Some(Start::Camera);
             }
-            if lacking.is_none() && ui.button("Stay with the demonstration").clicked() {
+            if stay.is_some_and(|stay| ui.button(stay).clicked()) {
                 chosen = Some(Start::Leave);
             }
         });
         ui.add_space(6.0);
         ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
-        if let Some(place) = lacking {
+        if let Behind::Nothing(place) = behind {
             let text = format!(
                 "There is no demonstration at {}: it lies in the program's folder, and is shown where the program is started \
                  there.",

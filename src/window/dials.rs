@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use eframe::egui::{self, RichText, Ui};
 
-use super::fields::{parse_number, typed};
+use super::fields::{has_just_opened, parse_number, typed};
 use crate::camera::Film;
 use crate::camera::stops::{self, Step, Stop, StopError};
 use crate::photo::{Bracket, Focus, Wanted};
@@ -165,13 +165,18 @@ fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl Fn
             return;
         }
         let menu = ui.menu_button("…", |ui| {
+            let opens = has_just_opened(ui);
             egui::ScrollArea::vertical().max_height(260.0).show(ui, |ui| {
                 if ui.button(empty).clicked() {
                     text.clear();
                     ui.close();
                 }
                 for value in values {
-                    if ui.button(&value).clicked() {
+                    let button = ui.selectable_label(*text == value, &value);
+                    if *text == value && opens {
+                        button.scroll_to_me(Some(egui::Align::Center));
+                    }
+                    if button.clicked() {
                         *text = value;
                         ui.close();
                     }

@@ -10,7 +10,7 @@ use super::Project;
 use super::fields::{is_taken_back, numeric};
 use super::finder::Click;
 use super::ground::Ground;
-use super::handles::{Ghost, Would};
+use super::handles::{Ghost, Plane, Would};
 use super::library::{Library, name};
 use super::list;
 use super::picture::Seen;
@@ -19,7 +19,7 @@ use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::scene::document::PlacedModel;
 use crate::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, lay, relative};
-use crate::shot::Shot;
+use crate::shot::{Eye, Ray, Shot};
 
 /// What is being done with the evidence.
 #[derive(Default)]
@@ -35,9 +35,20 @@ pub struct Evidence {
     lies_flat: bool,
     /// From facing whoever looks.
     turned_deg: f64,
+    /// Pressed, and turned by dragging since.
+    turning: Option<Turning>,
     /// In the list and in the picture.
     pub selected: Option<Entry>,
     renaming: Option<Renaming>,
+}
+
+/// What is being placed stays where the button was pressed, and its front follows the pointer.
+#[derive(Clone, Copy, Debug)]
+struct Turning {
+    at_px: DVec2,
+    support: Support,
+    /// From facing whoever looks.
+    turned_deg: f64,
 }
 
 /// A name that is being typed: one step, as long as its field has the focus.
@@ -61,7 +72,7 @@ impl Evidence {
     }
 
     pub fn cancel(&mut self) {
-        self.placing = None;
+        (self.placing, self.turning) = (None, None);
         self.ghost.rest();
         self.ground.cancel();
     }
@@ -108,7 +119,7 @@ impl Evidence {
                 let turned = numeric(ui, "turned from facing you", &mut self.turned_deg, 1.0, " °");
                 turned.on_hover_text("0: its front faces you. Positive turns counter-clockwise, seen from above.");
             });
-            ui.label(RichText::new("Click in the picture; Esc ends it.").weak());
+            ui.label(RichText::new("Click in the picture, or press and drag to turn it; Esc ends it.").weak());
         }
         if let Some(Ok(said) | Err(said)) = self.ground.show(ui, project) {
             told = Some(said);
@@ -254,15 +265,39 @@ impl Evidence {
         done.err().map(|e| e.to_string())
     }
 
+    /// Where the picture is dragged while something is placed: the thing stands where the button was pressed, and its front
+    /// follows the pointer. Gives the place once the button is let go.
+    pub fn turn(&mut self, seen: &Seen, project: &Project, frame: &Frame) -> Option<DVec2> {
+        let response = &seen.response;
+        let px = |at: egui::Pos2| {
+            let at = seen.placed.picture_px(at);
+            DVec2::new(at.x.into(), at.y.into())
+        };
+        if response.drag_started_by(egui::PointerButton::Primary) {
+            let pressed = response.ctx.input(|i| i.pointer.press_origin()).map(px);
+            self.turning = pressed.and_then(|at_px| {
+                let support = self.ground.finder.look(project.shot(), frame, at_px)?;
+                Some(Turning { at_px, support, turned_deg: self.turned_deg })
+            });
+        }
+        let turning = self.turning.as_mut()?;
+        if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().eye(frame.index)) {
+            let facing_deg = eye.ray(px(at)).and_then(|ray| facing_deg(&eye, &ray, &turning.support, project.up()));
+            turning.turned_deg = facing_deg.unwrap_or(turning.turned_deg);
+        }
+        response.drag_stopped().then_some(turning.at_px)
+    }
+
     /// Puts what is being placed where the frame shows a surface, and goes on placing.
     pub fn place(&mut self, project: &mut Project, frame: &Frame, at_px: DVec2) -> Result<(), String> {
+        let turned_deg = self.turning.take().map_or(self.turned_deg, |turning| turning.turned_deg);
         let Some(model) = &self.placing else { return Ok(()) };
         let support = match self.ground.finder.click(project.shot(), project.up(), frame, at_px)? {
             Click::Point(support) => support,
             Click::Again(_) => return Ok(()),
         };
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
-        let laying = Laying { model: model.clone(), posture, turned_deg: self.turned_deg, up: project.up() };
+        let laying = Laying { model: model.clone(), posture, turned_deg, up: project.up() };
         let placed = laying.lay(project.shot(), frame.index, &support, &project.scene_path());
         let placed = placed.map_err(|e| e.to_string())?;
         let what = format!("{}: placed", placed.title());
@@ -280,8 +315,9 @@ impl Evidence {
     /// Shows where the next click would put what is being placed.
     pub fn preview(&mut self, seen: &Seen, project: &Project, frame: &Arc<Frame>) {
         let (Some(model), Some(at)) = (self.placing.clone(), seen.pointed) else { return };
-        let (at_px, file) = (DVec2::new(at.x.into(), at.y.into()), project.scene_path());
-        let (lies_flat, turned_deg) = (self.lies_flat, self.turned_deg);
+        let pointed = (DVec2::new(at.x.into(), at.y.into()), self.turned_deg);
+        let (at_px, turned_deg) = self.turning.map_or(pointed, |turning| (turning.at_px, turning.turned_deg));
+        let (lies_flat, file) = (self.lies_flat, project.scene_path());
         let would = Would {
             model: model.clone(),
             frame: frame.index,
@@ -331,9 +367,26 @@ impl Laying {
     /// As the scene file has it then.
     fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
         let heading = shot.facing(frame, support.point_m, self.up, self.turned_deg);
-        lay(&relative(&self.model, file), file, support, self.posture, heading, self.up)
+        lay(&relative(&self.model, file), file, support, self.posture, heading, self.up, None)
     }
 }
+
+/// How far a thing on a surface is turned from facing whoever looks when its front faces what a ray meets there, to the degree;
+/// `None` where that is too near to tell.
+fn facing_deg(eye: &Eye, ray: &Ray, support: &Support, up: DVec3) -> Option<f64> {
+    let plane = Plane { point_m: support.point_m, normal: support.normal };
+    let towards = (plane.seen_at(ray)? - support.point_m).reject_from_normalized(up);
+    let viewer = eye.level_to_viewer(support.point_m, up)?;
+    // A hand's tremble is no direction.
+    if towards.length() < NEAREST_M {
+        return None;
+    }
+    let turned = viewer.cross(towards).dot(up).atan2(viewer.dot(towards));
+    Some(turned.to_degrees().round() + 0.0)
+}
+
+/// What a thing is turned towards by dragging lies farther from it than this.
+const NEAREST_M: f64 = 0.01;
 
 /// Whether a thing of that name is usually stood up.
 fn stands(model: &Path) -> bool {

@@ -64,6 +64,21 @@ pub fn short(n: f64) -> String {
     number(rounded(n))
 }
 
+/// A popup is laid out once unseen, and moved to where it fits.
+const OPENS_FOR: u64 = 3;
+
+/// Whether what is in a popup is shown for the first time since it was closed: then its list goes to what is chosen.
+pub fn has_just_opened(ui: &Ui) -> bool {
+    let now = ui.ctx().cumulative_pass_nr();
+    let key = ui.scope_id().with("opened");
+    ui.data_mut(|data| {
+        let seen = data.get_temp::<[u64; 2]>(key).filter(|[_, last]| last + 1 >= now);
+        let first = seen.map_or(now, |[first, _]| first);
+        data.insert_temp(key, [first, now]);
+        now - first < OPENS_FOR
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

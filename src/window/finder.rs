@@ -136,7 +136,7 @@ pub fn mark(seen: &Seen, at: Pos2, text: &str) {
 }
 
 fn again() -> String {
-    "Now the same point in another frame, seen from elsewhere".to_owned()
+    "Now the same point in another frame, seen from elsewhere: choose one in the time line".to_owned()
 }
 
 #[cfg(test)]

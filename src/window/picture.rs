@@ -22,7 +22,7 @@ pub struct View {
     pub zoom: Option<f32>,
     /// The place of the picture in the middle of the panel, as a share of its size.
     pub centre: Vec2,
-    /// Left of it the camera's own picture is shown, as a share of the picture's width; `None`: no wipe.
+    /// Right of it the camera's own picture is shown, as a share of the picture's width; `None`: no wipe.
     pub wipe: Option<f32>,
     /// The camera's own picture is shown all over.
     pub plain: bool,
@@ -60,6 +60,14 @@ impl View {
         self.zoom = Some(zoom);
         let now = size * (zoom / pixels_per_point);
         self.centre = (share - (at - panel.center()) / now).clamp(Vec2::ZERO, Vec2::splat(1.0));
+    }
+
+    /// At that zoom, about what is in the middle of the panel.
+    pub fn zoom_to(&mut self, zoom: f32) {
+        if self.zoom.is_none() {
+            self.centre = vec2(0.5, 0.5);
+        }
+        self.zoom = Some(zoom.clamp(LEAST_ZOOM, MOST_ZOOM));
     }
 
     /// At that zoom, with that place of the picture in the middle, as a share of its size.
@@ -139,7 +147,9 @@ pub fn show(
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
     let ground = Color32::from_gray(if ui.visuals().dark_mode { 18 } else { 160 });
     let Some(frame) = frame else {
-        ui.painter().rect_filled(panel, 0.0, ground);
+        let painter = ui.painter().with_clip_rect(panel);
+        painter.rect_filled(panel, 0.0, ground);
+        plate(&painter, panel.center(), egui::Align2::CENTER_CENTER, "The first picture is being made", 14.0);
         return None;
     };
     let (width, height) = (frame.pixels.width, frame.pixels.height);
@@ -170,14 +180,12 @@ pub fn show(
     let painter = ui.painter().with_clip_rect(panel);
     let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
     let x = line_x.unwrap_or(f32::NEG_INFINITY);
-    let [left, right] = [Rect::everything_left_of(x), Rect::everything_right_of(x)];
+    let left = Rect::everything_left_of(x);
     let fits = |shown: &&Shown| shown.size == (width, height);
     let composite = viewer.composite().filter(|shown| fits(shown) && !view.plain);
-    let (mine, others) = match (composite, line_x, compared) {
-        (None, ..) => (Rect::NOTHING, panel),
-        (Some(_), None, _) => (panel, Rect::NOTHING),
-        (Some(_), Some(_), Some(Compared { edits_a: true })) => (left, right),
-        (Some(_), Some(_), _) => (right, left),
+    let (mine, others) = match composite {
+        None => (Rect::NOTHING, panel),
+        Some(_) => sides(panel, line_x, compared),
     };
     let is_camera = compared.is_none() || composite.is_none();
     let mine_there = composite.map(|shown| shown.texture.clone());
@@ -195,7 +203,7 @@ pub fn show(
         line(0.0, Color32::WHITE);
         line(1.0, Color32::from_black_alpha(160));
         let y = placed.rect.intersect(panel).min.y + 8.0;
-        let names = if compared.is_some() { ["A", "B"] } else { ["camera", "with evidence"] };
+        let names = if compared.is_some() { ["A", "B"] } else { ["with evidence", "camera"] };
         plate(&painter, pos2(x - 12.0, y), egui::Align2::RIGHT_TOP, names[0], 12.0);
         plate(&painter, pos2(x + 12.0, y), egui::Align2::LEFT_TOP, names[1], 12.0);
     }
@@ -205,6 +213,17 @@ pub fn show(
     let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten().and_then(inside);
     let pointed = response.hover_pos().and_then(inside);
     Some(Seen { placed, size, response, painter, clicked, pointed, camera, composite: mine })
+}
+
+/// Where the composite of what is edited is shown, and where what it is compared with: the camera's own picture, or the other
+/// one of A and B. A line at the left edge leaves the camera's picture alone.
+fn sides(panel: Rect, line_x: Option<f32>, compared: Option<Compared>) -> (Rect, Rect) {
+    let Some(x) = line_x else { return (panel, Rect::NOTHING) };
+    let [left, right] = [Rect::everything_left_of(x), Rect::everything_right_of(x)];
+    match compared {
+        Some(Compared { edits_a: false }) => (right, left),
+        _ => (left, right),
+    }
 }
 
 fn wipe_or_pan(ui: &Ui, view: &mut View, response: &Response, size: Vec2, placed: Placed, taken: Taken) {
@@ -256,5 +275,28 @@ mod tests {
         }
         view.zoom_about(at, 1e9, PANEL, SIZE, 1.0);
         assert_eq!(view.zoom, Some(MOST_ZOOM));
+    }
+
+    #[test]
+    fn from_the_whole_picture_it_is_enlarged_about_its_middle() {
+        let mut view = View { zoom: Some(4.0), centre: vec2(0.1, 0.9), ..View::default() };
+        // What is enlarged already stays where it is looked at.
+        view.zoom_to(1.0);
+        assert_eq!(view.centre, vec2(0.1, 0.9));
+        view.zoom = None;
+        view.zoom_to(2.0);
+        assert_eq!((view.zoom, view.placed(PANEL, SIZE, 1.0).rect.center()), (Some(2.0), PANEL.center()));
+    }
+
+    #[test]
+    fn at_the_left_edge_the_wipe_leaves_the_plain_picture_and_at_the_right_one_the_composite() {
+        let picture = View::default().placed(PANEL, SIZE, 1.0).rect;
+        let [composite, camera] = [picture.min.x, picture.max.x].map(|x| sides(PANEL, Some(x), None));
+        assert!(composite.1.contains_rect(picture) && composite.0.intersect(picture).width() <= 0.0);
+        assert!(camera.0.contains_rect(picture) && camera.1.intersect(picture).width() <= 0.0);
+        // A is left, whichever is edited.
+        let of = |edits_a| sides(PANEL, Some(300.0), Some(Compared { edits_a }));
+        assert_eq!((of(true).0, of(false).1), (Rect::everything_left_of(300.0), Rect::everything_left_of(300.0)));
+        assert_eq!(sides(PANEL, None, None), (PANEL, Rect::NOTHING));
     }
 }

@@ -60,6 +60,11 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Ste
     Step::Saved
 }
 
+/// Whether that is the demonstration's recording.
+pub fn is_demonstration(recording: &Path) -> bool {
+    same(recording, Path::new(DEMO))
+}
+
 /// Whether that is the scene file of the demonstration.
 pub fn is_demo(scene: &Path) -> bool {
     same(scene, Path::new(DEMO_SCENE))

@@ -72,9 +72,11 @@ struct Held {
 }
 
 /// Shows a slider, and its number to drag and to type; `called` names them to those who do not see them. What is done to
-/// either is done to the response.
-pub fn show(ui: &mut Ui, called: &str, n: &mut f64, rail: Rail, unit: &str) -> Response {
+/// either is done to the response; whether either was double-clicked stands beside it, for a slider knows drags alone.
+pub fn show(ui: &mut Ui, called: &str, n: &mut f64, rail: Rail, unit: &str) -> (Response, bool) {
     let slider = slide(ui, n, rail);
+    let is_twice = ui.input(|i| i.pointer.button_double_clicked(egui::PointerButton::Primary));
+    let is_twice = is_twice && slider.contains_pointer();
     slider.widget_info(|| WidgetInfo::slider(true, *n, called));
     let ends = rail.min..=rail.max;
     let length = f64::from(length(ui));
@@ -83,7 +85,8 @@ pub fn show(ui: &mut Ui, called: &str, n: &mut f64, rail: Rail, unit: &str) -> R
     let drag = egui::DragValue::new(n).range(ends).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
     let number = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false)).labelled_by(slider.id);
     let is_number = number.has_focus() || number.lost_focus();
-    if is_number { number.union(slider) } else { slider.union(number) }
+    let is_twice = is_twice || number.double_clicked();
+    (if is_number { number.union(slider) } else { slider.union(number) }, is_twice)
 }
 
 /// The way of the handle, points.

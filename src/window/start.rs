@@ -185,7 +185,7 @@ impl Start {
         }
         keys::show(ctx, &mut self.shows_keys);
         let place = std::path::absolute(DEMO).unwrap_or_else(|_| DEMO.into());
-        match dialogs::start(ctx, self.recent.shown(ctx), Some(&place)) {
+        match dialogs::start(ctx, self.recent.shown(ctx), dialogs::Behind::Nothing(&place)) {
             Some(dialogs::Start::Open) => self.chooses(),
             Some(dialogs::Start::Camera) => self.air = Some(Air::new(ctx, None, None)),
             Some(dialogs::Start::Recent(opened)) => self.begin(ctx, *opened, None),

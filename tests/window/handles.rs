@@ -106,6 +106,33 @@ fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
 }
 
 #[test]
+fn keys_that_come_between_two_pictures_are_all_heard() {
+    let mut window = with_marker(0);
+    let text = |text: &str| Event::Text(text.to_owned());
+    let key =
+        |key: Key| Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers: Modifiers::NONE };
+    for event in
+        [key(Key::G), text("g"), key(Key::X), text("x"), key(Key::Num1), text("1"), text("cm"), key(Key::Enter)]
+    {
+        window.input_mut().events.push(event);
+    }
+    window.run_steps(3);
+    assert_eq!(stance(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.01 * DVec3::X);
+    assert_eq!((steps(&window).len(), window.state().view.zoom), (2, None), "the digit is no zoom");
+    // Nothing is nothing to look at: the pointer rules.
+    press(&mut window, Key::S);
+    types(&mut window, "-1");
+    press(&mut window, Key::Enter);
+    assert!(matches!(stance(&window, MARKER).size, Size::Scale(factor) if factor.min_element() > 0.0));
+    // Esc first ends what is under way, then nothing is selected.
+    press(&mut window, Key::G);
+    press(&mut window, Key::Escape);
+    assert_eq!(window.state().selected(), Some(MARKER));
+    press(&mut window, Key::Escape);
+    assert_eq!(window.state().selected(), None);
+}
+
+#[test]
 fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
     let mut window = with_marker(0);
     let before = stance(&window, MARKER);

@@ -55,6 +55,41 @@ fn a_thing_is_placed_by_keys_alone() {
 }
 
 #[test]
+fn a_thing_is_turned_by_dragging_from_its_place() {
+    let mut window = open();
+    drop_file(&mut window, Path::new("scenes/marker-3.glb").canonicalize().unwrap());
+    window.run_steps(2);
+    let (objects, steps) =
+        (window.state().project().edit().scene.objects.len(), window.state().project().history().names().0.count());
+    let on_screen = |window: &Harness<'_, App>, point_m: [f64; 3]| {
+        let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
+        window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
+    };
+    let (at_m, towards_m) = ([0.1, -0.2, 0.0], [0.25, -0.05, 0.0]);
+    let (from, to) = (on_screen(&window, at_m), on_screen(&window, towards_m));
+    window.hover_at(from);
+    window.step();
+    window.drag_at(from);
+    for share in [0.1, 0.4, 0.7, 1.0, 1.0] {
+        window.hover_at(from + (to - from) * share);
+        window.step();
+    }
+    window.drop_at(to);
+    window.run_steps(2);
+    let edit = window.state().project().edit();
+    assert_eq!(
+        (edit.scene.objects.len(), window.state().project().history().names().0.count()),
+        (objects + 1, steps + 1)
+    );
+    let placed = DVec3::from(edit.scene.objects[objects].position_m.unwrap());
+    assert!(placed.distance(at_m.into()) < 5e-3, "{placed}");
+    // Its front looks along the drag, within the depth's noise and the whole degrees that a hand makes.
+    let front = faces(&window, Entry { object: objects, instance: None });
+    let along = (DVec3::from(towards_m) - DVec3::from(at_m)).truncate();
+    assert!(front.angle_to(along).to_degrees().abs() < 3.0, "{front} {along}");
+}
+
+#[test]
 fn a_name_that_is_typed_is_one_step() {
     let mut window = open();
     let names =

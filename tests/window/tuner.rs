@@ -194,7 +194,7 @@ fn the_wipe_and_the_held_key_show_the_cameras_own() {
     window.drop_at(picture.left_center());
     window.step();
     assert_eq!(window.state().view.wipe, Some(0.0));
-    // What lies on the camera's side of the line is the frame as it came, bit for bit.
+    // All of it lies right of the line, on the camera's side, which is the frame as it came, bit for bit.
     let viewer = window.state().viewer();
     let plain = gpu::read_back(viewer.gpu(), &viewer.camera().unwrap().texture);
     let frame = window.state().project().shot().read(0).unwrap();
@@ -205,6 +205,31 @@ fn the_wipe_and_the_held_key_show_the_cameras_own() {
     window.key_up(Key::Backslash);
     window.step();
     assert!(!window.state().view.plain);
+}
+
+#[test]
+fn a_double_click_on_a_slider_takes_the_default_and_what_it_makes_idle_says_so() {
+    let mut window = open(None);
+    search(&mut window, "noise");
+    let slider = |window: &Harness<'_, App>| window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect().center();
+    let idle = |window: &Harness<'_, App>| window.query_all_by_label("idle").count();
+    let before = idle(&window);
+    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
+    window.state_mut().project_mut().close_step();
+    settle(&mut window);
+    assert!(idle(&window) >= before + 2, "{} after {before}", idle(&window));
+    let at = slider(&window);
+    window.hover_at(at);
+    window.step();
+    for _ in 0..2 {
+        window.drag_at(at);
+        window.step();
+        window.drop_at(at);
+        window.step();
+    }
+    settle(&mut window);
+    assert_eq!(value(&window, "noise", "scale"), Value::Number(1.0));
+    assert_eq!(idle(&window), before);
 }
 
 #[test]

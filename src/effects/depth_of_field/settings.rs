@@ -24,21 +24,21 @@ crate::params! {
         "layered: filter, near and far apart; poisson: vSLRcam's; diffusion: Wang's; reference: through many points of the lens"
         method: Method = Method::Layered;
         "poisson: points of the first disc"
-        points: u32 = 48, "1", 8.0..=64.0;
+        points: u32 = 48, "1", 8.0..=64.0 => method is "poisson";
         "diffusion: lens (its blades or circle), star (as many points as blades, else 5) or heart"
-        shape: Shape = Shape::Lens;
+        shape: Shape = Shape::Lens => method is "diffusion";
         "diffusion: how much brighter the rim is drawn, for each px of radius (lambda)"
-        rim: f32 = 0.02, "1/px", 0.0..=1.0;
+        rim: f32 = 0.02, "1/px", 0.0..=1.0 => method is "diffusion";
         "diffusion: standard deviation of the Gaussian that smooths the shape"
-        gaussian_px as "Gaussian σ": f32 = 0.5, "px", 0.0..=4.0;
+        gaussian_px as "Gaussian σ": f32 = 0.5, "px", 0.0..=4.0 => method is "diffusion";
         "diffusion: no shape is drawn larger (R_K)"
-        largest_radius_px: f32 = 36.0, "px", 1.0..=64.0;
+        largest_radius_px: f32 = 36.0, "px", 1.0..=64.0 => method is "diffusion";
         "diffusion: conserving keeps light; printed: as in the paper"
-        mix: Mix = Mix::Conserving;
+        mix: Mix = Mix::Conserving => method is "diffusion";
         "diffusion: K of the printed mix"
-        mix_ratio: f32 = 0.7, "1", 0.0..=1.0;
+        mix_ratio: f32 = 0.7, "1", 0.0..=1.0 => mix is "printed";
         "diffusion: below this blur factor (0 to 1) the original is mixed in (w)"
-        blend_below: f32 = 0.1, "1", 0.0..=1.0;
+        blend_below: f32 = 0.1, "1", 0.0..=1.0 => method is "diffusion";
     }
 }
 

@@ -6,7 +6,6 @@ use super::super::actions::{self, Action};
 use super::super::camera::Asked;
 use super::super::fields;
 use super::super::handles::Handles;
-use super::super::picture;
 use super::super::theme;
 use super::App;
 
@@ -33,9 +32,9 @@ impl App {
             Action::Loupe => self.view.loupe = !self.view.loupe,
             Action::Alone => self.view.alone = !self.view.alone,
             Action::Fit => self.view.zoom = None,
-            Action::OneToOne => self.view.zoom = Some(1.0),
-            Action::Larger => self.view.zoom = zoom.map(|zoom| (zoom * 2.0).min(picture::MOST_ZOOM)),
-            Action::Smaller => self.view.zoom = zoom.map(|zoom| (zoom * 0.5).max(picture::LEAST_ZOOM)),
+            Action::OneToOne => self.view.zoom_to(1.0),
+            Action::Larger => zoom.into_iter().for_each(|zoom| self.view.zoom_to(zoom * 2.0)),
+            Action::Smaller => zoom.into_iter().for_each(|zoom| self.view.zoom_to(zoom * 0.5)),
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
             Action::Save => self.keeper.save(),
@@ -72,9 +71,12 @@ impl App {
                 let was_begun = self.hand.asks_for().is_some() || self.evidence.is_busy();
                 self.hand.cancel();
                 self.evidence.cancel();
+                let was_open = self.shows_keys || self.shows_history;
+                if !was_begun && !(self.keeper.close_windows() | was_open) {
+                    self.evidence.selected = None;
+                }
                 if !was_begun {
                     (self.shows_keys, self.shows_history) = (false, false);
-                    self.keeper.close_windows();
                 }
             }
         }
@@ -96,7 +98,7 @@ impl App {
             }
             None => self.steered = Default::default(),
         }
-        self.handles.keys(ctx);
+        self.handles.keys(ctx, self.evidence.selected.is_some());
         for action in actions::pressed(ctx, self.was_typing) {
             self.act(action, ctx);
         }

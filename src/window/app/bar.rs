@@ -9,8 +9,18 @@ impl App {
     pub(super) fn bar(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
             let recording = &self.session.project.shot().recording;
-            let star = if self.session.project.is_saved() { "" } else { " •" };
-            ui.strong(format!("{}{star}", quoted(&recording.name))).on_hover_text(recording.path.display().to_string());
+            let place = recording.path.display().to_string();
+            let camera = match self.session.project.shot().profiles() {
+                [] => "no profile".to_owned(),
+                profiles => profiles.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join("\n"),
+            };
+            ui.strong(quoted(&recording.name)).on_hover_text(format!("{place}\n{camera}"));
+            // It keeps its room, so that nothing beside it moves.
+            let star = egui::RichText::new("•").color(match self.session.project.is_saved() {
+                true => egui::Color32::TRANSPARENT,
+                false => ui.visuals().strong_text_color(),
+            });
+            ui.label(star);
             self.keeper.menu(ui, &mut self.session);
             ui.separator();
             let (undo, redo) = (self.session.project.history().can_undo(), self.session.project.history().can_redo());
@@ -31,7 +41,7 @@ impl App {
                 self.view.zoom = None;
             }
             if ui.selectable_label(self.view.zoom == Some(1.0), "100 %").on_hover_text("1").clicked() {
-                self.view.zoom = Some(1.0);
+                self.view.zoom_to(1.0);
             }
             let mut wiped = self.view.wipe.is_some();
             if ui.toggle_value(&mut wiped, "Wipe").on_hover_text("W: drag the line in the picture").changed() {

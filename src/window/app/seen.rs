@@ -18,7 +18,7 @@ impl App {
         let is_placing = self.evidence.is_placing() && asked.is_none() && !is_picking;
         let taken = Taken {
             clicks: is_placing || is_picking || asked.is_some(),
-            drags: asked.is_some() || self.handles.takes_drags(),
+            drags: asked.is_some() || is_placing || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
         let compared = other.map(|other| Compared { edits_a: !other.is_a });
@@ -62,8 +62,9 @@ impl App {
             if seen.pointed.is_some() {
                 ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
             }
-            if let Some(at) = seen.clicked {
-                let at = DVec2::new(at.x.into(), at.y.into());
+            let turned = self.evidence.turn(&seen, &self.session.project, &frame);
+            let clicked = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
+            if let Some(at) = turned.or(clicked) {
                 match self.evidence.place(&mut self.session.project, &frame, at) {
                     Ok(()) => {
                         self.evidence.ground.finder.told.take().into_iter().for_each(|told| self.session.say(told))

@@ -21,11 +21,21 @@ pub enum Stroke {
     Cancel,
 }
 
-/// Takes all that was typed out of the window's input, in order.
-pub fn taken(ctx: &Context) -> Vec<Stroke> {
-    let mut strokes = Vec::new();
+/// Takes all that was typed out of the window's input, in order. Where nothing is being changed yet, the key that begins a
+/// change stays, and what was typed behind it is taken: a quick hand types more than one key between two pictures.
+pub fn taken(ctx: &Context, is_running: bool) -> Vec<Stroke> {
+    let (mut strokes, mut has_begun, mut own_letter) = (Vec::new(), is_running, false);
     ctx.input_mut(|i| {
         i.events.retain(|event| {
+            // The letter of the key that begins comes behind it.
+            if std::mem::take(&mut own_letter) && matches!(event, Event::Text(_)) {
+                return true;
+            }
+            if !has_begun {
+                has_begun = begins(event);
+                own_letter = has_begun;
+                return true;
+            }
             match event {
                 Event::Text(text) => strokes.extend(text.chars().map(Stroke::Letter)),
                 Event::Key { key, pressed: true, repeat, modifiers, .. } => {
@@ -39,6 +49,13 @@ pub fn taken(ctx: &Context) -> Vec<Stroke> {
         });
     });
     strokes
+}
+
+/// Whether a key begins a change of what is selected.
+fn begins(event: &Event) -> bool {
+    let Event::Key { key, pressed: true, modifiers, .. } = event else { return false };
+    let is_kind = matches!(of_key(*key, *modifiers), Some(Stroke::Kind(_)));
+    is_kind || *key == Key::D && modifiers.shift && !modifiers.command && !modifiers.alt
 }
 
 fn of_key(key: Key, modifiers: Modifiers) -> Option<Stroke> {

@@ -30,6 +30,7 @@ use crate::scene::{Entry, SceneFile};
 use crate::shot::Eye;
 
 pub use self::ghost::{Ghost, Would};
+pub use self::maths::Plane;
 
 /// A step of the arrow keys.
 const NUDGE_M: f64 = 1e-3;
@@ -102,10 +103,11 @@ impl Handles {
         self.begins = Some(what);
     }
 
-    /// While something is being changed all keys are for that.
-    pub fn keys(&mut self, ctx: &Context) {
-        if self.running.is_some() {
-            self.strokes.extend(keys::taken(ctx));
+    /// While something is being changed all keys are for that. So are keys typed
+    /// right behind the one that begins to change what is selected.
+    pub fn keys(&mut self, ctx: &Context, has_selected: bool) {
+        if self.running.is_some() || has_selected && !ctx.egui_wants_keyboard_input() {
+            self.strokes.extend(keys::taken(ctx, self.running.is_some()));
         }
     }
 

@@ -210,6 +210,8 @@ impl Tool {
                     let step = if pointer.snaps { STEP_FACTOR } else { FINEST_FACTOR };
                     growth(centre, grip, pointer.at_px).map(|factor| snapped(factor, step).max(LEAST_FACTOR))
                 };
+                // Nothing and less are nothing to look at.
+                let typed = typed.filter(|factor| *factor > 0.0);
                 self.factor = typed.or_else(by_pointer).unwrap_or(self.factor);
                 let mut factors = DVec3::ONE;
                 match self.along {

@@ -186,7 +186,12 @@ impl Keeper {
         }
         self.changed_on_disk(ctx, session);
         if self.shows_start {
-            match dialogs::start(ctx, self.recent.shown(ctx), None) {
+            let recording = &session.project.shot().recording;
+            let behind = match saving::is_demonstration(&recording.path) {
+                true => dialogs::Behind::Demonstration,
+                false => dialogs::Behind::Recording(&recording.name),
+            };
+            match dialogs::start(ctx, self.recent.shown(ctx), behind) {
                 Some(dialogs::Start::Open) => self.open(&session.project),
                 Some(dialogs::Start::Camera) => self.asks_camera(ctx, &session.project),
                 Some(dialogs::Start::Recent(opened)) => self.then = Some(Then::Open(opened, None)),
