@@ -138,7 +138,9 @@ impl Spec {
     /// Why it does nothing now in its table, if another parameter makes it idle.
     pub fn idle(&self, params: &dyn Params) -> Option<String> {
         let acts_if = self.acts_if?;
-        if (params.get(acts_if.other)? == Value::parse(acts_if.value)) == acts_if.is {
+        // A choice may be called what is a switch's value elsewhere.
+        let (now, value) = (params.get(acts_if.other)?, acts_if.value);
+        if (now == Value::parse(value) || now == Value::Text(value.to_owned())) == acts_if.is {
             return None;
         }
         let spec = params.specs().into_iter().find(|spec| spec.name == acts_if.other)?;

@@ -17,6 +17,8 @@ mod settings;
 mod shade;
 mod touched;
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::camera::Camera;
@@ -27,7 +29,7 @@ use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
-use crate::shadow::{Chart, Lightmaps, Shadows};
+use crate::shadow::{Chart, Lightmaps, Room, Shadows};
 
 pub use hide::seen_by_row;
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
@@ -139,6 +141,11 @@ impl Compositor {
     /// If a part's mesh is not one of the scene's.
     pub fn place(&mut self, objects: &[Object]) {
         self.renderer.place(objects);
+    }
+
+    /// Real things take light from the floors from the next frame on, which virtual ones do not take a second time.
+    pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
+        self.shadows.stand_in(room);
     }
 
     pub fn gpu(&self) -> &Gpu {
@@ -325,7 +332,7 @@ impl Compositor {
             false => (self.shadows.charts(self.renderer.scene()), false),
         };
         let lightmaps = match (settings.on_things, may_be_rough) {
-            (false, _) => Vec::new(),
+            (false, _) => self.shadows.dimmed(self.renderer.scene()),
             (true, true) => {
                 let (known, is_other) = self.lightmaps.sketched(self.renderer.scene());
                 is_rough |= is_other;

@@ -207,7 +207,7 @@ mod tests {
             colors: vec![Vec3::splat(reflectance); 2],
         };
         let extent = Extent { low: Vec2::splat(-5.0), high: Vec2::splat(5.0) };
-        let shares = Shares::new(&casters, extent, &sky);
+        let shares = Shares::new(&casters, extent, &sky, None);
         shares.at_texel(shares.texel_of(Vec2::new(0.0, -distance_m)).as_dvec2()).y
     }
 

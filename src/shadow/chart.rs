@@ -11,6 +11,7 @@ use super::extent::Extent;
 use super::floor::Floor;
 use super::mask::{Mask, Sums, jitter};
 use super::outline::Outline;
+use super::room::Stops;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
 use crate::rows::{over_rows, processors};
@@ -31,9 +32,9 @@ const DARK: f32 = 0.05;
 const BLOCK: usize = 16;
 /// Rays that one mask holds.
 const AT_A_TIME: usize = 32;
-/// A rough chart has texels as much larger, and one of so many rays.
+/// A rough chart has texels as much larger.
 const ROUGHER: f32 = 3.0;
-const FEWER: usize = 8;
+
 /// The shares, without a place in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shares {
@@ -96,18 +97,18 @@ impl PartialEq for Chart {
 }
 
 impl Shares {
-    /// Of all that stands in an extent of a floor.
-    pub fn new(casters: &Casters, extent: Extent, sky: &Sky) -> Self {
-        Self::of_texels(casters, extent, sky, 1.0)
+    /// Of all that stands in an extent of a floor. `stops`: what real things stop of the sky's light.
+    pub fn new(casters: &Casters, extent: Extent, sky: &Sky, stops: Option<&Stops>) -> Self {
+        Self::of_texels(casters, extent, sky, stops, 1.0)
     }
 
-    /// The same in a twentieth of the time, for a picture that must come soon.
-    pub fn rough(casters: &Casters, extent: Extent, sky: &Sky) -> Self {
-        Self::of_texels(casters, extent, &sky.thinned(FEWER), ROUGHER)
+    /// The same with larger texels: with a [`Sky::rough`] one in a twentieth of the time.
+    pub fn rough(casters: &Casters, extent: Extent, sky: &Sky, stops: Option<&Stops>) -> Self {
+        Self::of_texels(casters, extent, sky, stops, ROUGHER)
     }
 
     /// With texels larger by a factor.
-    fn of_texels(casters: &Casters, extent: Extent, sky: &Sky, larger: f32) -> Self {
+    fn of_texels(casters: &Casters, extent: Extent, sky: &Sky, stops: Option<&Stops>, larger: f32) -> Self {
         let size = extent.high - extent.low;
         let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
@@ -119,7 +120,7 @@ impl Shares {
         let rows = (height as usize).div_ceil(processors()).max(1);
         over_rows(&mut gone, width as usize * rows, processors(), |band, gone| {
             let first = band * rows;
-            shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky);
+            shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky, stops);
         });
         let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
         let mut lacks: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[0]).collect();
@@ -141,8 +142,11 @@ impl Shares {
         let mut taken = std::mem::take(&mut shares.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
-                let given =
-                    bounce.at(x, y) / sky.light_at(shares.place_m(x, y)).max(Vec3::splat(1e-12)) * shares.rim(x, y);
+                let all = match stops {
+                    None => sky.light_at(shares.place_m(x, y)),
+                    Some(_) => gone[y * width as usize + x].all,
+                };
+                let given = bounce.at(x, y) / all.max(Vec3::splat(1e-12)) * shares.rim(x, y);
                 let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
                 *taken = share.to_array().map(worth);
             }
@@ -207,8 +211,8 @@ impl Shares {
         (place_m - self.low_m) / self.texel_m
     }
 
-    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, outline: &Outline, sky: &Sky) {
-        let width = self.width as usize;
+    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, outline: &Outline, sky: &Sky, stops: Option<&Stops>) {
+        let (width, rows_from) = (self.width as usize, rows.start);
         gone.iter_mut().for_each(|gone| gone.all = sky.light);
         let mut mask = Mask::new(width, rows.clone());
         mask.stop(0, outline, |c| Some(self.texel_of(c.truncate())));
@@ -219,6 +223,16 @@ impl Shares {
                 let jitter = jitter(n * AT_A_TIME + bit as usize);
                 mask.stop(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
+            if let Some(stops) = stops {
+                let all = Sums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
+                for (i, (gone, word)) in gone.iter_mut().zip(&mut mask.bits).enumerate() {
+                    let stopped = stops.rays(n, self.place_m(i % width, rows_from + i / width));
+                    if stopped != 0 {
+                        *word &= !stopped;
+                        gone.all = (gone.all - all.sum(stopped)).max(Vec3::ZERO);
+                    }
+                }
+            }
             for of in (0..CLASSES).filter(|of| rays.iter().any(|ray| class(ray.angle_rad) == *of)) {
                 let light = |ray: &Ray| if class(ray.angle_rad) == of { ray.light } else { Vec3::ZERO };
                 let sums = Sums::of(&rays.iter().map(light).collect::<Vec<_>>());
@@ -227,19 +241,28 @@ impl Shares {
                 }
             }
         }
-        for lamp in &sky.lamps {
-            let stopped = self.stopped(lamp, &mut mask, outline);
-            for (i, stopped) in stopped.into_iter().enumerate() {
-                let light = lamp.light_at(self.place_m(i % width, rows.start + i / width));
-                gone[i].all += light;
+        for (number, lamp) in sky.lamps.iter().enumerate() {
+            let place_m = |i: usize| self.place_m(i % width, rows_from + i / width);
+            let real = |n: usize, i: usize| stops.map_or(0, |stops| stops.lamp(number, n, place_m(i)));
+            let seen = self.seen(lamp, &mut mask, outline, real);
+            for (i, [stopped, open]) in seen.into_iter().enumerate() {
+                let light = lamp.light_at(place_m(i));
+                gone[i].all += light * open;
                 gone[i].of_class[class(lamp.angle_rad())] += light * stopped;
             }
         }
     }
 
-    /// The share of a lamp that each texel of the mask's rows does not see.
-    fn stopped(&self, lamp: &Lamp, mask: &mut Mask, outline: &Outline) -> Vec<f32> {
-        let mut counts = vec![0u32; mask.bits.len()];
+    /// The share of a lamp that things stop on the way to each texel of the mask's rows, and the one that real things leave, of which
+    /// the first is a part. `real` gives which of 32 points real things stop.
+    fn seen(
+        &self,
+        lamp: &Lamp,
+        mask: &mut Mask,
+        outline: &Outline,
+        real: impl Fn(usize, usize) -> u32,
+    ) -> Vec<[f32; 2]> {
+        let mut counts = vec![[0u32; 2]; mask.bits.len()];
         for (n, points) in lamp.points_m.chunks(AT_A_TIME).enumerate() {
             mask.clear();
             for (bit, point) in (0..).zip(points) {
@@ -251,9 +274,13 @@ impl Shares {
                         .then(|| self.texel_of(c.truncate() + (c.truncate() - point.truncate()) * along) + jitter)
                 });
             }
-            counts.iter_mut().zip(&mask.bits).for_each(|(count, word)| *count += word.count_ones());
+            for (i, ([stopped, open], word)) in counts.iter_mut().zip(&mask.bits).enumerate() {
+                let real = real(n, i);
+                *stopped += (word & !real).count_ones();
+                *open += points.len() as u32 - real.count_ones();
+            }
         }
-        counts.into_iter().map(|count| count as f32 / lamp.points_m.len() as f32).collect()
+        counts.into_iter().map(|counts| counts.map(|count| count as f32 / lamp.points_m.len() as f32)).collect()
     }
 
     fn place_m(&self, x: usize, y: usize) -> Vec2 {

@@ -9,6 +9,7 @@
 //! - `floor`: a plane with axes of its own. `sky`: the light that comes onto it, as a few hundred rays and the lamps nearby.
 //! - `casters`: the triangles that stand on it. `outline`: the edges of their shadows. `mask`: where 32 rays at
 //!   a time are stopped. `spread`: how blurred a ray's shadow is.
+//! - `room`: what real things keep from the floor already. `dimmed`: what they keep from virtual things.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
 //! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again.
 //!
@@ -19,12 +20,13 @@
 //!
 //! All of it is arithmetic of the processor, the same on every graphics driver and for any number of threads.
 //!
-//! Not modelled: floors that are not flat; real things beside the floor.
+//! Not modelled: floors that are not flat; real things beside the floor that would take dim light.
 
 mod bounce;
 mod bvh;
 mod casters;
 mod chart;
+mod dimmed;
 mod extent;
 mod floor;
 mod group;
@@ -33,6 +35,7 @@ mod lightmap;
 mod lightmaps;
 mod mask;
 mod outline;
+mod room;
 mod shadows;
 mod skin;
 mod sky;
@@ -41,4 +44,5 @@ mod spread;
 pub use chart::{Chart, Part, Shares};
 pub use floor::Floor;
 pub use lightmaps::Lightmaps;
+pub use room::Room;
 pub use shadows::Shadows;

@@ -9,11 +9,14 @@ use glam::{DAffine3, DMat3};
 
 use super::casters::Casters;
 use super::chart::{Chart, Shares};
+use super::dimmed;
 use super::extent::Extent;
 use super::floor::Floor;
 use super::group::Group;
 use super::kept::{Kept, Steps, from_steps, steps};
+use super::room::{Room, Stops};
 use super::sky::{Around, Ray, Sky, rays};
+use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene, Support};
 
 /// A sketch's chart may be of another floor that differs less: cosine of its tilt (10°), and metres.
@@ -33,8 +36,15 @@ pub struct Shadows {
     charts: Kept<Key, Arc<Shares>>,
     /// Rough ones.
     sketches: Kept<Key, Arc<Shares>>,
+    /// Real things, and what they stop on floors of whole charts.
+    room: Option<Arc<Room>>,
+    stops: Kept<(Floor, Key), Option<Arc<Stops>>>,
     last: Option<Last>,
+    dimmed: Option<Dimmed>,
 }
+
+/// The objects whose light was asked for last, and the lightmaps of their parts.
+type Dimmed = (Vec<Object>, Vec<Option<Arc<Lightmap>>>);
 
 /// The objects that were asked for last, their charts, and which objects share each.
 #[derive(Debug)]
@@ -49,6 +59,8 @@ struct Last {
 struct Key {
     sky: Arc<Sky>,
     parts: Vec<(usize, Steps)>,
+    /// What real things stop there: a matter of the place in the world.
+    stops: Option<Arc<Stops>>,
 }
 
 /// A thing's or a group's parts, placed in the world.
@@ -61,7 +73,37 @@ impl Shadows {
         let around = Around::new(&lighting.environment);
         let charts = Kept::new(KEPT);
         let (rays, extents, sketches) = (Kept::new(KEPT), Kept::new(KEPT), Kept::new(KEPT));
-        Self { around, lighting, rays, extents, charts, sketches, last: None }
+        Self {
+            around,
+            lighting,
+            rays,
+            extents,
+            charts,
+            sketches,
+            room: None,
+            stops: Kept::new(KEPT),
+            last: None,
+            dimmed: None,
+        }
+    }
+
+    /// Real things stop light, too, from now on.
+    pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
+        if self.room != room {
+            (self.room, self.stops) = (room, Kept::new(KEPT));
+            (self.last, self.dimmed) = (None, None);
+        }
+    }
+
+    /// What real things leave of the light for the scene's objects: lightmaps of their parts, in turn.
+    pub fn dimmed(&mut self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
+        let Some(room) = &self.room else { return Vec::new() };
+        if let Some((_, known)) = self.dimmed.as_ref().filter(|(objects, _)| *objects == scene.objects) {
+            return known.clone();
+        }
+        let maps = dimmed::lightmaps(room, scene);
+        self.dimmed = Some((scene.objects.clone(), maps.clone()));
+        maps
     }
 
     /// The charts of the scene's objects as they are placed.
@@ -100,7 +142,11 @@ impl Shadows {
         for group in self.groups(scene) {
             let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             let known = self.keyed(scene, &members).and_then(|(floor, key)| {
-                let shares = self.charts.found(&key)?;
+                let stops = match self.room {
+                    Some(_) => self.stops.found(&(floor, key.clone()))?,
+                    None => None,
+                };
+                let shares = self.charts.found(&Key { stops, ..key })?;
                 Some(Chart { floor, shares })
             });
             is_rough |= known.is_none();
@@ -114,11 +160,21 @@ impl Shadows {
 
     fn sketch(&mut self, scene: &Scene, object: usize) -> Option<Chart> {
         let (floor, key) = self.keyed(scene, &[object])?;
-        if let Some(shares) = self.charts.found(&key).or_else(|| self.sketches.found(&key)) {
+        let known = match self.room {
+            Some(_) => self.stops.found(&(floor, key.clone())).map(|stops| Key { stops, ..key.clone() }),
+            None => Some(key.clone()),
+        };
+        if let Some(shares) = known.and_then(|key| self.charts.found(&key)) {
             return Some(Chart { floor, shares });
         }
-        let extent = self.extent(scene, key.clone())?;
-        let shares = Arc::new(Shares::rough(&Casters::of(scene, key.placed()).on_floor(), extent, &key.sky));
+        let (extent, sky) = (self.extent(scene, key.clone())?, key.sky.rough());
+        let stops = self.room.as_ref().and_then(|room| Stops::of(room, &floor, extent, &sky));
+        let key = Key { stops, ..key };
+        if let Some(shares) = self.sketches.found(&key) {
+            return Some(Chart { floor, shares });
+        }
+        let casters = Casters::of(scene, key.placed()).on_floor();
+        let shares = Arc::new(Shares::rough(&casters, extent, &sky, key.stops.as_deref()));
         self.sketches.keep(key, shares.clone());
         Some(Chart { floor, shares })
     }
@@ -175,23 +231,38 @@ impl Shadows {
 
     fn chart(&mut self, scene: &Scene, objects: &[usize]) -> Option<Chart> {
         let (floor, key) = self.keyed(scene, objects)?;
-        if let Some(shares) = self.charts.found(&key) {
-            return Some(Chart { floor, shares });
-        }
         let mut extent: Option<Extent> = None;
         let mut rest = key.parts.as_slice();
         for object in objects.iter().map(|i| &scene.objects[*i]) {
             let (own, others) = rest.split_at(object.parts.len());
             rest = others;
-            let own = self.extent(scene, Key { sky: key.sky.clone(), parts: own.to_vec() });
+            let own = self.extent(scene, Key { parts: own.to_vec(), ..key.clone() });
             extent = match (extent, own) {
                 (Some(a), Some(b)) => Some(a.union(b)),
                 (a, b) => a.or(b),
             };
         }
-        let shares = Arc::new(Shares::new(&Casters::of(scene, key.placed()).on_floor(), extent?, &key.sky));
+        let extent = extent?;
+        let key = Key { stops: self.stops(&floor, &key, extent), ..key };
+        if let Some(shares) = self.charts.found(&key) {
+            return Some(Chart { floor, shares });
+        }
+        let casters = Casters::of(scene, key.placed()).on_floor();
+        let shares = Arc::new(Shares::new(&casters, extent, &key.sky, key.stops.as_deref()));
         self.charts.keep(key, shares.clone());
         Some(Chart { floor, shares })
+    }
+
+    /// What real things stop on a floor, of which a key says all else.
+    fn stops(&mut self, floor: &Floor, key: &Key, extent: Extent) -> Option<Arc<Stops>> {
+        let room = self.room.clone()?;
+        let place = (*floor, key.clone());
+        if let Some(known) = self.stops.found(&place) {
+            return known;
+        }
+        let stops = Stops::of(&room, floor, extent, &key.sky);
+        self.stops.keep(place, stops.clone());
+        stops
     }
 
     fn key(&mut self, floor: &Floor, parts: &Parts) -> Key {
@@ -203,6 +274,7 @@ impl Shadows {
         let sky = Arc::new(Sky::new(&self.lighting, rays, floor));
         Key {
             sky,
+            stops: None,
             parts: parts.iter().map(|(mesh, from)| (*mesh, steps(&(floor.floor_from_world() * *from)))).collect(),
         }
     }

@@ -32,8 +32,25 @@ const FLATTEST: f32 = 20.0;
 /// Angles from which on patches of the sky are of the next class, from their middle to their edge: from half a degree on.
 const CLASSES_RAD: [f32; 3] = [0.008, 0.016, 0.032];
 pub const CLASSES: usize = CLASSES_RAD.len() + 1;
+/// Of rough light.
+const FEWER: usize = 8;
 /// The golden angle.
 const TURN: f32 = 2.399_963_2;
+
+/// Rays of patches of the sky that are smaller than this, from their middle, are of bright light, radians. An even sky's are of
+/// 0.044 and more.
+const BRIGHT_RAD: f32 = 0.03;
+
+/// Where a ray comes from, among real things.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// It is one of dim light: what stops it is not asked for.
+    Dim,
+    /// The first real thing in its direction, as a panorama shows it.
+    Seen,
+    /// Beyond everything: a sun's.
+    Beyond,
+}
 
 /// Light from far away.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +60,7 @@ pub struct Ray {
     pub light: Vec3,
     /// The angle of the patch of sky that it stands for, from its middle, radians.
     pub angle_rad: f32,
+    pub source: Source,
 }
 
 /// Light from far away, from a part of the sphere around.
@@ -106,7 +124,11 @@ impl Around {
         };
         let strata = self.strata(AROUND, weighed);
         let angle_rad = |solid_sr: f32| (solid_sr / PI).sqrt();
-        let of = |s: Stratum| ray(floor_from_map * s.towards, s.light, angle_rad(s.solid_sr));
+        let of = |s: Stratum| {
+            let angle_rad = angle_rad(s.solid_sr);
+            let source = if angle_rad < BRIGHT_RAD { Source::Seen } else { Source::Dim };
+            ray(floor_from_map * s.towards, s.light, angle_rad, source)
+        };
         strata.into_iter().map(of).collect()
     }
 
@@ -175,9 +197,9 @@ fn curve() -> impl Iterator<Item = (u32, u32)> {
     (0..WIDTH * HEIGHT).map(move |n| (every_other(n), every_other(n >> 1)))
 }
 
-fn ray(towards: Vec3, light: Vec3, angle_rad: f32) -> Ray {
+fn ray(towards: Vec3, light: Vec3, angle_rad: f32, source: Source) -> Ray {
     let slope = towards.truncate() / towards.z.max(1e-6);
-    Ray { slope: slope.clamp_length_max(FLATTEST), light, angle_rad }
+    Ray { slope: slope.clamp_length_max(FLATTEST), light, angle_rad, source }
 }
 
 /// Evenly over a disc of radius 1.
@@ -201,7 +223,9 @@ pub fn rays(lighting: &Lighting, around: &Around, floor: &Floor) -> Arc<[Ray]> {
         let seen: Vec<_> = points.filter(|point| point.z > 0.0).collect();
         let angle_rad = radius / (SUN as f32).sqrt();
         let light = sun.color * towards.z.max(0.0) / seen.len().max(1) as f32;
-        rays.extend(seen.into_iter().filter(|_| towards.z > 0.0).map(|point| ray(point, light, angle_rad)));
+        rays.extend(
+            seen.into_iter().filter(|_| towards.z > 0.0).map(|point| ray(point, light, angle_rad, Source::Beyond)),
+        );
     }
     rays.into()
 }
@@ -227,8 +251,9 @@ impl Sky {
         Self { rays, lamps: lamps.filter(|lamp| lamp.at_m.z > lamp.radius_m).collect(), light }
     }
 
-    /// One of so many rays, and as few points of lamps, as bright as all.
-    pub fn thinned(&self, fewer: usize) -> Self {
+    /// One of eight rays, and as few points of lamps, as bright as all: for a picture that must come soon.
+    pub fn rough(&self) -> Self {
+        let fewer = FEWER;
         let kept: Vec<Ray> = self.rays.iter().skip(fewer / 2).step_by(fewer).copied().collect();
         let sum: Vec3 = kept.iter().map(|ray| ray.light).sum();
         let brighter = Vec3::select(sum.cmpgt(Vec3::ZERO), self.light / sum.max(Vec3::splat(1e-20)), Vec3::ONE);

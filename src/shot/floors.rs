@@ -13,10 +13,13 @@ use glam::{DVec2, DVec3};
 use super::Shot;
 use super::points::{FittedPlane, plane_through};
 use crate::camera::Geometry;
+use crate::compositor::Compositor;
 use crate::depth::SENSOR_ERROR;
+use crate::gpu::Gpu;
 use crate::pixels::DepthMap;
 use crate::pose::Pose;
-use crate::scene::{Mesh, Object, Scene, Support};
+use crate::scene::{LitBy, Mesh, Object, Scene, Support};
+use crate::shadow::Room;
 use crate::source::ahead::Ahead;
 
 /// Frames whose depth is looked at, and points across each.
@@ -61,6 +64,8 @@ struct Known {
     /// The first frame's camera, by which `points` were seen.
     camera: Option<Geometry>,
     points: Vec<Point>,
+    /// Of the points, once it is asked for.
+    room: Option<Arc<Room>>,
     last: Last,
 }
 
@@ -110,10 +115,11 @@ impl Shot {
         let camera = self.given_geometry_at(0);
         let known = known.get_or_insert_with(|| {
             let looks = self.looks();
-            Known { points: self.seen(&looks), looks, camera: camera.clone(), last: Last::default() }
+            Known { points: self.seen(&looks), looks, camera: camera.clone(), room: None, last: Last::default() }
         });
         if known.camera != camera {
-            (known.points, known.camera, known.last) = (self.seen(&known.looks), camera, Last::default());
+            (known.points, known.camera) = (self.seen(&known.looks), camera);
+            (known.room, known.last) = (None, Last::default());
         }
         if !known.last.is_of(&self.scene) {
             known.last = Last::default();
@@ -129,9 +135,30 @@ impl Shot {
         found
     }
 
-    /// The scene with what [`Shot::objects`] gives.
-    pub(super) fn scene_on_floors(&self) -> Scene {
-        Scene { objects: self.objects(), ..Scene::clone(&self.scene) }
+    /// Makes a compositor of the scene as it is now.
+    pub(super) fn compositor_on_floors(&self, gpu: Gpu) -> Compositor {
+        let scene = Scene { objects: self.objects(), ..Scene::clone(&self.scene) };
+        let mut compositor = Compositor::new(gpu, scene);
+        compositor.stand_in(self.room());
+        compositor
+    }
+
+    /// Places the scene's objects on their floors among what is real, as they are now.
+    pub(super) fn place_in(&self, compositor: &mut Compositor) {
+        compositor.place(&self.objects());
+        compositor.stand_in(self.room());
+    }
+
+    /// Real things, where it is known where light comes from: of a light that is guessed nothing can be stopped.
+    fn room(&self) -> Option<Arc<Room>> {
+        let is_guessed = self.scene.lit_by == LitBy::Nobody && self.found_light.is_none();
+        if is_guessed || !self.settings.shadow.cast {
+            return None;
+        }
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = known.as_mut().filter(|known| !known.points.is_empty())?;
+        let of = |points: &[Point]| Arc::new(Room::of(points.iter().map(|(point_m, _)| *point_m)));
+        Some(known.room.get_or_insert_with(|| of(&known.points)).clone())
     }
 
     fn support_of(&self, object: &Object, points: &[Point]) -> Option<Support> {

@@ -174,7 +174,7 @@ impl Shot {
 
     /// A compositor on a device, with the scene as it is now.
     pub fn compositor(&self, gpu: Gpu) -> Compositor {
-        Compositor::new(gpu, self.scene_on_floors())
+        self.compositor_on_floors(gpu)
     }
 
     /// The profiles that were read, the recording's own first.

@@ -46,7 +46,7 @@ impl Shot {
         Reduced { frame, by }: &Reduced,
         target: Target<'_>,
     ) -> Result<Pending, ShotError> {
-        compositor.place(&self.objects());
+        self.place_in(compositor);
         let index = frame.index;
         let recorded = self.geometry_at(index)?;
         let framed = Framed { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };

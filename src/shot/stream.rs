@@ -56,7 +56,7 @@ impl Shot {
         target: Target<'_>,
         want_layer: bool,
     ) -> Result<Pending, ShotError> {
-        compositor.place(&self.objects());
+        self.place_in(compositor);
         let index = frame.index;
         let failed = |source: SubmitError| ShotError::Submit { frame: index, source };
         let (camera, track, interval_s) = (self.camera(), &self.recording.track, self.interval_s(index));
@@ -80,7 +80,7 @@ impl Shot {
         want_layers: bool,
         in_flight: usize,
     ) -> Result<Composites<'a>, ShotError> {
-        compositor.place(&self.objects());
+        self.place_in(compositor);
         let frames = self.recording.frames_beside(range)?.map(|frame| {
             let frame = frame?;
             let (geometry, interval_s) = (self.geometry_at(frame.index)?, self.interval_s(frame.index));

@@ -22,6 +22,7 @@ mod flaws;
 mod found;
 mod light;
 mod occlusion;
+mod real_shadow;
 mod registration;
 mod report;
 mod simulate;

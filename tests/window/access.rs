@@ -56,7 +56,9 @@ fn the_library_is_walked_by_keys() {
     press(&mut window, Key::Enter);
     press(&mut window, Key::ArrowRight);
     press(&mut window, Key::Enter);
-    assert!(has(&window, "Click in the picture; Esc ends it.") && focused(&window).is_none());
+    assert!(
+        has(&window, "Click in the picture, or press and drag to turn it; Esc ends it.") && focused(&window).is_none()
+    );
     let before = window.state().project().edit().scene.entries().len();
     window.state_mut().player_mut().seek(30);
     settle(&mut window);

@@ -289,7 +289,6 @@ fn handles_move_along_their_axis_turn_and_scale() {
     drag(&mut window, up, up - egui::vec2(0.0, 60.0));
     let position = stance(&window, MARKER).position_m;
     assert!(position.x == 0.0 && position.y == 0.12 && position.z > 0.02, "{position}");
-    press(&mut window, Key::Escape);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     // The handle of the size stands at the upper right, twice as far is twice as large.
@@ -331,9 +330,8 @@ fn small_steps_copies_and_deleting_by_keys() {
     assert_eq!(steps(&window).len(), 2);
     press(&mut window, Key::H);
     assert!(window.state().project().edit().scene.objects[0].hidden);
+    // What is hidden is not moved.
     press(&mut window, Key::G);
-    types(&mut window, "1");
-    press(&mut window, Key::Escape);
     press(&mut window, Key::H);
     assert!(!window.state().project().edit().scene.objects[0].hidden);
     let count = window.state().project().edit().scene.objects.len();

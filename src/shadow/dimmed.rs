@@ -1,0 +1,144 @@
+//! What real things leave of suns' and lamps' light for a virtual thing that stands behind them.
+//!
+//! One share of each light for the whole thing: from nine places of its box to eight of the light, those lines that meet no solid
+//! of the room. So a thing that is carried into a real shadow grows dark as it goes in.
+//!
+//! Not modelled: a real shadow's edge across a thing; a panorama's light, which is that of the place where it was taken.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use super::room::Room;
+use super::sky::disc;
+use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS};
+use crate::scene::{Lighting, Object, Scene};
+
+/// Places of a light.
+const OF_LIGHT: usize = 8;
+/// Places of a thing's box lie this far from its middle towards the corners.
+const WITHIN: f64 = 0.8;
+/// Real things are looked for so far towards a sun, metres.
+const FARTHEST_M: f64 = 8.0;
+
+/// Lightmaps of one texel for the parts of objects, in turn; nothing for those that all light reaches.
+pub fn lightmaps(room: &Room, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
+    let of = |object: &Object| {
+        let map = seen(room, scene, object).map(|seen| Arc::new(lightmap(&seen)));
+        std::iter::repeat_n(map, object.parts.len())
+    };
+    scene.objects.iter().flat_map(of).collect()
+}
+
+/// The share of each light, suns first, that reaches an object; nothing where all of all does.
+fn seen(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>> {
+    let mut points = object.points_m(scene);
+    let first = points.next()?;
+    let (low, high) = points.fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+    let corner = |i: u32| {
+        let share = DVec3::from_array([0, 1, 2].map(|bit| f64::from(i >> bit & 1)));
+        low + (high - low) * (0.5 + WITHIN * (share - 0.5))
+    };
+    let places: Vec<DVec3> = (0..8).map(corner).chain([0.5 * (low + high)]).collect();
+    let share = |towards: &dyn Fn(DVec3) -> Vec<(DVec3, f64)>| {
+        let lines = places.iter().flat_map(|place| towards(*place).into_iter().map(|line| (*place, line)));
+        let open = lines.filter(|(from, (direction, far_m))| !room.stands_between(*from, *direction, *far_m)).count();
+        open as f32 / (places.len() * OF_LIGHT) as f32
+    };
+    let Lighting { suns, points, .. } = &scene.lighting;
+    let of_suns = suns.iter().take(MAX_SUNS).map(|sun| {
+        let (towards, radius) = (sun.towards_light_in_world, (0.5 * sun.diameter_rad).tan());
+        share(&|_| disc_around(towards, radius).map(|to| (to.normalize(), FARTHEST_M)).collect())
+    });
+    let of_lamps = points.iter().take(MAX_POINTS).map(|lamp| {
+        share(&|place: DVec3| {
+            let way = lamp.position_in_world_m - place;
+            let ends = disc_around(way.as_vec3(), 0.5 * lamp.diameter_m);
+            ends.map(|to| (to.normalize_or_zero(), to.length())).collect()
+        })
+    });
+    let seen: Vec<f32> = of_suns.chain(of_lamps).collect();
+    seen.iter().any(|share| *share < 1.0).then_some(seen)
+}
+
+/// Places of a disc across a way, at its end.
+fn disc_around(way: Vec3, radius: f32) -> impl Iterator<Item = DVec3> {
+    let (aside, over) = way.try_normalize().unwrap_or(Vec3::Z).any_orthonormal_pair();
+    disc(OF_LIGHT).map(move |at| (way + radius * (aside * at.x + over * at.y)).as_dvec3())
+}
+
+/// Of all of the surroundings' light, and these shares of suns and lamps.
+fn lightmap(seen: &[f32]) -> Lightmap {
+    let (first, more) = seen.split_at(seen.len().min(2));
+    let share = |seen: &[f32], i: usize| seen.get(i).copied().unwrap_or(1.0);
+    let two = [[1.0, 1.0, 1.0, share(first, 0)], [0.0, 0.0, 0.0, share(first, 1)]];
+    let fours = more.chunks(4).map(|some| [0, 1, 2, 3].map(|i| share(some, i)));
+    Lightmap { side: 1, layers: two.into_iter().chain(fours).map(|texel| vec![texel]).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Environment, Mesh, Part, PointLight, Sun, Vertex};
+    use glam::DAffine3;
+
+    /// A thing of 10 cm whose middle is 10 cm over the floor, under a sun, a lamp and six lamps straight above it.
+    fn scene(at: DVec3) -> Scene {
+        let corner = |i: usize| {
+            let position = [0, 1, 2].map(|bit| if i >> bit & 1 == 1 { 0.05 } else { -0.05 });
+            let vertex = Vertex {
+                position,
+                normal: [0.0, 0.0, 1.0],
+                tangent: [0.0; 4],
+                uv0: [0.0; 2],
+                uv1: [0.0; 2],
+                color: [1.0; 4],
+            };
+            (vertex, i as u32)
+        };
+        let (vertices, indices): (Vec<_>, Vec<_>) = (0..8).map(corner).unzip();
+        let part = Part { mesh: 0, world_from_mesh: DAffine3::from_translation(at) };
+        let lamp = |x: f64, z: f64| PointLight {
+            position_in_world_m: DVec3::new(x, 0.0, z),
+            color: Vec3::ONE,
+            diameter_m: 0.02,
+            range_m: f32::INFINITY,
+            spot: None,
+        };
+        let sun = Sun { towards_light_in_world: Vec3::X, color: Vec3::ONE, diameter_rad: 0.01 };
+        Scene {
+            meshes: vec![Arc::new(Mesh { vertices, indices, material: 0 })],
+            objects: vec![Object { parts: vec![part], ..Object::default() }],
+            lighting: Lighting {
+                environment: Environment::Uniform(Vec3::ONE),
+                suns: vec![sun],
+                points: [lamp(3.0, 0.3)].into_iter().chain((0..6).map(|_| lamp(0.0, 2.0))).collect(),
+            },
+            ..Scene::default()
+        }
+    }
+
+    /// Across x at 1 m, as high as 20 cm over the floor.
+    fn low_wall() -> Room {
+        let places = (-50..50).flat_map(|y| (0..20).map(move |z| (y, z)));
+        Room::of(places.map(|(y, z)| DVec3::new(1.0, 0.01 * f64::from(y), 0.01 * f64::from(z))))
+    }
+
+    #[test]
+    fn a_thing_behind_a_wall_lacks_the_lights_beyond_it_alone() {
+        let behind = scene(DVec3::new(0.0, 0.0, 0.1));
+        let map = lightmaps(&low_wall(), &behind)[0].clone().unwrap();
+        // Sun and lamp stand behind the wall, the others above; a layer each for six lights more.
+        assert_eq!(map.layers[0], [[1.0, 1.0, 1.0, 0.0]]);
+        assert!(
+            map.layers[1][0][3] < 0.2,
+            "the lamp is seen over the wall by the upper places alone: {:?}",
+            map.layers
+        );
+        assert_eq!(map.layers[2..], [vec![[1.0; 4]], vec![[1.0; 4]]]);
+        // Half over the wall it has a part of the sun; before it, all, and no lightmap at all.
+        let over = lightmaps(&low_wall(), &scene(DVec3::new(0.0, 0.0, 0.21)))[0].clone().unwrap();
+        assert!((0.3..0.7).contains(&over.layers[0][0][3]), "{:?}", over.layers);
+        assert_eq!(lightmaps(&low_wall(), &scene(DVec3::new(2.0, 0.0, 0.1))), [None]);
+    }
+}

@@ -1,0 +1,337 @@
+//! What real things keep from a floor: light that they stop already is not taken a second time (Madsen and Laursen 2007, "A
+//! scalable GPU-based approach to shading and shadowing for photo-realistic real-time augmented reality").
+//!
+//! Points of the room that depth has measured are solids of 2 cm. Along each ray of bright light, and from each point of a lamp,
+//! they are laid onto the floor. Where one lies that light is not there: neither E_without nor E_with has it.
+//!
+//! A sun shines from behind everything. A panorama's light comes from the first real thing that is met in its direction from
+//! where things stand, or from beyond all; what is less than half as far stops it elsewhere. A lamp's own housing stops nothing.
+//!
+//! Not modelled: dim light, an even sky's, of which real things stop some too; what no depth map has seen.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use glam::{DVec3, IVec3, Vec2, Vec3};
+
+use super::extent::Extent;
+use super::floor::Floor;
+use super::mask::jitter;
+use super::sky::{Lamp, Ray, Sky, Source};
+
+/// Side of a solid, and of the cells of a floor in which its shadow is told, metres.
+const SIDE_M: f32 = 0.02;
+/// Points that make a solid: one alone may be an error of the sensor.
+const FEWEST: u32 = 2;
+/// What is lower than this over a floor is the floor, metres.
+const ABOVE_M: f32 = 0.03;
+/// A solid stops what a panorama shows if it is nearer than this share of the way there: elsewhere on the floor the same wall is
+/// met nearer, or farther.
+const NEARER: f32 = 0.5;
+/// What is this near to a lamp's point is the lamp itself, metres.
+const HOUSING_M: f32 = 0.15;
+/// What is this near to a thing touches it, or is the floor below it, metres.
+const TOUCHES_M: f64 = 0.06;
+/// Rays, and points of a lamp, in a word.
+const AT_A_TIME: usize = 32;
+
+/// Real things, as solids.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Room {
+    /// The mean of each solid's points, in the world, metres.
+    solids_m: Vec<DVec3>,
+    /// The cells that they are in, sides.
+    cells: HashSet<IVec3>,
+}
+
+impl Room {
+    /// Of points that were measured, in the world, metres.
+    pub fn of(points_m: impl Iterator<Item = DVec3>) -> Self {
+        let mut cells: HashMap<IVec3, (DVec3, u32)> = HashMap::new();
+        for point_m in points_m.filter(|p| p.is_finite()) {
+            let cell = cells.entry(cell_of(point_m)).or_default();
+            *cell = (cell.0 + point_m, cell.1 + 1);
+        }
+        let known = cells.into_iter().filter(|(_, (_, count))| *count >= FEWEST);
+        let mut solids: Vec<_> = known.map(|(cell, (sum, count))| (cell.to_array(), sum / f64::from(count))).collect();
+        // The same order in every run.
+        solids.sort_by_key(|(cell, _)| *cell);
+        let cells = solids.iter().map(|(cell, _)| IVec3::from_array(*cell)).collect();
+        Self { solids_m: solids.into_iter().map(|(_, solid_m)| solid_m).collect(), cells }
+    }
+
+    /// Whether something stands between a place and what lies so far away in a direction of unit length, in the world, metres. What
+    /// the place touches, and a lamp's housing, do not count.
+    pub fn stands_between(&self, from_m: DVec3, towards: DVec3, far_m: f64) -> bool {
+        let step_m = 0.5 * f64::from(SIDE_M);
+        let steps = ((far_m - f64::from(HOUSING_M) - TOUCHES_M) / step_m).max(0.0) as usize;
+        let at = |n: usize| from_m + (TOUCHES_M + step_m * n as f64) * towards;
+        (0..steps).any(|n| self.cells.contains(&cell_of(at(n))))
+    }
+}
+
+fn cell_of(point_m: DVec3) -> IVec3 {
+    (point_m / f64::from(SIDE_M)).floor().as_ivec3()
+}
+
+/// Which rays, and which points of lamps, real things stop on the way to places of a floor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stops {
+    low_m: Vec2,
+    columns: usize,
+    rows: usize,
+    /// Of each 32 rays a word for each cell, row by row; nothing where none of them is stopped anywhere.
+    rays: Vec<Vec<u32>>,
+    /// The same of each lamp's points.
+    lamps: Vec<Vec<Vec<u32>>>,
+}
+
+impl Stops {
+    /// On an extent of a floor; nothing where no light is stopped.
+    pub fn of(room: &Room, floor: &Floor, extent: Extent, sky: &Sky) -> Option<Arc<Self>> {
+        let from_world = floor.floor_from_world();
+        let solids = room.solids_m.iter().map(|solid_m| from_world.transform_point3(*solid_m).as_vec3());
+        let solids: Vec<Vec3> = solids.filter(|solid| solid.z > ABOVE_M).collect();
+        let cells = ((extent.high - extent.low) / SIDE_M).ceil().max(Vec2::ONE);
+        let (columns, rows) = (cells.x as usize, cells.y as usize);
+        let mut stops = Self { low_m: extent.low, columns, rows, rays: Vec::new(), lamps: Vec::new() };
+        stops.rays = stops.words(&sky.rays, |nearest, n, ray| stops.of_ray(nearest, &solids, n, ray));
+        let of_lamp = |lamp: &Lamp| {
+            stops.words(&lamp.points_m, |nearest, n, point| {
+                stops.lay(nearest, &solids, n, |solid| {
+                    let below = point.z - solid.z;
+                    let is_housing = solid.distance_squared(*point) < HOUSING_M * HOUSING_M;
+                    let along = solid.z / below;
+                    let foot = solid.truncate() + (solid.truncate() - point.truncate()) * along;
+                    (below > 0.0 && !is_housing).then_some((foot, 0.0))
+                });
+                f32::INFINITY
+            })
+        };
+        stops.lamps = sky.lamps.iter().map(of_lamp).collect();
+        let is_any = stops.rays.iter().chain(stops.lamps.iter().flatten()).any(|words| !words.is_empty());
+        is_any.then(|| Arc::new(stops))
+    }
+
+    /// Words of which bits are stopped. `laid` gives for one of `all` how near the nearest solid is in each cell, and how near it
+    /// has to be to stop it.
+    fn words<T>(&self, all: &[T], laid: impl Fn(&mut [f32], usize, &T) -> f32) -> Vec<Vec<u32>> {
+        let mut nearest = vec![f32::INFINITY; self.columns * self.rows];
+        let of_word = |(word, some): (usize, &[T])| {
+            let mut words = Vec::new();
+            for (bit, one) in some.iter().enumerate() {
+                nearest.fill(f32::INFINITY);
+                let nearer_than = laid(&mut nearest, word * AT_A_TIME + bit, one);
+                for (cell, _) in nearest.iter().enumerate().filter(|(_, near)| **near < nearer_than) {
+                    words.resize(self.columns * self.rows, 0);
+                    words[cell] |= 1 << bit;
+                }
+            }
+            words
+        };
+        all.chunks(AT_A_TIME).enumerate().map(of_word).collect()
+    }
+
+    fn of_ray(&self, nearest: &mut [f32], solids: &[Vec3], n: usize, ray: &Ray) -> f32 {
+        if ray.source == Source::Dim {
+            return 0.0;
+        }
+        let length = (1.0 + ray.slope.length_squared()).sqrt();
+        self.lay(nearest, solids, n, |solid| Some((solid.truncate() - ray.slope * solid.z, solid.z * length)));
+        if ray.source == Source::Beyond {
+            return f32::INFINITY;
+        }
+        // Seen from where things stand, below the first of them, and around there.
+        let (x, y) = self.cell(Vec2::ZERO);
+        let around = (y.saturating_sub(1)..(y + 2).min(self.rows))
+            .flat_map(|y| (x.saturating_sub(1)..(x + 2).min(self.columns)).map(move |x| (x, y)));
+        let source = around.map(|(x, y)| nearest[y * self.columns + x]).fold(f32::INFINITY, f32::min);
+        NEARER * source
+    }
+
+    /// How near the nearest solid is in each cell. `foot_of` gives where a solid falls, and how far it is from there.
+    fn lay(&self, nearest: &mut [f32], solids: &[Vec3], n: usize, foot_of: impl Fn(&Vec3) -> Option<(Vec2, f32)>) {
+        // Each looks at another place within the cells, so that the edge of a real shadow has no steps.
+        let beside = jitter(n);
+        let size = Vec2::new(self.columns as f32, self.rows as f32);
+        for (foot, near) in solids.iter().filter_map(foot_of) {
+            // A solid is as wide as a cell.
+            let low = (foot - self.low_m) / SIDE_M + beside - 0.5;
+            if low.cmple(Vec2::NEG_ONE).any() || low.cmpge(size).any() {
+                continue;
+            }
+            let (x, y) = (low.x.floor() as i32, low.y.floor() as i32);
+            for (x, y) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
+                if (0..self.columns as i32).contains(&x) && (0..self.rows as i32).contains(&y) {
+                    let cell = &mut nearest[y as usize * self.columns + x as usize];
+                    *cell = cell.min(near);
+                }
+            }
+        }
+    }
+
+    fn cell(&self, place_m: Vec2) -> (usize, usize) {
+        let at = ((place_m - self.low_m) / SIDE_M).max(Vec2::ZERO);
+        ((at.x as usize).min(self.columns - 1), (at.y as usize).min(self.rows - 1))
+    }
+
+    fn at(&self, words: &[u32], place_m: Vec2) -> u32 {
+        let (x, y) = self.cell(place_m);
+        words.get(y * self.columns + x).copied().unwrap_or(0)
+    }
+
+    /// Those of the 32 rays from `32 · n` on that are stopped at a place of the floor, as bits.
+    pub fn rays(&self, n: usize, place_m: Vec2) -> u32 {
+        self.rays.get(n).map_or(0, |words| self.at(words, place_m))
+    }
+
+    /// The same of a lamp's points.
+    pub fn lamp(&self, lamp: usize, n: usize, place_m: Vec2) -> u32 {
+        self.lamps.get(lamp).and_then(|lamp| lamp.get(n)).map_or(0, |words| self.at(words, place_m))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Environment, EnvironmentMap, Lighting, Material, Mesh, Object, Part, PointLight, Scene, Sun};
+    use crate::scene::{Support, Vertex};
+    use crate::shadow::{Chart, Shadows};
+    use glam::{DAffine3, DVec2, Quat};
+
+    /// A black box of 8 × 8 × 10 cm on the floor z = 0.
+    fn scene(lighting: Lighting, at: DVec2) -> Scene {
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            Vertex {
+                position: (Vec3::new(0.04, 0.04, 0.05) * Vec3::new(sign(0), sign(1), sign(2))).to_array(),
+                normal: [0.0, 0.0, 1.0],
+                tangent: [0.0; 4],
+                uv0: [0.0; 2],
+                uv1: [0.0; 2],
+                color: [1.0; 4],
+            }
+        };
+        let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+        let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
+        let mesh = Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 };
+        let part = Part { mesh: 0, world_from_mesh: DAffine3::from_translation(at.extend(0.05)) };
+        let support = Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        Scene {
+            meshes: vec![Arc::new(mesh)],
+            materials: vec![Material { base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() }],
+            objects: vec![Object { parts: vec![part], support, ..Object::default() }],
+            lighting,
+            ..Scene::default()
+        }
+    }
+
+    /// A wall in the plane x = 1.2 m, 3 m wide and 2 m high, as a sensor sees it: points every 9 mm.
+    fn wall() -> Arc<Room> {
+        let points = (0..320).flat_map(|y| (0..215).map(move |z| (y, z)));
+        let point = |(y, z): (i32, i32)| DVec3::new(1.2, 0.0094 * f64::from(y) - 1.5, 0.0093 * f64::from(z));
+        Arc::new(Room::of(points.map(point)))
+    }
+
+    fn chart(scene: &Scene, room: Option<Arc<Room>>) -> Chart {
+        let mut shadows = Shadows::new(scene);
+        shadows.stand_in(room);
+        shadows.charts(scene).remove(0)
+    }
+
+    /// The largest difference between two charts around a place.
+    fn apart(a: &Chart, b: &Chart, middle: DVec2) -> f32 {
+        let places = (-12..=12).flat_map(|x| (-12..=12).map(move |y| 0.02 * DVec2::new(x.into(), y.into())));
+        let off = |place: DVec2| {
+            let at = (middle + place).extend(0.0);
+            (a.taken_at(at) - b.taken_at(at)).abs().max_element()
+        };
+        places.map(off).fold(0.0, f32::max)
+    }
+
+    fn sky(suns: Vec<Sun>, points: Vec<PointLight>) -> Lighting {
+        Lighting { environment: Environment::Uniform(Vec3::ONE), suns, points }
+    }
+
+    /// Low in the east, behind the wall: its shadow reaches 2.4 m to the west of it.
+    fn sun() -> Sun {
+        let towards_light_in_world = Vec3::new(0.78, 0.0, 0.6).normalize();
+        Sun { towards_light_in_world, color: Vec3::splat(3.0), diameter_rad: 0.01 }
+    }
+
+    fn lamp(x: f64) -> PointLight {
+        let position_in_world_m = DVec3::new(x, 0.0, 1.0);
+        PointLight {
+            position_in_world_m,
+            color: Vec3::splat(4.0),
+            diameter_m: 0.05,
+            range_m: f32::INFINITY,
+            spot: None,
+        }
+    }
+
+    #[test]
+    fn behind_a_wall_the_sky_alone_is_taken_and_beyond_its_shadow_all_is_as_ever() {
+        for lighting in [sky(vec![sun()], Vec::new()), sky(Vec::new(), vec![lamp(2.4)])] {
+            let behind = scene(lighting.clone(), DVec2::ZERO);
+            let (alone, twice) = (chart(&scene(sky(Vec::new(), Vec::new()), DVec2::ZERO), None), chart(&behind, None));
+            let once = chart(&behind, Some(wall()));
+            let off = apart(&once, &alone, DVec2::ZERO);
+            assert!(off < 0.001 && apart(&twice, &alone, DVec2::ZERO) > 0.2, "{off}");
+            // In front of the wall its light comes unhindered: not even the chart is another one.
+            let front = scene(lighting, DVec2::new(2.0, 0.0));
+            assert_eq!(chart(&front, Some(wall())).shares, chart(&front, None).shares);
+        }
+    }
+
+    #[test]
+    fn where_a_real_shadow_ends_the_virtual_one_begins() {
+        // The wall is 2 m high: its shadow's edge lies at 1.2 − 2 · 0.78/0.6 = −1.4 m, below the thing's western side.
+        let edge = scene(sky(vec![sun()], Vec::new()), DVec2::new(-1.4, 0.0));
+        let (once, all) = (chart(&edge, Some(wall())), chart(&edge, None));
+        let alone = chart(&scene(sky(Vec::new(), Vec::new()), DVec2::new(-1.4, 0.0)), None);
+        let at = |chart: &Chart, x: f64| chart.taken_at(DVec3::new(x, 0.0, 0.0)).x;
+        // East of the edge the sun is gone already, west of it the thing takes it; within two solids between.
+        assert!((at(&once, -1.35) - at(&alone, -1.35)).abs() < 0.01, "{} {}", at(&once, -1.35), at(&alone, -1.35));
+        assert!((at(&once, -1.47) - at(&all, -1.47)).abs() < 0.01, "{} {}", at(&once, -1.47), at(&all, -1.47));
+        assert!(at(&all, -1.47) > at(&alone, -1.47) + 0.2);
+    }
+
+    #[test]
+    fn what_a_panorama_shows_shines_and_a_lamp_s_housing_stops_nothing() {
+        // A bright window in the wall, as a panorama taken where things stand has it.
+        let window = |i: usize| if i % 64 == 40 && (20..24).contains(&(i / 64)) { [900.0; 3] } else { [1.0; 3] };
+        let map = EnvironmentMap {
+            width: 64,
+            height: 32,
+            rgb: (0..64 * 32).map(window).collect::<Vec<_>>().into(),
+            map_from_world: Quat::IDENTITY,
+            intensity: 1.0,
+        };
+        let lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
+        let scene_of = |lighting: &Lighting| scene(lighting.clone(), DVec2::ZERO);
+        let around: Vec<DVec3> = {
+            // A room all around, 2 m away: every ray meets it.
+            let directions = (0..200_000).map(|n| {
+                let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / 200_000.0;
+                let (sin, cos) = (f64::from(n) * 2.399_963_229_728_653).sin_cos();
+                DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z)
+            });
+            directions.flat_map(|towards| [2.0 * towards, 2.001 * towards]).collect()
+        };
+        let room = Arc::new(Room::of(around.into_iter()));
+        assert_eq!(chart(&scene_of(&lighting), Some(room.clone())).shares, chart(&scene_of(&lighting), None).shares);
+        // A lamp that hangs at the room's own wall.
+        let lit = sky(Vec::new(), vec![PointLight { position_in_world_m: DVec3::new(1.2, 0.0, 1.6), ..lamp(0.0) }]);
+        assert_eq!(chart(&scene_of(&lit), Some(room)).shares, chart(&scene_of(&lit), None).shares);
+    }
+
+    #[test]
+    fn one_point_alone_is_no_solid_and_their_order_changes_nothing() {
+        let points = [DVec3::new(0.011, 0.01, 0.5), DVec3::new(0.013, 0.012, 0.502), DVec3::new(0.3, 0.0, 0.5)];
+        let room = Room::of(points.into_iter());
+        assert_eq!(room.solids_m.len(), 1);
+        assert!(room.solids_m[0].abs_diff_eq(DVec3::new(0.012, 0.011, 0.501), 1e-12));
+        assert_eq!(room, Room::of(points.into_iter().rev()));
+    }
+}

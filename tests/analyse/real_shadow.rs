@@ -1,0 +1,73 @@
+//! Evidence in a real shadow: no light is taken a second time, and it is as dark as what lies beside it.
+
+use std::path::Path;
+
+use crate::program::said;
+use locard::pixels::Pixels;
+
+const FRAME: usize = 6;
+/// Where a stool's seat keeps the lamp's light from the floor.
+const IN_SHADOW: [f64; 2] = [0.06, -0.12];
+
+fn codes(path: &str) -> Vec<[f64; 3]> {
+    let image = image::open(Path::new(path)).unwrap().to_rgb8();
+    let pixels = Pixels::from_u8(image.width(), image.height(), image.into_raw()).unwrap();
+    pixels.codes.to_eight_bit().as_chunks().0.iter().map(|codes: &[u8; 3]| codes.map(f64::from)).collect()
+}
+
+/// The mean of how much brighter one picture is than another, where it counts, codes.
+fn brighter(a: &[[f64; 3]], b: &[[f64; 3]], counts: impl Fn(usize) -> bool) -> f64 {
+    let off: Vec<f64> = (0..a.len()).filter(|i| counts(*i)).map(|i| a[i][1] - b[i][1]).collect();
+    assert!(off.len() > 200, "{}", off.len());
+    off.iter().sum::<f64>() / off.len() as f64
+}
+
+/// A site with one lamp at its side, whose light is known.
+#[test]
+fn in_a_real_shadow_the_floor_is_not_darkened_twice_and_evidence_is_dark() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
+    let [x, y] = IN_SHADOW;
+    // The truth of site 8: its lamp, and what comes from everywhere else onto the middle of the floor.
+    let light = "[light]\nambient = [0.609, 0.652, 0.662]\n[[light.lamp]]\nat_m = [1.5976, -0.7469, 1.9565]\n\
+                 color = [2.8671, 3.1359, 3.4047]\ndiameter_m = 0.1\n";
+    let object = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [{x}, {y}, 0]\n");
+    std::fs::write(path("evidence.toml"), &object).unwrap();
+    std::fs::write(path("lit.toml"), format!("{object}{light}")).unwrap();
+    let sets =
+        "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 site=8 samples=8 noise_scale=0 format=png";
+    let simulated = |name: &str, more: &[&str]| {
+        let to = path(name);
+        let sets = sets.split(' ').flat_map(|set| ["--set", set]);
+        said(&["simulate", "-q", "-o", &to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
+    };
+    simulated("empty", &[]);
+    simulated("there", &["--evidence", &path("evidence.toml")]);
+    let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();
+    assert!(told.contains("lamps_at_m = [[1.5976, -0.7469, 1.9565]]"), "{told}");
+    let composited = |out: &str, more: &[&str]| {
+        let (recording, scene, to, range) =
+            (path("empty"), path("lit.toml"), path(out), format!("{FRAME}..{}", FRAME + 1));
+        let base = ["composite", &recording, "--scene", &scene, "--quiet", "--frames", &range, "-o", &to];
+        said(&[&base[..], more].concat());
+        codes(&format!("{to}/frame_{FRAME:06}.png"))
+    };
+    let [empty, there] = ["empty", "there"].map(|name| codes(&path(&format!("{name}/rgb/{FRAME:05}.png"))));
+    let (made, unshaded) = (composited("made", &[]), composited("unshaded", &["--set", "shadow.cast=false"]));
+    let differs = |a: &[[f64; 3]], b: &[[f64; 3]], i: usize, by: f64| (0..3).any(|c| (a[i][c] - b[i][c]).abs() > by);
+    let is_thing = |i: usize| differs(&unshaded, &empty, i, 8.0);
+    // What either picture says is shaded, clear of the marker's own edge.
+    let near_thing = |i: usize| {
+        [i.wrapping_sub(1), i + 1, i.wrapping_sub(320), i + 320].into_iter().any(|n| n < empty.len() && is_thing(n))
+    };
+    let is_shaded = |i: usize| {
+        !is_thing(i) && !near_thing(i) && (differs(&made, &empty, i, 1.0) || differs(&there, &empty, i, 6.0))
+    };
+    let (floor, thing) = (brighter(&made, &there, is_shaded), brighter(&made, &there, is_thing));
+    let lit = brighter(&unshaded, &there, is_thing);
+    println!("floor {floor:.2} codes brighter than the truth, marker {thing:.2}; lit by the lamp {lit:.2}");
+    assert!(floor.abs() < 3.0, "{floor}");
+    // What is left is the even light of the scene, which the seat takes a part of, too.
+    assert!(thing < 45.0 && lit > thing + 12.0, "{thing} {lit}");
+}
