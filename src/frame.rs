@@ -54,6 +54,33 @@ pub struct FrameExposure {
     pub photo: PhotoSettings,
     /// How bright the picture itself is, where the footage was analysed.
     pub seen: Option<SeenBrightness>,
+    /// What a tracked lens was set to.
+    pub lens: FrameLens,
+}
+
+/// What a tracked lens and its camera were set to in a frame's moment. `None` where nobody said it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameLens {
+    /// Focal length divided by the opening's diameter.
+    pub f_number: Option<f64>,
+    /// The distance that is sharp, metres.
+    pub focus_distance_m: Option<f64>,
+    /// How long each row gathered light, seconds, above 0.
+    pub exposure_s: Option<f64>,
+    /// Film speed.
+    pub iso: Option<f64>,
+}
+
+impl FrameExposure {
+    /// With what a tracked lens was set to, which overrides what else is known of it.
+    pub fn with_lens(self, lens: FrameLens) -> Self {
+        let photo = PhotoSettings {
+            f_number: lens.f_number.or(self.photo.f_number),
+            iso: lens.iso.or(self.photo.iso),
+            ..self.photo
+        };
+        Self { time_s: lens.exposure_s.or(self.time_s), photo, lens, ..self }
+    }
 }
 
 /// How bright a picture shows the same things, by comparison with the recording's others.

@@ -31,6 +31,8 @@ pub use noise::{NoiseBin, NoiseProfile, correlations, side_tap, variance_left};
 pub use response::{Curve, Response};
 pub use thin_lens::{Sharpness, ThinLens, ThinLensError};
 
+use crate::frame::FrameLens;
+
 /// A camera: what is measured once and holds for all its frames.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -40,6 +42,35 @@ pub struct Camera {
     pub exposure: CameraExposure,
     pub response: Response,
     pub noise: Option<NoiseProfile>,
+    /// What of it frames may say otherwise.
+    #[serde(skip)]
+    pub follows: Follows,
+}
+
+/// What a frame that knows its lens ([`FrameLens`]) says in place of the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Follows {
+    /// How wide it is open.
+    pub opening: bool,
+    pub focus: bool,
+    /// How long it is open.
+    pub exposure: bool,
+}
+
+impl Camera {
+    /// The lens in a frame's moment. An opening counts only where it is known what is sharp: focused at infinity, all that
+    /// is near would be blurred.
+    pub fn lens_in(&self, frame: &FrameLens) -> Lens {
+        let mut lens = self.lens.clone();
+        if let Some(focus_distance_m) = frame.focus_distance_m.filter(|_| self.follows.focus) {
+            lens.focus_distance_m = Some(focus_distance_m);
+        }
+        let is_focused = lens.focus_distance_m.is_some();
+        if let Some(f_number) = frame.f_number.filter(|_| self.follows.opening && is_focused) {
+            (lens.f_number, lens.aperture_diameter_mm) = (Some(f_number), None);
+        }
+        lens
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 
 use super::watching::{Agreed, CameraArgs, Watching};
 use super::which::Which;
@@ -13,7 +13,7 @@ use crate::compositor::Composited;
 use crate::gpu::Gpu;
 use crate::live::{Came, Live, Next, Tracking, Writer};
 use crate::recording::recorder::Recorder;
-use crate::shot::{Given, Shot};
+use crate::shot::{Given, Shot, ShotError};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
 use crate::webcam::monotonic_s;
 use crate::words::{count, fixed};
@@ -25,8 +25,8 @@ pub struct Args {
     /// A .glb or .gltf in the poses' world coordinates, or a scene.toml
     #[arg(long, required_if_eq("headless", "true"))]
     scene: Option<PathBuf>,
-    /// The camera and the effects' parameters
-    #[arg(long, required_if_eq("headless", "true"))]
+    /// The camera and the effects' parameters; a stream that says its lens needs none
+    #[arg(long)]
     profile: Option<PathBuf>,
     /// Set a parameter, as in --set noise.scale=1.5; `locard params` lists them
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
@@ -94,7 +94,13 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let mut shot = Shot::of(agreed.opened.recording(), &given)?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
-    let geometry = shot.geometry_at(0)?;
+    let lacks = |error| match (&agreed.opened.lens, error) {
+        (Some(lens), ShotError::NoCamera { .. }) if lens.camera.geometry.is_none() => {
+            anyhow!("{}: give the camera's profile (--profile)", lens.told)
+        }
+        (_, error) => anyhow::Error::from(error),
+    };
+    let geometry = shot.geometry_at(0).map_err(lacks)?;
     shot.settings.check(&shot.camera(), &geometry)?;
     for note in shot.notes(0..0) {
         warn(args.camera.pictures.quiet, &note.to_string());
@@ -110,7 +116,8 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
     let patience_s = agreed.opened.patience_s();
-    let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer)?;
+    let lenses = agreed.opened.lenses(&shot.rig);
+    let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer, lenses)?;
     let mut tally = Tally::default();
     let mut watching = agreed.start()?;
     let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.pictures.quiet, send));

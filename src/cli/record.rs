@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 use super::warn;
 use super::watching::{Agreed, CameraArgs};
 use crate::live::{Came, Intake, Next, Writer};
+use crate::profile::Rig;
 use crate::recording::recorder::Recorder;
 use crate::webcam::monotonic_s;
 use crate::words::count;
@@ -35,7 +36,11 @@ pub fn run(args: &Args) -> Result<()> {
     // As far as an exposure may reach. Even poses from tags have to be waited for there: the next frame's is measured, and what
     // lies between is not predicted then. No farther, or what is found again would rise before it is found.
     let (interval_s, reach_s) = (about.interval_s, 0.5 * about.interval_s);
-    let mut intake = Intake::new(about.max_gap_s, PATIENCE_S.max(1.5 * interval_s), Some(writer));
+    let mut rig = args.profile.as_deref().map(Rig::of_file).transpose()?.unwrap_or_default();
+    rig.follow_frames();
+    let lenses = agreed.opened.lenses(&rig);
+    let patience_s = PATIENCE_S.max(1.5 * interval_s);
+    let mut intake = Intake::new(about.max_gap_s, patience_s, Some(writer)).with_lenses(lenses);
     let mut watching = agreed.start()?;
     let (mut not_recorded, mut last_s, mut failure) = (0, f64::NEG_INFINITY, None);
     while failure.is_none() && watching.goes_on(intake.frames()) {

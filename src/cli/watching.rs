@@ -157,6 +157,7 @@ impl Agreed {
     fn of(from: &LiveFrom, args: &PicturesArgs, profiled: Option<&Camera>) -> Result<Self> {
         let opened = live::open(from, profiled)?;
         warn(args.quiet, &opened.said);
+        opened.lens.iter().for_each(|lens| warn(args.quiet, &lens.told));
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })
     }

@@ -49,13 +49,16 @@ pub enum Target<'a> {
     View(&'a wgpu::TextureView, wgpu::TextureFormat),
 }
 
-/// A frame's exposure, seconds. In order of precedence: the camera's shutter angle, the recording's time for the frame
-/// (unless the settings overrule it), the camera's time, what the frame's motion blur says, half the interval.
+/// A frame's exposure, seconds. In order of precedence: what a tracked camera said of the frame (if the camera follows that),
+/// the camera's shutter angle, the recording's time for the frame (unless the settings overrule either), the camera's time,
+/// what the frame's motion blur says, half the interval.
 pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;
     let recorded = frame.exposure.time_s.filter(|_| !settings.overrule_recorded_exposure);
-    let known = exposure.shutter_angle_deg.map(angle).or(recorded).or(exposure.time_s);
+    let follows = camera.follows.exposure && !settings.overrule_recorded_exposure;
+    let tracked = frame.exposure.lens.exposure_s.filter(|_| follows);
+    let known = tracked.or(exposure.shutter_angle_deg.map(angle)).or(recorded).or(exposure.time_s);
     known.or(frame.exposure.blurred_s).unwrap_or(0.5 * interval_s)
 }
 
@@ -70,7 +73,7 @@ impl<'a> Job<'a> {
         interval_s: f64,
     ) -> Result<Self, LensError> {
         let exposure_s = exposure_time_s(camera, settings, &frame, interval_s);
-        let capture = Capture::frame(geometry, exposure_s, camera.lens.opening(geometry)?);
+        let capture = Capture::frame(geometry, exposure_s, camera.lens_in(&frame.exposure.lens).opening(geometry)?);
         let real = RealDepth::OfFrame;
         Ok(Self { frame, picture: geometry, capture, real, track, time_offset_s: 0.0, interval_s, want_layer: false })
     }

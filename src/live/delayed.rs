@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Instant;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -12,6 +13,7 @@ use super::source::PoseSource;
 use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::stream::LensState;
 use crate::tracking::delay::{Delay, NoDelay};
 use crate::tracking::turn::Reduced;
 use crate::words::{count, fixed};
@@ -78,6 +80,8 @@ struct Delayed {
     search: Option<Search>,
     told: Option<String>,
     has_refused: bool,
+    /// The times of the poses that were given last: ours, and theirs.
+    given: Vec<[f64; 2]>,
 }
 
 /// Delays the poses of a source. The camera's geometry is needed to find the delay.
@@ -101,7 +105,7 @@ pub fn delayed(
             (Following::default(), Some(begin(DelaySearch::new(camera, source.max_gap_s()))?))
         }
     };
-    Ok(Box::new(Delayed { source, following, search, told: None, has_refused: false }))
+    Ok(Box::new(Delayed { source, following, search, told: None, has_refused: false, given: Vec::new() }))
 }
 
 fn begin(mut search: DelaySearch) -> Result<Search, LiveError> {
@@ -169,15 +173,27 @@ impl PoseSource for Delayed {
 
     fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
         let mut poses = self.source.poses(until_s - self.following.used_s)?;
+        self.given.clear();
         for (time_s, pose) in &mut poses {
+            let theirs_s = *time_s;
             if let Some(search) = &self.search {
                 let _ = search.seen.try_send(Seen::Pose(*time_s, *pose));
             }
             *time_s = self.following.ours(*time_s);
+            self.given.push([*time_s, theirs_s]);
         }
         Ok(poses)
     }
 
+    fn says_lens(&self) -> bool {
+        self.source.says_lens()
+    }
+    fn lens(&self, time_s: f64) -> Option<Arc<LensState>> {
+        self.source.lens(self.given.iter().find(|[ours_s, _]| *ours_s == time_s)?[1])
+    }
+    fn first_lens(&mut self, size_px: (u32, u32), until: Instant) -> Option<Arc<LensState>> {
+        self.source.first_lens(size_px, until)
+    }
     fn up(&self) -> Option<DVec3> {
         self.source.up()
     }
@@ -271,7 +287,14 @@ mod tests {
     #[test]
     fn what_is_found_is_taken_from_the_poses_and_told() {
         let following = Following::default();
-        let mut found = Delayed { source: steady(true), following, search: None, told: None, has_refused: false };
+        let mut found = Delayed {
+            source: steady(true),
+            following,
+            search: None,
+            told: None,
+            has_refused: false,
+            given: Vec::new(),
+        };
         let delay = Delay { delay_s: 0.08, sigma_s: 0.001, likeness: 0.9, ratio: 1.0, motions: 90 };
         found.take(Ok(delay));
         let told = found.told().unwrap();
@@ -285,7 +308,14 @@ mod tests {
     #[test]
     fn that_it_is_not_found_is_told_once() {
         let following = Following::default();
-        let mut lost = Delayed { source: steady(true), following, search: None, told: None, has_refused: false };
+        let mut lost = Delayed {
+            source: steady(true),
+            following,
+            search: None,
+            told: None,
+            has_refused: false,
+            given: Vec::new(),
+        };
         let why = Unknown::Unsure { sigma_s: 0.05 };
         lost.take(Err(why));
         assert!(lost.told().unwrap().contains("is not found yet, and is taken for 0: it is known within ± 50 ms only"));
@@ -313,7 +343,8 @@ mod tests {
         let ((seen, coming), (_, found)) = (sync_channel(MOST), sync_channel(1));
         let search = Some(Search { seen, found, waiting: Arc::new(()) });
         let following = Following::default();
-        let mut busy = Delayed { source: steady(true), following, search, told: None, has_refused: false };
+        let mut busy =
+            Delayed { source: steady(true), following, search, told: None, has_refused: false, given: Vec::new() };
         let pixels = Pixels::from_u8(64, 48, vec![7; 3 * 64 * 48]).unwrap();
         (0..50).for_each(|n| busy.picture(f64::from(n), &pixels));
         assert_eq!(coming.try_iter().count(), MOST_PICTURES);

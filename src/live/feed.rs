@@ -83,6 +83,7 @@ impl Feed {
         let about = opened.about(None);
         let latest = Arc::<Mutex<Latest>>::default();
         let intake = Intake::new(about.max_gap_s, opened.patience_s(), None).keeping(Arc::clone(&latest));
+        let intake = intake.with_lenses(opened.lenses(&shot.rig));
         let watched = Watched::new(opened.camera.start()?, opened.poses);
         let (putter, seen) = Newest::new();
         let (status, asked) = Default::default();
@@ -169,6 +170,7 @@ fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putte
             Next::Picture(came) => {
                 let (picture, pixels) = *came;
                 let shot = lock(shared).shot.clone();
+                intake.follow(&shot.rig);
                 // Without a camera nothing is drawn, and poses do not matter.
                 let within_s = |frame: &_| shot.poses_within_s(frame).unwrap_or_default();
                 let came = intake.picture(&picture, pixels, within_s, monotonic_s());

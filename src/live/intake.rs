@@ -5,15 +5,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::encode::encoded;
 use super::error::LiveError;
 use super::latest::Latest;
+use super::lenses::Lenses;
 use super::track::{PoseTaken, Tracking};
 use super::waiting::{Counts, Ready, Waiting};
 use super::watched::Watched;
 use super::writer::Writer;
-use crate::frame::{Frame, FrameExposure};
+use crate::camera::Geometry;
+use crate::frame::{Frame, FrameExposure, FrameLens};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::profile::Rig;
 use crate::recording::recorder::RecorderError;
 use crate::source::exif;
+use crate::stream::LensState;
 use crate::tracking::PoseTrack;
 use crate::tracking::covariance::Covariance;
 use crate::webcam::Picture;
@@ -31,8 +35,10 @@ pub enum Came {
 /// A frame that need not wait any longer.
 #[derive(Clone, Debug)]
 pub struct Arrived {
-    /// With the [presence](Frame::presence) that is recorded.
+    /// With the [presence](Frame::presence) and the [lens](FrameExposure::lens) that are recorded.
     pub frame: Frame,
+    /// The camera that took it and is recorded, where a stream says its lens.
+    pub geometry: Option<Geometry>,
     pub tracking: Tracking,
     /// How long it waited for its poses, seconds.
     pub waited_s: f64,
@@ -46,6 +52,7 @@ pub struct Intake {
     waiting: Waiting<(Frame, f64)>,
     writer: Option<Writer>,
     latest: Option<Arc<Mutex<Latest>>>,
+    lenses: Option<Lenses>,
     frames: usize,
     /// The last frame of the recording, which may still wait.
     ends_at_s: Option<f64>,
@@ -59,12 +66,31 @@ impl Intake {
     pub fn new(max_gap_s: f64, patience_s: f64, writer: Option<Writer>) -> Self {
         let waiting = Waiting::new(max_gap_s, patience_s);
         let never_s = f64::NEG_INFINITY;
-        Self { waiting, writer, latest: None, frames: 0, ends_at_s: None, last_s: never_s, out_s: never_s }
+        Self {
+            waiting,
+            writer,
+            latest: None,
+            lenses: None,
+            frames: 0,
+            ends_at_s: None,
+            last_s: never_s,
+            out_s: never_s,
+        }
     }
 
     /// Keeps the last seconds in memory.
     pub fn keeping(self, latest: Arc<Mutex<Latest>>) -> Self {
         Self { latest: Some(latest), ..self }
+    }
+
+    /// Frames have cameras of their own.
+    pub fn with_lenses(self, lenses: Option<Lenses>) -> Self {
+        Self { lenses, ..self }
+    }
+
+    /// From now on what this rig sets overrides what is said of the lens.
+    pub fn follow(&mut self, rig: &Rig) {
+        self.lenses.iter_mut().for_each(|lenses| lenses.follow(rig));
     }
 
     pub fn counts(&self) -> Counts {
@@ -115,11 +141,17 @@ impl Intake {
     /// Takes the poses that have come, for frames up to a time, each with how sure it is.
     pub fn take_poses(&mut self, watched: &mut Watched, last_frame_s: f64) -> Result<(), LiveError> {
         for (time_s, pose) in watched.new_poses(last_frame_s)? {
+            watched.lens(time_s).into_iter().for_each(|state| self.lens(time_s, &state));
             if self.pose(time_s, &pose) == PoseTaken::Added {
                 watched.covariance(time_s).into_iter().for_each(|covariance| self.covariance(covariance));
             }
         }
         Ok(())
+    }
+
+    /// Takes what a stream said of its lens with a pose of a time. Without [lenses](Self::with_lenses) it is left out.
+    pub fn lens(&mut self, time_s: f64, state: &Arc<LensState>) {
+        self.lenses.iter_mut().for_each(|lenses| lenses.add(time_s, state));
     }
 
     /// Records and keeps how sure a pose is that was taken.
@@ -170,6 +202,9 @@ impl Intake {
         // As the recording's reader finds it.
         let photo = picture.jpeg().map(|file| exif::settings_of(&file)).unwrap_or_default();
         let exposure = FrameExposure { time_s: exposure_s.or(photo.time_s), photo, ..FrameExposure::default() };
+        // How long poses matter to it must not change any more.
+        let exposure_s = self.lenses.as_ref().and_then(|lenses| lenses.exposure_s(time_s));
+        let exposure = exposure.with_lens(FrameLens { exposure_s, ..FrameLens::default() });
         let frame = Frame {
             index: self.frames,
             timestamp_s: time_s,
@@ -195,14 +230,20 @@ impl Intake {
         let Ready { frame: (mut frame, came_s), tracking, presence, waited_s } = self.waiting.next(now_s)?;
         frame.presence = presence;
         self.give_poses();
+        let mut camera = self.lenses.as_ref().map(|lenses| lenses.at(frame.timestamp_s));
+        if let Some(camera) = &mut camera {
+            camera.lens.exposure_s = frame.exposure.lens.exposure_s;
+            frame.exposure = frame.exposure.with_lens(camera.lens);
+        }
         if let Some(writer) = &self.writer {
-            writer.settle(frame.timestamp_s, presence);
+            writer.settle(frame.timestamp_s, presence, camera.as_ref());
         }
         self.out_s = frame.timestamp_s;
         if let Some(mut latest) = self.latest() {
-            latest.settle(frame.timestamp_s, presence);
+            latest.settle(frame.timestamp_s, presence, camera.as_ref());
         }
-        Some(Arrived { frame, tracking, waited_s, came_s })
+        let geometry = camera.and_then(|camera| camera.geometry);
+        Some(Arrived { frame, geometry, tracking, waited_s, came_s })
     }
 
     fn give_poses(&mut self) {
@@ -273,6 +314,7 @@ mod tests {
             camera: None,
             delivered: None,
             has_exposure: false,
+            has_cameras: false,
             profile: None,
         };
         let mut latest = latest.lock().unwrap().clone();

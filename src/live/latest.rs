@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::encode::Encoded;
+use crate::recording::FrameCamera;
 use crate::recording::recorder::{About, Recorder, RecorderError};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::tum::Line;
@@ -22,6 +23,7 @@ struct Kept {
     file: Arc<Encoded>,
     exposure_s: Option<f64>,
     presence: f64,
+    camera: Option<FrameCamera>,
 }
 
 /// Frames and poses of the last ten seconds; fewer where they take more than 512 MiB. Cheap to clone.
@@ -36,7 +38,7 @@ pub struct Latest {
 impl Latest {
     pub fn frame(&mut self, time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>) {
         self.bytes += file.bytes();
-        self.frames.push_back(Kept { time_s, file, exposure_s, presence: 1.0 });
+        self.frames.push_back(Kept { time_s, file, exposure_s, presence: 1.0, camera: None });
         while self.frames.len() > 1
             && (self.bytes > MOST || self.frames.front().is_some_and(|first| first.time_s < time_s - KEPT_S))
         {
@@ -51,10 +53,10 @@ impl Latest {
         }
     }
 
-    /// Tells the presence of a frame that is kept.
-    pub fn settle(&mut self, time_s: f64, presence: f64) {
+    /// Tells the presence of a frame that is kept, and its camera if frames have their own.
+    pub fn settle(&mut self, time_s: f64, presence: f64, camera: Option<&FrameCamera>) {
         if let Some(kept) = self.frames.iter_mut().rev().find(|kept| kept.time_s == time_s) {
-            kept.presence = presence;
+            (kept.presence, kept.camera) = (presence, camera.cloned());
         }
     }
 
@@ -97,10 +99,12 @@ impl Latest {
         let mut recorder = Recorder::create(folder, about)?;
         self.poses.iter().for_each(|line| recorder.pose(*line));
         self.covariances.iter().for_each(|covariance| recorder.covariance(*covariance));
-        for Kept { time_s, file, exposure_s, presence } in &self.frames {
+        for Kept { time_s, file, exposure_s, presence, camera } in &self.frames {
             let unwritten = |source| RecorderError::Write { path: folder.to_owned(), source };
             let (ending, bytes) = file.file().map_err(unwritten)?;
-            recorder.frame(*time_s, ending, &bytes, *exposure_s, Some(*presence))?;
+            recorder.frame(*time_s, ending, &bytes, *exposure_s, None)?;
+            camera.iter().for_each(|camera| recorder.camera(*time_s, camera.clone()));
+            recorder.settle(*time_s, *presence)?;
         }
         recorder.finish()?;
         Ok(self.frames.len())
@@ -142,10 +146,11 @@ mod tests {
             camera: None,
             delivered: None,
             has_exposure: false,
+            has_cameras: false,
             profile: None,
         };
         let folder = temp.path().join("last");
-        latest.settle(100.0 + 0.1 * 200.0, 0.25);
+        latest.settle(100.0 + 0.1 * 200.0, 0.25, None);
         assert_eq!(latest.clone().until(128.05).write(&folder, &about).unwrap(), 82);
         let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
         assert_eq!(recording.timestamps_s.len(), 82);

@@ -1,5 +1,6 @@
 //! Poses of a stream, by the camera's clock.
 
+use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,7 +10,7 @@ use glam::DVec3;
 use super::error::LiveError;
 use super::source::PoseSource;
 use crate::pose::Pose;
-use crate::stream::{Clock, Poses, Report};
+use crate::stream::{Clock, LensState, Poses, Protocol, Report};
 use crate::webcam::monotonic_s;
 
 /// How far the sender's clock is from ours: by the pose that came fastest among those of the last seconds, for what is
@@ -41,12 +42,22 @@ impl ClockOffset {
     }
 }
 
+/// Poses that are kept while a lens is waited for.
+const EARLY: usize = 256;
 /// Without a pose for so long a stream is said to be silent, seconds.
 const SILENT_S: f64 = 2.0;
 
+/// A pose by our clock, and what was said of the lens by then.
+type Heard = (f64, Pose, Arc<LensState>);
+
 /// A stream, heard by a thread of its own.
 pub struct Streamed {
-    received: Receiver<Result<(f64, Pose), LiveError>>,
+    received: Receiver<Result<Heard, LiveError>>,
+    /// What came while a lens was waited for.
+    early: VecDeque<Result<Heard, LiveError>>,
+    /// What was said with the poses that were given last.
+    lenses: Vec<(f64, Arc<LensState>)>,
+    says_lens: bool,
     url: String,
     /// When the last pose came, or it began to listen.
     last_s: f64,
@@ -83,7 +94,7 @@ impl Streamed {
                             Clock::Arrival => now_s - (poses.seconds_now() - tracked.arrived_s),
                             _ => clock.ours(tracked.epoch, time_s, now_s),
                         };
-                        Ok((ours_s + delay_s, tracked.pose))
+                        Ok((ours_s + delay_s, tracked.pose, tracked.lens))
                     }
                     Err(error) => Err(error.into()),
                 };
@@ -94,17 +105,50 @@ impl Streamed {
             }
         };
         std::thread::Builder::new().name("poses".to_owned()).spawn(listen).map_err(LiveError::Thread)?;
-        Ok(Self { received, url: url.to_owned(), last_s: monotonic_s(), report, _wanted: wanted })
+        Ok(Self {
+            received,
+            early: VecDeque::new(),
+            lenses: Vec::new(),
+            says_lens: Protocol::of(url) == Some(Protocol::OpenTrackIo),
+            url: url.to_owned(),
+            last_s: monotonic_s(),
+            report,
+            _wanted: wanted,
+        })
     }
 }
 
 impl PoseSource for Streamed {
     fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
-        let poses: Result<Vec<_>, _> = self.received.try_iter().collect();
-        if poses.as_ref().is_ok_and(|poses| !poses.is_empty()) {
+        let heard: Vec<Heard> = self.early.drain(..).chain(self.received.try_iter()).collect::<Result<_, _>>()?;
+        if !heard.is_empty() {
             self.last_s = monotonic_s();
         }
-        poses
+        self.lenses = heard.iter().map(|(time_s, _, lens)| (*time_s, Arc::clone(lens))).collect();
+        Ok(heard.into_iter().map(|(time_s, pose, _)| (time_s, pose)).collect())
+    }
+    fn says_lens(&self) -> bool {
+        self.says_lens
+    }
+    fn lens(&self, time_s: f64) -> Option<Arc<LensState>> {
+        self.lenses.iter().find(|(said_s, _)| *said_s == time_s).map(|(_, lens)| Arc::clone(lens))
+    }
+    fn first_lens(&mut self, (width, height): (u32, u32), until: Instant) -> Option<Arc<LensState>> {
+        let mut known = None;
+        while let Ok(item) = self.received.recv_timeout(until.saturating_duration_since(Instant::now())) {
+            if let Ok((_, _, lens)) = &item {
+                known = Some(Arc::clone(lens));
+            }
+            // The oldest are of no use to pictures that are still to come.
+            if self.early.len() >= EARLY {
+                self.early.pop_front();
+            }
+            self.early.push_back(item);
+            if known.as_ref().is_some_and(|lens| lens.geometry(width, height).is_ok()) {
+                break;
+            }
+        }
+        known
     }
     fn lacks(&self) -> Option<String> {
         let silent_s = monotonic_s() - self.last_s;

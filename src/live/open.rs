@@ -1,12 +1,14 @@
 //! A camera and a source of poses by what a person calls them.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
 use super::asked::{Asked, LiveFrom};
 use super::delayed::delayed;
 use super::error::LiveError;
+use super::lenses::{Lenses, camera_of};
 use super::listening::Streamed;
 use super::playing::RecordedPoses;
 use super::source::PoseSource;
@@ -14,8 +16,8 @@ use super::tagged::TaggedPoses;
 use crate::camera::Camera;
 use crate::pose::Pose;
 use crate::profile::Rig;
-use crate::recording::Recording;
 use crate::recording::recorder::About;
+use crate::recording::{FrameCamera, Recording};
 use crate::stream::Protocol;
 use crate::webcam::{self, Wanted};
 use crate::words::{fixed, shown};
@@ -38,13 +40,43 @@ pub struct Opened {
     pub interval_s: f64,
     /// What the camera gives, and what was asked for where that is something else.
     pub said: String,
+    /// What was heard of the stream's lens so far, if it is one that says it.
+    pub lens: Option<StreamLens>,
+}
+
+/// What is known of a stream's lens before the first picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamLens {
+    /// What it makes of the pictures' camera.
+    pub camera: FrameCamera,
+    /// What of it is used, or why it makes no camera.
+    pub told: String,
+}
+
+/// Senders say what stays the same once a second, or a little less often, seconds.
+const LENS_WITHIN_S: f64 = 2.0;
+
+/// Waits for what a stream says of its lens, for pictures of a size, one every `interval_s`.
+fn hear_lens(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32), interval_s: f64) -> StreamLens {
+    let until = Instant::now() + Duration::from_secs_f64(LENS_WITHIN_S);
+    let Some(state) = poses.first_lens(size_px, until) else {
+        let told = format!("no pose came from {url} within {LENS_WITHIN_S} s, so that its lens is not known");
+        return StreamLens { camera: FrameCamera::default(), told };
+    };
+    let (camera, told) = camera_of(&state, size_px, interval_s);
+    let told = match (&camera.geometry, told) {
+        (Some(_), None) => format!("the lens is the stream's: {state}"),
+        (Some(_), Some(told)) => format!("the lens is the stream's: {state}; {told}"),
+        (None, why) => format!("the stream's lens makes no camera: {}", why.unwrap_or_default()),
+    };
+    StreamLens { camera, told }
 }
 
 /// Opens a camera by its number or device, or a video in its place, and its poses ([`open_poses`]). Without a size it is the
 /// profile's.
 pub fn open(from: &LiveFrom, profiled: Option<&Camera>) -> Result<Opened, LiveError> {
     let Asked { size, rate_hz, layout, range, matrix, delay, smooth_s } = from.asked;
-    let poses = delayed(open_poses(&from.poses, profiled, smooth_s)?, delay, profiled)?;
+    let mut poses = delayed(open_poses(&from.poses, profiled, smooth_s)?, delay, profiled)?;
     let geometry = profiled.and_then(|camera| camera.geometry.as_ref());
     let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
     let usual = Wanted::default();
@@ -61,7 +93,9 @@ pub fn open(from: &LiveFrom, profiled: Option<&Camera>) -> Result<Opened, LiveEr
     let layout = wanted.layout.map_or(String::new(), |layout| format!("{layout} "));
     let asked = format!("{}x{} {layout}at {} Hz", wanted.size.0, wanted.size.1, hz(wanted.rate_hz));
     let said = if as_asked { gives } else { format!("{gives}; asked for was {asked}") };
-    Ok(Opened { interval_s: 1.0 / rate_hz, camera, poses, said })
+    let (size_px, interval_s) = ((given.delivered.width, given.delivered.height), 1.0 / rate_hz);
+    let lens = poses.says_lens().then(|| hear_lens(&mut *poses, &from.poses, size_px, interval_s));
+    Ok(Opened { interval_s, camera, poses, said, lens })
 }
 
 impl std::fmt::Debug for Opened {
@@ -82,6 +116,7 @@ impl Opened {
             camera: Some(given.name.clone()),
             delivered: Some(given.delivered.to_string()),
             has_exposure: given.has_exposure,
+            has_cameras: self.lens.is_some(),
             profile,
         }
     }
@@ -92,7 +127,15 @@ impl Opened {
         let (width, height) = (given.delivered.width, given.delivered.height);
         let mut recording = Recording::arriving(&given.name, width, height, self.interval_s, poses.up());
         recording.has_floor = poses.has_floor();
+        self.lens.iter().filter_map(|lens| lens.camera.geometry.clone()).for_each(|camera| recording.expect(camera));
         recording
+    }
+
+    /// The frames' cameras under what a rig sets, where a stream says its lens.
+    pub fn lenses(&self, rig: &Rig) -> Option<Lenses> {
+        let first = self.lens.as_ref()?.camera.clone();
+        let delivered = &self.camera.given.delivered;
+        Some(Lenses::new((delivered.width, delivered.height), self.interval_s, rig.clone(), first))
     }
 
     /// How long frames wait for their poses at most, seconds.

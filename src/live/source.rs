@@ -1,10 +1,14 @@
 //! Where poses come from.
 
+use std::sync::Arc;
+use std::time::Instant;
+
 use glam::DVec3;
 
 use super::error::LiveError;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::stream::LensState;
 use crate::tracking::covariance::Covariance;
 
 /// Poses for a camera's frames, by the camera's clock. What finds them in the pictures gets these first.
@@ -26,6 +30,18 @@ pub trait PoseSource: Send {
     }
     /// How sure a pose is that was given last, by its time.
     fn covariance(&self, _time_s: f64) -> Option<Covariance> {
+        None
+    }
+    /// Whether they come with what is known of the lens.
+    fn says_lens(&self) -> bool {
+        false
+    }
+    /// What was said of the lens with a pose that was given last, by its time.
+    fn lens(&self, _time_s: f64) -> Option<Arc<LensState>> {
+        None
+    }
+    /// Waits, at most until then, for a lens of which a camera for such pictures can be made: what is known of it by then.
+    fn first_lens(&mut self, _size_px: (u32, u32), _until: Instant) -> Option<Arc<LensState>> {
         None
     }
     /// Whether they come by a clock of their own, which may be apart from the pictures'.

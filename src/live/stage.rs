@@ -1,7 +1,10 @@
 //! A shot whose frames come one by one.
 
+use std::sync::Arc;
+
 use super::error::LiveError;
 use super::intake::{Arrived, Came, Intake};
+use super::lenses::Lenses;
 use super::track::{PoseTaken, Tracking};
 use super::waiting::Counts;
 use super::watched::Watched;
@@ -13,6 +16,7 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::recording::recorder::RecorderError;
 use crate::shot::Shot;
+use crate::stream::LensState;
 use crate::webcam::Picture;
 
 /// A composited frame.
@@ -40,17 +44,20 @@ pub struct Live<'a> {
 }
 
 impl<'a> Live<'a> {
-    /// The shot is one of [`crate::recording::Recording::arriving`]. Frames wait for their poses at most `patience_s`.
+    /// The shot is one of [`crate::recording::Recording::arriving`]. Frames wait for their poses at most `patience_s`; those of a
+    /// stream that says its lens have cameras by `lenses`.
     pub fn new(
         shot: &'a Shot,
         compositor: &'a mut Compositor,
         max_gap_s: f64,
         patience_s: f64,
         writer: Option<Writer>,
+        lenses: Option<Lenses>,
     ) -> Result<Self, LiveError> {
         let (camera, geometry) = (shot.camera(), shot.geometry_at(0)?);
         compositor.place(&shot.objects());
-        Ok(Self { shot, compositor, camera, geometry, intake: Intake::new(max_gap_s, patience_s, writer) })
+        let intake = Intake::new(max_gap_s, patience_s, writer).with_lenses(lenses);
+        Ok(Self { shot, compositor, camera, geometry, intake })
     }
 
     pub fn counts(&self) -> Counts {
@@ -75,6 +82,11 @@ impl<'a> Live<'a> {
         self.intake.pose(time_s, pose)
     }
 
+    /// Takes what a stream said of its lens with a pose of a time.
+    pub fn lens(&mut self, time_s: f64, state: &Arc<LensState>) {
+        self.intake.lens(time_s, state);
+    }
+
     /// Takes the poses that have come, for frames up to a time.
     pub fn take_poses(&mut self, watched: &mut Watched, last_frame_s: f64) -> Result<(), LiveError> {
         self.intake.take_poses(watched, last_frame_s)
@@ -95,12 +107,15 @@ impl<'a> Live<'a> {
 
     /// Starts the next frame that need not wait any longer.
     pub fn submit(&mut self, now_s: f64) -> Result<Option<Submitted>, LiveError> {
-        let Some(Arrived { frame, tracking, waited_s, came_s }) = self.intake.next(now_s) else {
+        let Some(Arrived { frame, geometry, tracking, waited_s, came_s }) = self.intake.next(now_s) else {
             return Ok(None);
         };
         let (index, taken_s, presence) = (frame.index, frame.timestamp_s, frame.presence);
         let (interval_s, settings) = (self.shot.recording.frame_interval_s, &self.shot.settings);
-        let job = Job::of_frame(frame, &self.camera, settings, &self.geometry, self.intake.track(), interval_s)?;
+        // As the recording's shot will have it.
+        let own = geometry.and_then(|own| self.shot.rig.geometry_over(Some(&own)));
+        let geometry = own.as_ref().unwrap_or(&self.geometry);
+        let job = Job::of_frame(frame, &self.camera, settings, geometry, self.intake.track(), interval_s)?;
         let pending = self.compositor.submit(job, &self.camera, settings, Target::Pixels);
         let pending = pending.map_err(|source| LiveError::Submit { frame: index, source })?;
         Ok(Some(Submitted { pending, index, tracking, presence, waited_s, came_s, taken_s }))

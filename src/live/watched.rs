@@ -1,11 +1,13 @@
 //! A camera that is watched, with what finds poses in its pictures.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::error::LiveError;
 use super::source::PoseSource;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
+use crate::stream::LensState;
 use crate::tracking::covariance::Covariance;
 use crate::webcam::{Drops, Newest, Picture, PictureError, Taken};
 
@@ -67,6 +69,11 @@ impl Watched {
     /// How sure a pose is that was given last, by its time.
     pub fn covariance(&self, time_s: f64) -> Option<Covariance> {
         self.poses.covariance(time_s)
+    }
+
+    /// What was said of the lens with a pose that was given last, by its time.
+    pub fn lens(&self, time_s: f64) -> Option<Arc<LensState>> {
+        self.poses.lens(time_s)
     }
 
     /// What became of all the poses that came, for the end.

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use super::encode::Encoded;
 use super::error::LiveError;
+use crate::recording::FrameCamera;
 use crate::recording::recorder::{Recorder, RecorderError, Store};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::tum::Line;
@@ -18,7 +19,7 @@ const IDLE: Duration = Duration::from_millis(500);
 
 enum Work {
     Frame { time_s: f64, file: Arc<Encoded>, exposure_s: Option<f64>, presence: Option<f64> },
-    Settled { time_s: f64, presence: f64 },
+    Settled { time_s: f64, presence: f64, camera: Option<Box<FrameCamera>> },
     Poses(Vec<Line>),
     Covariance(Covariance),
 }
@@ -47,7 +48,10 @@ impl Writer {
                         recorder.covariance(covariance);
                         Ok(())
                     }
-                    Ok(Work::Settled { time_s, presence }) => recorder.settle(time_s, presence),
+                    Ok(Work::Settled { time_s, presence, camera }) => {
+                        camera.into_iter().for_each(|camera| recorder.camera(time_s, *camera));
+                        recorder.settle(time_s, presence)
+                    }
                     Ok(Work::Frame { time_s, file, exposure_s, presence }) => {
                         frame(&mut recorder, time_s, &file, exposure_s, presence)
                     }
@@ -78,10 +82,11 @@ impl Writer {
         self.work.as_ref().is_some_and(|work| work.try_send(frame).is_ok())
     }
 
-    /// Tells the presence of a frame, if it is recorded. Its poses were given before.
-    pub fn settle(&self, time_s: f64, presence: f64) {
+    /// Tells the presence of a frame, and its camera if frames have their own, if it is recorded. Its poses were given before.
+    pub fn settle(&self, time_s: f64, presence: f64, camera: Option<&FrameCamera>) {
         if let Some(work) = self.work.as_ref() {
-            let _ = work.send(Work::Settled { time_s, presence });
+            let camera = camera.cloned().map(Box::new);
+            let _ = work.send(Work::Settled { time_s, presence, camera });
         }
     }
 

@@ -14,10 +14,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::camera::{
-    Camera, CameraExposure, Distortion, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response,
+    Camera, CameraExposure, Distortion, Follows, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response,
 };
 use crate::compositor::Settings;
 use crate::document::{self as text, Problem};
+use crate::frame::FrameLens;
 use crate::params::{ParamError, Params, Value};
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::words::{quoted, reason};
@@ -33,6 +34,8 @@ pub struct Rig {
     pub noise: Option<NoiseProfile>,
     /// The geometry's keys that were given: table and name. The others have meaningless defaults.
     given: BTreeSet<(&'static str, &'static str)>,
+    /// Keys that hold only where a frame does not say them itself ([`Rig::follow_frames`]).
+    yielding: BTreeSet<(&'static str, &'static str)>,
 }
 
 /// The keys that make a camera complete. Without all of them there is no geometry.
@@ -85,6 +88,38 @@ impl Rig {
         [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
     }
 
+    /// From here on a frame that knows its own camera and lens overrides what was given by now. What is set later overrides the
+    /// frames. The readout time is the rig's: no frame says it.
+    pub fn follow_frames(&mut self) {
+        let tables: [&dyn Params; 4] = [&self.intrinsics, &self.distortion, &self.lens, &self.exposure];
+        let all = tables.into_iter().flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec.name)));
+        self.yielding = all.filter(|(_, name)| *name != "readout_time_s").collect();
+    }
+
+    fn yields(&self, table: &dyn Params, names: &[&str]) -> bool {
+        names.iter().all(|name| self.yielding.iter().any(|key| *key == (table.table(), *name)))
+    }
+
+    /// What of the lens frames may say otherwise.
+    fn follows(&self) -> Follows {
+        Follows {
+            opening: self.yields(&self.lens, &["f_number", "aperture_diameter_mm"]),
+            focus: self.yields(&self.lens, &["focus_distance_m"]),
+            exposure: self.yields(&self.exposure, &["time_s", "shutter_angle_deg"]),
+        }
+    }
+
+    /// What of a frame's lens counts beside what was set.
+    pub fn left_of(&self, lens: FrameLens) -> FrameLens {
+        let follows = self.follows();
+        FrameLens {
+            f_number: lens.f_number.filter(|_| follows.opening),
+            focus_distance_m: lens.focus_distance_m.filter(|_| follows.focus),
+            exposure_s: lens.exposure_s.filter(|_| follows.exposure),
+            iso: lens.iso,
+        }
+    }
+
     /// Whether the film's width was given.
     pub fn gives_film_width(&self) -> bool {
         self.given.contains(&(self.intrinsics.table(), "film_width_mm"))
@@ -111,10 +146,13 @@ impl Rig {
         !self.given.is_empty()
     }
 
-    /// The given camera if it is complete. Otherwise the recording's own camera with the given keys laid over it.
-    /// `None` if neither makes a camera.
+    /// The given camera if it is complete. Otherwise the recording's own camera with the given keys laid over it; keys that
+    /// [follow the frames](Rig::follow_frames) count only where there is no own camera. `None` if neither makes a camera.
     pub fn geometry_over(&self, own: Option<&Geometry>) -> Option<Geometry> {
-        if self.missing_keys().is_empty() {
+        let holds = |key: &(&'static str, &'static str)| own.is_none() || !self.yielding.contains(key);
+        let table = self.intrinsics.table();
+        let stands_alone = self.missing_keys().is_empty() && WHOLE.into_iter().all(|name| holds(&(table, name)));
+        if stands_alone {
             return Some(Geometry::new(self.intrinsics.clone(), self.distortion.clone()));
         }
         let own = own?;
@@ -122,7 +160,7 @@ impl Rig {
         let tables: [(&dyn Params, &mut dyn Params); 2] =
             [(&self.intrinsics, &mut intrinsics), (&self.distortion, &mut distortion)];
         for (from, to) in tables {
-            for (_, name) in self.given.iter().filter(|(table, _)| *table == from.table()) {
+            for (_, name) in self.given.iter().filter(|key| key.0 == from.table() && holds(key)) {
                 // It was accepted when it was given.
                 from.get(name).and_then(|value| to.set(name, &value).ok())?;
             }
@@ -149,6 +187,8 @@ impl Rig {
         self.given.extend(WHOLE.map(|name| (self.intrinsics.table(), name)));
         let of_distortion = self.distortion.specs().into_iter().map(|spec| (self.distortion.table(), spec.name));
         self.given.extend(of_distortion);
+        let set = |key: &(&str, &str)| key.0 == self.distortion.table() || WHOLE.contains(&key.1);
+        self.yielding.retain(|key| !set(key));
     }
 
     /// The camera, with a geometry if it is complete.
@@ -159,6 +199,7 @@ impl Rig {
             exposure: self.exposure.clone(),
             response: self.response.clone(),
             noise: self.noise.clone(),
+            follows: self.follows(),
         }
     }
 
@@ -171,6 +212,7 @@ impl Rig {
     ) -> Option<Result<(), ParamError>> {
         let done = self.tables_mut().into_iter().find(|t| t.table() == table).map(|own| own.set(name, value));
         if matches!(done, Some(Ok(()))) {
+            self.yielding.retain(|key| *key != (table, name));
             let geometry: [&dyn Params; 2] = [&self.intrinsics, &self.distortion];
             let spec = geometry.into_iter().find(|t| t.table() == table).map(|t| (t.table(), t.specs()));
             if let Some((table, specs)) = spec {
@@ -330,6 +372,37 @@ mod tests {
         assert_eq!(rig.exposure.time_s, Some(0.01));
         let noise = settings.tables().into_iter().find(|t| t.table() == "noise").unwrap().get("scale");
         assert_eq!(noise, Some(Value::Number(2.0)));
+    }
+
+    #[test]
+    fn what_frames_say_overrides_what_was_given_and_what_is_set_then_overrides_the_frames() {
+        let whole = "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 50\nfy_px = 51\ncx_px = 32\ncy_px = 24\n\
+                     readout_time_s = 0.01\n[camera.lens]\nf_number = 4\n";
+        let (mut rig, mut settings) = read(whole).unwrap();
+        let lens = FrameLens { f_number: Some(2.0), focus_distance_m: Some(1.0), ..FrameLens::default() };
+        assert_eq!(rig.left_of(lens), FrameLens::default());
+        rig.follow_frames();
+        let own = Geometry::new(
+            Intrinsics { width_px: 64, height_px: 48, fx_px: 70.0, fy_px: 71.0, ..Intrinsics::default() },
+            Distortion { k1: -0.2, ..Distortion::default() },
+        );
+        let fx = |rig: &Rig, own: Option<&Geometry>| rig.geometry_over(own).unwrap().intrinsics.fx_px;
+        assert_eq!((fx(&rig, None), fx(&rig, Some(&own))), (50.0, 70.0));
+        let seen = rig.geometry_over(Some(&own)).unwrap();
+        assert_eq!((seen.intrinsics.readout_time_s, seen.distortion.k1), (0.01, -0.2));
+        assert_eq!(rig.left_of(lens), lens);
+        assert_eq!(rig.camera().lens_in(&lens).f_number, Some(2.0));
+        // An opening without a focus would blur all that is near.
+        let open = FrameLens { focus_distance_m: None, ..lens };
+        assert_eq!(rig.camera().lens_in(&open).f_number, Some(4.0));
+        rig.set_text("camera.fx_px=60", &mut settings).unwrap();
+        rig.set_text("camera.lens.aperture_diameter_mm=3", &mut settings).unwrap();
+        let text = serde_json::to_string(&rig).unwrap();
+        for rig in [serde_json::from_str(&text).unwrap(), rig] {
+            let i = rig.geometry_over(Some(&own)).unwrap().intrinsics;
+            assert_eq!((i.fx_px, i.fy_px), (60.0, 71.0));
+            assert_eq!(rig.left_of(lens), FrameLens { f_number: None, ..lens });
+        }
     }
 
     #[test]

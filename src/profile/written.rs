@@ -14,6 +14,8 @@ use crate::params::{ParamError, Params, Value, values};
 struct Written {
     tables: BTreeMap<String, BTreeMap<String, Value>>,
     given: Vec<(String, String)>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    yielding: Vec<(String, String)>,
     noise: Option<NoiseProfile>,
 }
 
@@ -31,8 +33,13 @@ pub enum WrittenError {
 impl From<Rig> for Written {
     fn from(rig: Rig) -> Self {
         let table = |table: &dyn Params| (table.table().to_owned(), values(table));
-        let given = rig.given.iter().map(|(table, name)| ((*table).to_owned(), (*name).to_owned()));
-        Self { tables: rig.tables().into_iter().map(table).collect(), given: given.collect(), noise: rig.noise }
+        let owned = |(table, name): &(&str, &str)| ((*table).to_owned(), (*name).to_owned());
+        Self {
+            tables: rig.tables().into_iter().map(table).collect(),
+            given: rig.given.iter().map(owned).collect(),
+            yielding: rig.yielding.iter().map(owned).collect(),
+            noise: rig.noise,
+        }
     }
 }
 
@@ -55,6 +62,9 @@ impl TryFrom<Written> for Rig {
             };
             rig.given.insert(known.ok_or_else(|| WrittenError::Given(format!("{table}.{name}")))?);
         }
+        // Frames say no other keys.
+        rig.follow_frames();
+        rig.yielding.retain(|key| written.yielding.iter().any(|(table, name)| *key == (table.as_str(), name.as_str())));
         Ok(rig)
     }
 }

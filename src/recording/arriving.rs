@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use super::parts::Pictures;
 use super::{Recording, own};
+use crate::camera::Geometry;
 use crate::tracking::PoseTrack;
 
 impl Recording {
@@ -35,6 +36,7 @@ impl Recording {
             warnings: Vec::new(),
             described_by: Vec::new(),
             geometries: Arc::default(),
+            has_frame_cameras: true,
             given_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),
             depth: None,
@@ -47,12 +49,23 @@ impl Recording {
         matches!(&*self.pictures, Pictures::Stills(files) if files.is_empty())
     }
 
-    /// Takes the number and time of the frame that came last, with the poses that are known now. Frames are numbered from 0; one that comes again
-    /// begins anew.
-    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack) {
+    /// Takes the camera that frames are expected to be of, before the first one comes.
+    pub fn expect(&mut self, camera: Geometry) {
+        self.geometries = [Some(camera)].into();
+    }
+
+    /// Takes the number, time and camera of the frame that came last, with the poses that are known now. Frames are numbered
+    /// from 0; one that comes again begins anew. Of a camera that is not known, the one before it stays.
+    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
         // Frames may have been left out by whoever looks.
         let mut timestamps_s = self.timestamps_s[..frame.min(self.timestamps_s.len())].to_vec();
         timestamps_s.resize(frame + 1, timestamp_s);
         (self.timestamps_s, self.track) = (timestamps_s.into(), track);
+        if camera.is_some() || !self.geometries.is_empty() {
+            let mut geometries = self.geometries[..frame.min(self.geometries.len())].to_vec();
+            let camera = camera.or_else(|| self.geometries.last().cloned().flatten());
+            geometries.resize(frame + 1, camera);
+            self.geometries = geometries.into();
+        }
     }
 }

@@ -13,12 +13,14 @@ pub enum List {
     Exposure,
     /// There once a pose's is known.
     Covariance,
+    /// There where a tracking system says the lens.
+    Cameras,
     Frames,
 }
 
 impl List {
     /// As they are written: a frame that is listed has what belongs to it.
-    pub const ALL: [Self; 4] = [Self::Poses, Self::Exposure, Self::Covariance, Self::Frames];
+    pub const ALL: [Self; 5] = [Self::Poses, Self::Exposure, Self::Covariance, Self::Cameras, Self::Frames];
 
     pub fn file_name(self) -> &'static str {
         match self {
@@ -26,6 +28,7 @@ impl List {
             Self::Poses => "poses.txt",
             Self::Exposure => "exposure.txt",
             Self::Covariance => "covariance.txt",
+            Self::Cameras => "cameras.txt",
         }
     }
 }
@@ -38,7 +41,7 @@ pub trait Store {
     fn remove(&mut self, name: &Path) -> io::Result<()>;
     /// Appends whole lines to each of [`List::ALL`], and returns once they are on the disk. A list is made with its first
     /// ones. If that fails, none of them is there.
-    fn append(&mut self, lines: [&str; 4]) -> io::Result<()>;
+    fn append(&mut self, lines: [&str; 5]) -> io::Result<()>;
     /// Returns once all files are on the disk.
     fn sync(&mut self) -> io::Result<()>;
 }
@@ -48,7 +51,7 @@ pub trait Store {
 pub struct Folder {
     path: PathBuf,
     /// In the order of [`List::ALL`], with their lengths.
-    lists: [(Option<File>, u64); 4],
+    lists: [(Option<File>, u64); 5],
     unsynced: Vec<File>,
 }
 
@@ -58,7 +61,7 @@ impl Folder {
         Ok(Self { path: path.to_owned(), lists: Default::default(), unsynced: Vec::new() })
     }
 
-    fn write(&mut self, lines: [&str; 4]) -> io::Result<()> {
+    fn write(&mut self, lines: [&str; 5]) -> io::Result<()> {
         for ((list, (file, _)), lines) in List::ALL.into_iter().zip(&mut self.lists).zip(lines) {
             if lines.is_empty() {
                 continue;
@@ -95,7 +98,7 @@ impl Store for Folder {
         std::fs::remove_file(self.path.join(name))
     }
 
-    fn append(&mut self, lines: [&str; 4]) -> io::Result<()> {
+    fn append(&mut self, lines: [&str; 5]) -> io::Result<()> {
         let written = self.write(lines);
         for ((file, length), lines) in self.lists.iter_mut().zip(lines) {
             if written.is_ok() {

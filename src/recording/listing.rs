@@ -118,7 +118,7 @@ fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, Stri
 }
 
 /// Lines that begin with a timestamp, which must not run backwards.
-fn by_time<T>(
+pub(super) fn by_time<T>(
     text: &str,
     list: &Path,
     mut parse: impl FnMut(&str) -> Result<T, String>,

@@ -6,11 +6,13 @@
 mod arriving;
 mod beside;
 mod camera_file;
+mod cameras;
 mod colmap;
 mod depth;
 mod error;
 mod euroc;
 mod folder;
+mod frame_camera;
 mod frames;
 mod listing;
 mod nerfstudio;
@@ -32,8 +34,10 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub use beside::{EACH_WAY, FramesBeside};
+pub use cameras::can_say;
 pub use depth::Registration;
 pub use error::RecordingError;
+pub use frame_camera::FrameCamera;
 pub use frames::Frames;
 
 use crate::camera::Geometry;
@@ -119,6 +123,8 @@ pub struct Recording {
     pub warnings: Vec<String>,
     described_by: Vec<PathBuf>,
     geometries: Arc<[Option<Geometry>]>,
+    /// See [`Recording::frames_say_cameras`].
+    has_frame_cameras: bool,
     /// See [`Recording::set_cameras`].
     given_cameras: Option<Arc<[Option<Geometry>]>>,
     pictures: Arc<Pictures>,
@@ -233,6 +239,12 @@ impl Recording {
     /// The camera of a frame, even if frames differ; `None` if the format does not know it.
     pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
+    }
+
+    /// Whether frames say themselves which camera and lens took them, as a tracking system said it, and override a profile
+    /// by that: those of a camera that is still to come, and those that were recorded of one.
+    pub fn frames_say_cameras(&self) -> bool {
+        self.has_frame_cameras
     }
 
     /// Every file that is read of the recording, except the camera's profile.

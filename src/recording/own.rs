@@ -6,6 +6,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::camera_file::{self, Placement};
+use super::cameras::parse_cameras;
 use super::depth::{DepthFiles, Stored};
 use super::parts::{Format, Parts, Pictures, file_or_in_folder, track_from};
 use super::{OpenOptions, RecordingError, listing};
@@ -89,12 +90,14 @@ pub struct ExposureList {
     pub list: PathBuf,
 }
 
-/// At least one of the two.
+/// At least one of `profile`, `kind` and `list`; of these `kind` and `list` do not go together.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFile {
     pub profile: Option<PathBuf>,
     pub kind: Option<CameraKind>,
+    /// The camera and lens of each frame, as a tracking system said it: they override the profile's.
+    pub list: Option<PathBuf>,
 }
 
 /// Facts that a recording itself may state about its camera.
@@ -146,8 +149,14 @@ fn check(d: &Description) -> Result<(), String> {
     if f.video.is_none() && (f.range.is_some() || f.matrix.is_some()) {
         return Err("frames.range and frames.matrix go with frames.video only".to_owned());
     }
-    if d.camera.as_ref().is_some_and(|c| c.profile.is_none() && c.kind.is_none()) {
-        return Err("[camera] needs profile, kind = \"equirectangular\", or both".to_owned());
+    match &d.camera {
+        Some(CameraFile { profile: None, kind: None, list: None }) => {
+            return Err("[camera] needs profile, kind = \"equirectangular\" or list".to_owned());
+        }
+        Some(CameraFile { kind: Some(_), list: Some(_), .. }) => {
+            return Err("camera.kind and camera.list do not go together: a 360° picture has no lens".to_owned());
+        }
+        _ => {}
     }
     if d.live.is_some() && f.list.is_none() {
         return Err("[live] goes with frames.list only".to_owned());
@@ -229,8 +238,14 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         let path = folder.join(&exposure.list);
         parts.exposure = listing::parse_exposures(&read(&path)?, &path)?;
     }
+    let cameras = description.camera.as_ref().and_then(|camera| camera.list.clone());
+    if let Some(list) = &cameras {
+        let path = folder.join(list);
+        parts.cameras = Some(parse_cameras(&read(&path)?, &path)?);
+    }
     parts.warnings.extend(unended);
-    let lists = [description.depth.map(|depth| depth.list), description.exposure.map(|exposure| exposure.list)];
+    let lists =
+        [description.depth.map(|depth| depth.list), description.exposure.map(|exposure| exposure.list), cameras];
     let named = [description.frames.list, description.poses.trajectory].into_iter().chain(lists);
     parts.described_by.push(file.to_owned());
     parts.described_by.extend(named.flatten().map(|name| folder.join(name)));

@@ -7,9 +7,10 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::depth::{Depth, DepthFiles};
+use super::frame_camera::FrameCamera;
 use super::{OpenOptions, Recording, RecordingError, listing};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
-use crate::frame::{FrameExposure, PhotoSettings};
+use crate::frame::{FrameExposure, FrameLens, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
 use crate::source::exif;
@@ -24,6 +25,9 @@ pub const NOMINAL_FPS: f64 = 30.0;
 /// plus some jitter. At 30 frames per second, where a Kinect's median interval is 0.032 s, this is the 0.02 s that the
 /// TUM benchmark's own association allows.
 const ASSOCIATION_REACH: f64 = 0.65;
+
+/// A frame and its camera are written with the same time, seconds.
+const SAME_S: f64 = 1e-6;
 
 /// A format of recordings.
 #[derive(Debug)]
@@ -98,6 +102,8 @@ pub struct Parts {
     pub time_offset_s: f64,
     /// One per frame, or empty.
     pub geometries: Vec<Option<Geometry>>,
+    /// Ascending in time, where frames say their cameras and lenses.
+    pub cameras: Option<Vec<(f64, FrameCamera)>>,
     pub depth: Option<DepthFiles>,
     /// Ascending in time.
     pub exposure: Vec<(f64, FrameExposure)>,
@@ -124,6 +130,7 @@ impl Parts {
             track: PoseTrack::default(),
             time_offset_s: 0.0,
             geometries: Vec::new(),
+            cameras: None,
             depth: None,
             exposure: Vec::new(),
             camera_profile: None,
@@ -149,8 +156,17 @@ impl Parts {
         let median_s = || median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0);
         let frame_interval_s = self.interval_s.or_else(median_s).unwrap_or(1.0 / NOMINAL_FPS);
         warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
+        let of_frames: Option<Vec<FrameCamera>> = self.cameras.as_ref().map(|cameras| {
+            let own = |time_s| listing::nearest(cameras, time_s, SAME_S).map(|(_, camera)| camera.clone());
+            self.timestamps_s.iter().map(|time_s| own(*time_s).unwrap_or_default()).collect()
+        });
+        if let Some(cameras) = &of_frames {
+            self.geometries = cameras.iter().map(|camera| camera.geometry.clone()).collect();
+        }
         let geometry = match self.equirectangular {
             true => Some(equirectangular(width, height).map_err(|e| RecordingError::content(&self.path, e))?),
+            // A frame without one is not of its neighbours' camera, but of the profile's.
+            false if of_frames.is_some() => None,
             false => common_geometry(&self.geometries),
         };
         for (frame, camera) in self.geometries.iter().enumerate() {
@@ -184,10 +200,12 @@ impl Parts {
         }
         let photos = photo_settings(&self.pictures, &mut warnings);
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
-        let exposure = exposures.map(|(listed, photo)| {
+        let lenses =
+            of_frames.iter().flatten().map(|camera| camera.lens).chain(std::iter::repeat(FrameLens::default()));
+        let exposure = exposures.zip(lenses).map(|((listed, photo), lens)| {
             // The shutter's seconds mean nothing on a nominal clock.
             let time_s = listed.time_s.or(photo.time_s.filter(|_| kind.has_times()));
-            FrameExposure { time_s, photo, ..listed }
+            FrameExposure { time_s, photo, ..listed }.with_lens(lens)
         });
         Ok(Recording {
             metres_per_unit: if kind.is_metric() { 1.0 } else { options.metres_per_unit },
@@ -207,6 +225,7 @@ impl Parts {
             time_offset_s: self.time_offset_s + options.time_offset_s,
             geometries: if geometry.is_some() { Arc::default() } else { self.geometries.into() },
             geometry,
+            has_frame_cameras: of_frames.is_some(),
             given_cameras: None,
             camera_profile: self.camera_profile,
             described_by: self.described_by,

@@ -16,7 +16,7 @@ use super::folder::PICTURES;
 use super::write::{
     self, CameraFile, Covariance, Description, ExposureList, FILE_NAME, FrameFiles, Line, LiveFacts, PoseFile,
 };
-use super::{RecordingError, listing};
+use super::{FrameCamera, RecordingError, listing};
 use crate::frame::FrameExposure;
 use crate::words::reason;
 
@@ -41,6 +41,8 @@ pub struct About {
     pub delivered: Option<String>,
     /// Whether every frame has an exposure, else none.
     pub has_exposure: bool,
+    /// Whether frames say their cameras and lenses, those that know them.
+    pub has_cameras: bool,
     /// The camera's profile, as text.
     pub profile: Option<String>,
 }
@@ -68,6 +70,7 @@ struct Held {
     exposure_s: Option<f64>,
     /// `None` until it is told.
     presence: Option<f64>,
+    camera: Option<FrameCamera>,
 }
 
 /// A recording that is being written. Dropped, it keeps what it has.
@@ -83,6 +86,7 @@ pub struct Recorder<S: Store> {
     /// The text of the recording's own file.
     description: String,
     has_exposure: bool,
+    has_cameras: bool,
     poses: Vec<Line>,
     covariances: Vec<Covariance>,
     /// Whether there are some in their list.
@@ -109,8 +113,8 @@ impl<S: Store> Recorder<S> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         let description = write::description(about.description())?.to_string();
         let mut begin = || -> io::Result<()> {
-            let [frames, poses, exposures] = lists(&[], &[], false)?;
-            store.append([&poses, &exposures, "", &frames])?;
+            let [frames, poses, exposures, cameras] = lists(&[], &[], false)?;
+            store.append([&poses, &exposures, "", if about.has_cameras { &cameras } else { "" }, &frames])?;
             if let Some(profile) = &about.profile {
                 store.file(Path::new(PROFILE), profile.as_bytes())?;
             }
@@ -127,6 +131,7 @@ impl<S: Store> Recorder<S> {
             has_frames: false,
             description,
             has_exposure: about.has_exposure,
+            has_cameras: about.has_cameras,
             poses: Vec::new(),
             covariances: Vec::new(),
             has_covariances: false,
@@ -163,7 +168,7 @@ impl<S: Store> Recorder<S> {
         }
         self.last_s = time_s;
         self.frames += 1;
-        self.held.push(Held { time_s, name, exposure_s, presence });
+        self.held.push(Held { time_s, name, exposure_s, presence, camera: None });
         self.commit_if_due()
     }
 
@@ -173,6 +178,13 @@ impl<S: Store> Recorder<S> {
             held.presence.get_or_insert(presence);
         }
         self.commit_if_due()
+    }
+
+    /// Tells the camera of the frame of a time, if it is one that waits for its presence. Listed where [`About::has_cameras`].
+    pub fn camera(&mut self, time_s: f64, camera: FrameCamera) {
+        if let Some(held) = self.held.iter_mut().find(|held| held.time_s == time_s) {
+            held.camera = Some(camera);
+        }
     }
 
     fn commit_if_due(&mut self) -> Result<(), RecorderError> {
@@ -228,14 +240,15 @@ impl<S: Store> Recorder<S> {
     fn write(&mut self, frames: usize) -> io::Result<()> {
         // A list's first line is its head.
         let lists = lists(&self.held[..frames], &self.poses, self.has_exposure)?;
-        let [frames, poses, exposures] =
+        let [frames, poses, exposures, cameras] =
             lists.each_ref().map(|text| text.split_once('\n').map_or("", |(_, lines)| lines));
         let covariances = match self.covariances.as_slice() {
             [] => String::new(),
             some => write::covariances(some, !self.has_covariances),
         };
         self.store.sync()?;
-        self.store.append([poses, exposures, &covariances, frames])
+        let cameras = if self.has_cameras { cameras } else { "" };
+        self.store.append([poses, exposures, &covariances, cameras, frames])
     }
 
     /// Ends a recording on a full disk: what is held is written at the cost of its last pictures, if the lines find no
@@ -271,7 +284,7 @@ impl<S: Store> Drop for Recorder<S> {
 }
 
 /// The texts of the first lists, with their heads.
-fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[String; 3]> {
+fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[String; 4]> {
     let listed = frames.iter().map(|held| (held.time_s, held.name.as_str(), held.presence.unwrap_or(1.0)));
     let listed = listing::write_frames(listed).map_err(io::Error::other)?;
     let exposure = |held: &Held| {
@@ -279,7 +292,8 @@ fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[Str
         (held.time_s, exposure)
     };
     let exposures: Vec<_> = frames.iter().filter(|_| has_exposure).map(exposure).collect();
-    Ok([listed, write::trajectory(poses), write::exposures(&exposures)])
+    let cameras = write::cameras(frames.iter().filter_map(|held| Some((held.time_s, held.camera.as_ref()?))));
+    Ok([listed, write::trajectory(poses), write::exposures(&exposures), cameras])
 }
 
 impl About {
@@ -298,7 +312,11 @@ impl About {
             },
             depth: None,
             exposure: self.has_exposure.then(|| ExposureList { list: file(List::Exposure) }),
-            camera: self.profile.as_ref().map(|_| CameraFile { profile: Some(PROFILE.into()), kind: None }),
+            camera: (self.profile.is_some() || self.has_cameras).then(|| CameraFile {
+                profile: self.profile.as_ref().map(|_| PROFILE.into()),
+                kind: None,
+                list: self.has_cameras.then(|| file(List::Cameras)),
+            }),
             live: Some(LiveFacts {
                 interval_s: self.interval_s,
                 camera: self.camera.clone(),

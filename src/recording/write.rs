@@ -3,6 +3,7 @@
 use std::path::Path;
 
 pub use super::camera_file::Placement;
+pub use super::cameras::write_cameras as cameras;
 pub use super::listing::{write_exposures as exposures, write_pictures as pictures};
 pub use super::own::{
     CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, LiveFacts, PoseFile,
@@ -76,7 +77,7 @@ mod tests {
                     }),
                 }),
                 exposure: scale.map(|_| ExposureList { list: "exposure.txt".into() }),
-                camera: round.then_some(CameraFile { profile: None, kind: Some(CameraKind::Equirectangular) }),
+                camera: round.then_some(CameraFile { profile: None, kind: Some(CameraKind::Equirectangular), list: None }),
                 live,
             };
             let text = description(written.clone()).unwrap().to_string();

@@ -99,8 +99,18 @@ impl Shot {
     pub fn of(mut recording: Recording, given: &Given) -> Result<Self, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
-        for profile in &profiles {
+        let of_recording = recording.camera_profile.iter().len();
+        // What a stream says of a lens is measured now, a profile once; a profile that is named for a recording is meant to
+        // override it.
+        let yield_at = if recording.is_arriving() { profiles.len() } else { of_recording };
+        for (at, profile) in profiles.iter().enumerate() {
+            if at == yield_at && recording.frames_say_cameras() {
+                rig.follow_frames();
+            }
             rig.read(profile, &mut settings)?;
+        }
+        if yield_at == profiles.len() && recording.frames_say_cameras() {
+            rig.follow_frames();
         }
         if let Some(geometry) = &recording.geometry {
             rig.lay_over(geometry);

@@ -227,7 +227,7 @@ fn recording_toml(name: &str, options: &Options, sensor: Option<&DepthSensor>) -
             colour_from_depth: beside_m.map(placed),
         }),
         exposure: Some(ExposureList { list: "exposure.txt".into() }),
-        camera: Some(CameraFile { profile, kind }),
+        camera: Some(CameraFile { profile, kind, list: None }),
         live: None,
     });
     let description = description.map_err(|e| SimulateError::Text(e.to_string()))?;

@@ -147,7 +147,7 @@ fn texts(name: &str, Parts { video, profile, board, track }: &Parts<'_>) -> Resu
         depth: None,
         exposure: None,
         live: None,
-        camera: Some(CameraFile { profile: Some(CAMERA.into()), kind: None }),
+        camera: Some(CameraFile { profile: Some(CAMERA.into()), kind: None, list: None }),
     };
     let lines: Vec<Line> = track.chosen().map(|chosen| Line::new(chosen.time_s, &chosen.solved.pose)).collect();
     let covariances: Vec<_> = track.chosen().map(Chosen::covariance).collect();

@@ -32,7 +32,7 @@ impl Pointed {
         })?;
         let (camera, told) = (shot.camera(), |error: &dyn std::fmt::Display| error.to_string());
         let geometry = shot.geometry_at(frame.index).map_err(|error| told(&error))?;
-        let opening = camera.lens.opening(&geometry).map_err(|error| told(&error))?;
+        let opening = camera.lens_in(&frame.exposure.lens).opening(&geometry).map_err(|error| told(&error))?;
         Ok(Self {
             depth_m: surface.depth_m,
             exposure_s: exposure_time_s(&camera, &shot.settings, frame, shot.interval_s(frame.index)),

@@ -157,9 +157,9 @@ impl Project {
         self.camera.is_some() && !self.shot.recording.is_arriving()
     }
 
-    /// A frame has come, with the poses that are known now ([`Recording::arrive`]).
-    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack) {
-        Arc::make_mut(&mut self.shot.recording).arrive(frame, timestamp_s, track);
+    /// A frame has come, with its camera and the poses that are known now ([`Recording::arrive`]).
+    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
+        Arc::make_mut(&mut self.shot.recording).arrive(frame, timestamp_s, track, camera);
     }
 
     /// Goes on with another recording by the same camera, in the same world.

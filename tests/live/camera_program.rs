@@ -8,20 +8,21 @@ use std::time::{Duration, Instant};
 use crate::filmed::{AWAY, FRAMES, Site};
 use crate::program::{locard, program, refused, said};
 use crate::sheet::CAMERA;
+use glam::DVec2;
 use locard::live::open_poses;
 use locard::pose::Pose;
 use locard::profile::Rig;
 use locard::recording::{OpenOptions, Recording};
 use locard::source::video::{Overrides, probe};
-use locard::stream::Sender;
+use locard::stream::{Encoding, LensState, Sample, Sender, packets, transform_of};
 use locard::tracking::smooth::Smoother;
 
-/// The demonstration's first frames, so slow that no machine drops many.
+/// The demonstration's first frames, so slow that no machine drops many, and no longer than its poses.
 fn video(folder: &Path) -> PathBuf {
     let video = folder.join("played.mkv");
     let status = Command::new("ffmpeg")
         .args(["-nostdin", "-loglevel", "error", "-framerate", "4", "-i", "recordings/demo/rgb/%05d.jpg"])
-        .args(["-frames:v", "12", "-c:v", "ffv1", "-pix_fmt", "gbrp"])
+        .args(["-frames:v", "10", "-c:v", "ffv1", "-pix_fmt", "gbrp"])
         .arg(&video)
         .status();
     assert!(status.unwrap().success());
@@ -53,7 +54,7 @@ fn a_video_is_recorded_as_a_camera_is() {
     // Pictures are the video's, to the code.
     let first = recording.frames(0..1).unwrap().next().unwrap().unwrap();
     let played = probe(&video, &Overrides::default()).unwrap();
-    assert!(played.read(0..12).unwrap().any(|pixels| pixels.unwrap() == first.pixels));
+    assert!(played.read(0..10).unwrap().any(|pixels| pixels.unwrap() == first.pixels));
     let again = refused(&arguments);
     assert!(again.contains("site: exists already, and is kept; name a new folder"), "{again}");
 }
@@ -188,6 +189,87 @@ fn smoothed_poses_are_those_that_are_composited_and_recorded() {
     }
     let told = refused(&["record", "--camera", &endless, "--pose", "none", "--smooth", "0.05", "-o", &site.path("no")]);
     assert!(told.contains("smoothing is refused: it is for poses from tags"), "{told}");
+}
+
+/// A lens that zooms while it is sent.
+fn zooming(i: u32) -> LensState {
+    LensState {
+        focal_length_mm: Some(28.0 + 0.02 * f64::from(i % 400)),
+        sensor_mm: Some(DVec2::new(36.0, 27.0)),
+        shutter_angle_deg: Some(180.0),
+        frame_rate_hz: Some(4.0),
+        iso: Some(400.0),
+        ..LensState::default()
+    }
+}
+
+/// No profile says the camera: the stream does, and what was used of it is recorded with each frame.
+#[test]
+fn a_stream_s_lens_is_the_camera_of_live_and_of_what_is_recorded() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = video(temp.path());
+    let demo = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
+    let pose = demo.pose_at_frame(0).unwrap();
+    let [site, seen, again, bare] = ["site", "seen", "again", "bare"].map(|name| temp.path().join(name));
+    let live = ["live", "--scene", "scenes/demo.toml", "--headless", "--frames", "4", "--record", text(&site)];
+    let record = ["record", "--frames", "4"];
+    for (arguments, out) in [(&live[..], &seen), (&record[..], &bare)] {
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let url = format!("opentrackio://127.0.0.1:{port}");
+        let rest = ["--camera", text(&video), "--pose", &url, "-o", text(out)];
+        let mut running = program();
+        running.args(arguments).args(rest).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut running = running.spawn().unwrap();
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let (until, began) = (Instant::now() + Duration::from_secs(120), Instant::now());
+        for i in 0u32.. {
+            if running.try_wait().unwrap().is_some() {
+                break;
+            }
+            assert!(Instant::now() < until, "it goes on");
+            let mut sample = Sample::default();
+            zooming(i).write(&mut sample, true);
+            sample.set(&["transforms"], transform_of(&pose));
+            let time_s = began.elapsed().as_secs_f64();
+            sample.set(&["timing", "sampleTimestamp", "seconds"], time_s.floor() as u64);
+            sample.set(&["timing", "sampleTimestamp", "nanoseconds"], (1e9 * time_s.fract()) as u64);
+            for packet in packets(Encoding::Json, i as u16, &sample.encode(Encoding::Json).unwrap()) {
+                // Nobody may hear the first ones.
+                let _ = socket.send_to(&packet, ("127.0.0.1", port));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let output = running.wait_with_output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{told}");
+        assert!(told.contains("the lens is the stream's: focal length 28") && told.contains("36x27 mm"), "{told}");
+    }
+    for folder in [&site, &bare] {
+        let recording = Recording::open(folder, &OpenOptions::default()).unwrap();
+        let fx: Vec<f64> = (0..4).map(|frame| recording.geometry_at_frame(frame).unwrap().intrinsics.fx_px).collect();
+        // 640 px over 36 mm.
+        assert!(fx.iter().all(|fx| (497.0..641.0).contains(fx)) && fx.windows(2).any(|p| p[0] != p[1]), "{fx:?}");
+        assert!(recording.exposure.iter().all(|exposure| exposure.time_s == Some(0.125)), "{:?}", recording.exposure);
+    }
+    said(&["composite", text(&site), "--scene", "scenes/demo.toml", "-o", text(&again)]);
+    let taken = std::fs::read_dir(&seen).unwrap().count();
+    assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (4, 4));
+    for frame in 0..taken {
+        let [live, again] = [&seen, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
+        assert!(live == again, "frame {frame} differs");
+    }
+}
+
+#[test]
+fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = video(temp.path());
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let url = format!("opentrackio://127.0.0.1:{port}");
+    let out = temp.path().join("out");
+    let scene = ["--scene", "scenes/demo.toml", "--headless", "-o", text(&out)];
+    let told = refused(&[&["live", "--camera", text(&video), "--pose", &url, "-q"][..], &scene].concat());
+    assert!(told.contains(&format!("no pose came from {url} within 2 s")) && told.contains("(--profile)"), "{told}");
 }
 
 #[test]

@@ -1,17 +1,20 @@
 //! What is seen live is what its recording gives, bit for bit. Time is made up: nothing here waits.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::gpu::gpu;
 use crate::random::Random;
-use glam::DVec3;
-use locard::live::{Came, Counts, Live, Writer};
+use glam::{DVec2, DVec3};
+use locard::camera::Geometry;
+use locard::live::{Came, Counts, Lenses, Live, Writer};
 use locard::pixels::Codes;
 use locard::pose::Pose;
 use locard::recording::recorder::{About, Recorder};
-use locard::recording::{OpenOptions, Recording};
+use locard::recording::{FrameCamera, OpenOptions, Recording};
 use locard::shot::{Given, Shot};
 use locard::source::video::{ColorMatrix, ColorRange};
+use locard::stream::{LensState, OpenLens};
 use locard::webcam::{Delivered, Layout, Picture};
 
 const SIZE: (u32, u32) = (96, 72);
@@ -99,6 +102,17 @@ fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
 /// Composites as live, and then from the recording that it wrote. Returns how much of the marker was seen in each frame that
 /// had a pose, too.
 fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64>>) {
+    let (counts, presence, _) = both_with(layout, frames, sets, None);
+    (counts, presence)
+}
+
+/// The same with what a stream says of its lens at a time. Also returns the recording's cameras.
+fn both_with(
+    layout: Layout,
+    frames: usize,
+    sets: &[&str],
+    lens: Option<fn(f64) -> LensState>,
+) -> (Counts, Vec<Option<f64>>, Vec<Geometry>) {
     let temp = tempfile::tempdir().unwrap();
     let (profile, folder) = (temp.path().join("camera.toml"), temp.path().join("site"));
     std::fs::write(&profile, PROFILE).unwrap();
@@ -114,12 +128,14 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64
         camera: None,
         delivered: None,
         has_exposure: false,
+        has_cameras: lens.is_some(),
         profile: Some(PROFILE.to_owned()),
     };
     let writer = Writer::new(Recorder::create(&folder, &about).unwrap()).unwrap();
+    let lenses = lens.map(|_| Lenses::new(SIZE, INTERVAL_S, shot.rig.clone(), FrameCamera::default()));
     let gpu = gpu();
     let mut compositor = shot.compositor(gpu.clone());
-    let mut live = Live::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer)).unwrap();
+    let mut live = Live::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer), lenses).unwrap();
     let (mut seen, mut told) = (Vec::new(), Vec::new());
     let mut show = |live: &mut Live<'_>, now_s: f64| {
         while let Some(submitted) = live.submit(now_s).unwrap() {
@@ -130,7 +146,11 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64
     };
     for (now_s, event) in events(frames, &mut Random::new(7)) {
         match event {
-            Event::Pose(time_s) => _ = live.pose(time_s, &pose(time_s - 40_213.7)),
+            Event::Pose(time_s) => {
+                let t = time_s - 40_213.7;
+                lens.into_iter().for_each(|lens| live.lens(time_s, &Arc::new(lens(t))));
+                live.pose(time_s, &pose(t));
+            }
             Event::Frame(i, time_s) => {
                 let picture = picture(layout, i, time_s);
                 // The disk may be behind; nothing is lost by asking again.
@@ -166,7 +186,52 @@ fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64
     // The marker is in the picture wherever there is a pose, unless it has faded.
     assert_eq!(drawn, presence.iter().filter(|share| share.is_some_and(|share| share > 0.02)).count(), "{counts:?}");
     assert_eq!(presence.iter().flatten().count() as u64, counts.tracked + counts.predicted, "{counts:?}");
-    (counts, presence)
+    let cameras = (0..frames).map(|frame| shot.geometry_at(frame).unwrap()).collect();
+    (counts, presence, cameras)
+}
+
+/// Zooms from 30 to 45 mm and back, and draws focus; its shutter and film speed change, too. Nothing is said of the lens at
+/// first.
+fn zoomed(t: f64) -> LensState {
+    if t < 0.2 {
+        return LensState::default();
+    }
+    let focal_mm = 37.5 - 7.5 * (3.0 * t).cos();
+    LensState {
+        focal_length_mm: Some(focal_mm),
+        sensor_mm: Some(DVec2::new(36.0, 27.0)),
+        projection_offset_mm: Some(DVec2::new(0.1, -0.2)),
+        distortion: Some(OpenLens { distorts: false, radial: vec![-1e-4], tangential: [0.0; 2] }),
+        f_stop: Some(1.4),
+        focus_distance_m: Some(0.4 + 0.2 * t),
+        shutter_angle_deg: Some(if t < 1.0 { 120.0 } else { 300.0 }),
+        frame_rate_hz: Some(30.0),
+        iso: Some(800.0),
+        ..LensState::default()
+    }
+}
+
+#[test]
+fn a_stream_s_lens_is_followed_and_replays_bit_for_bit() {
+    let (_, _, cameras) = both_with(Layout::Yuyv, 60, &["camera.lens.f_number=8"], Some(zoomed));
+    // 96 px over 36 mm. The first are the profile's, and its readout stays.
+    assert_eq!(cameras[0].intrinsics.fx_px, 80.0);
+    let fx: Vec<f64> = cameras.iter().map(|camera| camera.intrinsics.fx_px).skip(8).collect();
+    assert!(fx.iter().all(|fx| (79.9..120.1).contains(fx)), "{fx:?}");
+    assert!(fx.windows(2).filter(|pair| pair[0] != pair[1]).count() > 35, "{fx:?}");
+    assert!(cameras.iter().all(|camera| camera.intrinsics.readout_time_s == 0.012));
+}
+
+/// What a person sets overrides what the stream says, number for number.
+#[test]
+fn what_is_set_overrides_the_stream_s_lens() {
+    let sets = ["camera.fx_px=90", "camera.lens.focus_distance_m=none", "camera.exposure.time_s=0.01"];
+    let (_, _, cameras) = both_with(Layout::Yuyv, 30, &sets, Some(zoomed));
+    let seen = cameras.iter().skip(8).map(|camera| (&camera.intrinsics, &camera.distortion));
+    assert!(seen.clone().count() > 10);
+    for (i, d) in seen {
+        assert!(i.fx_px == 90.0 && i.fy_px != 80.0 && d.k1 != -0.11, "{i:?} {d:?}");
+    }
 }
 
 #[test]

@@ -21,6 +21,7 @@ fn about() -> About {
         camera: Some("a \"camera\"".to_owned()),
         delivered: Some("2x2 rgb".to_owned()),
         has_exposure: true,
+        has_cameras: false,
         profile: None,
     }
 }
@@ -267,7 +268,7 @@ impl Store for Small {
         self.folder.remove(name)
     }
 
-    fn append(&mut self, lines: [&str; 4]) -> io::Result<()> {
+    fn append(&mut self, lines: [&str; 5]) -> io::Result<()> {
         let (bytes, before) = (lines.iter().map(|lines| lines.len()).sum(), self.room);
         if let Err(error) = self.take(bytes) {
             self.room = before;
@@ -325,8 +326,8 @@ impl Store for Noted {
     fn remove(&mut self, _: &Path) -> io::Result<()> {
         Ok(())
     }
-    fn append(&mut self, lines: [&str; 4]) -> io::Result<()> {
-        self.0.borrow_mut().push(format!("lines {}", lines[3].lines().filter(|line| !line.starts_with('#')).count()));
+    fn append(&mut self, lines: [&str; 5]) -> io::Result<()> {
+        self.0.borrow_mut().push(format!("lines {}", lines[4].lines().filter(|line| !line.starts_with('#')).count()));
         Ok(())
     }
     fn sync(&mut self) -> io::Result<()> {
@@ -386,12 +387,12 @@ fn lists_are_appended_all_or_none_and_frames_last() {
     let temp = tempfile::tempdir().unwrap();
     let mut folder = Folder::new(temp.path()).unwrap();
     let read = |name: &str| std::fs::read_to_string(temp.path().join(name)).ok();
-    folder.append(["a\n", "b\n", "", ""]).unwrap();
+    folder.append(["a\n", "b\n", "", "", ""]).unwrap();
     std::fs::create_dir(temp.path().join("covariance.txt")).unwrap();
-    assert!(folder.append(["aa\n", "bb\n", "cc\n", "dd\n"]).is_err());
+    assert!(folder.append(["aa\n", "bb\n", "cc\n", "", "dd\n"]).is_err());
     assert_eq!(["poses.txt", "exposure.txt", "frames.txt"].map(read), [Some("a\n".into()), Some("b\n".into()), None]);
     std::fs::remove_dir(temp.path().join("covariance.txt")).unwrap();
-    folder.append(["aaa\n", "", "ccc\n", "ddd\n"]).unwrap();
+    folder.append(["aaa\n", "", "ccc\n", "", "ddd\n"]).unwrap();
     let all = ["poses.txt", "exposure.txt", "covariance.txt", "frames.txt"].map(read);
     assert_eq!(all.map(Option::unwrap), ["a\naaa\n", "b\n", "ccc\n", "ddd\n"]);
 }

@@ -13,6 +13,7 @@ use super::super::project::Project;
 use super::super::thumbnails::Thumbnails;
 use super::Session;
 use super::past::{Past, Shown};
+use crate::camera::Geometry;
 use crate::frame::Frame;
 use crate::live::{Feed, Opened, Status, Tracking, Writer};
 use crate::recording::recorder::Recorder;
@@ -32,6 +33,7 @@ struct Newest {
     frame: Arc<Frame>,
     tracking: Tracking,
     track: PoseTrack,
+    geometry: Option<Geometry>,
 }
 
 /// A camera, and how far it is.
@@ -161,9 +163,10 @@ impl Session {
             && self.viewer.under_way() < 2
             && let Some(seen) = live.feed.take()
         {
-            let (frame, tracking) = (Arc::new(seen.arrived.frame), seen.arrived.tracking);
+            let (tracking, geometry) = (seen.arrived.tracking, seen.arrived.geometry);
+            let frame = Arc::new(seen.arrived.frame);
             live.past.begin(frame.timestamp_s, tracking);
-            live.seen = Some(Newest { frame, tracking, track: seen.track });
+            live.seen = Some(Newest { frame, tracking, track: seen.track, geometry });
             self.show_newest();
         }
         let Some(live) = &mut self.live else { return };
@@ -199,8 +202,10 @@ impl Session {
 
     /// Stands on the frame that came last.
     fn show_newest(&mut self) {
-        let Some(Newest { frame, track, .. }) = self.live.as_ref().and_then(|live| live.seen.as_ref()) else { return };
-        self.project.arrive(frame.index, frame.timestamp_s, track.clone());
+        let Some(Newest { frame, track, geometry, .. }) = self.live.as_ref().and_then(|live| live.seen.as_ref()) else {
+            return;
+        };
+        self.project.arrive(frame.index, frame.timestamp_s, track.clone(), geometry.clone());
         self.player.arrive(frame.index);
     }
 
