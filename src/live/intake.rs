@@ -140,12 +140,14 @@ impl Intake {
 
     /// Takes the poses that have come, for frames up to a time, each with how sure it is.
     pub fn take_poses(&mut self, watched: &mut Watched, last_frame_s: f64) -> Result<(), LiveError> {
+        let carried = watched.carried();
         for (time_s, pose) in watched.new_poses(last_frame_s)? {
             watched.lens(time_s).into_iter().for_each(|state| self.lens(time_s, &state));
             if self.pose(time_s, &pose) == PoseTaken::Added {
                 watched.covariance(time_s).into_iter().for_each(|covariance| self.covariance(covariance));
             }
         }
+        carried.iter().for_each(|(time_s, pose)| self.waiting.carry(*time_s, pose));
         Ok(())
     }
 

@@ -14,6 +14,7 @@ mod intake;
 mod latest;
 mod lenses;
 mod listening;
+mod motion;
 mod open;
 mod playing;
 mod presence;

@@ -22,11 +22,15 @@ pub struct Presence {
 
 impl Presence {
     /// The share of the layer that is seen in the next frame, 0 to 1. `since_real_s`: how long ago the last real pose was,
-    /// nothing or less if there are some on both sides; `None` if the frame has no pose. A first frame has nothing to rise from.
-    pub fn next(&mut self, at_s: f64, since_real_s: Option<f64>) -> f64 {
+    /// nothing or less if there are some on both sides; `None` if the frame has no pose. `trust`: how far its pose can be
+    /// trusted, 0 to 1; evidence that may be in a wrong place fades sooner, and no faster. A first frame has nothing to rise from.
+    pub fn next(&mut self, at_s: f64, since_real_s: Option<f64>, trust: f64) -> f64 {
         let most = since_real_s.map_or(0.0, after_s);
-        let risen = self.before.map_or(1.0, |(before_s, share)| share + (at_s - before_s) / FADE_S);
-        let share = most.min(risen);
+        let (fallen, risen) = self.before.map_or((trust, 1.0), |(before_s, share)| {
+            let step = (at_s - before_s) / FADE_S;
+            (trust.max(share - step), share + step)
+        });
+        let share = most.min(fallen).min(risen);
         self.before = Some((at_s, share));
         share
     }
@@ -42,7 +46,7 @@ mod tests {
     #[test]
     fn a_lost_camera_by_hand() {
         let mut presence = Presence::default();
-        let mut at = |frame: u32, since_s| (600.0 * presence.next(0.05 * f64::from(frame), since_s)).round();
+        let mut at = |frame: u32, since_s| (600.0 * presence.next(0.05 * f64::from(frame), since_s, 1.0)).round();
         // Frames at 20 Hz: there from the first on, missed twice, lost for 0.3 s, found.
         assert_eq!([0, 1].map(|n| at(n, Some(-0.01))), [600.0; 2]);
         assert_eq!([(2, 0.05), (3, 0.1)].map(|(n, since_s)| at(n, Some(since_s))), [600.0; 2]);
@@ -54,23 +58,31 @@ mod tests {
     #[test]
     fn what_is_found_while_it_falls_rises_from_there() {
         let mut presence = Presence::default();
-        presence.next(0.0, Some(0.0));
-        let fallen = presence.next(0.2, Some(0.2));
+        presence.next(0.0, Some(0.0), 1.0);
+        let fallen = presence.next(0.2, Some(0.2), 1.0);
         assert!((fallen - 0.5).abs() < 1e-12);
-        assert!((presence.next(0.25, Some(0.0)) - 0.75).abs() < 1e-12);
+        assert!((presence.next(0.25, Some(0.0), 1.0) - 0.75).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_cannot_be_trusted_fades_at_once_and_no_faster() {
+        let mut presence = Presence::default();
+        let mut at = |frame: u32, trust| (600.0 * presence.next(0.05 * f64::from(frame), Some(0.0), trust)).round();
+        let seen = [(0, 1.0), (1, 0.9), (2, 0.0), (3, 0.0), (4, 1.0), (5, 1.0)].map(|(n, trust)| at(n, trust));
+        assert_eq!(seen, [600.0, 540.0, 390.0, 240.0, 390.0, 540.0]);
     }
 
     proptest! {
         /// Whatever is seen and missed: the share is one, and changes by no more than the time since the frame before allows.
         #[test]
-        fn it_never_jumps(seen in prop::collection::vec(any::<bool>(), 1..100)) {
+        fn it_never_jumps(seen in prop::collection::vec((any::<bool>(), 0.0f64..=1.0), 1..100)) {
             let (mut presence, mut real_s, mut before) = (Presence::default(), None, None);
-            for (frame, seen) in seen.into_iter().enumerate() {
+            for (frame, (seen, trust)) in seen.into_iter().enumerate() {
                 let at_s = INTERVAL_S * frame as f64;
                 real_s = if seen { Some(at_s) } else { real_s };
                 // Live gives it up once nothing of it is seen.
                 let since_s = real_s.map(|real_s| at_s - real_s).filter(|since_s| *since_s < WHOLE_S + FADE_S);
-                let share = presence.next(at_s, since_s);
+                let share = presence.next(at_s, since_s, trust);
                 prop_assert!((0.0..=1.0).contains(&share));
                 if let Some(before) = before {
                     let step: f64 = share - before;

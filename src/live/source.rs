@@ -28,6 +28,10 @@ pub trait PoseSource: Send {
     fn max_gap_s(&self) -> f64 {
         MAX_GAP_S
     }
+    /// Poses of pictures in which nothing was found, carried on from the last one by how the picture moved; not given before.
+    fn carried(&mut self) -> Vec<(f64, Pose)> {
+        Vec::new()
+    }
     /// How sure a pose is that was given last, by its time.
     fn covariance(&self, _time_s: f64) -> Option<Covariance> {
         None

@@ -4,16 +4,18 @@
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::error::LiveError;
+use super::presence::{FADE_S, WHOLE_S};
 use super::source::{MAX_GAP_S, PoseSource};
-use crate::camera::Camera;
+use crate::camera::{Camera, Intrinsics};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, chosen, expected};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::smooth::Smoother;
+use crate::tracking::turn::Reduced;
 
 /// A board that is searched for in each picture. The world is the board's.
 pub struct TaggedPoses {
@@ -28,6 +30,38 @@ pub struct TaggedPoses {
     family: Family,
     /// Why the last picture had no pose.
     lost: Option<Lost>,
+    carrying: Option<Carrying>,
+    carried: Vec<(f64, Pose)>,
+}
+
+/// So long after the tags were seen last the pictures are still compared with that one, seconds: until nothing is seen of the
+/// evidence.
+const CARRIED_S: f64 = WHOLE_S + FADE_S;
+
+/// A picture with less of the last one's contrast shows something else.
+const LEAST_CONTRAST: f64 = 0.3;
+
+/// Carries the last pose on by how the picture turns.
+struct Carrying {
+    camera: Intrinsics,
+    /// The last picture in which the tags were found, and its pose.
+    last: Option<(f64, Pose, Reduced)>,
+}
+
+impl Carrying {
+    /// Where the camera stands in a picture in which nothing was found. Its place stays: what fits the picture best is taken
+    /// for a turn, a small step aside, too. `None` where the pictures do not say it.
+    fn on(&self, time_s: f64, pixels: &Pixels) -> Option<Pose> {
+        let (_, pose, before) = self.last.as_ref().filter(|(last_s, ..)| time_s - last_s <= CARRIED_S)?;
+        let now = Reduced::new(pixels)?;
+        // A lens that is covered, or a light that goes out, leaves nothing to compare.
+        if now.contrast() < LEAST_CONTRAST * before.contrast() {
+            return None;
+        }
+        let turn = DQuat::from_scaled_axis(before.turn_to(&now, &self.camera)?);
+        let world_from_camera = pose.world_from_camera_rotation() * turn.conjugate();
+        Some(Pose::from_camera_in_world(pose.position_in_world_m(), world_from_camera.normalize()))
+    }
 }
 
 impl TaggedPoses {
@@ -40,6 +74,7 @@ impl TaggedPoses {
         };
         let geometry = camera.geometry.clone().ok_or(LiveError::NoCamera)?;
         let family = board.family;
+        let carrying = (!geometry.sees_around()).then(|| Carrying { camera: geometry.intrinsics.clone(), last: None });
         let searcher = Searcher::new(board, geometry, &camera.response)?;
         Ok(Self {
             searcher,
@@ -50,6 +85,8 @@ impl TaggedPoses {
             failure: None,
             family,
             lost: None,
+            carrying,
+            carried: Vec::new(),
         })
     }
 }
@@ -73,10 +110,17 @@ impl PoseSource for TaggedPoses {
                     Some(smoother) => smoother.next(&seen.0, &seen.1),
                     None => seen,
                 };
+                if let Some(carrying) = &mut self.carrying {
+                    carrying.last = Reduced::new(pixels).map(|reduced| (time_s, pose, reduced));
+                }
                 self.covariances.push(sure);
                 self.found.push((time_s, pose));
             }
-            Ok(Err(why)) => self.lost = Some(why),
+            Ok(Err(why)) => {
+                self.lost = Some(why);
+                let pose = self.carrying.as_ref().and_then(|carrying| carrying.on(time_s, pixels));
+                self.carried.extend(pose.map(|pose| (time_s, pose)));
+            }
             Err(error) => self.failure = Some(error),
         }
     }
@@ -85,6 +129,9 @@ impl PoseSource for TaggedPoses {
             Some(error) => Err(error.into()),
             None => Ok(std::mem::take(&mut self.found)),
         }
+    }
+    fn carried(&mut self) -> Vec<(f64, Pose)> {
+        std::mem::take(&mut self.carried)
     }
     fn covariance(&self, time_s: f64) -> Option<Covariance> {
         self.covariances.iter().find(|covariance| covariance.time_s == time_s).copied()

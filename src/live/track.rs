@@ -9,6 +9,7 @@
 
 use std::collections::VecDeque;
 
+use super::motion::{LOOKS_BACK_S, Motion};
 use super::presence::{FADE_S, WHOLE_S};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
@@ -16,9 +17,8 @@ use crate::tracking::tum::Line;
 
 /// A pose this near a frame counts as its own: [`PoseTrack`] allows for rounding by a microsecond.
 const NEAR_S: f64 = 2e-6;
-/// The motion that is predicted on is measured over so long, seconds: half of a frame, so that a tracker's noise does not
-/// count for much.
-const MEASURED_S: f64 = 0.02;
+/// A camera that is found is brought where it is so soon behind the last frame, seconds: long before the next one's exposure.
+const BROUGHT_S: f64 = 1e-3;
 
 /// What became of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,8 +44,17 @@ pub struct LiveTrack {
     max_gap_s: f64,
     /// How far beyond the last real pose motion is predicted, seconds.
     predict_s: f64,
-    /// The newest real poses, over [`MEASURED_S`] or a little more.
-    real: Vec<(f64, Pose)>,
+    /// The newest poses by which the camera goes on, over [`LOOKS_BACK_S`] or a little more: real ones, and behind them those
+    /// that were carried.
+    seen: Vec<(f64, Pose)>,
+    /// The last real one.
+    real: Option<(f64, Pose)>,
+    /// By how the pictures move, for frames without a real one.
+    carried: VecDeque<(f64, Pose)>,
+    /// The last frame's time, from one to the next, and how long before its time poses matter, seconds.
+    frame_s: f64,
+    interval_s: f64,
+    reach_s: f64,
     /// Poses that came behind a gap.
     ahead: VecDeque<(f64, Pose)>,
     last_s: f64,
@@ -55,6 +64,8 @@ pub struct LiveTrack {
     new: Vec<Line>,
 }
 
+/// Poses that are carried and wait for their frames; as many frames may wait.
+const MOST_CARRIED: usize = 16;
 /// No camera that sees anything is moved or turned faster: m/s, rad/s. A hand's whip pan has 10 rad/s, a car 50 m/s.
 const FASTEST_M_S: f64 = 60.0;
 const FASTEST_RAD_S: f64 = 60.0;
@@ -76,7 +87,12 @@ impl LiveTrack {
             track: PoseTrack::growing(max_gap_s),
             max_gap_s,
             predict_s: max_gap_s,
-            real: Vec::new(),
+            seen: Vec::new(),
+            real: None,
+            carried: VecDeque::new(),
+            frame_s: f64::NEG_INFINITY,
+            interval_s: 0.0,
+            reach_s: 0.0,
             ahead: VecDeque::new(),
             last_s: f64::NEG_INFINITY,
             given_up_s: f64::NEG_INFINITY,
@@ -101,7 +117,7 @@ impl LiveTrack {
             return PoseTaken::Odd;
         }
         // Only frames that are far apart may be: then the camera was carried, or the tracker began anew.
-        if self.real.last().is_some_and(|(before_s, before)| is_wild(before, pose, time_s - before_s)) {
+        if self.real.is_some_and(|(before_s, before)| is_wild(&before, pose, time_s - before_s)) {
             return PoseTaken::Odd;
         }
         match self.ahead.back() {
@@ -123,16 +139,57 @@ impl LiveTrack {
         if time_s <= self.last_s || time_s <= self.given_up_s || bridges {
             return PoseTaken::Late;
         }
+        if !self.is_lost && !self.is_apart(time_s) {
+            self.bring(time_s, pose);
+        }
         let pose = self.push(time_s, pose);
         if self.is_lost {
-            self.real.clear();
+            self.seen.clear();
             self.is_lost = false;
         }
-        self.real.push((time_s, pose));
-        // One before the span is kept.
-        let old = self.real.iter().skip(1).take_while(|(t, _)| *t <= time_s - MEASURED_S).count();
-        self.real.drain(..old);
+        self.real = Some((time_s, pose));
+        self.see(time_s, pose);
         PoseTaken::Added
+    }
+
+    /// A pose by which the camera goes on.
+    fn see(&mut self, time_s: f64, pose: Pose) {
+        self.seen.push((time_s, pose));
+        // One before the span is kept.
+        let old = self.seen.iter().skip(1).take_while(|(t, _)| *t <= time_s - LOOKS_BACK_S).count();
+        self.seen.drain(..old);
+    }
+
+    /// Brings a camera that was predicted onto its real way before it is seen again, so that no exposure has the step between
+    /// the two in it: nothing is smeared by that. Its way is that from where it was seen last, not from where it was predicted.
+    /// Not where exposures reach into each other.
+    fn bring(&mut self, to_s: f64, to: &Pose) {
+        let Some(&(from_s, from)) = self.seen.last().filter(|(seen_s, _)| self.last_s > seen_s + NEAR_S) else {
+            return;
+        };
+        let time_s = self.last_s + BROUGHT_S;
+        let next_from_s = self.frame_s + self.interval_s - self.reach_s;
+        if time_s < next_from_s.min(to_s - NEAR_S) {
+            let pose = from.interpolate(to, (time_s - from_s) / (to_s - from_s));
+            self.push(time_s, &pose);
+        }
+    }
+
+    /// Takes a pose of a frame in which the camera was not found: the last one, carried on by how the picture moved. It counts
+    /// where no real one comes.
+    pub fn carry(&mut self, time_s: f64, pose: &Pose) {
+        let numbers = [time_s].into_iter().chain(pose.rotation.to_array()).chain(pose.translation_m.to_array());
+        let is_wild = self.real.is_none_or(|(before_s, before)| is_wild(&before, pose, time_s - before_s));
+        if numbers.into_iter().all(f64::is_finite) && !is_wild {
+            self.carried.push_back((time_s, *pose));
+        }
+        if self.carried.len() > MOST_CARRIED {
+            self.carried.pop_front();
+        }
+    }
+
+    fn real_s(&self) -> f64 {
+        self.real.map_or(f64::NEG_INFINITY, |(real_s, _)| real_s)
     }
 
     /// Adds a pose as the recording's reader will read it.
@@ -165,7 +222,12 @@ impl LiveTrack {
 
     /// How long before a time the last real pose was, seconds; less than nothing if one behind it is known.
     pub fn since_real_s(&self, time_s: f64) -> f64 {
-        time_s - self.real.last().map_or(f64::NEG_INFINITY, |(real_s, _)| *real_s)
+        time_s - self.real_s()
+    }
+
+    /// How far the pose at a time can be trusted, 0 to 1.
+    pub fn trust(&self, time_s: f64) -> f64 {
+        Motion::of(&self.seen).map_or(1.0, |motion| motion.trust(time_s))
     }
 
     /// Sees to it that a frame at a time, which needs poses from before to after it, need not wait any longer: they are
@@ -173,10 +235,15 @@ impl LiveTrack {
     pub fn settle(&mut self, at_s: f64, [from_s, to_s]: [f64; 2]) -> Tracking {
         let has_pose = |track: &PoseTrack, then| if track.at(at_s).is_ok() { then } else { Tracking::Lost };
         self.take_ahead(to_s);
+        if at_s > self.frame_s {
+            (self.interval_s, self.frame_s) = (at_s - self.frame_s, at_s);
+        }
+        self.reach_s = at_s - from_s;
+        self.carried.retain(|(time_s, _)| *time_s > self.last_s);
         if self.last_s >= to_s + NEAR_S {
             return has_pose(&self.track, Tracking::Tracked);
         }
-        let real_s = self.real.last().map_or(f64::NEG_INFINITY, |(time_s, _)| *time_s);
+        let real_s = self.real_s();
         if self.is_lost || from_s > real_s + self.predict_s.max(WHOLE_S + FADE_S) {
             self.is_lost = true;
             // Where predictions reach into it, the last of them must stay nearer than any pose to come.
@@ -185,6 +252,7 @@ impl LiveTrack {
             return has_pose(&self.track, Tracking::Predicted);
         }
         let end_s = to_s + 2.0 * NEAR_S;
+        self.take_carried(at_s);
         // In steps that are no gap.
         let (first_s, steps) = (self.last_s, ((end_s - self.last_s) / (0.5 * self.max_gap_s)).ceil().max(1.0));
         for step in 1..=steps as u32 {
@@ -199,16 +267,20 @@ impl LiveTrack {
         has_pose(&self.track, then)
     }
 
-    /// The last real motion, on as far as it may be, and still from there.
+    /// The last motion that was seen, on as far as it may be, and still from there.
     fn predicted(&self, time_s: f64) -> Option<Pose> {
-        let (newest_s, newest) = self.real.last()?;
-        let time_s = time_s.min(newest_s + self.predict_s);
-        let (oldest_s, oldest) = self.real.first()?;
-        let span_s = newest_s - oldest_s;
-        if span_s < 1e-4 {
-            return Some(*newest);
+        let (newest_s, _) = self.seen.last()?;
+        Some(Motion::of(&self.seen)?.at(time_s.min(newest_s + self.predict_s)))
+    }
+
+    /// Takes what was carried up to a frame's time, as long as no gap lies before it.
+    fn take_carried(&mut self, at_s: f64) {
+        while let Some((time_s, pose)) = self.carried.pop_front_if(|(time_s, _)| *time_s <= at_s) {
+            if time_s > self.last_s && !self.is_apart(time_s) {
+                let pose = self.push(time_s, &pose);
+                self.see(time_s, pose);
+            }
         }
-        Some(oldest.interpolate(newest, (time_s - oldest_s) / span_s))
     }
 
     /// Drops what no frame from a time on needs.
@@ -237,9 +309,11 @@ mod tests {
         assert_eq!(t.settle(0.035, [0.03, 0.04]), Tracking::Tracked);
         assert_eq!(t.settle(0.08, [0.06, 0.09]), Tracking::Predicted);
         let x = |t: &LiveTrack, time_s| t.track().at(time_s).unwrap().position_in_world_m().x;
-        assert!((x(&t, 0.08) - 0.16).abs() < 1e-12 && t.track().covers(0.06, 0.09).is_ok());
+        // It dies away: 0.1 + 2 · 0.1 · (1 − e^(−0.4)) at 0.09 s, and evenly until there.
+        let expected = 0.1 + 0.2 * (1.0 - (-0.4f64).exp()) * 0.75;
+        assert!((x(&t, 0.08) - expected).abs() < 1e-4 && t.track().covers(0.06, 0.09).is_ok());
         let turn = t.track().at(0.08).unwrap().world_from_camera_rotation();
-        assert!(turn.angle_between(DQuat::from_rotation_y(0.016)) < 1e-9);
+        assert!(turn.angle_between(DQuat::from_rotation_y(0.1 * expected)) < 1e-5);
         assert_eq!(t.add(0.08, &at(0.17)), PoseTaken::Late);
         assert_eq!(t.add(0.10, &at(0.2)), PoseTaken::Added);
         assert_eq!(t.add(f64::NAN, &at(0.2)), PoseTaken::Odd);
@@ -268,9 +342,9 @@ mod tests {
         t.add(1.02, &at(0.1));
         assert_eq!(t.settle(1.115, [1.11, 1.12]), Tracking::Predicted);
         assert_eq!(t.settle(1.295, [1.29, 1.30]), Tracking::Predicted);
-        // 5 m/s for a tenth of a second, and still from there.
+        // 5 m/s that die away for a tenth of a second, and still from there: 0.1 + 0.5 · (1 − 1/e).
         let x = |t: &LiveTrack, time_s| t.track().at(time_s).unwrap().position_in_world_m().x;
-        assert!((x(&t, 1.12) - 0.6).abs() < 1e-4 && (x(&t, 1.295) - 0.6).abs() < 1e-9);
+        assert!((x(&t, 1.12) - 0.41606).abs() < 1e-4 && (x(&t, 1.295) - 0.41606).abs() < 1e-5);
         assert_eq!(t.settle(1.335, [1.33, 1.34]), Tracking::Lost);
         // From here the reader would bridge the frame.
         assert_eq!(t.add(1.36, &at(0.2)), PoseTaken::Late);

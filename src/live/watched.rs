@@ -66,6 +66,11 @@ impl Watched {
         self.poses.poses(last_frame_s + AHEAD_S)
     }
 
+    /// Poses of pictures in which nothing was found, by how the picture moved.
+    pub fn carried(&mut self) -> Vec<(f64, Pose)> {
+        self.poses.carried()
+    }
+
     /// How sure a pose is that was given last, by its time.
     pub fn covariance(&self, time_s: f64) -> Option<Covariance> {
         self.poses.covariance(time_s)

@@ -64,6 +64,14 @@ impl Reduced {
         (width.min(height) >= COARSEST).then_some(Self { levels })
     }
 
+    /// How much its brightness varies, code values: one standard deviation.
+    pub fn contrast(&self) -> f64 {
+        let Some(finest) = self.levels.first() else { return 0.0 };
+        let (n, values) = (finest.values.len() as f64, finest.values.iter().map(|value| f64::from(*value)));
+        let (sum, squares) = values.fold((0.0, 0.0), |(sum, squares), value| (sum + value, squares + value * value));
+        (squares / n - (sum / n).powi(2)).max(0.0).sqrt()
+    }
+
     /// The rotation from this picture's camera to the next one's, as a vector along its axis in the camera's axes, radians
     /// long. `None` where the pictures are not alike.
     pub fn turn_to(&self, next: &Self, camera: &Intrinsics) -> Option<DVec3> {

@@ -17,6 +17,7 @@ mod sheet;
 
 mod camera_program;
 mod live;
+mod lost;
 mod recorder;
 mod stream_program;
 mod streams;

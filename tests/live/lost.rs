@@ -1,0 +1,126 @@
+//! Tags that are missed in a frame or two: evidence stays in its place, and is not smeared when they are found again.
+
+use std::path::Path;
+
+use crate::program::said;
+use crate::sheet::{CAMERA, Place, SIZE, Sheet};
+use glam::{DVec2, DVec3};
+use locard::live::{Tracking, Waiting, open_poses};
+use locard::pixels::Pixels;
+use locard::pose::Pose;
+use locard::profile::Rig;
+
+const INTERVAL_S: f64 = 1.0 / 30.0;
+/// Half of an exposure of 180°.
+const REACH_S: f64 = 0.25 * INTERVAL_S;
+/// Beside the sheet and above it.
+const EVIDENCE_M: DVec3 = DVec3::new(0.13, 0.04, 0.03);
+
+/// A hand that sways about the sheet: by some two degrees, twice a second.
+fn place(time_s: f64) -> Place {
+    let sway = |rate: f64, by: f64| by * (rate * time_s).sin();
+    let at = DVec3::new(0.30 + sway(7.0, 0.02), -0.42 + sway(5.0, 0.015), 0.60 + sway(6.0, 0.01));
+    Place::looking(at, DVec3::new(sway(12.5, 0.03), sway(10.0, 0.025), 0.0), 0.1 + sway(8.0, 0.03))
+}
+
+fn sees(pose: &Pose) -> DVec2 {
+    let own = pose.transform_point(EVIDENCE_M);
+    CAMERA.lands(own.truncate() / own.z)
+}
+
+/// A sheet of which nothing is left but spots, 12 mm wide, as after a hand's shake.
+fn smudged(sheet: &Sheet) -> Vec<u8> {
+    const SPOT: usize = 142;
+    let mut codes = sheet.codes.clone();
+    let (w, h) = (sheet.width, sheet.height);
+    for (top, left) in (0..h).step_by(SPOT).flat_map(|top| (0..w).step_by(SPOT).map(move |left| (top, left))) {
+        let places = || (top..h.min(top + SPOT)).flat_map(|y| (left..w.min(left + SPOT)).map(move |x| y * w + x));
+        let sum: usize = places().map(|at| usize::from(sheet.codes[at])).sum();
+        let mean = (sum / places().count()) as u8;
+        places().for_each(|at| codes[at] = mean);
+    }
+    codes
+}
+
+/// How far evidence is from where it belongs in frames so many after the last tag, px; how much of it is seen there; and how
+/// much longer or shorter its blur is in the first frame in which tags are found again, px.
+#[derive(Debug, Default)]
+struct Measured {
+    off_px: [Vec<f64>; 3],
+    presence: [Vec<f64>; 3],
+    smear_px: Vec<f64>,
+}
+
+fn measured(are_seen: bool) -> Measured {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    said(&["board", "-o", &path("board.png"), "--quiet"]);
+    let printed = image::open(path("board.png")).unwrap().into_luma8();
+    let (width, height) = (printed.width() as usize, printed.height() as usize);
+    let sheet = Sheet::of(width, height, printed.into_raw());
+    let hidden = match are_seen {
+        true => smudged(&sheet),
+        // Nothing but the table.
+        false => vec![97; width * height],
+    };
+    let hidden = Sheet::of(width, height, hidden);
+    std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
+    let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
+    let mut source = open_poses(&format!("tags:{}", path("board.toml")), Some(&camera), None).unwrap();
+    let mut w = Waiting::new(source.max_gap_s(), 0.0);
+    let (mut measured, mut since) = (Measured::default(), 0);
+    for i in 0u32..60 {
+        let time_s = INTERVAL_S * f64::from(i);
+        // Missed in two frames of ten.
+        let is_missed = matches!(i % 10, 5 | 6);
+        let of = if is_missed { &hidden } else { &sheet };
+        let codes = of.photograph(&CAMERA, 3, 1.0, u64::from(i), |t| place(time_s + t));
+        source.picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
+        w.frame(i, time_s, (REACH_S, REACH_S), time_s);
+        source.poses(time_s).unwrap().iter().for_each(|(time_s, pose)| _ = w.pose(*time_s, pose));
+        source.carried().iter().for_each(|(time_s, pose)| w.carry(*time_s, pose));
+        let ready = w.next(time_s).unwrap();
+        assert_eq!(ready.tracking == Tracking::Predicted, is_missed, "frame {i}");
+        let seen = |t: f64| sees(&w.track().at_or_nearest(t).unwrap());
+        let truly = |t: f64| place(t).sees(&CAMERA, EVIDENCE_M);
+        // At first it rises.
+        if i < 10 {
+            continue;
+        }
+        if !is_missed && since > 0 {
+            let way = |seen: &dyn Fn(f64) -> DVec2| (seen(time_s + REACH_S) - seen(time_s - REACH_S)).length();
+            measured.smear_px.push((way(&seen) - way(&truly)).abs());
+        }
+        since = if is_missed { since + 1 } else { 0 };
+        measured.off_px[since].push(seen(time_s).distance(truly(time_s)));
+        measured.presence[since].push(ready.presence);
+    }
+    measured
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().copied().fold(0.0, f64::max)
+}
+
+#[test]
+fn evidence_stays_in_its_place_while_tags_are_missed() {
+    let measured = measured(true);
+    let [seen, first, second] = [0, 1, 2].map(|n| largest(&measured.off_px[n]));
+    println!("{measured:.1?}");
+    // By how the picture turns: within two pixels. An even motion would be off by some ten and thirty.
+    assert!(seen < 1.0 && first < 2.0 && second < 2.5, "{measured:?}");
+    assert!(measured.presence.iter().flatten().all(|share| *share == 1.0), "{measured:?}");
+    assert!(largest(&measured.smear_px) < 1.5, "{measured:?}");
+}
+
+/// Where the picture says nothing, what is in a wrong place fades, and what is found is not smeared.
+#[test]
+fn evidence_fades_where_nothing_says_where_it_is() {
+    let measured = measured(false);
+    println!("{measured:.1?}");
+    for (off_px, presence) in measured.off_px[2].iter().zip(&measured.presence[2]) {
+        assert!(*off_px < 10.0 || *presence < 0.9, "{measured:?}");
+    }
+    // By how much the motion changed in between, over half of an exposure; the step itself is some ten pixels.
+    assert!(largest(&measured.smear_px) < 4.0, "{measured:?}");
+}
