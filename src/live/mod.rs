@@ -10,6 +10,7 @@ mod delayed;
 mod encode;
 mod error;
 mod feed;
+mod fitting;
 mod intake;
 mod latest;
 mod lenses;

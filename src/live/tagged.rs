@@ -7,6 +7,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 
 use super::error::LiveError;
+use super::fitting::Fitting;
 use super::presence::{FADE_S, WHOLE_S};
 use super::source::{MAX_GAP_S, PoseSource};
 use crate::camera::{Camera, Intrinsics};
@@ -30,6 +31,8 @@ pub struct TaggedPoses {
     family: Family,
     /// Why the last picture had no pose.
     lost: Option<Lost>,
+    /// Whether the board is the one that is seen.
+    fitting: Fitting,
     carrying: Option<Carrying>,
     carried: Vec<(f64, Pose)>,
 }
@@ -85,6 +88,7 @@ impl TaggedPoses {
             failure: None,
             family,
             lost: None,
+            fitting: Fitting::default(),
             carrying,
             carried: Vec::new(),
         })
@@ -98,6 +102,9 @@ impl PoseSource for TaggedPoses {
                 self.lost = None;
                 let chosen = chosen(time_s, &sight, expected(&self.past, time_s).as_ref());
                 let pose = chosen.solved.pose;
+                if !self.fitting.takes(time_s, &sight, &pose) {
+                    return;
+                }
                 if self.found.is_empty() {
                     self.covariances.clear();
                 }
@@ -117,6 +124,9 @@ impl PoseSource for TaggedPoses {
                 self.found.push((time_s, pose));
             }
             Ok(Err(why)) => {
+                if matches!(why, Lost::Misfit { .. } | Lost::NotOnBoard(_)) {
+                    self.fitting.misfit();
+                }
                 self.lost = Some(why);
                 let pose = self.carrying.as_ref().and_then(|carrying| carrying.on(time_s, pixels));
                 self.carried.extend(pose.map(|pose| (time_s, pose)));
@@ -145,7 +155,11 @@ impl PoseSource for TaggedPoses {
         Some(DVec3::Z)
     }
     fn lacks(&self) -> Option<String> {
-        Some(match self.lost.as_ref()? {
+        let Some(lost) = &self.lost else {
+            let unsure = "the tags that are seen do not say yet that they are the board's; show several of them";
+            return (!self.fitting.is_sure()).then(|| unsure.to_owned());
+        };
+        Some(match lost {
             Lost::Nothing => format!("no tag of family {} is seen", self.family.name()),
             why @ Lost::Unsolved(_) => why.to_string(),
             why => format!("{why}; does the board's file describe this board?"),

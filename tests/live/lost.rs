@@ -81,6 +81,11 @@ fn measured(are_seen: bool) -> Measured {
         source.carried().iter().for_each(|(time_s, pose)| w.carry(*time_s, pose));
         let ready = w.next(time_s).unwrap();
         assert_eq!(ready.tracking == Tracking::Predicted, is_missed, "frame {i}");
+        // The board is known from the second picture on.
+        if w.track().poses().is_empty() {
+            assert_eq!((i, ready.tracking), (0, Tracking::Lost));
+            continue;
+        }
         let seen = |t: f64| sees(&w.track().at_or_nearest(t).unwrap());
         let truly = |t: f64| place(t).sees(&CAMERA, EVIDENCE_M);
         // At first it rises.
@@ -123,4 +128,47 @@ fn evidence_fades_where_nothing_says_where_it_is() {
     }
     // By how much the motion changed in between, over half of an exposure; the step itself is some ten pixels.
     assert!(largest(&measured.smear_px) < 4.0, "{measured:?}");
+}
+
+/// The sheet's pictures, and what is said of them by a board's file after `change`: the poses, and why there is none at the end.
+fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<String>) {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    said(&["board", "-o", &path("board.png"), "--quiet"]);
+    let printed = image::open(path("board.png")).unwrap().into_luma8();
+    let sheet = Sheet::of(printed.width() as usize, printed.height() as usize, printed.into_raw());
+    let text = std::fs::read_to_string(path("board.toml")).unwrap();
+    let changed = change(&text);
+    assert_ne!(text, changed);
+    std::fs::write(path("other.toml"), changed).unwrap();
+    std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
+    let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
+    let mut source = open_poses(&format!("tags:{}", path("other.toml")), Some(&camera), None).unwrap();
+    let mut found = 0;
+    for i in 0..pictures {
+        let time_s = INTERVAL_S * f64::from(i);
+        // It comes near, so that few tags are in the picture now and then.
+        let place = |t: f64| {
+            let Place { at_m, axes } = place(t);
+            Place { at_m: at_m * if i % 4 == 3 { 0.35 } else { 1.0 }, axes }
+        };
+        let codes = sheet.photograph(&CAMERA, 2, 1.0, u64::from(i), |t| place(time_s + t));
+        source.picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
+        found += source.poses(time_s).unwrap().len();
+    }
+    (found, source.lacks())
+}
+
+#[test]
+fn a_board_of_other_sizes_gives_no_pose_at_all() {
+    let larger = |text: &str| {
+        let line = |line: &str| match line.strip_prefix("size_m = ") {
+            Some(size_m) => format!("size_m = {}\n", 1.3 * size_m.parse::<f64>().unwrap()),
+            None => format!("{line}\n"),
+        };
+        text.lines().map(line).collect()
+    };
+    let (found, why) = poses_by(larger, 24);
+    assert_eq!(found, 0, "{why:?}");
+    assert!(why.unwrap().contains("does the board's file describe this board?"));
 }
