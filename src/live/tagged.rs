@@ -13,7 +13,7 @@ use super::source::{MAX_GAP_S, PoseSource};
 use crate::camera::{Camera, Intrinsics};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
-use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, chosen, expected};
+use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, also, chosen, expected};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::smooth::Smoother;
 use crate::tracking::turn::Reduced;
@@ -33,6 +33,9 @@ pub struct TaggedPoses {
     lost: Option<Lost>,
     /// Whether the board is the one that is seen.
     fitting: Fitting,
+    /// Pictures in a row without a tag, and another family that was seen in one of them.
+    without: u32,
+    other: Option<Family>,
     carrying: Option<Carrying>,
     carried: Vec<(f64, Pose)>,
 }
@@ -89,9 +92,25 @@ impl TaggedPoses {
             family,
             lost: None,
             fitting: Fitting::default(),
+            without: 0,
+            other: None,
             carrying,
             carried: Vec::new(),
         })
+    }
+}
+
+/// After so many pictures without a tag other families are looked for, and again after as many.
+const OTHERS_AFTER: u32 = 10;
+
+impl TaggedPoses {
+    /// Looks for another family where no tag of the board's is seen.
+    fn looked_for(&mut self, why: &Lost, pixels: &Pixels) {
+        self.without = if *why == Lost::Nothing { self.without + 1 } else { 0 };
+        // A board that was seen is of the right family.
+        if self.without % OTHERS_AFTER == 1 && self.other.is_none() && !self.fitting.is_sure() {
+            self.other = self.searcher.other_family(pixels).unwrap_or_default();
+        }
     }
 }
 
@@ -100,6 +119,7 @@ impl PoseSource for TaggedPoses {
         match self.searcher.look(pixels) {
             Ok(Ok(sight)) => {
                 self.lost = None;
+                (self.without, self.other) = (0, None);
                 let chosen = chosen(time_s, &sight, expected(&self.past, time_s).as_ref());
                 let pose = chosen.solved.pose;
                 if !self.fitting.takes(time_s, &sight, &pose) {
@@ -124,6 +144,7 @@ impl PoseSource for TaggedPoses {
                 self.found.push((time_s, pose));
             }
             Ok(Err(why)) => {
+                self.looked_for(&why, pixels);
                 if matches!(why, Lost::Misfit { .. } | Lost::NotOnBoard(_)) {
                     self.fitting.misfit();
                 }
@@ -160,7 +181,7 @@ impl PoseSource for TaggedPoses {
             return (!self.fitting.is_sure()).then(|| unsure.to_owned());
         };
         Some(match lost {
-            Lost::Nothing => format!("no tag of family {} is seen", self.family.name()),
+            Lost::Nothing => format!("no tag of family {} is seen{}", self.family.name(), also(&self.other)),
             why @ Lost::Unsolved(_) => why.to_string(),
             why => format!("{why}; does the board's file describe this board?"),
         })

@@ -32,4 +32,4 @@ pub use rolling::rolled;
 pub use sheet::{Mark, Paper, Rect, Sheet};
 pub use sight::{Lost, Sight};
 pub use solve::{Corners, Solved, solved};
-pub use track::{Searcher, Track, TrackError, track};
+pub use track::{Searcher, Track, TrackError, also, track};

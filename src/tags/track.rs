@@ -38,6 +38,11 @@ impl Searcher {
         Ok(Self { board, geometry, light: Grey::table(response), detector })
     }
 
+    /// Another family of which tags are seen in a picture. Of 16h5 too much is seen where there is none.
+    pub fn other_family(&self, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
+        other_family(self.board.family, pixels)
+    }
+
     /// What a picture says. It has the geometry's size.
     pub fn look(&mut self, pixels: &Pixels) -> Result<Result<Sight, Lost>, DetectError> {
         let grey = Grey::of(pixels, self.light.clone());
@@ -66,10 +71,21 @@ pub enum TrackError {
     Stopped,
 }
 
-fn also(other: &Option<Family>) -> String {
+/// What is said of another family that is seen; nothing of none.
+pub fn also(other: &Option<Family>) -> String {
     other.map_or(String::new(), |family| {
         format!("; tags of {} are: `family` in the board's file names another", family.name())
     })
+}
+
+fn other_family(own: Family, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
+    let grey = Grey::of(pixels, Vec::new());
+    for family in Family::ALL.into_iter().filter(|family| *family != own && *family != Family::Tag16h5) {
+        if !Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1)?.is_empty() {
+            return Ok(Some(family));
+        }
+    }
+    Ok(None)
 }
 
 /// The camera's way through a video.
@@ -131,12 +147,7 @@ fn nothing(video: &Video, board: &Board, looks: &[Result<Sight, Lost>]) -> Resul
     let first = 0..frames.min(30);
     let mut other = None;
     for pixels in video.read(first)? {
-        let grey = Grey::of(&pixels?, Vec::new());
-        for family in Family::ALL.into_iter().filter(|family| *family != board.family && *family != Family::Tag16h5) {
-            if !Detector::new(family, video.width, video.height)?.find(&grey, 1)?.is_empty() {
-                other = Some(family);
-            }
-        }
+        other = other_family(board.family, &pixels?)?;
         if other.is_some() {
             break;
         }

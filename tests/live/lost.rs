@@ -172,3 +172,11 @@ fn a_board_of_other_sizes_gives_no_pose_at_all() {
     assert_eq!(found, 0, "{why:?}");
     assert!(why.unwrap().contains("does the board's file describe this board?"));
 }
+
+#[test]
+fn another_family_that_is_seen_is_named() {
+    let (found, why) = poses_by(|text| text.replace("36h11", "25h9"), 3);
+    let why = why.unwrap();
+    let said = "no tag of family 25h9 is seen; tags of 36h11 are: `family` in the board's file names another";
+    assert!(found == 0 && why.contains(said), "{why}");
+}
