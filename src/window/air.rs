@@ -46,6 +46,8 @@ pub struct Air {
     asked: Asked,
     scene: Option<PathBuf>,
     with_scene: bool,
+    /// Why what was asked for last was not opened.
+    refused: Option<String>,
     /// A file is being chosen, in place of the dialog.
     chooser: Option<(Named, Chooser)>,
 }
@@ -79,6 +81,7 @@ impl Air {
             asked: Asked::default(),
             with_scene: scene.is_some(),
             scene,
+            refused: None,
             chooser: None,
         }
     }
@@ -115,7 +118,23 @@ impl Air {
     pub fn restored(self, before: Self) -> Self {
         let Self { scene, with_scene, looking, found, why, .. } = self;
         let profile = if before.profile.is_empty() { self.profile } else { before.profile.clone() };
-        Self { scene, with_scene, looking, found, why, profile, is_chosen: true, chooser: None, ..before }
+        Self {
+            scene,
+            with_scene,
+            looking,
+            found,
+            why,
+            profile,
+            is_chosen: true,
+            refused: None,
+            chooser: None,
+            ..before
+        }
+    }
+
+    /// As it was answered, with why nothing came of it.
+    pub fn refused(self, why: String) -> Self {
+        Self { refused: Some(why), is_chosen: true, chooser: None, ..self }
     }
 
     /// What is to be opened; `Some(None)` where it is left.
@@ -150,7 +169,7 @@ impl Air {
             egui::Grid::new("air").num_columns(2).spacing([12.0, 8.0]).show(ui, |ui| self.fields(ui));
             ui.add_space(10.0);
             let opened = self.opened();
-            if let Err(why) = &opened {
+            if let Some(why) = opened.as_ref().err().or(self.refused.as_ref()) {
                 ui.colored_label(ui.visuals().error_fg_color, why);
             }
             ui.horizontal(|ui| {
@@ -233,7 +252,8 @@ impl Air {
         let label = ui.label("Profile");
         let hint = "The camera's, as `locard calibrate camera` writes it: tags need its focal length";
         ui.vertical(|ui| {
-            let field = egui::TextEdit::singleline(&mut self.profile).desired_width(width).hint_text("camera.toml");
+            let field =
+                egui::TextEdit::singleline(&mut self.profile).desired_width(width).hint_text("a file; empty: none");
             ui.add(field).labelled_by(label.id).on_hover_text(hint);
             self.choice(ui, Named::Profile, "Choose a profile…");
         });

@@ -39,6 +39,8 @@ pub struct Start {
     looking: Option<Looking>,
     chooser: Option<Chooser>,
     air: Option<Air>,
+    /// As it was answered last.
+    aired: Option<Air>,
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Option<(PathBuf, Errand<Kind>)>,
@@ -69,6 +71,7 @@ impl Start {
             looking,
             chooser: None,
             air: None,
+            aired: None,
             opening: None,
             looked_at: None,
             told: None,
@@ -131,7 +134,11 @@ impl Start {
                     }
                     Err(refused) => {
                         self.left.extend(done.left);
-                        self.told = Some(refused.why);
+                        // The dialog is there again, with all that was typed.
+                        match self.aired.take().filter(|_| done.opened.camera.is_some()) {
+                            Some(air) => self.air = Some(air.refused(refused.why)),
+                            None => self.told = Some(refused.why),
+                        }
                     }
                 },
             }
@@ -152,7 +159,7 @@ impl Start {
         if let Some(air) = &mut self.air {
             match air.show(ctx) {
                 Some(Some(opened)) => {
-                    self.air = None;
+                    self.aired = self.air.take();
                     self.begin(ctx, opened, None);
                 }
                 Some(None) => self.air = None,

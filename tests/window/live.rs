@@ -274,6 +274,34 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
 }
 
+/// What was typed is still there when it is refused, why is said beside it, and keys go on into its fields.
+#[test]
+fn a_camera_that_is_refused_leaves_the_dialog_as_it_was_typed() {
+    let site = Site::new(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    window.get_by_label("File").click();
+    window.run_steps(2);
+    window.get_by_label("Live camera…").click();
+    shows(&mut window, "Start");
+    typed(&mut window, "Rate", "25");
+    typed(&mut window, "Camera", "nowhere.mkv");
+    window.get_by_label("Start").click();
+    let begun = std::time::Instant::now();
+    while window.query_all_by_label_contains("there is no such file").count() == 0 {
+        assert!(begun.elapsed() < std::time::Duration::from_secs(60), "it is not refused");
+        window.step();
+        std::thread::yield_now();
+    }
+    let value = |window: &Harness<'_, App>, field: &str| {
+        window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
+    };
+    assert_eq!(value(&window, "Rate"), "25");
+    assert!(value(&window, "Camera").ends_with("nowhere.mkv"), "{}", value(&window, "Camera"));
+    typed(&mut window, "Profile", "c");
+    assert_eq!(value(&window, "Profile"), "c");
+    assert!(window.query_by_role_and_label(Role::Dialog, "Live camera").is_some());
+}
+
 /// A video of the sheet as a person holds it before a camera to calibrate it: still in one place after the other, over and over.
 fn held(site: &Site) -> String {
     let printed = image::open(site.path("board.png")).unwrap().into_luma8();

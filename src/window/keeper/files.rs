@@ -302,6 +302,12 @@ impl Keeper {
                 (self.shows_start, self.not_opened) = (false, None);
                 Some(Turn { project: *project, camera, at: done.opened.at })
             }
+            // The dialog is there again, with all that was typed.
+            Err(Refused { why, .. }) if done.opened.camera.is_some() && self.aired.is_some() => {
+                self.air = self.aired.take().map(|air| air.refused(why));
+                self.left.extend(done.left);
+                None
+            }
             Err(Refused { why, lacks_camera }) => {
                 let lacks_profile = lacks_camera && done.opened.profile.is_none();
                 let then = if lacks_profile { ". A profile that is opened now is used for it" } else { "" };
