@@ -8,6 +8,8 @@ use crate::source::SourceError;
 pub enum CameraError {
     #[error("{asked}: is no camera; there {}; or name a video's file", are(found))]
     None { asked: String, found: Vec<String> },
+    #[error("{}: there is no such file; a video's file is expected, or a camera's number or device: there {}", path.display(), are(found))]
+    NoFile { path: PathBuf, found: Vec<String> },
     #[error("{}: may not be opened: {}", path.display(), advice)]
     Permission { path: PathBuf, advice: String },
     #[error("{}: another program uses it; end that one, then try again", path.display())]

@@ -59,7 +59,11 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
     if !file.exists() {
         let found = cameras().unwrap_or_default();
         let found = found.into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
-        return Err(CameraError::None { asked: asked.to_owned(), found });
+        // What looks like a file's name was meant as one.
+        return Err(match file.extension().is_some() || asked.contains(std::path::MAIN_SEPARATOR) {
+            true => CameraError::NoFile { path: file.to_owned(), found },
+            false => CameraError::None { asked: asked.to_owned(), found },
+        });
     }
     let overrides = Overrides { range: wanted.range, matrix: wanted.matrix, ..Overrides::default() };
     let (played, given) = Played::open(file, &overrides)?;

@@ -89,7 +89,10 @@ fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
     let (video, out) = (video(temp.path()), temp.path().join("out"));
     for (arguments, said) in [
         (["--camera", "77", "--pose", "none"], "77: is no camera; there "),
-        (["--camera", "none.mp4", "--pose", "none"], "none.mp4: is no camera; there "),
+        (
+            ["--camera", "none.mp4", "--pose", "none"],
+            "none.mp4: there is no such file; a video's file is expected, or a camera's number or device: there ",
+        ),
         (
             ["--camera", text(&video), "--pose", "http://x"],
             "accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none",
