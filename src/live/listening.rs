@@ -1,6 +1,7 @@
 //! Poses of a stream, by the camera's clock.
 
 use std::collections::VecDeque;
+use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -45,7 +46,7 @@ impl ClockOffset {
 /// Poses that are kept while a lens is waited for.
 const EARLY: usize = 256;
 /// Without a pose for so long a stream is said to be silent, seconds.
-const SILENT_S: f64 = 2.0;
+const SILENT_S: f64 = 0.4;
 
 /// A pose by our clock, and what was said of the lens by then.
 type Heard = (f64, Pose, Arc<LensState>);
@@ -59,6 +60,8 @@ pub struct Streamed {
     lenses: Vec<(f64, Arc<LensState>)>,
     says_lens: bool,
     url: String,
+    /// Where it is heard.
+    at: SocketAddr,
     /// When the last pose came, or it began to listen.
     last_s: f64,
     /// What was heard by now.
@@ -75,7 +78,7 @@ fn lock(report: &Mutex<Report>) -> MutexGuard<'_, Report> {
 impl Streamed {
     pub fn open(url: &str) -> Result<Self, LiveError> {
         let mut poses = Poses::open(url)?;
-        let delay_s = poses.delay_s();
+        let (delay_s, at) = (poses.delay_s(), poses.address());
         let (sender, received) = sync_channel(1024);
         let (wanted, report) = (Arc::new(()), Arc::new(Mutex::new(Report::default())));
         let heard = Arc::clone(&report);
@@ -111,6 +114,7 @@ impl Streamed {
             lenses: Vec::new(),
             says_lens: Protocol::of(url) == Some(Protocol::OpenTrackIo),
             url: url.to_owned(),
+            at,
             last_s: monotonic_s(),
             report,
             _wanted: wanted,
@@ -152,9 +156,13 @@ impl PoseSource for Streamed {
     }
     fn lacks(&self) -> Option<String> {
         let silent_s = monotonic_s() - self.last_s;
-        let url = &self.url;
-        (silent_s > SILENT_S)
-            .then(|| format!("no pose has come from {url} for {silent_s:.0} s (`locard inspect {url}`)"))
+        let (url, at) = (&self.url, self.at);
+        (silent_s > SILENT_S).then(|| {
+            let why = lock(&self.report).silence();
+            format!(
+                "{url}, heard at {at}, is silent for {silent_s:.1} s: {why} (`locard inspect {url}` says what comes)"
+            )
+        })
     }
     fn closing(&self) -> Option<String> {
         Some(format!("{}: {}", self.url, lock(&self.report).closing()))

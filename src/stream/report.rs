@@ -128,6 +128,21 @@ impl Report {
         if told.is_empty() { "none".to_owned() } else { told.join(", ") }
     }
 
+    /// Why no pose came of what was heard, and what to do.
+    pub fn silence(&self) -> String {
+        let heard = match (self.datagrams, self.poses) {
+            (0, _) => return "no packet came: is the sender on, and does it send there?".to_owned(),
+            (_, 0) => format!("{} came, and no pose in them", count(self.datagrams as usize, "packet")),
+            (_, poses) => format!("{} came until then", count(poses as usize, "pose")),
+        };
+        let dropped = self.drops();
+        match (dropped.as_str(), &self.last_problem) {
+            ("none", _) => heard,
+            (_, Some(problem)) => format!("{heard}; dropped: {dropped} ({problem})"),
+            (_, None) => format!("{heard}; dropped: {dropped}"),
+        }
+    }
+
     /// All of it in a line, once it is over.
     pub fn closing(&self) -> String {
         let mut line = format!(
@@ -169,6 +184,19 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn why_it_is_silent_is_told_by_what_was_heard() {
+        let mut report = Report::default();
+        assert_eq!(report.silence(), "no packet came: is the sender on, and does it send there?");
+        report.datagrams = 3;
+        (0..3).for_each(|_| report.aside(Heard::NoPacket));
+        report.last_problem = Some("too short".to_owned());
+        let told = "3 packets came, and no pose in them; dropped: 3 no packet of this protocol, or damaged (too short)";
+        assert_eq!(report.silence(), told);
+        report = Report { datagrams: 9, poses: 9, ..Report::default() };
+        assert_eq!(report.silence(), "9 poses came until then");
+    }
 
     #[test]
     fn what_was_dropped_is_told_by_reason() {
