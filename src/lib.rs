@@ -7,6 +7,7 @@
 // 0: plain values
 pub mod document;
 pub mod frame;
+pub mod installed;
 pub mod params;
 pub mod pixels;
 pub mod pose;

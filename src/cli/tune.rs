@@ -1,10 +1,11 @@
 //! `locard tune`: the window.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, anyhow};
 
+use crate::installed;
 use crate::recording::OpenOptions;
 use crate::shot::Given;
 use crate::window::{self, DEMO, DEMO_SCENE, First, Measure, Project};
@@ -31,13 +32,14 @@ pub fn run(args: Args) -> Result<()> {
     let started = Instant::now();
     let Args { recording, mut scene, profile, metres_per_unit, measure } = args;
     let is_demo = recording.is_none();
-    if is_demo && !measure && !Path::new(DEMO).exists() {
+    let demo = installed::find(DEMO);
+    if is_demo && !measure && demo.is_none() {
         return opened(window::open(First { start: true, ..First::default() }));
     }
     if is_demo {
-        scene = scene.or_else(|| Some(DEMO_SCENE.into()));
+        scene = scene.or_else(|| Some(installed::path(DEMO_SCENE)));
     }
-    let recording = recording.unwrap_or_else(|| DEMO.into());
+    let recording = recording.or(demo).unwrap_or_else(|| DEMO.into());
     let new_profile = profile.clone().filter(|path| !path.exists());
     let given = Given { profile: profile.filter(|path| path.exists()), sets: Vec::new(), scene, ..Given::default() };
     let options = OpenOptions { metres_per_unit, ..OpenOptions::default() };

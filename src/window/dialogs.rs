@@ -1,6 +1,6 @@
 //! Questions, and what is told all of: each a few plain sentences and the buttons that answer.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use eframe::egui::{self, Context, InnerResponse, Key, Modal, ModalResponse, RichText, Ui, accesskit::Role};
@@ -233,8 +233,8 @@ pub enum Behind<'a> {
     Demonstration,
     /// A recording of that name.
     Recording(&'a str),
-    /// Nothing: no demonstration lies there.
-    Nothing(&'a Path),
+    /// Nothing: no demonstration lies in any of these places.
+    Nothing(&'a [PathBuf]),
 }
 
 /// The page of a start without a recording.
@@ -273,11 +273,11 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
         });
         ui.add_space(6.0);
         ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
-        if let Behind::Nothing(place) = behind {
+        if let Behind::Nothing(places) = behind {
+            let places: Vec<String> = places.iter().map(|place| place.display().to_string()).collect();
             let text = format!(
-                "There is no demonstration at {}: it lies in the program's folder, and is shown where the program is started \
-                 there.",
-                place.display()
+                "The demonstration lies in the program's folder, and is not there. It was looked for at {}.",
+                places.join(", ")
             );
             ui.add(egui::Label::new(RichText::new(text).weak()).wrap());
         }

@@ -10,6 +10,7 @@ use glam::DVec3;
 
 use crate::camera::{Distortion, Geometry, Intrinsics, Response};
 use crate::gpu::Gpu;
+use crate::installed;
 use crate::pixels::LinearImage;
 use crate::pose::Pose;
 use crate::render::{Projection, Renderer, Still, take_still};
@@ -59,7 +60,7 @@ impl Library {
         if self.looked_in.as_ref() == Some(&folder) {
             return;
         }
-        let folders = [folder.clone(), PathBuf::from("scenes")];
+        let folders = [folder.clone(), installed::path("scenes")];
         let mut found: Vec<PathBuf> = folders
             .iter()
             .filter_map(|folder| std::fs::read_dir(folder).ok())
@@ -84,7 +85,11 @@ impl Library {
     pub fn show(&mut self, ui: &mut Ui, gpu: &Gpu) -> Option<PathBuf> {
         self.take_drawn(ui.ctx());
         if self.models.is_empty() {
-            ui.label("No .glb beside the scene file or in scenes. Drop one into the window.");
+            let folders: Vec<String> =
+                installed::folders().iter().map(|folder| folder.join("scenes").display().to_string()).collect();
+            let text =
+                format!("No .glb beside the scene file, nor in {}. Drop one into the window.", folders.join(", "));
+            ui.add(egui::Label::new(text).wrap());
             return None;
         }
         let mut chosen = None;

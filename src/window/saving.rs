@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::project::Project;
 use super::watch::{Change, Watch};
+use crate::installed;
 
 /// The demonstration, which opens without a recording. It is not written to by a mere Save.
 pub const DEMO: &str = "recordings/demo";
@@ -62,12 +63,12 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Ste
 
 /// Whether that is the demonstration's recording.
 pub fn is_demonstration(recording: &Path) -> bool {
-    same(recording, Path::new(DEMO))
+    same(recording, &installed::path(DEMO))
 }
 
 /// Whether that is the scene file of the demonstration.
 pub fn is_demo(scene: &Path) -> bool {
-    same(scene, Path::new(DEMO_SCENE))
+    same(scene, &installed::path(DEMO_SCENE))
 }
 
 /// Who uses a profile besides the person: nobody, or what it belongs to.
@@ -77,7 +78,7 @@ pub fn whose(project: &Project, profile: &Path) -> Option<&'static str> {
     let recording = &project.shot().recording.path;
     match () {
         () if lies_in(recording) => Some("the recording"),
-        () if lies_in(Path::new(PROFILES)) => Some("the program"),
+        () if lies_in(&installed::path(PROFILES)) => Some("the program"),
         () => None,
     }
 }

@@ -24,6 +24,7 @@ use super::painter;
 use super::recent::{Opened, Recent};
 use super::saving::DEMO;
 use super::theme;
+use crate::installed;
 
 /// Something that was opened, with the work that is taken up in it.
 type Begun = (Turn, Option<Left>);
@@ -38,6 +39,8 @@ pub struct Start {
     left: Vec<Left>,
     looking: Option<Looking>,
     chooser: Option<Chooser>,
+    /// Where the demonstration was looked for.
+    places: Vec<PathBuf>,
     air: Option<Air>,
     /// As it was answered last.
     aired: Option<Air>,
@@ -70,6 +73,7 @@ impl Start {
             left: Vec::new(),
             looking,
             chooser: None,
+            places: installed::folders(),
             air: None,
             aired: None,
             opening: None,
@@ -191,8 +195,8 @@ impl Start {
             }
         }
         keys::show(ctx, &mut self.shows_keys);
-        let place = std::path::absolute(DEMO).unwrap_or_else(|_| DEMO.into());
-        match dialogs::start(ctx, self.recent.shown(ctx), dialogs::Behind::Nothing(&place)) {
+        let places: Vec<PathBuf> = self.places.iter().map(|folder| folder.join(DEMO)).collect();
+        match dialogs::start(ctx, self.recent.shown(ctx), dialogs::Behind::Nothing(&places)) {
             Some(dialogs::Start::Open) => self.chooses(),
             Some(dialogs::Start::Camera) => self.air = Some(Air::new(ctx, None, None)),
             Some(dialogs::Start::Recent(opened)) => self.begin(ctx, *opened, None),

@@ -13,6 +13,7 @@ use super::super::recent::Opened;
 use super::super::saving::{self, Step};
 use super::super::session::Session;
 use super::{Keeper, Purpose, Then};
+use crate::installed;
 
 impl Keeper {
     pub fn open(&mut self, project: &Project) {
@@ -31,7 +32,7 @@ impl Keeper {
     ) {
         // By their names: the disk is asked later, and not here.
         let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let is_called = |path: &Path, other: &str| whole(path) == whole(Path::new(other));
+        let is_called = |path: &Path, other: &str| whole(path) == whole(&installed::path(other));
         let own = match purpose {
             Purpose::OpenProfile | Purpose::SaveProfile => project.profile.clone(),
             Purpose::OpenScene | Purpose::SaveScene => {

@@ -1,0 +1,69 @@
+//! Where the files that come with the program lie: models, profiles, the demonstration.
+
+use std::path::{Path, PathBuf};
+
+/// From the program's own folder so many folders up are looked through: `target/release/` lies two below them.
+const UP: usize = 4;
+
+/// The folders that are looked through, in order, each once: the program's own and those above it, the one that it was built
+/// from, and the current one.
+pub fn folders() -> Vec<PathBuf> {
+    let program = std::env::current_exe().and_then(|program| program.canonicalize()).ok();
+    let above = program.iter().flat_map(|program| program.ancestors().skip(1).take(UP).map(Path::to_owned));
+    let built = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let all = above.chain([built]).chain(std::env::current_dir());
+    let mut folders: Vec<PathBuf> = Vec::new();
+    for folder in all.filter(|folder| folder.is_dir()) {
+        if !folders.contains(&folder) {
+            folders.push(folder);
+        }
+    }
+    folders
+}
+
+/// A file or folder that comes with the program, by its name in the program's folder. Where that is the current folder it is
+/// called as it is. `None` where it is in none of the [folders].
+pub fn find(name: &str) -> Option<PathBuf> {
+    find_in(&folders(), std::env::current_dir().ok().as_deref(), name)
+}
+
+fn find_in(folders: &[PathBuf], current: Option<&Path>, name: &str) -> Option<PathBuf> {
+    let folder = folders.iter().find(|folder| folder.join(name).exists())?;
+    let is_current = current.is_some_and(|current| same(folder, current));
+    Some(if is_current { PathBuf::from(name) } else { folder.join(name) })
+}
+
+fn same(a: &Path, b: &Path) -> bool {
+    a == b || a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
+}
+
+/// The same, or its name alone where it is nowhere, for whoever says then what is missing.
+pub fn path(name: &str) -> PathBuf {
+    find(name).unwrap_or_else(|| name.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_folder_that_has_it_counts() {
+        let temp = tempfile::tempdir().unwrap();
+        let folders = ["a", "b", "c"].map(|name| temp.path().join(name));
+        folders.iter().for_each(|folder| std::fs::create_dir(folder).unwrap());
+        assert_eq!(find_in(&folders, None, "scenes"), None);
+        std::fs::create_dir(folders[1].join("scenes")).unwrap();
+        std::fs::create_dir(folders[2].join("scenes")).unwrap();
+        assert_eq!(find_in(&folders, Some(&folders[2]), "scenes"), Some(folders[1].join("scenes")));
+        // Where it is here, it is called as a person would.
+        assert_eq!(find_in(&folders, Some(&folders[1]), "scenes"), Some("scenes".into()));
+    }
+
+    #[test]
+    fn what_comes_with_the_program_is_found() {
+        assert!(find("scenes/marker-1.glb").is_some() && find("recordings/demo").is_some());
+        assert_eq!((find("no such thing"), path("no such thing")), (None, "no such thing".into()));
+        let folders = folders();
+        assert!(folders.iter().any(|folder| folder.join("scenes").is_dir()), "{folders:?}");
+    }
+}
