@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use glam::DVec3;
 
-use super::{progress_of, tell, warn};
+use super::{ending, progress_of, tell, warn};
 use crate::camera::LensModel;
 use crate::pose::Pose;
 use crate::recording::OpenOptions;
@@ -61,14 +61,19 @@ pub fn run(args: &Args) -> Result<()> {
 
     let length = if args.repeat { 0 } else { poses.len() };
     let bar = progress_of(args.quiet || args.repeat, length, "{wide_bar} {pos}/{len} poses, {eta} left");
+    ending::gently();
     let began = Instant::now();
     let round_s = last_s - first_s + interval_s;
-    for round in 0u32.. {
+    let (mut sent, mut is_ended) = (0, false);
+    'rounds: for round in 0u32.. {
         for (time_s, pose) in &poses {
             let time_s = time_s + f64::from(round) * round_s;
-            let due = began + Duration::from_secs_f64((time_s - first_s) / args.speed);
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+            is_ended = !waits(began + Duration::from_secs_f64((time_s - first_s) / args.speed));
+            if is_ended {
+                break 'rounds;
+            }
             sender.send(time_s, pose)?;
+            sent += 1;
             bar.inc(1);
         }
         if !args.repeat {
@@ -77,8 +82,24 @@ pub fn run(args: &Args) -> Result<()> {
     }
     bar.finish_and_clear();
     let took = fixed(began.elapsed().as_secs_f64(), 1);
-    tell(args.quiet, &format!("{} sent to {} in {took} s", count(poses.len(), "pose"), sender.target().at));
+    let done = format!("{} sent to {} in {took} s", count(sent, "pose"), sender.target().at);
+    match is_ended {
+        true => warn(args.quiet, &format!("ended: {done}")),
+        false => tell(args.quiet, &done),
+    }
     Ok(())
+}
+
+/// Waits until then. False as soon as somebody ends the program.
+fn waits(due: Instant) -> bool {
+    const LOOKED_EVERY: Duration = Duration::from_millis(50);
+    loop {
+        let left = due.saturating_duration_since(Instant::now());
+        if ending::is_asked() || left.is_zero() {
+            return !ending::is_asked();
+        }
+        std::thread::sleep(left.min(LOOKED_EVERY));
+    }
 }
 
 /// The poses by the frames' times, which a stream's poses are looked up by. None is before 0, which streams cannot say.
