@@ -36,11 +36,16 @@ pub static FORMAT: Format = Format {
 
 fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let odometry = folder.join(ODOMETRY);
-    let (lines, odd) = parse_odometry(&text::read(&odometry)?, &odometry)?;
+    let mut list = text::read(&odometry)?;
+    // A phone that ran out of power, or of room, leaves a part of a line.
+    let unended = if list.contains('\n') { text::drop_unended(&mut list) } else { None };
+    let (lines, odd) = parse_odometry(&list, &odometry)?;
     let video = video::probe(&folder.join("rgb.mp4"), &Overrides::default())?;
     let frames = lines.len().min(video.timestamps_s.len());
     let mut warnings = video.warnings.clone();
     warnings.extend(odd);
+    let told = |line| format!("{}: the last line, {line}, has no end, and is left out", odometry.display());
+    warnings.extend(unended.map(told));
     if lines.len() != video.timestamps_s.len() {
         warnings.push(format!(
             "{} has {}, the video {}: the first {frames} of both are taken for each other",

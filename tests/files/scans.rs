@@ -91,6 +91,22 @@ fn what_an_export_lacks_is_told() {
     assert!(refused(folder.path()).contains("odometry.csv, line 1: column x is missing"));
 }
 
+#[test]
+fn a_line_that_was_cut_is_left_out_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    export(folder.path(), 3);
+    let odometry = folder.path().join("odometry.csv");
+    let text = fs::read_to_string(&odometry).unwrap();
+    // In the middle of a number, and behind it.
+    for cut in [text.len() - 20, text.len() - 1] {
+        fs::write(&odometry, &text[..cut]).unwrap();
+        let r = open(folder.path());
+        assert_eq!((r.frame_count(), r.track.poses().len()), (2, 2));
+        let said = "odometry.csv: the last line, 4, has no end, and is left out";
+        assert!(r.warnings.iter().any(|w| w.contains(said)), "{:?}", r.warnings);
+    }
+}
+
 /// Depth by a camera 0.1 m to the left of the frames': of a wall at 2 m, f = 40 px.
 fn unregistered(folder: &Path) -> PathBuf {
     write(&folder.join("rgb"), &options(32, 24, 8), &[picture(0, 32, 24, 8)]);
