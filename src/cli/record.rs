@@ -9,7 +9,7 @@ use super::warn;
 use super::watching::{Agreed, CameraArgs};
 use crate::live::{Came, Intake, Next, Writer};
 use crate::profile::Rig;
-use crate::recording::recorder::Recorder;
+use crate::recording::recorder::{Recorder, discard};
 use crate::webcam::monotonic_s;
 use crate::words::count;
 
@@ -32,6 +32,7 @@ const PATIENCE_S: f64 = 0.2;
 pub fn run(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     let about = agreed.about(args.profile.as_deref())?;
+    let was_there = args.output.is_dir();
     let writer = Writer::new(Recorder::create(&args.output, &about)?)?;
     // As far as an exposure may reach. Even poses from tags have to be waited for there: the next frame's is measured, and what
     // lies between is not predicted then. No farther, or what is found again would rise before it is found.
@@ -61,7 +62,13 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let counts = intake.counts();
     let (kept, ended) = intake.finish().unwrap_or_default();
+    if kept == 0 {
+        discard(&args.output, was_there);
+    }
     if let Some(error) = failure.or(ended) {
+        if kept == 0 {
+            bail!("{error}; nothing was recorded");
+        }
         bail!("{error}; the recording ends after {}, and is whole", count(kept, "frame"));
     }
     if counts.late + counts.odd > 0 {

@@ -101,8 +101,32 @@ impl Recorder<Folder> {
         if std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
             return Err(RecorderError::Exists { path: path.to_owned() });
         }
-        std::fs::create_dir_all(path.join(PICTURES)).map_err(failed)?;
-        Self::begin(Folder::new(path).map_err(failed)?, path, about)
+        let was_there = path.is_dir();
+        let begun = std::fs::create_dir_all(path.join(PICTURES)).and_then(|()| Folder::new(path)).map_err(failed);
+        let begun = begun.and_then(|folder| Self::begin(folder, path, about));
+        if begun.is_err() {
+            discard(path, was_there);
+        }
+        begun
+    }
+}
+
+/// Removes what was begun of a recording that has no frame; a folder that was there before stays. What is a recording, and
+/// files that are none of it, are left as they are.
+pub fn discard(path: &Path, was_there: bool) {
+    if path.join(FILE_NAME).exists() {
+        return;
+    }
+    for name in List::ALL.map(List::file_name).into_iter().chain([PROFILE]) {
+        let _ = std::fs::remove_file(path.join(name));
+    }
+    // Pictures of frames that were never listed, too.
+    let pictures = std::fs::read_dir(path.join(PICTURES)).into_iter().flatten().flatten();
+    pictures.for_each(|picture| _ = std::fs::remove_file(picture.path()));
+    // Only empty folders go.
+    let _ = std::fs::remove_dir(path.join(PICTURES));
+    if !was_there {
+        let _ = std::fs::remove_dir(path);
     }
 }
 

@@ -264,6 +264,20 @@ fn a_stream_s_lens_is_the_camera_of_live_and_of_what_is_recorded() {
     }
 }
 
+/// No file may be longer than 512 bytes.
+#[cfg(unix)]
+#[test]
+fn where_nothing_can_be_written_nothing_is_left() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, site) = (video(temp.path()), temp.path().join("site"));
+    let mut command = Command::new("sh");
+    command.args(["-c", "ulimit -f 1; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_locard"), "record"]);
+    let output = command.args(["--camera", text(&video), "--frames", "3", "-o", text(&site)]).output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("; nothing was recorded") && !site.exists(), "{told}");
+}
+
 #[test]
 fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
     let temp = tempfile::tempdir().unwrap();

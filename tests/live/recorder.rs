@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use glam::{DQuat, DVec3};
 use locard::pose::Pose;
-use locard::recording::recorder::{About, Folder, Recorder, RecorderError, Store};
+use locard::recording::recorder::{About, Folder, Recorder, RecorderError, Store, discard};
 use locard::recording::write::{Covariance, Line, covariances};
 use locard::recording::{OpenOptions, Recording};
 
@@ -379,6 +379,34 @@ fn what_is_told_of_a_frame_once_holds() {
     recorder.settle(time_s(1), 0.75).unwrap();
     recorder.finish().unwrap();
     assert_eq!(open(temp.path()).presence(1), 0.25);
+}
+
+#[test]
+fn what_was_begun_without_a_frame_is_removed_and_nothing_else() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("site");
+    let begun = |frames: usize| {
+        let about = About { profile: Some("version = 1\n".to_owned()), ..about() };
+        let mut recorder = Recorder::create(&path, &about).unwrap();
+        (0..frames).for_each(|i| add(&mut recorder, i, &png()).unwrap());
+        recorder.finish().unwrap();
+    };
+    begun(0);
+    assert!(path.join("poses.txt").exists());
+    discard(&path, true);
+    assert_eq!(std::fs::read_dir(&path).unwrap().count(), 0);
+    begun(0);
+    discard(&path, false);
+    assert!(!path.exists());
+    // Somebody's own file, and what is a recording.
+    begun(0);
+    std::fs::write(path.join("mine.txt"), "mine").unwrap();
+    discard(&path, false);
+    assert_eq!(std::fs::read_dir(&path).unwrap().count(), 1);
+    std::fs::remove_dir_all(&path).unwrap();
+    begun(1);
+    discard(&path, false);
+    assert_eq!(open(&path).frame_count(), 1);
 }
 
 /// A list that cannot be written costs those before it nothing, and none after it is there: frames come last.
