@@ -251,9 +251,10 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
                 "This is the demonstration. Move a slider, drag the picture, press ? for the keys.".to_owned(),
                 Some("Stay with the demonstration".to_owned()),
             ),
-            Behind::Recording(name) => {
-                (format!("{name} is open. Open another one, or press ? for the keys."), Some(format!("Stay with {name}")))
-            }
+            Behind::Recording(name) => (
+                format!("{name} is open. Open another one, or press ? for the keys."),
+                Some(format!("Stay with {name}")),
+            ),
             Behind::Nothing(_) => {
                 ("Open a recording: the frames of a camera with its poses. Press ? for the keys.".to_owned(), None)
             }
