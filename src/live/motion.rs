@@ -19,6 +19,9 @@ const WRONG_RAD: f64 = 15e-3;
 /// Distance at which a camera's way counts as a turn, metres.
 const NEAR_M: f64 = 2.0;
 
+/// A frame this near a pose has that one, seconds.
+const AT_ONCE_S: f64 = 2e-6;
+
 /// So long before the newest pose others are of use, seconds: two speeds, at 30 Hz and one pose missing.
 pub const LOOKS_BACK_S: f64 = 0.1;
 
@@ -62,6 +65,8 @@ impl Speed {
 pub struct Motion {
     last: (f64, Pose),
     speed: Speed,
+    /// A single pose says nothing of where the camera goes.
+    is_single: bool,
     /// By how much the speed has changed of late, rad/s².
     changes: f64,
     /// The middle of the span over which the speed was measured lies so long before the last pose, seconds.
@@ -72,7 +77,8 @@ impl Motion {
     /// By the poses that were seen, ascending in time. `None` without any.
     pub fn of(seen: &[(f64, Pose)]) -> Option<Self> {
         let last = *seen.last()?;
-        let still = Self { last, speed: Speed::default(), changes: 0.0, lag_s: 0.0 };
+        let is_single = seen.len() == 1;
+        let still = Self { last, speed: Speed::default(), is_single, changes: 0.0, lag_s: 0.0 };
         // A little less than half of a frame counts, too: times are rounded.
         let older = |than_s: f64| seen.iter().rev().find(|(s, _)| *s <= than_s - MEASURED_S + 1e-6);
         let Some(before) = older(last.0).or(seen.first().filter(|first| last.0 - first.0 > 1e-4)) else {
@@ -101,6 +107,9 @@ impl Motion {
     /// How far that can be trusted, 0 to 1: by how far off it is, if the speed goes on changing as it did.
     pub fn trust(&self, time_s: f64) -> f64 {
         let after_s = (time_s - self.last.0).max(0.0);
+        if self.is_single && after_s > AT_ONCE_S {
+            return 0.0;
+        }
         let off_rad = self.changes * after_s * (self.lag_s + 0.5 * after_s);
         (1.0 - (off_rad - IN_PLACE_RAD) / WRONG_RAD).clamp(0.0, 1.0)
     }
@@ -155,7 +164,9 @@ mod tests {
     fn few_poses_are_enough() {
         assert_eq!(Motion::of(&[]), None);
         let one = seen(&[0.3]);
-        assert!((angle(&Motion::of(&one).unwrap().at(1.0)) - 0.3).abs() < 1e-12);
+        let single = Motion::of(&one).unwrap();
+        assert!((angle(&single.at(1.0)) - 0.3).abs() < 1e-12);
+        assert_eq!((single.trust(0.0), single.trust(FRAME_S)), (1.0, 0.0));
         // A second at nearly the same time says no speed.
         assert_eq!(Motion::of(&[one[0], (1e-5, seen(&[0.4])[0].1)]).unwrap().speed, Speed::default());
     }
